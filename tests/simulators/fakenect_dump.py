@@ -1,4 +1,4 @@
-"""A recording in the layout that libfreenect's ``fakenect`` plays."""
+"""Writes recordings in the layout of libfreenect's ``fakenect``."""
 
 import struct
 from collections.abc import Iterable
@@ -8,8 +8,8 @@ from tests.simulators.usb_frames import COLUMNS, ROWS, ColorBgr, DepthMm
 
 TICKS_PER_S = 60_000_000
 INDEX = "INDEX.txt"
-LEVEL = (0, 819, 0)  # counts of the accelerometer, 819 a g
-# x, y, z counts, twice the angle in degrees, and a status: the C structure, gap included.
+LEVEL = (0, 819, 0)  # counts of the accelerometer, 819 per g
+# x, y, z counts, twice the angle in degrees, and a status: the C structure with its padding.
 _TILT_STATE = "<hhhbxi"
 
 
@@ -21,11 +21,19 @@ def write_fakenect_dump(
     color_offset_s: float = 0.0,
     acceleration: tuple[int, int, int] = LEVEL,
 ) -> int:
-    """Write frames, each with an accelerometer reading before it; how many there were.
+    """Write frames, each with an accelerometer reading before it.
 
-    Color is (480, 640, 3) uint8 BGR, depth (480, 640) uint16; fakenect hands depth on as it is,
-    so it may be millimetres. Stamps are those of the camera's 60 MHz clock, 32 bits, that begins
-    at `start_ticks`; the host's times in the names set the pace of the playing.
+    Args:
+        folder: Folder of the recording.
+        frames: Color (480, 640, 3) uint8 BGR, and depth (480, 640) uint16. fakenect does not
+            convert depth, so it may be millimeters.
+        rate_hz: Frames per second; the host times in the file names set the playback speed.
+        start_ticks: First value of the camera's 60 MHz clock, 32 bits.
+        color_offset_s: How much later than depth a color frame is.
+        acceleration: Counts of the accelerometer.
+
+    Returns:
+        The number of frames.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names: list[str] = []
@@ -55,5 +63,5 @@ def _host_time(name: str) -> float:
 
 
 def _pnm_bytes(magic: str, max_value: int, image: ColorBgr | DepthMm) -> bytes:
-    """One line of header, as fakenect wants it, and the pixels; depth not in PGM's byte order."""
+    """A header of one line, which fakenect needs, and the pixels; depth not in PGM's byte order."""
     return f"{magic} {COLUMNS} {ROWS} {max_value}\n".encode() + image.tobytes()

@@ -39,7 +39,7 @@ def _lose_packets(kinect: KinectSimulator, every: int) -> None:
 
 @dataclass(frozen=True)
 class TimedFault:
-    """One fault: from `start_s` on, for `length_s` seconds or for good."""
+    """A fault from `start_s` on, for `length_s` seconds or without end."""
 
     name: str
     number: int
@@ -47,35 +47,35 @@ class TimedFault:
     length_s: float | None
 
     def switch(self, kinect: KinectSimulator, on: bool) -> None:
-        """Let it happen, or end it."""
+        """Start or end the fault."""
         _ACTIONS[self.name](kinect, on, self.number)
 
 
 def parse_fault(text: str) -> TimedFault:
-    """``NAME[=NUMBER][@START][+LENGTH]``, times in seconds. Raises InputError."""
-    found = _TIMED.fullmatch(text)
-    if found is None or found["name"] not in _ACTIONS:
+    """Parse ``NAME[=NUMBER][@START][+LENGTH]``, times in seconds. Raises InputError."""
+    match = _TIMED.fullmatch(text)
+    if match is None or match["name"] not in _ACTIONS:
         raise InputError(
             f"fault {text!r}: use NAME@START or NAME@START+LENGTH (seconds), with NAME one of: "
             f"{', '.join(FAULT_NAMES)}"
         )
-    length_s = float(found["length"]) if found["length"] else None
-    number = int(found["number"] or DEFAULT_LOSS_INTERVAL)
-    return TimedFault(found["name"], number, float(found["start"] or 0.0), length_s)
+    length_s = float(match["length"]) if match["length"] else None
+    number = int(match["number"] or DEFAULT_LOSS_INTERVAL)
+    return TimedFault(match["name"], number, float(match["start"] or 0.0), length_s)
 
 
 def run_command(kinect: KinectSimulator, line: str) -> None:
-    """Do what was typed: ``unplug``, ``unplug off``, ``plug``, ``lose=50``. Raises InputError."""
-    typed = line.strip().replace("_", "-")
-    found = _TYPED.fullmatch("unplug off" if typed == "plug" else typed)
-    if found is None or found["name"] not in _ACTIONS:
-        raise InputError(f"{typed!r}: type one of: plug, {', '.join(FAULT_NAMES)}; ' off' ends one")
-    number = int(found["number"] or DEFAULT_LOSS_INTERVAL)
-    _ACTIONS[found["name"]](kinect, found["switch"] != "off", number)
+    """Run a typed line: ``unplug``, ``unplug off``, ``plug``, ``lose=50``. Raises InputError."""
+    text = line.strip().replace("_", "-")
+    match = _TYPED.fullmatch("unplug off" if text == "plug" else text)
+    if match is None or match["name"] not in _ACTIONS:
+        raise InputError(f"{text!r}: type one of: plug, {', '.join(FAULT_NAMES)}; ' off' ends one")
+    number = int(match["number"] or DEFAULT_LOSS_INTERVAL)
+    _ACTIONS[match["name"]](kinect, match["switch"] != "off", number)
 
 
 def schedule_faults(kinect: KinectSimulator, faults: Iterable[TimedFault]) -> list[threading.Timer]:
-    """Start the clock for all of them; faults from second 0 are there when this returns."""
+    """Start a timer for each fault; faults from second 0 are active when this returns."""
     timers = []
     for fault in faults:
         if fault.start_s == 0.0:

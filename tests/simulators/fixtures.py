@@ -1,4 +1,4 @@
-"""What tests need to play a Kinect; tests/conftest.py hands it on to all of them."""
+"""Fixtures of the Kinect simulator; tests/conftest.py provides them to all tests."""
 
 import ctypes
 from collections.abc import Callable, Iterator
@@ -22,9 +22,9 @@ SimulateKinect = Callable[..., KinectSimulator]
 
 
 def pattern_frame(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
-    """Frame `seq` of the film of most tests: BGR and millimetres, no two frames alike.
+    """Make frame `seq` of most tests: BGR and depth in millimeters; all frames differ.
 
-    Color is smooth, so that it survives Bayer's mosaic but for a few gray levels; depth is a slope
+    Color is smooth, so that the Bayer mosaic changes it by a few gray levels only. Depth is a slope
     from 0.6 to 3.5 m with a hole.
     """
     rows, columns = np.mgrid[0:480, 0:640]
@@ -36,10 +36,10 @@ def pattern_frame(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
 
 @pytest.fixture(scope="session", autouse=True)
 def no_real_usb() -> None:
-    """No test sees this machine's USB devices.
+    """Hide this machine's USB devices from all tests.
 
-    A process has one libusb; were the system's loaded first, by whichever test, no Kinect could be
-    played in it any more. Without a compiler there is nothing to play with, and all stays as it is.
+    A process has one libusb, so the simulated one must be loaded before the system's. Without a C
+    compiler nothing is loaded.
     """
     with suppress(UserFacingError):
         ctypes.CDLL(str(libusb_folder() / SONAME), mode=ctypes.RTLD_GLOBAL)
@@ -47,7 +47,7 @@ def no_real_usb() -> None:
 
 @pytest.fixture(scope="session")
 def simulated_libusb() -> Path:
-    """The folder of the stand-in for libusb; skips where it cannot be compiled."""
+    """Folder of the simulated libusb; skips the test if it cannot be compiled."""
     try:
         return libusb_folder()
     except UserFacingError as error:
@@ -56,42 +56,42 @@ def simulated_libusb() -> Path:
 
 @pytest.fixture(scope="session")
 def real_libfreenect(simulated_libusb: Path) -> None:
-    """For tests of libfreenect on the stand-in; skips where it is not installed."""
+    """The real libfreenect on the simulated libusb; skips the test if it is not installed."""
     require_library(LIBFREENECT, "libfreenect0.5")
 
 
 @pytest.fixture(scope="session")
 def real_openni2() -> None:
-    """For tests of libOpenNI2; skips where it is not installed."""
+    """The real libOpenNI2; skips the test if it is not installed."""
     require_library(LIBOPENNI2, "libopenni2-0")
 
 
 @pytest.fixture(scope="session")
 def fakenect() -> Path:
-    """The file of libfreenect's fakenect; skips where it is not installed."""
+    """File of libfreenect's fakenect; skips the test if it is not installed."""
     return require_fakenect()
 
 
 @pytest.fixture(scope="session")
 def kinect_frames(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
-    """A quarter of a second of `pattern`, to be looped."""
+    """A quarter of a second of `pattern_frame`, to be looped."""
     frames = (pattern_frame(seq) for seq in range(FRAME_COUNT))
-    return write_usb_frames(tmp_path_factory.mktemp("films"), frames)
+    return write_usb_frames(tmp_path_factory.mktemp("usb-frames"), frames)
 
 
 @pytest.fixture
 def simulate_kinect(
     tmp_path: Path, simulated_libusb: Path, kinect_frames: UsbFrames
 ) -> Iterator[SimulateKinect]:
-    """A function that plugs in a Kinect until the test ends, with options as PlayedKinect has.
+    """A function that plugs in a Kinect until the test ends, with options of `KinectSimulator`.
 
-    It is patient: a test does not fail because the machine is busy.
+    The Kinect waits for its reader: a test does not fail because the machine is busy.
     """
     with ExitStack() as stack:
 
-        def play(film: UsbFrames = kinect_frames, **options: Any) -> KinectSimulator:
-            kinect = stack.enter_context(KinectSimulator(tmp_path, film, **options))
+        def simulate(frames: UsbFrames = kinect_frames, **options: Any) -> KinectSimulator:
+            kinect = stack.enter_context(KinectSimulator(tmp_path, frames, **options))
             kinect.waits_for_reader = True
             return kinect
 
-        yield play
+        yield simulate

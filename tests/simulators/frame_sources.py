@@ -1,4 +1,4 @@
-"""Where the frames of a film come from: a recorded folder, or any camera of ours."""
+"""Sources of the simulated Kinect's frames: a recorded folder, or any of our cameras."""
 
 from collections.abc import Iterator
 from itertools import chain, count, islice
@@ -17,9 +17,9 @@ FIT_FRAMES = 30
 
 
 def write_fitted_usb_frames(folder: Path, frames: Iterator[tuple[ColorBgr, DepthMm]]) -> UsbFrames:
-    """Write a film for a Kinect with the constants of the one that recorded the frames.
+    """Write frames for a Kinect with the constants of the one that recorded them.
 
-    Played on another Kinect, all depth would move by up to half a step of its grid.
+    With other constants, all depth would move by up to half a step of the depth grid.
     """
     first = list(islice(frames, FIT_FRAMES))
     scale = fit_scale(depth_mm for _, depth_mm in first)
@@ -29,22 +29,30 @@ def write_fitted_usb_frames(folder: Path, frames: Iterator[tuple[ColorBgr, Depth
 def folder_frames(
     folder: Path, camera_file: Path | None = None, max_frames: int | None = None
 ) -> Iterator[tuple[ColorBgr, DepthMm]]:
-    """The images of a TUM folder as they were recorded, lens distortion and all.
+    """Yield the images of a TUM folder as they were recorded, with lens distortion.
 
-    Who plays them gives the folder's camera file to the program that is to see them. Raises
-    InputError for a folder without use, UnreadableFrameError for a broken image.
+    The program that receives them needs the folder's camera file.
+
+    Args:
+        folder: The TUM folder.
+        camera_file: Its camera file, if it is not in the folder.
+        max_frames: Yield the first frames only.
+
+    Raises:
+        InputError: The folder cannot be used.
+        UnreadableFrameError: An image is broken.
     """
-    opened = open_tum_folder(folder, camera_file)
-    camera = opened.calibration
-    for pair in opened.frames.pairs[:max_frames]:
+    tum_folder = open_tum_folder(folder, camera_file)
+    camera = tum_folder.calibration
+    for pair in tum_folder.frames.pairs[:max_frames]:
         bgr, depth = load_pair(pair, (camera.width, camera.height))
-        yield bgr, _to_millimetres(depth, camera.depth_factor)
+        yield bgr, _to_millimeters(depth, camera.depth_factor)
 
 
 def camera_frames(
     camera: RgbdCamera, max_frames: int | None = None
 ) -> Iterator[tuple[ColorBgr, DepthMm]]:
-    """The frames of a camera that delivers in lockstep, until it ends or `most` have come."""
+    """Yield up to `max_frames` frames of a camera in lockstep, until it ends."""
     with camera:
         for seq in count():
             if seq == max_frames:
@@ -53,10 +61,10 @@ def camera_frames(
                 frame = camera.read(timeout_s=100)
             except EndOfStream:
                 return
-            yield frame.color_bgr, _to_millimetres(frame.depth_raw, frame.depth_factor)
+            yield frame.color_bgr, _to_millimeters(frame.depth_raw, frame.depth_factor)
 
 
-def _to_millimetres(depth_raw: DepthMm, depth_factor: float) -> DepthMm:
+def _to_millimeters(depth_raw: DepthMm, depth_factor: float) -> DepthMm:
     if depth_factor == 1000.0:
         return depth_raw
     depth_mm = np.rint(depth_raw * (1000.0 / depth_factor))

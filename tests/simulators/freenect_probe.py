@@ -1,8 +1,8 @@
-"""The least that sees what the real libfreenect makes of a Kinect; for tests of the stand-ins.
+"""A minimal program on the real libfreenect, for tests of the simulators.
 
-In this process: ``with FreenectProbe() as probe: probe.start(); frames = probe.frames(...)``. In
-one of its own, where libfreenect may hang: ``python -m tests.simulators.freenect_probe SECONDS``
-prints how many frames came of each stream.
+In this process: ``with FreenectProbe() as probe: probe.start(); probe.capture(...)``. In a separate
+process, where libfreenect may hang: ``python -m tests.simulators.freenect_probe SECONDS`` prints
+the number of frames of each stream.
 """
 
 import ctypes
@@ -47,7 +47,7 @@ class _Time(ctypes.Structure):
 
 
 class TiltState(ctypes.Structure):
-    """What the motor tells: counts, twice the angle, and whether it moves (4)."""
+    """State of the motor: accelerometer counts, twice the angle, and status (4: moving)."""
 
     _fields_ = (
         ("x", c_int16),
@@ -64,14 +64,23 @@ _LOG = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 
 @dataclass
 class StreamCapture:
-    """What came of one stream."""
+    """The frames received from one stream."""
 
     stamps: list[int] = field(default_factory=list)
     images: list[NDArray[Any]] = field(default_factory=list)
 
 
 class FreenectProbe:
-    """One context and one device. `opened` is what opening returned: negative is a failure."""
+    """One context and one device.
+
+    Attributes:
+        open_result: What opening the device returned; negative is a failure.
+        device_count: Number of devices that libfreenect sees.
+        depth: Frames of the depth stream.
+        video: Frames of the color or infrared stream.
+        log: Lines that libfreenect logged.
+        on_depth: Called within libfreenect's callback of each depth frame.
+    """
 
     def __init__(
         self, serial: str | None = None, subdevices: int = CAMERA, library: str = SONAME
@@ -85,15 +94,15 @@ class FreenectProbe:
         self.lib.freenect_get_tilt_state.restype = POINTER(TiltState)
         self.log: list[str] = []
         self.depth, self.video = StreamCapture(), StreamCapture()
-        self.on_depth: Callable[[], object] = bool  # called within libfreenect's callback
+        self.on_depth: Callable[[], object] = bool
         self._context, self.device = c_void_p(), c_void_p()
-        self._keep: list[Any] = []  # what C calls must not be collected
+        self._callbacks: list[Any] = []  # C calls them: they must not be garbage collected
         self._open(serial, subdevices)
 
     def _open(self, serial: str | None, subdevices: int) -> None:
         lib, context = self.lib, self._context
         log = _LOG(lambda _, level, text: self.log.append(text.decode().strip()))
-        self._keep.append(log)
+        self._callbacks.append(log)
         lib.freenect_init(ctypes.byref(context), None)
         lib.freenect_set_log_callback(context, log)
         lib.freenect_set_log_level(context, _LOG_INFO)
@@ -101,25 +110,25 @@ class FreenectProbe:
         self.device_count: int = lib.freenect_num_devices(context)
         device = ctypes.byref(self.device)
         if serial is None:
-            self.opened: int = lib.freenect_open_device(context, device, 0)
+            self.open_result: int = lib.freenect_open_device(context, device, 0)
         else:
             by_serial = lib.freenect_open_device_by_camera_serial
-            self.opened = by_serial(context, device, serial.encode())
+            self.open_result = by_serial(context, device, serial.encode())
 
     def serials(self) -> list[str]:
-        """Of all Kinects that may be opened."""
+        """Serial numbers of all Kinects that may be opened."""
         first = c_void_p()
         self.lib.freenect_list_device_attributes(self._context, ctypes.byref(first))
-        found, at = [], first.value
-        while at:
-            attributes = _Attributes.from_address(at)
-            found.append(attributes.serial.decode())
-            at = attributes.next
+        serials, address = [], first.value
+        while address:
+            attributes = _Attributes.from_address(address)
+            serials.append(attributes.serial.decode())
+            address = attributes.next
         self.lib.freenect_free_device_attributes(first)
-        return found
+        return serials
 
     def start(self, depth: int = DEPTH_RAW, video: int = VIDEO_RGB) -> tuple[int, int]:
-        """Choose the formats and start both streams; what the two starts returned."""
+        """Set the formats and start both streams; return the results of both starts."""
         lib, device = self.lib, self.device
         depth_mode = lib.freenect_find_depth_mode(1, depth)
         video_mode = lib.freenect_find_video_mode(1, video)
@@ -133,28 +142,28 @@ class FreenectProbe:
         )
         return lib.freenect_start_depth(device), lib.freenect_start_video(device)
 
-    def _make_callback(self, seen: StreamCapture, mode: _Mode, kind: type[np.generic]) -> Any:
+    def _make_callback(self, capture: StreamCapture, mode: _Mode, kind: type[np.generic]) -> Any:
         shape = (mode.height, mode.width, -1)
 
-        def take(_: int, data: int, stamp: int) -> None:
-            seen.stamps.append(stamp)
-            seen.images.append(np.frombuffer(ctypes.string_at(data, mode.bytes), kind))
-            seen.images[-1] = seen.images[-1].reshape(shape).squeeze()
-            if seen is self.depth:
+        def receive(_: int, data: int, stamp: int) -> None:
+            capture.stamps.append(stamp)
+            capture.images.append(np.frombuffer(ctypes.string_at(data, mode.bytes), kind))
+            capture.images[-1] = capture.images[-1].reshape(shape).squeeze()
+            if capture is self.depth:
                 self.on_depth()
 
-        callback = _FRAME(take)
-        self._keep.append(callback)
+        callback = _FRAME(receive)
+        self._callbacks.append(callback)
         return callback
 
     def process(self, timeout_s: float = 0.01) -> int:
-        """Let libfreenect work once; what that returned."""
+        """Let libfreenect process events once; return its result."""
         wait = _Time(0, int(timeout_s * 1e6))
         result: int = self.lib.freenect_process_events_timeout(self._context, ctypes.byref(wait))
         return result
 
     def capture(self, frames: int, limit_s: float = 5.0) -> int:
-        """Until so many frames of both streams have come, something fails, or time is up."""
+        """Receive until both streams have `frames` frames, a call fails, or `limit_s` is over."""
         deadline_s = time.monotonic() + limit_s
         result = 0
         while result >= 0 and time.monotonic() < deadline_s:
@@ -164,13 +173,13 @@ class FreenectProbe:
         return result
 
     def stop(self) -> None:
-        """Both streams; a stream that does not run is left."""
+        """Stop both streams, if they run."""
         self.lib.freenect_stop_depth(self.device)
         self.lib.freenect_stop_video(self.device)
 
     def close(self) -> None:
-        """Stop, close, shut down. Safe to call twice."""
-        if self.opened == 0 and self.device:
+        """Stop the streams, close the device and shut libfreenect down. Safe to call twice."""
+        if self.open_result == 0 and self.device:
             self.stop()
             self.lib.freenect_close_device(self.device)
         if self._context:
@@ -190,10 +199,10 @@ class FreenectProbe:
 
 
 def capture_kinect(kinect: KinectSimulator, frames: int, depth: int = DEPTH_RAW) -> FreenectProbe:
-    """Look at it in this process until so many frames have come; closed, but all is remembered."""
+    """Receive `frames` frames in this process; return the closed probe with what it received."""
     kinect.activate()
     with FreenectProbe() as probe:
-        assert probe.opened == 0, probe.log
+        assert probe.open_result == 0, probe.log
         assert probe.start(depth) == (0, 0)
         probe.capture(frames)
     assert min(len(probe.depth.stamps), len(probe.video.stamps)) >= frames, probe.log
@@ -201,10 +210,10 @@ def capture_kinect(kinect: KinectSimulator, frames: int, depth: int = DEPTH_RAW)
 
 
 def main() -> None:
-    """For a process of its own."""
+    """Run the probe for the seconds of the first argument."""
     with FreenectProbe() as probe:
-        print("opened", probe.opened, flush=True)
-        if probe.opened == 0:
+        print("opened", probe.open_result, flush=True)
+        if probe.open_result == 0:
             probe.start()
             probe.capture(sys.maxsize, float(sys.argv[1]))
         print("frames", len(probe.depth.stamps), len(probe.video.stamps), flush=True)

@@ -1,4 +1,4 @@
-"""The control file of a played Kinect, field by field as in ``libusb/control.h``."""
+"""The control file of a simulated Kinect, with the fields of ``libusb/control.h``."""
 
 import ctypes
 import mmap
@@ -16,7 +16,7 @@ REGISTER_DEPTH = 0x06
 
 
 class StreamControl(ctypes.Structure):
-    """One of the two streams."""
+    """Settings and state of one stream."""
 
     _fields_ = (
         ("stalled", c_uint32),
@@ -32,7 +32,7 @@ class StreamControl(ctypes.Structure):
 
 
 class KinectControl(ctypes.Structure):
-    """The whole Kinect."""
+    """Settings and state of a Kinect."""
 
     _fields_ = (
         ("magic", c_uint32),
@@ -40,7 +40,7 @@ class KinectControl(ctypes.Structure):
         ("model", c_uint32),
         ("camera_serial", c_char * SERIAL_BYTES),
         ("audio_serial", c_char * SERIAL_BYTES),
-        ("film", c_char * PATH_BYTES),
+        ("recording", c_char * PATH_BYTES),
         ("registration", c_int32 * 29),
         ("padding", c_uint16 * 3),
         ("const_shift", c_uint16),
@@ -64,11 +64,11 @@ class KinectControl(ctypes.Structure):
         ("tilt_from_deg", c_int32),
         ("tilt_to_deg", c_int32),
         ("led", c_uint32),
-        ("tilt_began_ns", c_uint64),
-        ("film_began_ns", c_uint64),
-        ("clock_began_frame", c_int64),
+        ("tilt_start_ns", c_uint64),
+        ("playback_start_ns", c_uint64),
+        ("clock_start_frame", c_int64),
         ("abandoned_transfers", c_uint32),
-        ("patient", c_uint32),
+        ("waits_for_reader", c_uint32),
         ("streams", StreamControl * 2),
         ("registers", c_uint16 * 0x400),
         ("cmos", c_uint16 * 0x400),
@@ -76,11 +76,11 @@ class KinectControl(ctypes.Structure):
 
 
 def create_control(file: Path) -> KinectControl:
-    """A new control file, mapped; what is written to it is seen at once by whoever plays it."""
-    with file.open("w+b") as opened:
-        opened.truncate(ctypes.sizeof(KinectControl))
-        mapped = mmap.mmap(opened.fileno(), ctypes.sizeof(KinectControl))
-    control = KinectControl.from_buffer(mapped)
+    """Create a control file and map it; the simulated libusb sees every write at once."""
+    with file.open("w+b") as stream:
+        stream.truncate(ctypes.sizeof(KinectControl))
+        mapping = mmap.mmap(stream.fileno(), ctypes.sizeof(KinectControl))
+    control = KinectControl.from_buffer(mapping)
     control.magic = MAGIC
     control.size = ctypes.sizeof(KinectControl)
     return control

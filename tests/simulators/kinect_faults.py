@@ -1,4 +1,4 @@
-"""What can go wrong with a played Kinect, and what it tells of itself, while it runs."""
+"""Faults and readings of a running simulated Kinect."""
 
 import fcntl
 import struct
@@ -19,14 +19,14 @@ _FLOCK = "hhqqi4x"
 
 
 class KinectStream(IntEnum):
-    """What the camera sends."""
+    """Streams of the camera."""
 
     DEPTH = 0
     COLOR = 1
 
 
 class KinectLed(IntEnum):
-    """The light, in the numbers of the 1414 whatever the model."""
+    """States of the LED, in the numbers of the 1414 for every model."""
 
     OFF = 0
     GREEN = 1
@@ -37,22 +37,22 @@ class KinectLed(IntEnum):
 
 
 class KinectFaultControls:
-    """Commands that take effect at once, in whatever process the Kinect is used."""
+    """Fault commands; they take effect at once, in every process that uses the Kinect."""
 
     _control: KinectControl
 
     def unplug(self) -> None:
-        """Pull the cable: whatever is open is dead from now on."""
+        """Pull the cable: all open handles are dead from now on."""
         self._control.plugged = 0
 
     def plug(self) -> None:
-        """Put the cable (back) in: the Kinect starts as after power on, at another address."""
+        """Plug the cable in: the Kinect starts as after power on, at another address."""
         control = self._control
         for number in range(len(control.registers)):
             control.registers[number] = 0
             control.cmos[number] = 0
         control.led = KinectLed.BLINK_GREEN
-        control.clock_began_frame = -1
+        control.clock_start_frame = -1
         control.generation += 1
         control.plugged = 1
 
@@ -61,75 +61,75 @@ class KinectFaultControls:
         self._control.streams[stream].lose_every = every
 
     def lose_burst(self, stream: KinectStream, packets: int) -> None:
-        """Lose the next so many packets of a stream."""
+        """Lose the next `packets` packets of a stream."""
         self._control.streams[stream].lose_next = packets
 
     def stall(self, on: bool = True, *streams: KinectStream) -> None:
-        """Send nothing any more, on one stream or on both (none named)."""
+        """Stop sending on the given streams, or on both if none is given."""
         for stream in streams or tuple(KinectStream):
             self._control.streams[stream].stalled = on
 
     def freeze_control(self, on: bool = True) -> None:
-        """Answer commands with no bytes: libfreenect asks again for ever."""
+        """Answer commands with no bytes: libfreenect repeats them forever."""
         self._control.frozen = on
 
     def set_busy(self, on: bool = True) -> None:
-        """Another program holds the camera: it opens, but cannot be claimed."""
+        """Let another program hold the camera: it opens, but cannot be claimed."""
         self._control.busy = on
 
     def deny_access(self, on: bool = True) -> None:
-        """No permission to open any of its devices."""
+        """Deny permission to open its devices."""
         self._control.forbidden = on
 
     def remove_bandwidth(self, on: bool = True) -> None:
-        """No bandwidth on the bus: streams cannot be started, and running ones die."""
+        """Remove the bus bandwidth: streams cannot start, and running ones end."""
         self._control.starved = on
 
     def set_full_speed_bus(self, on: bool = True) -> None:
-        """On a full-speed port (12 Mbit/s), where no stream fits."""
+        """Put it on a full-speed port (12 Mbit/s), where no stream fits."""
         self._control.slow_bus = on
 
     def attach_kernel_driver(self, on: bool = True) -> None:
-        """The kernel's gspca_kinect has taken the camera."""
+        """Let the kernel's gspca_kinect hold the camera."""
         self._control.kernel_driver = on
 
     def set_firmware_loaded(self, on: bool = True) -> None:
-        """Whether the audio device of a 1473 or K4W has its firmware, and so moves the motor."""
+        """Load the firmware of the audio device of a 1473 or K4W, which moves the motor."""
         self._control.firmware = on
 
 
 class KinectReadings:
-    """What the Kinect tells, as seen on its side of the cable."""
+    """State of the Kinect, on its side of the cable."""
 
     _control: KinectControl
     control_file: Path
 
     @property
     def tilt_deg(self) -> int:
-        """The angle that the motor was last sent to."""
+        """Target angle of the motor."""
         return int(self._control.tilt_to_deg)
 
     @property
     def tilt_moving(self) -> bool:
-        """Whether the motor is still on its way there."""
+        """Whether the motor is still moving to its target angle."""
         control = self._control
-        needed_s = abs(control.tilt_to_deg - control.tilt_from_deg) / control.tilt_deg_per_s
-        return bool(time.monotonic() < control.tilt_began_ns / 1e9 + needed_s)
+        duration_s = abs(control.tilt_to_deg - control.tilt_from_deg) / control.tilt_deg_per_s
+        return bool(time.monotonic() < control.tilt_start_ns / 1e9 + duration_s)
 
     @property
     def led(self) -> KinectLed:
-        """The light."""
+        """State of the LED."""
         return KinectLed(self._control.led)
 
     @property
     def frames_sent(self) -> tuple[int, int]:
-        """Whole frames of depth and of color sent, lost packets included."""
+        """Frames of depth and of color sent, including those with lost packets."""
         depth, color = self._control.streams
         return depth.frames_sent, color.frames_sent
 
     @property
     def packets_lost(self) -> tuple[int, int]:
-        """Packets of depth and of color lost on purpose."""
+        """Packets of depth and of color lost by a fault."""
         depth, color = self._control.streams
         return depth.packets_lost, color.packets_lost
 
@@ -141,27 +141,27 @@ class KinectReadings:
 
     @property
     def submitted_transfers(self) -> tuple[int, int]:
-        """Transfers that wait for depth and for color; those of a killed process count on."""
+        """Transfers submitted for depth and for color, including those of killed processes."""
         depth, color = self._control.streams
         return depth.submitted_transfers, color.submitted_transfers
 
     @property
     def abandoned_transfers(self) -> int:
-        """Transfers still waiting when their device was closed: streams that nobody stopped."""
+        """Transfers still submitted when their device was closed without stopping the streams."""
         return int(self._control.abandoned_transfers)
 
     @property
     def open_handles(self) -> int:
-        """How often its devices are open now, in living processes."""
-        with self.control_file.open("r+b") as opened:
+        """Number of open handles of its devices, in living processes."""
+        with self.control_file.open("r+b") as file:
             return sum(
-                _is_locked(opened.fileno(), LOCKS_OPEN_HANDLES + slot)
+                _is_locked(file.fileno(), LOCKS_OPEN_HANDLES + slot)
                 for slot in range(OPEN_HANDLE_SLOTS)
             )
 
 
 def _is_locked(file: int, byte: int) -> bool:
-    asked = struct.pack(_FLOCK, fcntl.F_WRLCK, 0, byte, 1, 0)
-    answer = fcntl.fcntl(file, fcntl.F_OFD_GETLK, asked)
+    request = struct.pack(_FLOCK, fcntl.F_WRLCK, 0, byte, 1, 0)
+    answer = fcntl.fcntl(file, fcntl.F_OFD_GETLK, request)
     kind: int = struct.unpack(_FLOCK, answer)[0]
     return kind != fcntl.F_UNLCK

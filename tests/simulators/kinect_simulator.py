@@ -1,30 +1,24 @@
-"""A Kinect that is not there: the real libfreenect and the real pyusb run on it.
+"""A Kinect simulator on which the real libfreenect and the real pyusb run.
 
-    film = wire_film(folder, [(bgr, depth_mm), ...])
-    with PlayedKinect(folder, film) as kinect:
+    frames = write_usb_frames(folder, [(bgr, depth_mm), ...])
+    with KinectSimulator(folder, frames) as kinect:
         subprocess.run(command, env=os.environ | kinect.environment)   # in another process, or
-        kinect.load()                                       # in this one and those it starts
+        kinect.activate()                         # in this process and its children
 
-Another process: `environment` puts a libusb-1.0 of our own before the system's, and names the
-control file. This process: `load` does the same; call it before libfreenect or pyusb is loaded for
-the first time. Each test may then have a Kinect of its own: libusb's users see the one loaded last
-at their next look at the bus.
+Another process: `environment` puts our own libusb-1.0 before the system's, and names the control
+file. This process: `activate` does the same; call it before libfreenect or pyusb is loaded for the
+first time. Each test may have its own Kinect: programs see the one activated last when they list
+the bus the next time.
 
-What it is        model, serial (of the camera on the 1414, else of the audio device), registration:
-                  FACTORY, or IDENTITY where the depth given is registered to color already
-Settings          rate, loop, start_ticks, start_delay_s, color_offset_s, clock_error_ppm,
-                  tilt_deg_per_s, patient: to be set before streaming
-                  set_accelerometer, rewind: at any time
-Faults            unplug, plug, lose_packets, lose_burst, stall, freeze_control, busy, forbid,
-                  starve, slow_bus, kernel_driver, firmware: at any time
-Readings          tilt_deg, tilt_moving, led, frames_sent, packets_lost, streaming, open_handles,
-                  submitted_transfers, abandoned_transfers
+Settings, before streaming: rate, loop, start_ticks, start_delay_s, color_offset_s,
+clock_error_ppm, tilt_deg_per_s, waits_for_reader; at any time: set_accelerometer, rewind. Faults
+are in `KinectFaultControls`, readings in `KinectReadings`.
 
-The film begins with frame 0 when the first stream is switched on, and goes on from there as the
-world does, unplugged or not; `rewind` lets it begin anew. What comes back of a frame:
-`quantised_mm(depth_mm, film.scale)` (depth_scale.py), and color through libfreenect's demosaic of
-`bayer(bgr)` (wire_film.py). `write_fitted_usb_frames` (film_sources.py) gives the Kinect the constants of the
-one that made a recording, so that its depth comes back within a millimetre.
+Playback begins with frame 0 when the first stream is switched on, and continues even while the
+Kinect is unplugged. A program receives `quantize_mm(depth_mm, frames.scale)` (raw_depth.py) and the
+color that libfreenect demosaics from `to_bayer(bgr)` (usb_frames.py). With
+`write_fitted_usb_frames` (frame_sources.py) the Kinect has the constants of the one that made a
+recording, so that its depth comes back within a millimeter.
 """
 
 import ctypes
@@ -61,39 +55,40 @@ __all__ = [
     "write_usb_frames",
 ]
 
-CONTROL_VARIABLE = "PLAYED_KINECT"
+CONTROL_VARIABLE = "KINECT_SIMULATOR"
 COUNTS_PER_G = 819
-NO_CAMERA_SERIAL = "0000000000000000"  # what the later models' cameras say
+NO_CAMERA_SERIAL = "0000000000000000"  # reported by the cameras of the later models
 
 
 class KinectModel(IntEnum):
-    """Which Kinect for the first version of the sensor."""
+    """Models of the Kinect v1."""
 
-    K1414 = 0  # a motor device of its own
-    K1473 = 1  # the audio device moves the motor, once it has its firmware
+    K1414 = 0  # has a separate motor device
+    K1473 = 1  # the audio device moves the motor, once its firmware is loaded
     K4W = 2  # Kinect for Windows, 1517
 
 
 class LoopMode(IntEnum):
-    """What follows the end of the film."""
+    """What follows the last frame."""
 
-    ONCE = 0  # nothing: the camera falls silent
-    REPEAT = 1  # its beginning
-    THERE_AND_BACK = 2  # the way back to the beginning: motion without a jump
+    ONCE = 0  # nothing: the camera sends no more frames
+    REPEAT = 1  # the first frame
+    THERE_AND_BACK = 2  # the frames in reverse order: motion without a jump
 
 
 class KinectSimulator(KinectFaultControls, KinectReadings):
-    """One Kinect, plugged in from the beginning. Use as a context manager.
+    """One simulated Kinect, plugged in from the beginning. Use it as a context manager.
 
-    rate             frames a second: a divisor of 60 million, at most 30
-    loop             what follows the film's end (Loop): True, its beginning; False, nothing
-    start_ticks      what its 60 MHz clock says at the first frame after plugging in
-    start_delay_s    from the command to stream until the first frame begins
-    color_offset_s  how much later than depth a color frame begins; its stamp says so too
-    clock_error_ppm  how much too fast its clock runs
-    tilt_deg_per_s   how fast the motor is
-    patient          True: a program that is late loses nothing; else what came meanwhile, as on
-                     a real bus, is lost after 32 ms
+    Attributes:
+        rate: Frames per second: a divisor of 60 million, at most 30.
+        loop: A `LoopMode`, or True for REPEAT and False for ONCE.
+        start_ticks: Value of its 60 MHz clock at the first frame after plugging in.
+        start_delay_s: From the command to stream until the first frame begins.
+        color_offset_s: How much later than depth a color frame begins, also in its stamp.
+        clock_error_ppm: How much too fast its clock runs.
+        tilt_deg_per_s: Speed of the motor.
+        waits_for_reader: True: a late program loses no packets. False: packets are lost after
+            32 ms, as on a real bus.
     """
 
     rate = ControlField("rate")
@@ -102,7 +97,7 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
     start_delay_s = SecondsField("start_delay_ns")
     clock_error_ppm = ControlField("clock_error_ppm")
     tilt_deg_per_s = ControlField("tilt_deg_per_s")
-    waits_for_reader = ControlField("patient")
+    waits_for_reader = ControlField("waits_for_reader")
 
     def __init__(
         self,
@@ -112,14 +107,25 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
         serial: str = "A00123456789012A",
         registration: RegistrationTable = FACTORY,
     ) -> None:
-        """Make the control file in `folder`. Raises UserFacingError without a C compiler."""
+        """Create the control file.
+
+        Args:
+            folder: Folder of the control file.
+            frames: The frames to send.
+            model: The model.
+            serial: Serial number of the camera on the 1414, else of the audio device.
+            registration: FACTORY, or IDENTITY if the depth is registered to color already.
+
+        Raises:
+            UserFacingError: There is no C compiler.
+        """
         self._libusb = libusb_folder()
         self.control_file = folder / f"kinect-{uuid.uuid4().hex[:12]}"
         self._control = create_control(self.control_file)
         self._outer_environment: dict[str, str | None] = {}
         self.model = model
         self.serial = serial
-        self.film = frames
+        self.usb_frames = frames
         self._write_description(registration)
         self.rate = 30
         self.loop = LoopMode.REPEAT
@@ -135,25 +141,26 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
         control.model = self.model
         control.camera_serial = camera_serial.encode()
         control.audio_serial = self.serial.encode()
-        control.film = str(self.film.file.resolve()).encode()
+        control.recording = str(self.usb_frames.file.resolve()).encode()
         control.registration[:] = registration.polynomial
         control.const_shift = CONST_SHIFT
-        control.zero_plane[:] = registration.zero_plane(self.film.scale)
+        control.zero_plane[:] = registration.zero_plane(self.usb_frames.scale)
 
     @property
     def environment(self) -> dict[str, str]:
-        """Variables for another process, beside those it has."""
+        """Environment variables to add for another process."""
         return simulator_environment(self)
 
     def activate(self) -> None:
-        """Let this very process and those it starts see it, and no other USB device.
+        """Make it the only USB device of this process and of its children.
 
-        Raises RuntimeError if the system's libusb is loaded already: it cannot be replaced then.
+        Raises:
+            RuntimeError: The system's libusb is loaded already and cannot be replaced.
         """
         library = str(self._libusb / SONAME)
         for line in Path("/proc/self/maps").read_text().splitlines():
             if f"/{SONAME}" in line and not line.endswith(library):
-                raise RuntimeError(f"this process runs on another libusb already: {line}")
+                raise RuntimeError(f"another libusb is loaded in this process already: {line}")
         ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
         for name, value in self.environment.items():
             self._outer_environment.setdefault(name, os.environ.get(name))
@@ -161,7 +168,7 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
 
     @property
     def color_offset_s(self) -> float:
-        """How much later than depth a color frame begins; negative: earlier."""
+        """How much later than depth a color frame begins; negative if earlier."""
         offset_ns: int = self._control.streams[KinectStream.COLOR].offset_ns
         return offset_ns / 1e9
 
@@ -170,16 +177,16 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
         self._control.streams[KinectStream.COLOR].offset_ns = round(offset_s * 1e9)
 
     def set_accelerometer(self, x: int, y: int, z: int) -> None:
-        """Counts as on the wire, 819 a g. Level and at rest: 0, 819, 0."""
+        """Set the counts on the wire, 819 per g. Level and at rest they are 0, 819, 0."""
         self._control.acceleration[:] = (x, y, z)
 
     def rewind(self) -> None:
-        """Let the film begin with frame 0 when a stream is switched on the next time."""
-        self._control.film_began_ns = 0
-        self._control.clock_began_frame = -1
+        """Restart playback with frame 0 when a stream is switched on the next time."""
+        self._control.playback_start_ns = 0
+        self._control.clock_start_frame = -1
 
     def close(self) -> None:
-        """Unplug it; after `load`, give the process its environment back."""
+        """Unplug it; after `activate`, restore the process's environment."""
         self.unplug()
         for name, value in self._outer_environment.items():
             if value is None:
@@ -201,6 +208,6 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
 
 
 def simulator_environment(*kinects: KinectSimulator) -> dict[str, str]:
-    """Variables for a process that sees these Kinects, each on a bus of its own."""
+    """Environment variables for a process that sees these Kinects, each on its own bus."""
     files = ":".join(str(kinect.control_file) for kinect in kinects)
     return {"LD_LIBRARY_PATH": str(libusb_folder()), CONTROL_VARIABLE: files}

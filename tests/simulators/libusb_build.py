@@ -1,4 +1,4 @@
-"""The stand-in for libusb-1.0, compiled once for as long as its sources stay the same."""
+"""The simulated libusb-1.0: compiled once for each version of its sources."""
 
 import hashlib
 import shutil
@@ -22,11 +22,12 @@ _OPTIONS = (
 
 @cache
 def libusb_folder() -> Path:
-    """The folder to put into LD_LIBRARY_PATH: it holds the stand-in under libusb's own name.
+    """Return the folder for LD_LIBRARY_PATH with the simulated library; compile it if needed.
 
-    Raises UserFacingError where there is no C compiler.
+    Raises:
+        UserFacingError: There is no C compiler.
     """
-    folder = cache_folder().resolve() / "played-kinect" / _fingerprint()
+    folder = cache_folder().resolve() / "kinect-simulator" / _fingerprint()
     if not (folder / SONAME).exists():
         _compile(folder)
     return folder
@@ -40,20 +41,20 @@ def _fingerprint() -> str:
 
 
 def compiler() -> str:
-    """The C compiler. Raises UserFacingError where there is none."""
-    found = shutil.which("gcc") or shutil.which("cc")
-    if found is None:
-        raise UserFacingError("no C compiler to make the played Kinect with; apt install gcc")
-    return found
+    """Path of the C compiler. Raises UserFacingError if there is none."""
+    path = shutil.which("gcc") or shutil.which("cc")
+    if path is None:
+        raise UserFacingError("the Kinect simulator needs a C compiler: apt install gcc")
+    return path
 
 
 def _compile(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    # Whoever looks for the library at this moment finds all of it or nothing, and for good.
+    # The library appears at once and complete: other processes may look for it at any time.
     with tempfile.TemporaryDirectory(dir=folder) as draft:
         library = Path(draft) / SONAME
         sources = [str(file) for file in sorted(SOURCES.glob("*.c"))]
         command = [compiler(), *_OPTIONS, "-o", str(library), *sources]
         subprocess.run(command, check=True)
-        with suppress(FileExistsError):  # somebody was faster, and may have it in use
+        with suppress(FileExistsError):  # another process was faster, and may use it already
             (folder / SONAME).hardlink_to(library)

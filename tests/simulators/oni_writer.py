@@ -1,8 +1,8 @@
-"""Writes .oni recordings, uncompressed, that the real libOpenNI2 plays bit for bit.
+"""Writes uncompressed .oni recordings that the real libOpenNI2 plays bit for bit.
 
-The layout, little-endian and packed: a header, then records, each with a header of its own,
-fields, and a payload. A stream is a node: it is declared with its properties, then come its images.
-What is known only at the end (counts, last stamps) is written over what was put there at first.
+The layout is little-endian and packed: a header, then records, each with its own header, fields and
+a payload. A stream is a node: it is declared with its properties, then its images follow. Counts
+and last stamps are known only at the end and overwrite the initial values.
 """
 
 import math
@@ -26,7 +26,7 @@ DEPTH_1_MM, DEPTH_100_UM, RGB888 = 100, 101, 200
 
 
 class OniRecordType(IntEnum):
-    """What a record holds."""
+    """Type of a record."""
 
     INT_PROPERTY = 0x03
     GENERAL_PROPERTY = 0x06
@@ -40,7 +40,7 @@ class OniRecordType(IntEnum):
 
 
 class OniSensor(IntEnum):
-    """Which stream an image belongs to; the value is the node's type in the file."""
+    """The stream of an image; the value is the node's type in the file."""
 
     DEPTH = 2
     COLOR = 3
@@ -57,12 +57,15 @@ class OniImage:
 
 @dataclass(frozen=True)
 class OniSettings:
-    """What the file says of its streams.
+    """Properties of the streams.
 
-    fov_rad       horizontal and vertical field of view of both
-    depth_format  DEPTH_1_MM or DEPTH_100_UM: the unit of the depth values
-    cropping      False leaves out a property without which the player drops every image
-    finished      False leaves the counts at 0, as a recorder does that was killed
+    Attributes:
+        fov_rad: Horizontal and vertical field of view of both streams.
+        fps: Frames per second.
+        mirror: Whether images are mirrored.
+        depth_format: DEPTH_1_MM or DEPTH_100_UM: the unit of the depth values.
+        cropping: False omits a property without which the player drops every image.
+        finished: False leaves the counts at 0, as after a recorder was killed.
     """
 
     fov_rad: tuple[float, float] = (2 * math.atan(320 / 525), 2 * math.atan(240 / 525))
@@ -74,7 +77,7 @@ class OniSettings:
 
 
 def frames_to_oni_images(frames: Iterable[RgbdFrame]) -> Iterator[OniImage]:
-    """The images of each frame, depth first, as a sensor's own recorder writes them."""
+    """Yield the images of each frame, depth first, in the order of a sensor's own recorder."""
     for frame in frames:
         stamp_us = round(frame.stamp_s * 1e6)
         depth_us = stamp_us + round(frame.skew_s * 1e6)
@@ -83,9 +86,9 @@ def frames_to_oni_images(frames: Iterable[RgbdFrame]) -> Iterator[OniImage]:
 
 
 def write_oni(path: Path, images: Iterable[OniImage], settings: OniSettings | None = None) -> None:
-    """Write `images` in the order given. All of one sensor have one size.
+    """Write `images` in their order. All images of a sensor have the same size.
 
-    Images are taken one at a time, so a long recording needs no memory.
+    Images are read one at a time, so a long recording needs little memory.
     """
     with path.open("wb") as file:
         _OniWriter(file, settings or OniSettings()).write(iter(images))
@@ -95,8 +98,8 @@ def write_oni(path: Path, images: Iterable[OniImage], settings: OniSettings | No
 class _OniNode:
     number: int
     sensor: OniSensor
-    added_at: int
-    last_at: int = 0
+    position: int
+    last_image_position: int = 0
     index: list[tuple[int, int]] = field(default_factory=list)  # stamp, position
 
 
@@ -154,11 +157,11 @@ class _OniWriter:
         }
         return {**numbers, "xnDeviceMaxDepth": 10000} if is_depth else numbers
 
-    def _add_node(self, node: _OniNode, seek_table_at: int = 0) -> None:
+    def _add_node(self, node: _OniNode, seek_table_position: int = 0) -> None:
         stamps = [stamp for stamp, _ in node.index] or [0]
         name = _encode_string(f"{node.sensor.name.title()}1")
         kind = struct.pack("<I4sI", node.sensor, b"NONE", len(node.index))
-        span = struct.pack("<3Q", stamps[0], max(stamps), seek_table_at)
+        span = struct.pack("<3Q", stamps[0], max(stamps), seek_table_position)
         self._record(OniRecordType.NODE_ADDED, node.number, name + kind + span)
 
     def _property(self, kind: OniRecordType, node: _OniNode, name: str, data: bytes) -> None:
@@ -166,12 +169,12 @@ class _OniWriter:
 
     def _image(self, image: OniImage) -> None:
         node = self._nodes[image.sensor]
-        before, node.last_at = node.last_at, self._file.tell()
-        node.index.append((image.stamp_us, node.last_at))
+        previous, node.last_image_position = node.last_image_position, self._file.tell()
+        node.index.append((image.stamp_us, node.last_image_position))
         fields = struct.pack("<QI", image.stamp_us, len(node.index))
         is_color = image.sensor is OniSensor.COLOR
         pixels = image.pixels[..., ::-1] if is_color else image.pixels
-        self._record(OniRecordType.IMAGE, node.number, fields, pixels.tobytes(), before)
+        self._record(OniRecordType.IMAGE, node.number, fields, pixels.tobytes(), previous)
 
     def _finish(self) -> None:
         tables = {}
@@ -179,13 +182,13 @@ class _OniWriter:
             self._record(OniRecordType.NODE_REMOVED, node.number)
             tables[node.number] = self._file.tell()
             entries = [struct.pack("<QIQ", 0, 0, 0)]
-            entries += [struct.pack("<QIQ", stamp, 1, at) for stamp, at in node.index]
+            entries += [struct.pack("<QIQ", stamp, 1, position) for stamp, position in node.index]
             self._record(OniRecordType.SEEK_TABLE, node.number, payload=b"".join(entries))
         self._record(OniRecordType.END, 0)
         self._file.seek(0)
         self._header()
         for node in self._nodes.values():
-            self._file.seek(node.added_at)
+            self._file.seek(node.position)
             self._add_node(node, tables[node.number])
 
     def _record(
@@ -207,10 +210,10 @@ def _encode_string(text: str) -> bytes:
 
 
 def _first_of_each_sensor(images: Iterator[OniImage]) -> tuple[list[OniImage], Iterator[OniImage]]:
-    """The first image of each sensor, and all images."""
-    seen: list[OniImage] = []
+    """Return the first image of each sensor, and an iterator over all images."""
+    read: list[OniImage] = []
     first: dict[OniSensor, OniImage] = {}
     while len(first) < len(OniSensor) and (image := next(images, None)) is not None:
-        seen.append(image)
+        read.append(image)
         first.setdefault(image.sensor, image)
-    return list(first.values()), chain(seen, images)
+    return list(first.values()), chain(read, images)

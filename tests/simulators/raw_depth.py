@@ -1,4 +1,4 @@
-"""From raw 11-bit depth to millimetres and back, with a Kinect's constants, as libfreenect does."""
+"""Convert raw 11-bit depth to millimeters and back, with a Kinect's constants, like libfreenect."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 RAW_NO_READING = 2047  # the sensor's "no reading"
 RAW_VALUE_COUNT = 2048
-MAX_DEPTH_MM = 9999  # libfreenect passes no registered depth beyond
+MAX_DEPTH_MM = 9999  # libfreenect delivers no registered depth beyond
 CONST_SHIFT = 200
 
-# The sensor counts quarters of a pixel, from a zero that lies 200 and 3/8 pixels off.
+# The sensor counts quarters of a pixel, from an offset of 200 3/8 pixels.
 _STEPS_PER_PIXEL = 4.0
 _ZERO_STEP = _STEPS_PER_PIXEL * (CONST_SHIFT + 0.375)
-# Where one step is 70 mm or more, a grid can no longer be told from a coarser one.
+# Where a step is 70 mm or more, a grid cannot be distinguished from a coarser one.
 _FIT_MAX_DEPTH_MM = 5000
-_FIT_MIN_FRACTION = 1e-5  # readings seen less often are the work of whoever resampled the image
-# Kinects differ by a percent; a try is a tenth of a step apart from the next at half a metre.
+_FIT_MIN_FRACTION = 1e-5  # rarer readings come from resampling of the image
+# Kinects differ by a percent; candidates differ by a tenth of a step at half a meter.
 _FIT_GRID = (0.98, 1.02, 401)
 
 Depth = NDArray[np.uint16]
@@ -27,15 +27,16 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RawDepthScale:
-    """The constants of one Kinect that fix its readings; float32 as it sends them.
+    """The constants of one Kinect that determine its readings; sent as float32.
 
-    emitter_cm    infrared projector to depth camera
-    reference_cm  how far the plane was against which it was calibrated
-    pixel_cm      what one of the depth sensor's 1280 columns covers on that plane
-
-    A raw value r stands for K / (c - r) mm with K = 40 emitter reference / pixel and
+    A raw value r means K / (c - r) mm with K = 40 emitter reference / pixel and
     c = 4 emitter / pixel + 801.5: triangulation against a reference plane (K. Khoshelham and S. O.
     Elberink, Sensors 2012, eq. 4).
+
+    Attributes:
+        emitter_cm: Distance from the infrared projector to the depth camera.
+        reference_cm: Distance of the calibration plane.
+        pixel_cm: Size on that plane of one of the depth sensor's 1280 columns.
     """
 
     emitter_cm: float = 7.5
@@ -44,7 +45,7 @@ class RawDepthScale:
 
     @property
     def focal_px(self) -> float:
-        """Focal length of the 640x480 depth image that the constants stand for."""
+        """Focal length of the 640x480 depth image."""
         return self.reference_cm / (2.0 * self.pixel_cm)
 
 
@@ -52,26 +53,26 @@ NOMINAL = RawDepthScale()
 
 
 def raw_to_mm(raw: Depth, scale: RawDepthScale = NOMINAL) -> Depth:
-    """Millimetres that libfreenect makes of raw values; 0 where it would give no usable reading."""
+    """Convert raw values to libfreenect's millimeters; 0 where there is no usable reading."""
     return _mm_table(scale)[raw]
 
 
 def mm_to_raw(depth_mm: Depth, scale: RawDepthScale = NOMINAL) -> Depth:
-    """The raw values whose millimetres come nearest; NO_RAW for 0 and for what is out of range."""
+    """Convert to the nearest raw values; RAW_NO_READING for 0 and for depth out of range."""
     return _raw_table(scale)[depth_mm]
 
 
 def quantize_mm(depth_mm: Depth, scale: RawDepthScale = NOMINAL) -> Depth:
-    """What is left of depth in millimetres after it went over the wire."""
+    """Quantize depth in millimeters as the transfer in raw values does."""
     return raw_to_mm(mm_to_raw(depth_mm, scale), scale)
 
 
 def fit_scale(depth_images_mm: Iterable[Depth]) -> RawDepthScale:
-    """The scale of the Kinect that recorded these images.
+    """Estimate the scale of the Kinect that recorded these images.
 
-    Each Kinect's readings lie on a grid of its own; played on another's, every reading would move
-    by up to half a step, 36 mm at 5 m. Readings are K / (n + phase) mm for whole numbers n: their
-    inverse is a straight line in n. Without readings it is NOMINAL.
+    Each Kinect's readings lie on its own grid; on another grid every reading would move by up to
+    half a step, 36 mm at 5 m. Readings are K / (n + phase) mm for integers n, so their inverse is a
+    straight line in n. Without readings the scale is NOMINAL.
     """
     counts = np.zeros(_FIT_MAX_DEPTH_MM, np.int64)
     for image in depth_images_mm:
@@ -80,8 +81,8 @@ def fit_scale(depth_images_mm: Iterable[Depth]) -> RawDepthScale:
     mm = np.flatnonzero(counts > _FIT_MIN_FRACTION * counts.sum())
     if len(mm) < 2:
         return NOMINAL
-    centres_mm = np.asarray(mm + 0.5, np.float64)  # what is cut off is half a millimetre
-    k_mm, phase = _fit_inverse_line(centres_mm, counts[mm].astype(np.float64))
+    centers_mm = np.asarray(mm + 0.5, np.float64)  # truncation removes half a millimeter
+    k_mm, phase = _fit_inverse_line(centers_mm, counts[mm].astype(np.float64))
     nominal_c = _STEPS_PER_PIXEL * NOMINAL.emitter_cm / NOMINAL.pixel_cm + _ZERO_STEP
     c = round(nominal_c - phase) + phase
     emitter_cm = (c - _ZERO_STEP) / _STEPS_PER_PIXEL * NOMINAL.pixel_cm
@@ -90,17 +91,17 @@ def fit_scale(depth_images_mm: Iterable[Depth]) -> RawDepthScale:
 
 
 def _fit_inverse_line(mm: Numbers, weight: Numbers) -> tuple[float, float]:
-    """K and phase of K / mm = n + phase, with the right whole n for each reading."""
+    """Fit K and phase of K / mm = n + phase, with an integer n for each reading."""
     k_mm, phase = _find_period(mm, weight)
     n = np.round(k_mm / mm - phase)
-    # An error of a millimetre weighs the same at any distance: d(1/mm) = -d(mm) / mm^2.
+    # An error of a millimeter has the same weight at any distance: d(1/mm) = -d(mm) / mm^2.
     rows = (np.sqrt(weight) * mm**2)[:, None] * np.column_stack([n, np.ones_like(n)])
     slope, offset = np.linalg.lstsq(rows, np.sqrt(weight) * mm, rcond=None)[0]
     return float(1.0 / slope), float(offset / slope)
 
 
 def _find_period(mm: Numbers, weight: Numbers) -> tuple[float, float]:
-    """The K near the nominal one with which all readings fall in step, and their phase."""
+    """Find the K near the nominal one that gives all readings the same phase, and that phase."""
     nominal = NOMINAL.emitter_cm * NOMINAL.reference_cm / NOMINAL.pixel_cm
     k_mm = 10.0 * _STEPS_PER_PIXEL * nominal * np.linspace(*_FIT_GRID)
     beats = np.exp(2j * np.pi * k_mm[:, None] / mm) @ weight

@@ -1,4 +1,4 @@
-"""Run any command on a played Kinect: ``python -m tests.simulators.run_with_kinect -- COMMAND``."""
+"""Run a command on the simulator: ``python -m tests.simulators.run_with_kinect -- COMMAND``."""
 
 import argparse
 import os
@@ -42,22 +42,23 @@ examples:
   python -m tests.simulators.run_with_kinect --fault unplug@5s+3s --fault lose=50@12s -- COMMAND
   python -m tests.simulators.run_with_kinect --model 1473 --fault no-firmware -- kinect-vo devices
 
-The command sees a Kinect on its USB bus and nothing else there: the real libfreenect and pyusb run
-on a libusb-1.0 that is compiled for this (needs gcc). A virtual room goes round and round, and
-takes a minute to render the first time; a recording goes there and back. The film is written below
-$TMPDIR, 0.7 MB a frame. The command gets no standard input: that is for faults.
+The command sees one Kinect on its USB bus and no other device. The real libfreenect and pyusb run
+on a simulated libusb-1.0, which is compiled first (needs gcc). A virtual room is played in a loop;
+rendering it takes a minute the first time. A recording is played forward and back. The frames are
+written below $TMPDIR, 0.7 MB each. The command gets no standard input: that is for faults.
 
 faults: {", ".join(FAULT_NAMES)}
-NAME@START+LENGTH, in seconds since the command began; without +LENGTH for good, without @START from
-the beginning. lose=N loses every n-th packet. While it runs, type a name to let it happen and
-'NAME off' to end it; 'plug' is 'unplug off'.
+NAME@START+LENGTH, in seconds since the start of the command. Without +LENGTH a fault does not end,
+without @START it begins at once. lose=N loses every N-th packet. While the command runs, type NAME
+to start a fault and 'NAME off' to end it; 'plug' is 'unplug off'.
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code: the command's own; 2 for a mistake in the options, 1 if there is no compiler.
+    """Run the command and return its exit code.
 
-    130 and 143, as a shell tells them, if stopped by Ctrl-C or SIGTERM before the command began.
+    Other exit codes: 2 for wrong options, 1 if there is no compiler; 130 and 143, as a shell
+    reports them, after Ctrl-C or SIGTERM before the command started.
     """
     args = _parser().parse_args(argv)
     signal.signal(signal.SIGTERM, _exit_on_signal)
@@ -72,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _exit_on_signal(number: int, frame: object) -> NoReturn:
-    """Leave by way of all that has to be cleaned up."""
+    """Exit by an exception, so that everything is cleaned up."""
     sys.exit(128 + number)
 
 
@@ -80,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m tests.simulators.run_with_kinect",
         usage="%(prog)s [OPTIONS] -- COMMAND ...",
-        description="Run a command on a Kinect that is played: for those who have none.",
+        description="Run a command on a simulated Kinect.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -89,18 +90,18 @@ def _parser() -> argparse.ArgumentParser:
     source.add_argument("--synthetic", action="store_true", help="play a virtual room (default)")
     parser.add_argument("--frames", type=int, metavar="N", help="play the first N frames only")
     parser.add_argument("--loop", choices=LOOPS, help="what follows the last frame")
-    parser.add_argument("--model", choices=MODELS, default="1414", help="which Kinect")
+    parser.add_argument("--model", choices=MODELS, default="1414", help="model of the Kinect")
     parser.add_argument("--serial", default="A00123456789012A", help="its serial number")
     parser.add_argument(
         "--registration", choices=REGISTRATIONS, default="identity",
-        help="its calibration: identity keeps depth where it is (default), factory moves it",
+        help="its depth registration: identity does not move depth (default), factory does",
     )  # fmt: skip
     parser.add_argument(
-        "--patient", action="store_true", help="lose nothing when the command is late"
+        "--patient", action="store_true", help="lose no packets when the command is late"
     )
     parser.add_argument(
         "--fault", action="append", default=[], metavar="NAME[@START][+LENGTH]",
-        help="let something go wrong; may be given again",
+        help="inject a fault; may be given several times",
     )  # fmt: skip
     parser.add_argument("command", nargs=argparse.REMAINDER, help="-- and the command to run")
     return parser
@@ -111,11 +112,11 @@ def _run_with_kinect(args: argparse.Namespace) -> int:
     if not command:
         raise InputError("no command to run; write -- and the command at the end")
     faults = [parse_fault(text) for text in args.fault]
-    with tempfile.TemporaryDirectory(prefix="played-kinect-") as name:
-        film = _write_frames(Path(name), args)
+    with tempfile.TemporaryDirectory(prefix="kinect-simulator-") as name:
+        frames = _write_frames(Path(name), args)
         registration = REGISTRATIONS[args.registration]
         model = MODELS[args.model]
-        with KinectSimulator(Path(name), film, model, args.serial, registration) as kinect:
+        with KinectSimulator(Path(name), frames, model, args.serial, registration) as kinect:
             _configure_kinect(kinect, args)
             timers = schedule_faults(kinect, faults)
             code = _run_command(command, kinect)
@@ -129,27 +130,27 @@ def _write_frames(folder: Path, args: argparse.Namespace) -> UsbFrames:
         frames = folder_frames(args.folder, max_frames=args.frames)
     else:
         frames = _synthetic_frames(args.frames)
-    with Terminal().busy("writing the film"):
+    with Terminal().busy("writing the frames"):
         return write_fitted_usb_frames(folder, frames)
 
 
 def _synthetic_frames(max_frames: int | None) -> Iterator[tuple[ColorBgr, DepthMm]]:
     config = SyntheticConfig(duration_s=SYNTHETIC_DURATION_S, loop=True)
     count = round(config.duration_s * config.rate_hz)
-    preparation = RenderOptions(cache_folder() / "films")
+    render_options = RenderOptions(cache_folder() / "films")
     return camera_frames(
-        SyntheticCamera(config, render_options=preparation), min(max_frames or count, count)
+        SyntheticCamera(config, render_options=render_options), min(max_frames or count, count)
     )
 
 
 def _configure_kinect(kinect: KinectSimulator, args: argparse.Namespace) -> None:
-    synthetic = args.folder is None
-    # The virtual room's motion ends where it began; a recording must be walked back.
-    kinect.loop = LoopMode.REPEAT if synthetic else LoopMode.THERE_AND_BACK
+    is_synthetic = args.folder is None
+    # The virtual room's motion ends where it began; a recording must be played back in reverse.
+    kinect.loop = LoopMode.REPEAT if is_synthetic else LoopMode.THERE_AND_BACK
     kinect.waits_for_reader = args.patient
     if args.loop is not None:
         kinect.loop = LOOPS[args.loop]
-    if synthetic:
+    if is_synthetic:
         kinect.color_offset_s = -SyntheticConfig().timing.skew_s
 
 
@@ -159,13 +160,13 @@ def _run_command(command: Sequence[str], kinect: KinectSimulator) -> int:
             command, env=os.environ | kinect.environment, stdin=subprocess.DEVNULL
         )
     except OSError as error:
-        raise InputError(f"{command[0]}: cannot be run: {error.strerror}") from error
-    # Ctrl-C reaches the command by itself; it decides how to end, and we with it.
+        raise InputError(f"{command[0]}: cannot run it: {error.strerror}") from error
+    # The terminal sends Ctrl-C to the command too; the command decides how to end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: child.send_signal(number))
     threading.Thread(target=_run_fault_commands, args=(kinect,), daemon=True).start()
     code = child.wait()
-    return 128 - code if code < 0 else code  # as a shell tells a signal
+    return 128 - code if code < 0 else code  # a shell's code for a signal
 
 
 def _run_fault_commands(kinect: KinectSimulator) -> None:

@@ -1,4 +1,4 @@
-"""The dump is read back by Debian's own fakenect, which ends the process when a file is wrong."""
+"""Debian's fakenect reads the dump back; it ends the process when a file is wrong."""
 
 import json
 import os
@@ -39,7 +39,7 @@ def test_frames_stamps_and_gravity_come_back_as_they_were(fakenect: Path, tmp_pa
         tmp_path / "dump", frames, start_ticks=start_ticks, acceleration=(1, -819, 7)
     )
     out = tmp_path / "out.npz"
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", READ, str(fakenect), str(out)],
         cwd=ROOT,
         env=os.environ | {"FAKENECT_PATH": str(tmp_path / "dump")},
@@ -48,9 +48,9 @@ def test_frames_stamps_and_gravity_come_back_as_they_were(fakenect: Path, tmp_pa
         timeout=100,
         check=True,
     )
-    # fakenect prints as well, and when its lines come out depends on who buffers.
-    found = next(line for line in done.stdout.splitlines() if line.startswith("[["))
-    depth_stamps, video_stamps, gravity = json.loads(found)
+    # fakenect prints too, and its lines may come before or after.
+    reply = next(line for line in result.stdout.splitlines() if line.startswith("[["))
+    depth_stamps, video_stamps, gravity = json.loads(reply)
     expected = [(start_ticks + 2_000_000 * seq) % 2**32 for seq in range(count)]
     assert depth_stamps == video_stamps == expected
     assert gravity == [1, -819, 7]

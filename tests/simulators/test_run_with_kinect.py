@@ -1,4 +1,4 @@
-"""The command that runs any command on a played Kinect."""
+"""The command that runs other commands on a simulated Kinect."""
 
 import subprocess
 import sys
@@ -45,33 +45,35 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def play(*arguments: str, typed: str = "") -> "subprocess.CompletedProcess[str]":
+def run_with_kinect(*arguments: str, stdin: str = "") -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-m", "tests.simulators.run_with_kinect", *arguments]
     return subprocess.run(
-        command, cwd=ROOT, input=typed, capture_output=True, text=True, timeout=100, check=False
+        command, cwd=ROOT, input=stdin, capture_output=True, text=True, timeout=100, check=False
     )
 
 
 @pytest.mark.subprocess
 def test_a_command_sees_a_kinect_that_plays_a_folder(folder: Path) -> None:
-    done = play("--folder", str(folder), "--patient", "--", *PROBE, typed="jump\n")
-    assert done.returncode == 0, done.stderr
-    assert "'jump': type one of: plug" in done.stderr
-    opened, frames = done.stdout.splitlines()
+    result = run_with_kinect("--folder", str(folder), "--patient", "--", *PROBE, stdin="jump\n")
+    assert result.returncode == 0, result.stderr
+    assert "'jump': type one of: plug" in result.stderr
+    opened, frames = result.stdout.splitlines()
     assert opened == "opened 0"
     assert min(map(int, frames.split()[1:])) > 0
 
 
 @pytest.mark.subprocess
-def test_faults_happen_when_they_were_ordered(folder: Path) -> None:
-    done = play("--folder", str(folder), "--fault", "busy", "--", *PROBE)
-    assert done.stdout.startswith("opened -")
+def test_faults_happen_at_their_time(folder: Path) -> None:
+    result = run_with_kinect("--folder", str(folder), "--fault", "busy", "--", *PROBE)
+    assert result.stdout.startswith("opened -")
 
 
 @pytest.mark.subprocess
 def test_the_exit_code_is_the_commands_own(folder: Path) -> None:
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    assert play("--folder", str(folder), "--", sys.executable, "-c", code).returncode == 137
+    assert (
+        run_with_kinect("--folder", str(folder), "--", sys.executable, "-c", code).returncode == 137
+    )
 
 
 @pytest.mark.parametrize(
@@ -82,7 +84,7 @@ def test_the_exit_code_is_the_commands_own(folder: Path) -> None:
         (["--folder", "/nowhere", "--", "true"], "/nowhere: no such folder"),
     ],
 )
-def test_a_mistake_is_one_line(
+def test_an_error_is_one_line(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(arguments) == 2
@@ -91,7 +93,7 @@ def test_a_mistake_is_one_line(
     assert says in line
 
 
-def test_depth_of_a_folder_becomes_millimetres(folder: Path) -> None:
+def test_depth_of_a_folder_becomes_millimeters(folder: Path) -> None:
     for seq, (bgr, depth_mm) in enumerate(folder_frames(folder)):
         assert (bgr == pattern_frame(seq)[0]).all()
         assert (depth_mm == pattern_frame(seq)[1]).all()
@@ -104,7 +106,7 @@ def test_a_fault_has_a_name_a_number_and_times() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "unplug@", "unplug@x", "lose=@1", "stall@1 +2"])
-def test_a_fault_that_makes_no_sense_is_refused(text: str) -> None:
+def test_an_invalid_fault_is_rejected(text: str) -> None:
     with pytest.raises(InputError):
         parse_fault(text)
 
@@ -136,12 +138,12 @@ def test_scheduled_faults_come_and_go(simulate_kinect: SimulateKinect) -> None:
     assert switches(kinect) == before
 
 
-def test_typed_nonsense_is_refused(simulate_kinect: SimulateKinect) -> None:
+def test_an_invalid_line_is_rejected(simulate_kinect: SimulateKinect) -> None:
     with pytest.raises(InputError, match="type one of: plug"):
         run_command(simulate_kinect(), "jump\n")
 
 
-def test_ctrl_c_while_the_film_is_written_is_no_traceback(
+def test_ctrl_c_while_the_frames_are_written_prints_no_traceback(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object) -> None:

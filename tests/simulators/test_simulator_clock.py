@@ -1,4 +1,4 @@
-"""When a played Kinect shows which frame, and what its clock says."""
+"""The frame timing and the clock of a simulated Kinect."""
 
 import time
 from pathlib import Path
@@ -20,20 +20,20 @@ def test_stamps_count_on_across_the_end_of_their_32_bits(simulate_kinect: Simula
     kinect = simulate_kinect()
     kinect.start_ticks = 2**32 - 3 * TICKS_A_FRAME
     probe = capture_kinect(kinect, frames=6)
-    for seen in (probe.depth, probe.video):
-        unwrapped = [(stamp - kinect.start_ticks) % 2**32 for stamp in seen.stamps]
+    for capture in (probe.depth, probe.video):
+        unwrapped = [(stamp - kinect.start_ticks) % 2**32 for stamp in capture.stamps]
         assert unwrapped == [TICKS_A_FRAME * seq for seq in range(len(unwrapped))]
     assert min(probe.depth.stamps) < TICKS_A_FRAME
 
 
-def test_color_may_come_later_and_says_so(simulate_kinect: SimulateKinect) -> None:
+def test_color_may_come_later_with_a_later_stamp(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     kinect.color_offset_s = 0.010
     probe = capture_kinect(kinect, frames=3)
     assert probe.video.stamps[0] - probe.depth.stamps[0] == 600_000
 
 
-def test_its_clock_begins_anew_when_it_is_plugged_in(simulate_kinect: SimulateKinect) -> None:
+def test_its_clock_restarts_when_it_is_plugged_in(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     kinect.start_ticks = 5000
     capture_kinect(kinect, frames=4)
@@ -68,18 +68,18 @@ def test_a_slower_rate_has_longer_frames(simulate_kinect: SimulateKinect) -> Non
     ("loop", "shown"),
     [(LoopMode.REPEAT, [0, 1, 0, 1, 0]), (LoopMode.THERE_AND_BACK, [0, 1, 1, 0, 0])],
 )
-def test_a_film_is_looped(
+def test_frames_are_looped(
     simulate_kinect: SimulateKinect, tmp_path: Path, loop: LoopMode, shown: list[int]
 ) -> None:
-    film = write_usb_frames(tmp_path, [pattern_frame(0), pattern_frame(1)])
-    kinect = simulate_kinect(film)
+    frames = write_usb_frames(tmp_path, [pattern_frame(0), pattern_frame(1)])
+    kinect = simulate_kinect(frames)
     kinect.loop = loop
     images = capture_kinect(kinect, frames=5).depth.images
     expected = [mm_to_raw(pattern_frame(seq)[1]) for seq in shown]
     assert all(np.array_equal(*pair) for pair in zip(images, expected, strict=False))
 
 
-def test_a_film_that_is_shown_once_ends(simulate_kinect: SimulateKinect) -> None:
+def test_frames_that_are_played_once_end(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     kinect.loop = LoopMode.ONCE
     kinect.activate()
@@ -91,7 +91,7 @@ def test_a_film_that_is_shown_once_ends(simulate_kinect: SimulateKinect) -> None
     assert kinect.frames_sent == (FRAME_COUNT, FRAME_COUNT)
 
 
-def test_after_a_rewind_it_begins_anew(simulate_kinect: SimulateKinect) -> None:
+def test_after_a_rewind_it_restarts(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     capture_kinect(kinect, frames=3)
     kinect.rewind()
@@ -106,7 +106,7 @@ def test_a_program_that_is_late_loses_packets(simulate_kinect: SimulateKinect) -
     with FreenectProbe() as probe:
         probe.start()
         probe.capture(3)
-        time.sleep(0.1)  # three frames late by the bus's own clock
+        time.sleep(0.1)  # three frames late on the bus
         probe.capture(6)
     assert any("Lost" in line for line in probe.log)
 
@@ -116,6 +116,6 @@ def test_the_bus_may_wait_for_a_program_that_is_late(simulate_kinect: SimulateKi
     with FreenectProbe() as probe:
         probe.start()
         probe.capture(3)
-        time.sleep(0.2)  # late by the bus's own clock: nothing tells that it waits
+        time.sleep(0.2)  # late on the bus; there is no event to wait for
         probe.capture(9)
     assert probe.depth.stamps[:9] == [TICKS_A_FRAME * seq for seq in range(9)]

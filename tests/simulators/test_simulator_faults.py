@@ -1,4 +1,4 @@
-"""Each fault does to the real libfreenect what it does on a real bus."""
+"""Each fault has the same effect on the real libfreenect as on a real bus."""
 
 import os
 import signal
@@ -23,24 +23,24 @@ AUTO_EXPOSURE = 1 << 14
 def running_probe(kinect: KinectSimulator) -> FreenectProbe:
     kinect.activate()
     probe = FreenectProbe()
-    assert probe.opened == 0
+    assert probe.open_result == 0
     probe.start()
     probe.capture(3)
     return probe
 
 
-def logged(probe: FreenectProbe, text: str) -> bool:
+def has_logged(probe: FreenectProbe, text: str) -> bool:
     return any(text in line for line in probe.log)
 
 
-def test_unplugging_ends_it_and_plugging_in_begins_anew(simulate_kinect: SimulateKinect) -> None:
+def test_unplugging_ends_it_and_plugging_in_restarts_it(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     with running_probe(kinect) as probe:
         kinect.unplug()
         assert probe.capture(10_000) == -1
-        assert logged(probe, "marked dead")
+        assert has_logged(probe, "marked dead")
     with FreenectProbe() as absent:
-        assert (absent.device_count, absent.opened) == (0, -1)
+        assert (absent.device_count, absent.open_result) == (0, -1)
     kinect.plug()
     with running_probe(kinect) as probe:
         assert probe.depth.stamps[0] == 0
@@ -57,16 +57,16 @@ def test_what_was_open_before_the_plug_was_pulled_stays_dead(
         assert probe.capture(10_000) == -1
 
 
-def test_a_stalled_camera_falls_silent_and_comes_back(simulate_kinect: SimulateKinect) -> None:
+def test_a_stalled_camera_stops_sending_and_comes_back(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     with running_probe(kinect) as probe:
         kinect.stall(True, KinectStream.COLOR)
         probe.process()
-        seen, depth_seen = len(probe.video.stamps), len(probe.depth.stamps)
-        wait_until(lambda: probe.process() == 0 and len(probe.depth.stamps) > depth_seen + 5)
-        assert len(probe.video.stamps) <= seen + 1
+        color_count, depth_count = len(probe.video.stamps), len(probe.depth.stamps)
+        wait_until(lambda: probe.process() == 0 and len(probe.depth.stamps) > depth_count + 5)
+        assert len(probe.video.stamps) <= color_count + 1
         kinect.stall(False)
-        wait_until(lambda: probe.process() == 0 and len(probe.video.stamps) > seen + 3)
+        wait_until(lambda: probe.process() == 0 and len(probe.video.stamps) > color_count + 3)
 
 
 def test_one_lost_packet_leaves_the_frame_with_stale_pixels(
@@ -76,18 +76,18 @@ def test_one_lost_packet_leaves_the_frame_with_stale_pixels(
     with running_probe(kinect) as probe:
         kinect.lose_packets(KinectStream.DEPTH, every=100)
         probe.capture(10)
-    assert logged(probe, "[Stream 70] Lost 1 packets")
-    assert not logged(probe, "[Stream 80] Lost")
+    assert has_logged(probe, "[Stream 70] Lost 1 packets")
+    assert not has_logged(probe, "[Stream 80] Lost")
     assert kinect.packets_lost[KinectStream.DEPTH] > 0
     assert kinect.packets_lost[KinectStream.COLOR] == 0
 
 
-def test_a_burst_of_lost_packets_costs_the_frame(simulate_kinect: SimulateKinect) -> None:
+def test_a_burst_of_lost_packets_loses_the_frame(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     with running_probe(kinect) as probe:
         kinect.lose_burst(KinectStream.COLOR, 40)
         probe.capture(8)
-    assert logged(probe, "[Stream 80] Lost too many packets")
+    assert has_logged(probe, "[Stream 80] Lost too many packets")
     assert kinect.packets_lost[KinectStream.COLOR] == 40
     stamps = probe.video.stamps
     assert stamps[-1] - stamps[0] > 2_000_000 * (len(stamps) - 1)
@@ -99,17 +99,19 @@ def test_a_busy_camera_opens_but_cannot_be_claimed(simulate_kinect: SimulateKine
     kinect.activate()
     with FreenectProbe() as probe:
         assert probe.device_count == 1
-        assert probe.opened < 0
-        assert logged(probe, "Failed to claim camera interface")
+        assert probe.open_result < 0
+        assert has_logged(probe, "Failed to claim camera interface")
 
 
-def test_a_forbidden_camera_is_counted_but_not_listed(simulate_kinect: SimulateKinect) -> None:
+def test_a_camera_without_permission_is_counted_but_not_listed(
+    simulate_kinect: SimulateKinect,
+) -> None:
     kinect = simulate_kinect()
     kinect.deny_access()
     kinect.activate()
     with FreenectProbe() as probe:
         assert probe.device_count == 1
-        assert probe.opened < 0
+        assert probe.open_result < 0
         assert probe.serials() == []
 
 
@@ -125,19 +127,19 @@ def test_without_bandwidth_the_streams_start_and_nothing_comes(
     with FreenectProbe() as probe:
         assert probe.start() == (0, 0)
         probe.capture(1, limit_s=0.3)
-        assert logged(probe, "Failed to submit isochronous transfer")
+        assert has_logged(probe, "Failed to submit isochronous transfer")
     assert probe.depth.stamps == probe.video.stamps == []
 
 
 @pytest.mark.subprocess
-def test_a_kernel_driver_is_taken_off_and_put_back(simulate_kinect: SimulateKinect) -> None:
+def test_a_kernel_driver_is_detached_and_attached_again(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     kinect.attach_kernel_driver()
     kinect.activate()
     camera = usb.core.find(idProduct=0x02AE)
     assert camera.is_kernel_driver_active(0)
     with FreenectProbe() as probe:
-        assert probe.opened == 0
+        assert probe.open_result == 0
         assert not camera.is_kernel_driver_active(0)
     assert camera.is_kernel_driver_active(0)
 
@@ -152,14 +154,14 @@ def test_a_late_first_frame(simulate_kinect: SimulateKinect) -> None:
     assert probe.depth.stamps == []
 
 
-def test_closing_without_stopping_is_noticed(simulate_kinect: SimulateKinect) -> None:
+def test_closing_without_stopping_is_detected(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     camera = running_probe(kinect)
     camera.lib.freenect_close_device(camera.device)
     assert kinect.abandoned_transfers > 0
 
 
-def test_a_full_speed_bus_says_so(simulate_kinect: SimulateKinect) -> None:
+def test_a_full_speed_bus_is_reported(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     kinect.activate()
     assert usb.core.find(idProduct=0x02AE).speed == 3
@@ -167,7 +169,7 @@ def test_a_full_speed_bus_says_so(simulate_kinect: SimulateKinect) -> None:
     assert usb.core.find(idProduct=0x02AE).speed == 2
 
 
-def test_a_callback_may_not_talk_to_the_camera(simulate_kinect: SimulateKinect) -> None:
+def test_a_callback_may_not_send_commands(simulate_kinect: SimulateKinect) -> None:
     simulate_kinect().activate()
     answers = []
     with FreenectProbe() as probe:
@@ -188,7 +190,7 @@ def start_probe(kinect: KinectSimulator, seconds: float) -> "subprocess.Popen[st
 
 
 @pytest.mark.subprocess
-def test_replies_without_bytes_let_opening_hang_until_they_come(
+def test_empty_replies_block_opening_until_bytes_come(
     simulate_kinect: SimulateKinect,
 ) -> None:
     kinect = simulate_kinect()
@@ -209,13 +211,13 @@ def test_a_killed_program_holds_nothing(simulate_kinect: SimulateKinect) -> None
         assert kinect.open_handles == 1
         kinect.activate()
         with FreenectProbe() as second:
-            assert second.opened < 0
-            assert logged(second, "Failed to claim camera interface")
+            assert second.open_result < 0
+            assert has_logged(second, "Failed to claim camera interface")
         probe.send_signal(signal.SIGKILL)
         probe.wait(timeout=100)
     assert kinect.open_handles == 0
     with running_probe(kinect) as third:
-        assert third.opened == 0
+        assert third.open_result == 0
 
 
 def test_without_firmware_the_motor_is_silent_and_the_camera_works(
@@ -226,7 +228,7 @@ def test_without_firmware_the_motor_is_silent_and_the_camera_works(
     with running_probe(kinect) as probe:
         assert len(probe.depth.stamps) >= 3
     with FreenectProbe(subdevices=MOTOR_AND_CAMERA) as probe:
-        assert probe.opened == 0
-        assert logged(probe, "upload_firmware")
+        assert probe.open_result == 0
+        assert has_logged(probe, "upload_firmware")
         assert probe.lib.freenect_set_tilt_degs(probe.device, 20.0) == 0
     assert kinect.tilt_deg == 0

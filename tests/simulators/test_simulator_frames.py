@@ -1,4 +1,4 @@
-"""What the real libfreenect reads from a played Kinect."""
+"""The frames that the real libfreenect reads from a simulated Kinect."""
 
 import ctypes
 from pathlib import Path
@@ -29,26 +29,26 @@ pytestmark = pytest.mark.usefixtures("real_libfreenect")
 TICKS_A_FRAME = 2_000_000
 
 
-def film_frame(stamp: int) -> int:
+def frame_index(stamp: int) -> int:
     return stamp // TICKS_A_FRAME % FRAME_COUNT
 
 
 def test_raw_depth_comes_bit_for_bit(simulate_kinect: SimulateKinect) -> None:
     probe = capture_kinect(simulate_kinect(), frames=10)
     for stamp, image in zip(probe.depth.stamps, probe.depth.images, strict=True):
-        assert np.array_equal(image, mm_to_raw(pattern_frame(film_frame(stamp))[1]))
+        assert np.array_equal(image, mm_to_raw(pattern_frame(frame_index(stamp))[1]))
 
 
 def test_color_survives_the_mosaic(simulate_kinect: SimulateKinect) -> None:
     probe = capture_kinect(simulate_kinect(), frames=3)
     for stamp, rgb in zip(probe.video.stamps, probe.video.images, strict=True):
-        error = rgb[2:-2, 2:-2, ::-1].astype(int) - pattern_frame(film_frame(stamp))[0][2:-2, 2:-2]
+        error = rgb[2:-2, 2:-2, ::-1].astype(int) - pattern_frame(frame_index(stamp))[0][2:-2, 2:-2]
         assert np.percentile(abs(error), 98) <= 1
 
 
-def test_millimetres_are_what_the_table_says(simulate_kinect: SimulateKinect) -> None:
+def test_millimeters_follow_the_table(simulate_kinect: SimulateKinect) -> None:
     probe = capture_kinect(simulate_kinect(), frames=2, depth=DEPTH_MM)
-    expected = quantize_mm(pattern_frame(film_frame(probe.depth.stamps[0]))[1])
+    expected = quantize_mm(pattern_frame(frame_index(probe.depth.stamps[0]))[1])
     assert np.array_equal(probe.depth.images[0], expected)
 
 
@@ -58,12 +58,12 @@ def test_registered_depth_stays_where_it_is(
 ) -> None:
     kinect = simulate_kinect(model=model, registration=IDENTITY)
     probe = capture_kinect(kinect, frames=2, depth=DEPTH_REGISTERED)
-    expected = quantize_mm(pattern_frame(film_frame(probe.depth.stamps[0]))[1])
+    expected = quantize_mm(pattern_frame(frame_index(probe.depth.stamps[0]))[1])
     assert np.array_equal(probe.depth.images[0], expected)
 
 
 class _Registration(ctypes.Structure):
-    """Its 176 bytes: of what stands around the table's address nothing is needed here."""
+    """libfreenect's 176 bytes; only the address of the table is used here."""
 
     _fields_ = (
         ("before", ctypes.c_uint8 * 152),
@@ -74,7 +74,7 @@ class _Registration(ctypes.Structure):
 
 @pytest.mark.parametrize("registration", [FACTORY, IDENTITY], ids=["factory", "identity"])
 @pytest.mark.parametrize("scale", [NOMINAL, RawDepthScale(7.5128, 119.79)], ids=["nominal", "own"])
-def test_the_table_of_millimetres_is_libfreenects_own(
+def test_the_table_of_millimeters_is_libfreenects_own(
     simulate_kinect: SimulateKinect,
     tmp_path: Path,
     registration: RegistrationTable,
@@ -104,12 +104,12 @@ def _table_of(probe: FreenectProbe) -> np.ndarray[tuple[int], np.dtype[np.uint16
 def test_a_factory_kinect_moves_a_wall_by_its_parallax(
     simulate_kinect: SimulateKinect, tmp_path: Path
 ) -> None:
-    """A post 1.5 m away stands where the color camera sees it."""
+    """A post 1.5 m away is at its place in the color image."""
     column, depth_mm, behind_mm = 200, 1500, 4000
     depth = np.full((480, 640), behind_mm, np.uint16)
     depth[:, column - 8 : column + 9] = depth_mm
-    film = write_usb_frames(tmp_path, [(np.zeros((480, 640, 3), np.uint8), depth)])
-    probe = capture_kinect(simulate_kinect(film), frames=1, depth=DEPTH_REGISTERED)
+    frames = write_usb_frames(tmp_path, [(np.zeros((480, 640, 3), np.uint8), depth)])
+    probe = capture_kinect(simulate_kinect(frames), frames=1, depth=DEPTH_REGISTERED)
     near = np.flatnonzero(abs(probe.depth.images[0][240].astype(int) - depth_mm) < 20)
     ray = (column - 319.5) / NOMINAL.focal_px
     expected = 319.5 + 525.0 * (ray - 24.0 * NOMINAL.focal_px / 525.0 / depth_mm)
@@ -126,13 +126,13 @@ def test_infrared_comes_in_place_of_color(simulate_kinect: SimulateKinect, tmp_p
     assert np.array_equal(probe.video.images[0], (infrared >> 2).astype(np.uint8))
 
 
-def test_two_kinects_are_told_apart_by_their_serials(
+def test_two_kinects_are_distinguished_by_their_serials(
     simulate_kinect: SimulateKinect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other_film = write_usb_frames(tmp_path, [pattern_frame(5)])
-    first, second = simulate_kinect(serial="A1"), simulate_kinect(other_film, serial="B2")
+    other_frames = write_usb_frames(tmp_path, [pattern_frame(5)])
+    first, second = simulate_kinect(serial="A1"), simulate_kinect(other_frames, serial="B2")
     first.activate()
-    monkeypatch.setenv("PLAYED_KINECT", simulator_environment(first, second)["PLAYED_KINECT"])
+    monkeypatch.setenv("KINECT_SIMULATOR", simulator_environment(first, second)["KINECT_SIMULATOR"])
     with FreenectProbe(serial="B2") as probe:
         assert probe.serials() == ["A1", "B2"]
         probe.start()
@@ -141,10 +141,12 @@ def test_two_kinects_are_told_apart_by_their_serials(
     assert first.frames_sent == (0, 0)
 
 
-def test_the_later_models_are_known_by_their_audio_device(simulate_kinect: SimulateKinect) -> None:
+def test_the_later_models_are_identified_by_their_audio_device(
+    simulate_kinect: SimulateKinect,
+) -> None:
     simulate_kinect(model=KinectModel.K1473, serial="C3").activate()
     with FreenectProbe(serial="C3") as probe:
-        assert probe.opened == 0
+        assert probe.open_result == 0
         assert probe.serials() == ["C3"]
 
 

@@ -1,4 +1,4 @@
-"""Tilt, light and accelerometer, on both protocols, through the real libfreenect and pyusb."""
+"""Tilt, LED and accelerometer, with both protocols, through the real libfreenect and pyusb."""
 
 import struct
 from pathlib import Path
@@ -19,9 +19,9 @@ TIMEOUT_MS = 500
 
 def device(kinect: KinectSimulator, product: int) -> Any:
     kinect.activate()
-    found = usb.core.find(idVendor=0x045E, idProduct=product)
-    assert found is not None
-    return found
+    device = usb.core.find(idVendor=0x045E, idProduct=product)
+    assert device is not None
+    return device
 
 
 def settle(kinect: KinectSimulator) -> None:
@@ -117,7 +117,7 @@ def test_libfreenect_brings_the_firmware_where_the_user_has_it(
     kinect.set_firmware_loaded(False)
     kinect.activate()
     with FreenectProbe(subdevices=MOTOR_AND_CAMERA) as probe:
-        assert probe.opened == 0, probe.log
+        assert probe.open_result == 0, probe.log
         assert probe.lib.freenect_set_led(probe.device, KinectLed.GREEN) >= 0
     assert kinect.led == KinectLed.GREEN
     assert device(kinect, AUDIO)[0].bNumInterfaces == 2

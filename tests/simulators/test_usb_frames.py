@@ -35,7 +35,7 @@ def test_the_filters_are_green_red_above_blue_green() -> None:
 
 
 @given(st.integers(320, 9000))
-def test_a_distance_goes_to_the_raw_value_that_comes_nearest(mm: int) -> None:
+def test_a_distance_becomes_the_nearest_raw_value(mm: int) -> None:
     offered = raw_to_mm(EVERY_RAW).astype(int)
     error = np.where(offered > 0, abs(offered - mm), 100_000)
     raw = mm_to_raw(np.array(mm, np.uint16))
@@ -43,7 +43,7 @@ def test_a_distance_goes_to_the_raw_value_that_comes_nearest(mm: int) -> None:
 
 
 @given(st.integers(0, 2047))
-def test_what_was_quantised_once_stays_as_it_is(raw: int) -> None:
+def test_quantizing_twice_changes_nothing(raw: int) -> None:
     mm = raw_to_mm(np.array(raw, np.uint16))
     assert quantize_mm(mm) == mm
 
@@ -66,20 +66,18 @@ def test_a_kinect_has_the_usual_focal_length() -> None:
 
 @pytest.mark.slow
 @given(st.floats(7.45, 7.55), st.floats(118.8, 121.2))
-def test_the_kinect_that_recorded_is_found_by_its_readings(
-    emitter_cm: float, reference_cm: float
-) -> None:
+def test_the_scale_of_the_recording_kinect_is_found(emitter_cm: float, reference_cm: float) -> None:
     recorder = RawDepthScale(emitter_cm, reference_cm)
     recorded = quantize_mm(np.arange(600, 4500, dtype=np.uint16), recorder)
-    played = quantize_mm(recorded, fit_scale([recorded]))
-    assert abs(played.astype(int) - recorded).max() <= 1
+    quantized = quantize_mm(recorded, fit_scale([recorded]))
+    assert abs(quantized.astype(int) - recorded).max() <= 1
 
 
 def test_without_readings_the_scale_is_nominal() -> None:
     assert fit_scale([np.zeros((480, 640), np.uint16)]) == NOMINAL
 
 
-def test_an_image_of_another_size_is_refused(tmp_path: Path) -> None:
+def test_an_image_of_another_size_is_rejected(tmp_path: Path) -> None:
     depth = np.zeros((480, 640), np.uint16)
     with pytest.raises(ValueError, match="480, 640, 3"):
         write_usb_frames(tmp_path, [(np.zeros((240, 320, 3), np.uint8), depth)])

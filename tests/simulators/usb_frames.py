@@ -1,4 +1,4 @@
-"""Frames as a Kinect sends them: packed 11-bit depth, Bayer color, packed 10-bit infrared."""
+"""Frames in a Kinect's USB format: packed 11-bit depth, Bayer color, packed 10-bit infrared."""
 
 import struct
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ DepthMm = NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class UsbFrames:
-    """A file of frames, ready to be played."""
+    """A file of frames for the Kinect simulator."""
 
     file: Path
     count: int
@@ -37,31 +37,34 @@ def write_usb_frames(
 ) -> UsbFrames:
     """Write frames to a new file in `folder`.
 
-    Color is (480, 640, 3) uint8 BGR, depth (480, 640) uint16 millimetres with 0 for no reading,
-    infrared (488, 640) uint16 below 1024: none at all, or one for each frame. `scale` is that of
-    the Kinect that shall play it; `fit_scale` finds the one that recorded the frames.
+    Args:
+        folder: Folder of the file.
+        frames: Color (480, 640, 3) uint8 BGR, and depth (480, 640) uint16 in millimeters with 0 for
+            no reading.
+        infrared: No images, or one for each frame: (488, 640) uint16 below 1024.
+        scale: Constants of the simulated Kinect; `fit_scale` finds those of a recording.
     """
-    file = folder / f"film-{len(list(folder.glob('film-*')))}.bin"
+    file = folder / f"frames-{len(list(folder.glob('frames-*')))}.bin"
     infrared_bytes = INFRARED_ROWS * COLUMNS * INFRARED_BITS // 8 if len(infrared) else 0
     count = 0
-    with file.open("wb") as opened:
-        opened.write(bytes(_HEADER_BYTES))
+    with file.open("wb") as stream:
+        stream.write(bytes(_HEADER_BYTES))
         for count, (bgr, depth_mm) in enumerate(frames, start=1):
             _check_shape(depth_mm, (ROWS, COLUMNS))
             _check_shape(bgr, (ROWS, COLUMNS, 3))
-            opened.write(pack_bits(mm_to_raw(depth_mm, scale), DEPTH_BITS).tobytes())
-            opened.write(to_bayer(bgr).tobytes())
+            stream.write(pack_bits(mm_to_raw(depth_mm, scale), DEPTH_BITS).tobytes())
+            stream.write(to_bayer(bgr).tobytes())
             if infrared_bytes:
                 _check_shape(infrared[count - 1], (INFRARED_ROWS, COLUMNS))
-                opened.write(pack_bits(infrared[count - 1], INFRARED_BITS).tobytes())
+                stream.write(pack_bits(infrared[count - 1], INFRARED_BITS).tobytes())
         sizes = (ROWS * COLUMNS * DEPTH_BITS // 8, ROWS * COLUMNS, infrared_bytes)
-        opened.seek(0)
-        opened.write(struct.pack("<5I", _MAGIC, count, *sizes))
+        stream.seek(0)
+        stream.write(struct.pack("<5I", _MAGIC, count, *sizes))
     return UsbFrames(file, count, scale)
 
 
 def to_bayer(bgr: ColorBgr) -> NDArray[np.uint8]:
-    """What a sensor behind the Kinect's color filters sees: green red / blue green."""
+    """Apply the Kinect's color filters: green red / blue green."""
     mosaic = np.ascontiguousarray(bgr[:, :, 1])
     mosaic[0::2, 1::2] = bgr[0::2, 1::2, 2]
     mosaic[1::2, 0::2] = bgr[1::2, 0::2, 0]
@@ -69,7 +72,7 @@ def to_bayer(bgr: ColorBgr) -> NDArray[np.uint8]:
 
 
 def pack_bits(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
-    """Values of `bits` (9 to 16) bits without gaps, the highest bit first.
+    """Pack values of `bits` (9 to 16) bits without gaps, the highest bit first.
 
     Eight values fill `bits` bytes, and no byte has bits of more than two values.
     """
@@ -84,4 +87,4 @@ def pack_bits(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
 
 def _check_shape(image: NDArray[np.generic], shape: tuple[int, ...]) -> None:
     if image.shape != shape:
-        raise ValueError(f"a Kinect's image has the shape {shape}, not {image.shape}")
+        raise ValueError(f"an image of a Kinect must have the shape {shape}, not {image.shape}")

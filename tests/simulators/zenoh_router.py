@@ -1,8 +1,8 @@
-"""A Zenoh router in a process of its own: what `zenohd` is on a real network.
+"""A Zenoh router in a separate process, like `zenohd` on a real network.
 
     python -m tests.simulators.zenoh_router ENDPOINT
 
-Runs until its standard input is closed.
+It runs until its standard input is closed.
 """
 
 import json
@@ -15,19 +15,19 @@ import zenoh
 
 
 class RouterProcess:
-    """A router that can be killed and started again at the same place."""
+    """A router that can be killed and started again at the same endpoint."""
 
     def __init__(self, endpoint: str) -> None:
         self.endpoint = endpoint
         self._process = self._start_process()
 
     def kill(self) -> None:
-        """As `kill -9` does."""
-        with self._process:  # closes the pipe, waits for the end
+        """Kill the router by SIGKILL."""
+        with self._process:  # closes the pipe and waits for the process
             self._process.kill()
 
     def start(self) -> None:
-        """Once it has been killed."""
+        """Start the router again after `kill`."""
         self._process = self._start_process()
 
     def _start_process(self) -> "subprocess.Popen[bytes]":
@@ -37,7 +37,7 @@ class RouterProcess:
 
 @contextmanager
 def running_router(endpoint: str) -> Iterator[RouterProcess]:
-    """A router, killed at the end."""
+    """Run a router; kill it at the end."""
     router = RouterProcess(endpoint)
     try:
         yield router

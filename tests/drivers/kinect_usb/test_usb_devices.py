@@ -75,7 +75,7 @@ def test_the_serial_number_chooses_between_two(
 ) -> None:
     kinects = [plug_in(serial="A1"), plug_in(serial="B2", model=KinectModel.K1473)]
     environment = simulator_environment(*kinects)
-    monkeypatch.setenv("PLAYED_KINECT", environment["PLAYED_KINECT"])
+    monkeypatch.setenv("KINECT_SIMULATOR", environment["KINECT_SIMULATOR"])
     assert [find_kinect(serial).model for serial in ("", "A1", "B2")] == [
         Label.K1414,
         Label.K1414,

@@ -1,23 +1,23 @@
-/* The audio device: on the 1473 and the K4W it also owns tilt, light and accelerometer.
+/* The audio device: on the 1473 and the K4W it also controls tilt, LED and accelerometer.
  *
- * Commands and answers are messages of 32-bit words on a pair of bulk endpoints. As it comes from
- * the factory the device knows only how to take its firmware, which the host must bring.
+ * Commands and replies are messages of 32-bit words on a pair of bulk endpoints. After power on the
+ * device only accepts its firmware, which the host must upload.
  */
 #include <string.h>
 
-#include "played.h"
+#include "simulator.h"
 
 #define COMMAND_MAGIC 0x06022009u
 #define ANSWER_MAGIC 0x0a6fe000u
 
-enum { WRITE_PAGE = 0x03, LAUNCH = 0x04 }; /* understood before the firmware is there */
+enum { WRITE_PAGE = 0x03, LAUNCH = 0x04 }; /* accepted before the firmware is loaded */
 enum { SET_LED = 0x10, READ_STATE = 0x8032, SET_TILT = 0x803b };
 enum { ANSWER_BYTES = 12, STATE_BYTES = 104, STATE_AT = 16, COMMAND_BYTES = 16 };
 
 static uint8_t *new_answer(struct libusb_device_handle *handle, int length)
 {
     if (handle->audio_reply_count == AUDIO_REPLIES)
-        handle->audio_reply_count = 0; /* nobody fetches them: the device starts afresh */
+        handle->audio_reply_count = 0; /* nothing reads them: restart */
     struct reply *reply = &handle->audio_replies[handle->audio_reply_count++];
     memset(reply, 0, sizeof *reply);
     reply->length = length;
@@ -41,7 +41,7 @@ static void answer_state(struct libusb_device_handle *handle)
     put32(state + 12, (uint32_t)tilt_now_deg(control, &moving));
 }
 
-/* The light's numbers differ from the 1414's, which the control file keeps. */
+/* The LED's numbers differ from the 1414's, which the control file has. */
 static uint32_t led_of_1414(uint32_t led)
 {
     static const uint32_t known[] = {[1] = 0, [2] = 4, [3] = 1, [4] = 2};
@@ -59,7 +59,7 @@ static void obey_firmware(struct libusb_device_handle *handle, uint32_t command,
         answer_state(handle);
 }
 
-/* What is not a page or the launch is passed over in silence: the host's read will time out. */
+/* Other commands are ignored: the host's read times out. */
 static void obey_bootloader(struct libusb_device_handle *handle, uint32_t command, uint32_t bytes,
                             uint32_t tag)
 {
@@ -98,7 +98,7 @@ void audio_command(struct libusb_device_handle *handle, const uint8_t *data, int
     answer_done(handle, tag);
 }
 
-/* Bytes of the oldest answer not yet fetched, 0 if there is none. */
+/* Bytes of the oldest unread reply, 0 if there is none. */
 int audio_answer(struct libusb_device_handle *handle, uint8_t *data, int room)
 {
     struct reply *first = handle->audio_replies;

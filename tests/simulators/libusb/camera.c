@@ -1,11 +1,11 @@
 /* The camera's control protocol: registers, calibration, the color sensor's own registers.
  *
- * A command is "GM", half its length, its number and a tag; the answer is fetched by a second
- * transfer and begins with "RB", half its length, the same number and tag.
+ * A command is "GM", half its length, its number and a tag. The host reads the reply by a second
+ * transfer; it begins with "RB", half its length, the same number and tag.
  */
 #include <string.h>
 
-#include "played.h"
+#include "simulator.h"
 
 enum command {
     READ_REGISTER = 0x02,
@@ -72,7 +72,7 @@ static int cmos_register(volatile struct control *control, const uint8_t *data, 
     return 6;
 }
 
-/* Bytes of the answer to a command with at least six bytes of data behind it. */
+/* Bytes of the reply to a command with at least six bytes of data. */
 static int answer_to(struct kinect *kinect, uint16_t command, const uint8_t *data, uint8_t *answer)
 {
     volatile struct control *control = kinect->control;
@@ -115,7 +115,7 @@ void camera_request(struct libusb_device_handle *handle, const uint8_t *data, in
     reply->length = HEADER_BYTES + bytes;
 }
 
-/* No bytes: there is no answer yet, ask again. A camera whose firmware hangs says that for ever. */
+/* No bytes: there is no reply yet. A camera whose firmware hangs never replies. */
 int camera_answer(struct libusb_device_handle *handle, uint8_t *data, int room)
 {
     struct reply *reply = &handle->camera_reply;

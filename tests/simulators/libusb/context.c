@@ -1,4 +1,4 @@
-/* The library as a whole, and which played Kinects it sees. */
+/* The library's context, and the simulated Kinects that it sees. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <stdio.h>
@@ -9,14 +9,14 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "played.h"
+#include "simulator.h"
 
-#define FILM_MAGIC 0x4D4C464Bu /* "KFLM" */
-enum { FILM_HEADER_BYTES = 64 };
+#define RECORDING_MAGIC 0x4D4C464Bu /* "KFLM" */
+enum { RECORDING_HEADER_BYTES = 64 };
 
 pthread_mutex_t bus_mutex = PTHREAD_MUTEX_INITIALIZER;
 
-/* Kinects stay mapped until the process ends: whoever holds a device may still ask it things. */
+/* Kinects stay mapped until the process ends: open devices may still be used. */
 static struct kinect *known_kinects;
 static struct libusb_context *default_context;
 
@@ -32,7 +32,7 @@ struct libusb_context *context_or_default(struct libusb_context *context)
     return context ? context : default_context;
 }
 
-/* The bytes of a file, shared with whoever else maps it; NULL if it cannot be. */
+/* Map a file, shared with other processes; NULL on failure. */
 static void *map_file(const char *path, int mode, size_t at_least)
 {
     struct stat status;
@@ -48,17 +48,17 @@ static void *map_file(const char *path, int mode, size_t at_least)
     return bytes == MAP_FAILED ? NULL : bytes;
 }
 
-static bool load_film(struct film *film, const char *path)
+static bool load_recording(struct recording *recording, const char *path)
 {
-    const uint8_t *bytes = map_file(path, O_RDONLY, FILM_HEADER_BYTES);
-    if (!bytes || get32(bytes) != FILM_MAGIC)
+    const uint8_t *bytes = map_file(path, O_RDONLY, RECORDING_HEADER_BYTES);
+    if (!bytes || get32(bytes) != RECORDING_MAGIC)
         return false;
-    film->count = get32(bytes + 4);
-    film->depth_bytes = get32(bytes + 8);
-    film->video_bytes = get32(bytes + 12);
-    film->infrared_bytes = get32(bytes + 16);
-    film->frames = bytes + FILM_HEADER_BYTES;
-    return film->count > 0;
+    recording->count = get32(bytes + 4);
+    recording->depth_bytes = get32(bytes + 8);
+    recording->video_bytes = get32(bytes + 12);
+    recording->infrared_bytes = get32(bytes + 16);
+    recording->frames = bytes + RECORDING_HEADER_BYTES;
+    return recording->count > 0;
 }
 
 static struct kinect *map_kinect(const char *path)
@@ -67,8 +67,9 @@ static struct kinect *map_kinect(const char *path)
     volatile struct control *control = map_file(path, O_RDWR, sizeof *control);
     bool same_version = control && control->magic == CONTROL_MAGIC &&
                         control->size == sizeof *control;
-    if (!kinect || !same_version || !load_film(&kinect->film, (const char *)control->film)) {
-        fprintf(stderr, "played Kinect: %s is not a control file of this version\n", path);
+    if (!kinect || !same_version ||
+        !load_recording(&kinect->recording, (const char *)control->recording)) {
+        fprintf(stderr, "Kinect simulator: %s is not a control file of this version\n", path);
         free(kinect);
         return NULL;
     }
@@ -86,13 +87,13 @@ static struct kinect *kinect_of(const char *path)
     return map_kinect(path);
 }
 
-/* PLAYED_KINECT names control files, one a Kinect, with colons between. It is looked at again
- * whenever devices are listed: a program's libusb may outlive a test's Kinect. */
+/* KINECT_SIMULATOR lists control files, one per Kinect, separated by colons. It is read whenever
+ * devices are listed: a program's libusb may outlive a test's Kinect. */
 void look_up_kinects(struct libusb_context *context)
 {
     char paths[PATH_ROOM], *rest = paths, *path;
-    const char *wanted = getenv("PLAYED_KINECT");
-    snprintf(paths, sizeof paths, "%s", wanted ? wanted : "");
+    const char *variable = getenv("KINECT_SIMULATOR");
+    snprintf(paths, sizeof paths, "%s", variable ? variable : "");
     if (strcmp(paths, context->paths) == 0)
         return;
     strcpy(context->paths, paths);
@@ -130,7 +131,7 @@ void libusb_exit(libusb_context *context)
     if (default_context == context)
         default_context = NULL;
     pthread_mutex_unlock(&bus_mutex);
-    /* Not freed: devices listed from it may live longer, and it is small. */
+    /* Not freed: its devices may live longer, and it is small. */
 }
 
 void libusb_set_debug(libusb_context *context, int level) { (void)context, (void)level; }
@@ -141,7 +142,7 @@ int libusb_set_option(libusb_context *context, int option, ...)
     return LIBUSB_SUCCESS;
 }
 
-/* No hot-plug callbacks: pyusb and libfreenect have no use for them. */
+/* No hot-plug callbacks: pyusb and libfreenect do not use them. */
 int libusb_has_capability(uint32_t capability) { return capability == 0; }
 
 int libusb_hotplug_register_callback(libusb_context *context, ...)
@@ -157,7 +158,7 @@ void libusb_hotplug_deregister_callback(libusb_context *context, int callback_ha
 
 const struct libusb_version *libusb_get_version(void)
 {
-    static const struct libusb_version version = {1, 0, 26, 0, "", "played Kinect"};
+    static const struct libusb_version version = {1, 0, 26, 0, "", "Kinect simulator"};
     return &version;
 }
 

@@ -1,7 +1,7 @@
-/* The bus: which devices are there, and how they hang together. */
+/* The bus: its devices and their tree. */
 #include <stdlib.h>
 
-#include "played.h"
+#include "simulator.h"
 
 /* A root hub and the four devices of a Kinect. */
 enum { MOST_DEVICES = MAX_KINECTS * 5 + 1 };
@@ -9,7 +9,7 @@ enum { FIRST_ADDRESS = 4, ADDRESSES_A_PLUGGING = 4, ADDRESSES = 120 };
 
 static struct libusb_device *known_devices;
 
-/* The device that stands for this function now: the same object as long as somebody holds it. */
+/* The device of this function: the same object as long as it is referenced. */
 static struct libusb_device *device_of(struct libusb_context *context, struct kinect *kinect,
                                        enum function function, struct libusb_device *parent,
                                        int bus)

@@ -1,9 +1,9 @@
-/* Waiting for transfers to end, and telling their owners. No thread of our own: whoever asks for
- * events sleeps until the next transfer ends. */
+/* Wait for transfers to end, and call their callbacks. There is no event thread: the caller that
+ * handles events sleeps until the next transfer ends. */
 #define _GNU_SOURCE
 #include <time.h>
 
-#include "played.h"
+#include "simulator.h"
 
 enum { LONGEST_WAIT_S = 60 };
 
@@ -19,7 +19,7 @@ static void make_condition(void)
     pthread_cond_init(&something_changed, &attributes);
 }
 
-/* A submission or a cancellation: whoever waits looks again. Hold the mutex. */
+/* Wake waiting callers after a submission or a cancellation. Hold the mutex. */
 void wake_waiting(void)
 {
     pthread_once(&condition_made, make_condition);
@@ -37,7 +37,7 @@ static struct transfer *take_any_ended(struct libusb_context *context, uint64_t 
     return transfer;
 }
 
-/* Whether any transfer had ended; those that end meanwhile are for the next call. */
+/* Whether any transfer had ended; those that end during the callbacks are for the next call. */
 static bool call_back_ended(struct libusb_context *context)
 {
     uint64_t now = now_ns();
@@ -64,7 +64,7 @@ static void wait_until(struct libusb_context *context, uint64_t deadline_ns)
     pthread_mutex_unlock(&bus_mutex);
 }
 
-/* Returns once something has ended and been told, or at the deadline. */
+/* Return after the callbacks of ended transfers, or at the deadline. */
 void handle_events_until(struct libusb_context *context, uint64_t deadline_ns)
 {
     pthread_once(&condition_made, make_condition);

@@ -1,17 +1,17 @@
-/* Opened devices: who may open, who holds an interface, the kernel's own driver. */
+/* Device handles: permissions, claimed interfaces, and the kernel driver. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "played.h"
+#include "simulator.h"
 
 enum { CLAIMS_A_FUNCTION = 8 };
 
-/* Takes or gives back one byte of the control file for as long as `file` is open. These are locks
- * of the open file, as the kernel's claims are of the open device: two opens of one process
- * exclude each other, and a process that is killed leaves nothing behind. */
+/* Lock or unlock one byte of the control file while `file` is open. The locks belong to the open
+ * file, as the kernel's claims belong to the open device: two handles of one process exclude each
+ * other, and a killed process leaves no locks. */
 static bool lock_byte(int file, short type, off_t at)
 {
     struct flock lock = {.l_type = type, .l_whence = SEEK_SET, .l_start = at, .l_len = 1};

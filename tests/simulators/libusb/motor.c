@@ -1,19 +1,19 @@
-/* The motor device of the 1414: tilt, light, accelerometer, by control transfers. */
+/* The motor device of the 1414: tilt, LED and accelerometer, by control transfers. */
 #include <stdlib.h>
 #include <string.h>
 
-#include "played.h"
+#include "simulator.h"
 
 enum { SET_LED = 0x06, READY = 0x10, SET_TILT = 0x31, STATE = 0x32 };
 enum { READY_YES = 0x22, STATE_BYTES = 10 };
 enum { STATUS_STOPPED = 0, STATUS_LIMIT = 1, STATUS_MOVING = 4 };
 enum { MOST_TILT_DEG = 31, ANGLE_UNKNOWN = -128 };
 
-/* Where the head is on its way from one angle to the other. */
+/* The angle of the head while it moves to its target. */
 int tilt_now_deg(const volatile struct control *control, bool *moving)
 {
     int whole = control->tilt_to_deg - control->tilt_from_deg;
-    uint64_t elapsed_us = (now_ns() - control->tilt_began_ns) / 1000u;
+    uint64_t elapsed_us = (now_ns() - control->tilt_start_ns) / 1000u;
     uint64_t travelled = elapsed_us * control->tilt_deg_per_s / 1000000u;
     *moving = travelled < (uint64_t)abs(whole);
     if (!*moving)
@@ -31,7 +31,7 @@ void set_tilt(volatile struct control *control, int degrees)
         degrees = -MOST_TILT_DEG;
     control->tilt_from_deg = from;
     control->tilt_to_deg = degrees;
-    control->tilt_began_ns = now_ns();
+    control->tilt_start_ns = now_ns();
 }
 
 int motor_request(struct kinect *kinect, uint8_t request, uint16_t value)

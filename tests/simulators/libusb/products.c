@@ -1,8 +1,8 @@
-/* What each device of a Kinect says of itself: identity, strings, interfaces, endpoints. */
+/* Descriptors of a Kinect's devices: identity, strings, interfaces, endpoints. */
 #include <stdlib.h>
 #include <string.h>
 
-#include "played.h"
+#include "simulator.h"
 
 enum { VENDOR_MICROSOFT = 0x045e, VENDOR_NEC = 0x0409, VENDOR_LINUX = 0x1d6b };
 enum { STRING_PRODUCT = 1, STRING_MANUFACTURER = 2, STRING_SERIAL = 3 };
@@ -19,7 +19,7 @@ static const struct product *product_of(const struct libusb_device *device)
 {
     static const struct product root_hub = {VENDOR_LINUX, 0x0002, 0x0515, CLASS_HUB,
                                             "EHCI Host Controller"};
-    /* The release of the camera is what tells a 1414 from a 1473. */
+    /* The release number of the camera distinguishes a 1414 from a 1473. */
     static const struct product products[3][AUDIO + 1] = {
         [MODEL_1414] = {
             [KINECT_HUB] = {VENDOR_NEC, 0x005a, 0x0100, CLASS_HUB, "Hub"},
@@ -64,7 +64,7 @@ void fill_device_descriptor(const struct libusb_device *device,
     };
 }
 
-/* NULL where there is no such string. */
+/* NULL if there is no such string. */
 const char *string_of(const struct libusb_device *device, uint8_t index)
 {
     const volatile struct control *control = device->kinect ? device->kinect->control : NULL;
@@ -79,7 +79,7 @@ const char *string_of(const struct libusb_device *device, uint8_t index)
     return NULL;
 }
 
-/* A configuration and all that hangs on it, in one piece of memory. */
+/* A configuration and its interfaces, in one allocation. */
 struct configuration {
     struct libusb_config_descriptor config;
     struct libusb_interface interfaces[2];
@@ -147,7 +147,7 @@ int libusb_get_config_descriptor(libusb_device *device, uint8_t index,
         .bDescriptorType = LIBUSB_DT_CONFIG,
         .wTotalLength = 32,
         .bConfigurationValue = 1,
-        .bmAttributes = 0xc0, /* powered by itself */
+        .bmAttributes = 0xc0, /* self-powered */
         .interface = all->interfaces,
     };
     if (device->function == CAMERA)

@@ -1,14 +1,14 @@
 /* Blocking transfers: control and bulk. */
 #include <string.h>
 
-#include "played.h"
+#include "simulator.h"
 
 enum { IN = 0x80, STANDARD_DEVICE_IN = 0x80, VENDOR_IN = 0xc0, VENDOR_OUT = 0x40 };
 enum { GET_DESCRIPTOR = 0x06, ENGLISH = 0x0409 };
 enum { BULK_OUT = 0x01, BULK_IN = 0x81 };
-/* A control transfer takes a few microframes; a program that polls without pause is held to it. */
+/* A control transfer takes a few microframes, even for a program that polls without pause. */
 enum { CONTROL_TRANSFER_NS = 2 * MICROFRAME_NS, BULK_POLL_NS = 1000000, NS_PER_MS = 1000000 };
-/* A transfer without a time-out waits for ever; nobody's test should. */
+/* A transfer without a timeout would wait forever; tests must not. */
 enum { FOR_EVER_MS = 60000 };
 
 /* A string descriptor is UTF-16; number 0 lists the languages. */
@@ -51,7 +51,7 @@ static int control_in(struct libusb_device_handle *handle, uint8_t request, uint
     return LIBUSB_ERROR_PIPE;
 }
 
-/* Why a transfer cannot be, 0 if it can. */
+/* Error of a transfer that is impossible, else 0. */
 static int refusal_of(const struct libusb_device_handle *handle)
 {
     if (in_a_callback())

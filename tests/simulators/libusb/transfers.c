@@ -1,13 +1,13 @@
-/* Isochronous transfers: which slots of the bus each one takes up, and how it ends.
+/* Isochronous transfers: the bus slots of each, and how it ends.
  *
- * A stream's transfers take up its slots one after the other, in the order in which they were
- * submitted. A program that is late has none waiting when packets come, and loses those: with
- * libfreenect's 16 transfers of 16 packets that is after 32 ms, as with the real bus.
+ * A stream's transfers occupy its slots one after the other, in the order of submission. If no
+ * transfer is submitted when packets arrive, they are lost: with libfreenect's 16 transfers of 16
+ * packets that is after 32 ms, as on a real bus.
  */
 #include <stdlib.h>
 #include <string.h>
 
-#include "played.h"
+#include "simulator.h"
 
 static struct transfer *own_part(struct libusb_transfer *public)
 {
@@ -51,17 +51,17 @@ static int refusal_of(const struct libusb_transfer *public, const struct transfe
         stream_of(public->endpoint) < 0)
         return LIBUSB_ERROR_NOT_SUPPORTED;
     if (control->starved || control->slow_bus || !reserved)
-        return LIBUSB_ERROR_IO; /* so the kernel's "no space" comes through on Linux */
+        return LIBUSB_ERROR_IO; /* what Linux reports for the kernel's "no space" */
     return transfer->submitted ? LIBUSB_ERROR_BUSY : LIBUSB_SUCCESS;
 }
 
-/* Where a transfer of so many packets begins: right behind those that wait already, unless their
- * time has passed. Otherwise it begins at a multiple of its own length, so that both streams'
- * transfers end together and wake the program once, not twice. */
+/* First slot of a transfer: right behind the submitted ones, unless their time has passed. Then it
+ * begins at a multiple of its own length, so that both streams' transfers end together and wake the
+ * program once, not twice. */
 static uint64_t next_slot(const struct libusb_device_handle *handle, int stream, unsigned packets)
 {
     uint64_t soonest = now_ns() / MICROFRAME_NS + 1, after_last = handle->next_slot[stream];
-    bool in_time = after_last >= soonest || handle->device->kinect->control->patient;
+    bool in_time = after_last >= soonest || handle->device->kinect->control->waits_for_reader;
     if (handle->queues[stream] && in_time)
         return after_last;
     return (soonest + packets - 1) / packets * packets;
@@ -111,8 +111,8 @@ static void take_off(struct libusb_device_handle *handle, int stream, struct tra
     handle->device->kinect->control->streams[stream].submitted_transfers--;
 }
 
-/* The device is closed with transfers under way. The real library forgets them too; but a driver
- * that does this has not stopped its streams, and the control file says so. */
+/* Drop the transfers of a device that is closed. The real library drops them too, but the driver
+ * has not stopped its streams, so the control file counts them. */
 void drop_transfers(struct libusb_device_handle *handle)
 {
     volatile struct control *control = handle->device->kinect->control;
@@ -144,8 +144,8 @@ static bool has_ended(const struct transfer *transfer, uint64_t now, bool gone)
     return gone || transfer->cancelled || ends_ns(transfer) <= now;
 }
 
-/* The next transfer of this device that has ended, off its queue and with its status set; NULL if
- * there is none. Hold the mutex. */
+/* Take the next ended transfer of this device from its queue, with its status set; NULL if there is
+ * none. Hold the mutex. */
 struct transfer *take_ended(struct libusb_device_handle *handle, uint64_t now)
 {
     bool gone = is_gone(handle);
@@ -165,7 +165,7 @@ struct transfer *take_ended(struct libusb_device_handle *handle, uint64_t now)
     return NULL;
 }
 
-/* When the first waiting transfer ends, or the deadline if that is sooner. Hold the mutex. */
+/* When the first submitted transfer ends, or the deadline if that is sooner. Hold the mutex. */
 uint64_t soonest_end(const struct libusb_context *context, uint64_t deadline_ns)
 {
     for (struct libusb_device_handle *handle = context->handles; handle; handle = handle->next)

@@ -1,12 +1,12 @@
-/* What travels on the wire at which instant.
+/* The packets on the wire, by time.
  *
- * The film runs on the host's monotonic clock: its frame k begins at film_began + k / rate,
- * and goes on whether or not anybody looks, as the world does. A frame's packets follow each other
- * in the slots of 125 microseconds; the rest of the frame's time its slots are empty.
+ * Playback runs on the host's monotonic clock: frame k begins at playback_start + k / rate, whether
+ * or not a program streams. A frame's packets follow each other in slots of 125 microseconds; the
+ * remaining slots of its period are empty.
  */
 #include <string.h>
 
-#include "played.h"
+#include "simulator.h"
 
 enum { HEADER_BYTES = 12 };
 enum { FIRST = 1, MIDDLE = 2, LAST = 5 }; /* in the low half of the flag */
@@ -14,7 +14,7 @@ enum { REGISTER_VIDEO = 0x05, REGISTER_DEPTH = 0x06, VIDEO_INFRARED = 3 };
 enum { TICKS_PER_S = 60000000 };
 #define NS_PER_S 1000000000
 
-/* One stream's part of a frame of the film. */
+/* One stream's part of a frame of the recording. */
 struct picture {
     const uint8_t *bytes;
     unsigned length, packet_bytes;
@@ -24,7 +24,7 @@ struct picture {
 static int64_t frame_begins_ns(const volatile struct control *control, enum stream stream,
                                int64_t frame)
 {
-    return (int64_t)control->film_began_ns + control->streams[stream].offset_ns +
+    return (int64_t)control->playback_start_ns + control->streams[stream].offset_ns +
            frame * NS_PER_S / control->rate;
 }
 
@@ -34,37 +34,37 @@ static int64_t frame_at(const volatile struct control *control, enum stream stre
     return since < 0 ? -1 : since * control->rate / NS_PER_S;
 }
 
-/* The first stream of all starts the film; a later one joins it. Should the film not have begun
- * when the second stream is switched on, its beginning waits, so that both show frame 0. */
+/* The first stream starts playback. If the second stream is switched on before frame 0 begins,
+ * frame 0 is delayed, so that both streams have it. */
 void stream_switched_on(struct kinect *kinect, enum stream stream)
 {
     volatile struct control *control = kinect->control;
     uint64_t now = now_ns(), begins = now + control->start_delay_ns;
-    bool fresh = control->film_began_ns == 0 || control->film_began_ns > now;
+    bool fresh = control->playback_start_ns == 0 || control->playback_start_ns > now;
     if (fresh)
-        control->film_began_ns = begins;
+        control->playback_start_ns = begins;
     control->streams[stream].sends_from_ns = fresh ? now : begins;
-    if (control->clock_began_frame < 0)
-        control->clock_began_frame = fresh ? 0 : frame_at(control, stream, begins) + 1;
+    if (control->clock_start_frame < 0)
+        control->clock_start_frame = fresh ? 0 : frame_at(control, stream, begins) + 1;
 }
 
 static uint32_t stamp_of(const volatile struct control *control, enum stream stream, int64_t frame)
 {
-    int64_t whole = (frame - control->clock_began_frame) * (TICKS_PER_S / control->rate);
+    int64_t whole = (frame - control->clock_start_frame) * (TICKS_PER_S / control->rate);
     int64_t offset = (int64_t)control->streams[stream].offset_ns * (TICKS_PER_S / 1000000) / 1000;
     int64_t drift = whole * control->clock_error_ppm / 1000000;
     return control->start_ticks + (uint32_t)(whole + offset + drift);
 }
 
-/* Which of the film's frames is shown; -1 for none. */
-static int64_t shown(const struct kinect *kinect, int64_t frame)
+/* Index in the recording of a frame of the playback; -1 for none. */
+static int64_t recorded_frame(const struct kinect *kinect, int64_t frame)
 {
-    int64_t count = kinect->film.count, way = frame % (2 * count);
+    int64_t count = kinect->recording.count, phase = frame % (2 * count);
     switch (kinect->control->loop) {
     case ONCE:
         return frame < count ? frame : -1;
     case THERE_AND_BACK:
-        return way < count ? way : 2 * count - 1 - way;
+        return phase < count ? phase : 2 * count - 1 - phase;
     default:
         return frame % count;
     }
@@ -72,16 +72,17 @@ static int64_t shown(const struct kinect *kinect, int64_t frame)
 
 static struct picture picture_of(const struct kinect *kinect, enum stream stream, int64_t frame)
 {
-    const struct film *film = &kinect->film;
-    size_t frame_bytes = (size_t)film->depth_bytes + film->video_bytes + film->infrared_bytes;
-    const uint8_t *start = film->frames + (size_t)shown(kinect, frame) * frame_bytes;
+    const struct recording *recording = &kinect->recording;
+    size_t frame_bytes =
+        (size_t)recording->depth_bytes + recording->video_bytes + recording->infrared_bytes;
+    const uint8_t *start = recording->frames + (size_t)recorded_frame(kinect, frame) * frame_bytes;
     bool infrared = kinect->control->registers[REGISTER_VIDEO] == VIDEO_INFRARED;
     if (stream == DEPTH)
-        return (struct picture){start, film->depth_bytes, 1748, 0x70};
-    start += film->depth_bytes;
+        return (struct picture){start, recording->depth_bytes, 1748, 0x70};
+    start += recording->depth_bytes;
     if (!infrared)
-        return (struct picture){start, film->video_bytes, 1908, 0x80};
-    return (struct picture){start + film->video_bytes, film->infrared_bytes, 1908, 0x80};
+        return (struct picture){start, recording->video_bytes, 1908, 0x80};
+    return (struct picture){start + recording->video_bytes, recording->infrared_bytes, 1908, 0x80};
 }
 
 static bool is_sent(const struct kinect *kinect, enum stream stream, int64_t frame)
@@ -89,7 +90,8 @@ static bool is_sent(const struct kinect *kinect, enum stream stream, int64_t fra
     const volatile struct control *control = kinect->control;
     const volatile struct stream_control *own = &control->streams[stream];
     uint16_t on = control->registers[stream == DEPTH ? REGISTER_DEPTH : REGISTER_VIDEO];
-    if (!on || own->stalled || control->film_began_ns == 0 || frame < 0 || shown(kinect, frame) < 0)
+    if (!on || own->stalled || control->playback_start_ns == 0 || frame < 0 ||
+        recorded_frame(kinect, frame) < 0)
         return false;
     return frame_begins_ns(control, stream, frame) >= (int64_t)own->sends_from_ns;
 }
@@ -115,7 +117,7 @@ static void write_header(uint8_t *packet, uint8_t flag, uint8_t sequence, uint32
     put32(packet + 8, stamp);
 }
 
-/* Bytes written to `packet`; 0 for an empty slot. */
+/* Number of bytes written to `packet`; 0 for an empty slot. */
 unsigned packet_in_slot(struct kinect *kinect, enum stream stream, uint64_t slot, uint8_t *packet,
                         unsigned room)
 {

@@ -118,7 +118,7 @@ def film_seqs(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
     to the truth, and a step between two is never longer than it should be, but may be half of it.
     """
     unix_s = time.time() - time.monotonic()
-    began_s = kinect._control.film_began_ns / 1e9 + unix_s
+    began_s = kinect._control.playback_start_ns / 1e9 + unix_s
     seqs = [round((stamps_s[-1] - began_s) * PLAYED_HZ)]
     for step_s in reversed(np.diff(stamps_s)):
         seqs.insert(0, seqs[0] - math.ceil(step_s * PLAYED_HZ - 0.05))

@@ -1,6 +1,6 @@
-/* What the files of this stand-in share. */
-#ifndef PLAYED_H
-#define PLAYED_H
+/* Declarations shared by the files of the simulated libusb. */
+#ifndef SIMULATOR_H
+#define SIMULATOR_H
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -11,10 +11,10 @@
 #include "libusb_abi.h"
 
 enum { MAX_KINECTS = 4 };
-enum { MICROFRAME_NS = 125000 }; /* USB 2: one isochronous packet an endpoint in each */
+enum { MICROFRAME_NS = 125000 }; /* USB 2: one isochronous packet per endpoint in each */
 
-/* The frames to send, as they travel. The file is written by wire_film.py. */
-struct film {
+/* The frames in USB format, from a file of usb_frames.py. */
+struct recording {
     const uint8_t *frames;
     uint32_t count, depth_bytes, video_bytes, infrared_bytes;
 };
@@ -23,11 +23,11 @@ struct kinect {
     struct kinect *next;
     char path[PATH_ROOM];
     volatile struct control *control;
-    struct film film;
+    struct recording recording;
 };
 
 struct libusb_context {
-    char paths[PATH_ROOM]; /* PLAYED_KINECT as it was when the Kinects were looked up */
+    char paths[PATH_ROOM]; /* KINECT_SIMULATOR at the last lookup of Kinects */
     struct kinect *kinects[MAX_KINECTS];
     int kinect_count;
     struct libusb_device_handle *handles;

@@ -40,8 +40,8 @@ class FrameFault:
 
 
 FRAME_FAULTS = (
-    FrameFault("black", FaultKind.BLACK, 8, "degraded", "too plain a view"),
-    FrameFault("in the dark", FaultKind.DARK, 8, "degraded", "too plain a view"),
+    FrameFault("black", FaultKind.BLACK, 8, "degraded", "degenerate view"),
+    FrameFault("in the dark", FaultKind.DARK, 8, "degraded", "degenerate view"),
     FrameFault("noise", FaultKind.NOISE, 8, "lost", "the keyframe's"),
     FrameFault("frozen", FaultKind.FROZEN, 8, "tracking"),
     FrameFault("torn", FaultKind.TORN, 8, "tracking"),

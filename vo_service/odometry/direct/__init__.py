@@ -1,1 +1,1 @@
-"""Parts of the keyframe odometry, see `vo_service.odometry.direct.odometry`."""
+"""Direct RGB-D odometry against keyframes; it starts in `odometry.py`."""

@@ -1,4 +1,4 @@
-"""The motion that lays a keyframe on a frame, from coarse to fine."""
+"""Alignment of a keyframe's points with a frame, from coarse to fine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, orthonormalize
 from vo_service.odometry.direct import residual_stats
-from vo_service.odometry.direct import warping as reading_columns
 from vo_service.odometry.direct.gauss_newton import INITIAL_SWEEPS, solve_level
 from vo_service.odometry.direct.grid import NUM_CELLS
 from vo_service.odometry.direct.image_pyramid import NUM_FINE_LEVELS, ImagePyramid
@@ -21,7 +20,8 @@ from vo_service.odometry.direct.normal_equations import (
 )
 from vo_service.odometry.direct.parameters import (
     INITIAL_SIGMAS,
-    TIME_SPANS_S,
+    MIN_STATIC_WEIGHT,
+    TREMOR_SPAN_S,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
 )
@@ -32,27 +32,27 @@ from vo_service.odometry.direct.rolling_shutter import (
     body_motion,
     zero_motion,
 )
-from vo_service.odometry.direct.warping import warp_and_sample
+from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_sample
 
 PointPyramid = Sequence[Array]
 
-# In this time a hand's turning changes by as much as from one frame to the next.
-TREMOR_SPAN_S, *_ = TIME_SPANS_S
-# Steps at most, by level.
+# Largest number of steps, by level.
 MAX_STEPS = (24, 24, 15, 12)
-# A step of so few metres and radians is the last one of its level: of the finest it is well below
-# the noise, of the others below what the next finer one mends.
+# A smaller step (m and rad) is the last one of its level: at the finest level it is well below the
+# noise, at the others below what the next finer level corrects.
 MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
 
 
 @dataclass(frozen=True)
 class MotionPrior:
-    """What is known of the movement before a frame is looked at.
+    """Prior of the motion, from the frames before.
 
-    T_keyframe_last  4x4, camera to keyframe, of the frame before
-    rate_hz          1 / the time since that frame; 0 without one
-    movement         (9,) expected, of the motion in the keyframe's axes, see `movement`
-    information      (9,) how well it is known by the mean velocity since the frame before
+    Attributes:
+        T_keyframe_last: 4x4, camera to keyframe, of the last frame.
+        rate_hz: 1 / the time since that frame; 0 without one.
+        motion: (9,) expected, of the keyframe's points in the keyframe's axes, see
+            `rolling_shutter`.
+        information: (9,) of that motion, given the mean velocity since the last frame.
     """
 
     T_keyframe_last: Array
@@ -61,17 +61,17 @@ class MotionPrior:
     information: Array
 
     def relaxed(self) -> "MotionPrior":
-        """Where the way since the last frame is not known: a velocity that may have changed."""
+        """Return a weaker prior for an unknown motion since the last frame."""
         sigma = VELOCITY_SIGMA_RANGE[1] * np.array(VELOCITY_SIGMA)
         return replace(self, rate_hz=0.0, information=velocity_information(sigma))
 
 
-# Of a frame laid on itself.
+# For a frame that is aligned with itself.
 STATIC_PRIOR = MotionPrior(np.eye(4), 0.0, zero_motion(), np.full(MOTION_SIZE, 1e6))
 
 
 def velocity_information(sigma: Array) -> Array:
-    """(9,) information of a movement whose velocity is known to sigma (2,), m/s and rad/s."""
+    """(9,) information of a motion whose velocity has sigma (2,), m/s and rad/s."""
     translation, rotation = sigma**-2.0
     acceleration = rotation * TREMOR_SPAN_S**2
     return np.repeat([translation, rotation, acceleration], 3)
@@ -79,14 +79,15 @@ def velocity_information(sigma: Array) -> Array:
 
 @dataclass(frozen=True)
 class DirectAlignment:
-    """Where a keyframe's points came to lie.
+    """Alignment of a keyframe's points with a frame.
 
-    T_camera_keyframe  4x4
-    movement           (9,) of the motion in the keyframe's axes, see `movement`
-    fit                (4,) gain, offset and the two spreads, see `system`
-    counts             (7,) see `measure`, of the finest level
-    readings           (N, COLUMNS), see `readings`, of the finest level's points
-    weights            (2, CELLS) that the cells had
+    Attributes:
+        T_camera_keyframe: 4x4.
+        motion: (9,) of the keyframe's points in the keyframe's axes, see `rolling_shutter`.
+        residual_model: (4,) gain, offset and the two sigmas, see `normal_equations`.
+        counts: (7,) of the finest level, see `residual_stats`.
+        samples: (N, COLUMNS) of the finest level's points, see `warping`.
+        cell_weights: (2, CELLS) of brightness and of depth.
     """
 
     T_camera_keyframe: Array
@@ -98,7 +99,7 @@ class DirectAlignment:
 
     @property
     def camera_motion(self) -> Array:
-        """(9,) of the camera in its own axes, see `movement`."""
+        """(9,) motion of the camera in its own axes, see `rolling_shutter`."""
         return body_motion(self.T_camera_keyframe, self.motion)
 
     @property
@@ -108,9 +109,9 @@ class DirectAlignment:
 
     @property
     def is_static(self) -> NDArray[np.bool_]:
-        """(CELLS,) which cells of the image fit as well as most do."""
-        still: NDArray[np.bool_] = self.cell_weights.max(axis=0) >= residual_stats.MIN_STATIC_WEIGHT
-        return still
+        """(CELLS,) which cells of the image do not move by themselves."""
+        is_static: NDArray[np.bool_] = self.cell_weights.max(axis=0) >= MIN_STATIC_WEIGHT
+        return is_static
 
     @property
     def affine_brightness(self) -> tuple[float, float]:
@@ -119,28 +120,28 @@ class DirectAlignment:
 
     @property
     def uses_brightness(self) -> bool:
-        """Whether brightness counted at all."""
+        """Whether brightness has any weight."""
         return bool(self.cell_weights[0].any())
 
 
 def uniform_weights() -> Array:
-    """(2, CELLS): every cell counts, by brightness and by depth."""
+    """(2, CELLS) equal weights of brightness and depth in every cell."""
     return np.ones((2, NUM_CELLS))
 
 
 def depth_only_weights() -> Array:
-    """(2, CELLS): brightness does not count."""
+    """(2, CELLS) weights without brightness."""
     weights = np.ones((2, NUM_CELLS))
     weights[0] = 0.0
     return weights
 
 
 def initial_residual_model(affine_brightness: tuple[float, float] = (1.0, 0.0)) -> Array:
-    """A fit to begin with."""
-    fit = np.empty(4)
-    fit[GAIN], fit[OFFSET] = affine_brightness
-    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = INITIAL_SIGMAS
-    return fit
+    """(4,) residual model before the first step."""
+    residual_model = np.empty(4)
+    residual_model[GAIN], residual_model[OFFSET] = affine_brightness
+    residual_model[SIGMA_BRIGHTNESS], residual_model[SIGMA_DEPTH] = INITIAL_SIGMAS
+    return residual_model
 
 
 def align(
@@ -151,21 +152,30 @@ def align(
     affine_brightness: tuple[float, float],
     cell_weights: Array,
 ) -> DirectAlignment:
-    """Lay a keyframe's points, an array for each level, on a frame.
+    """Align a keyframe's points with a frame.
 
-    starts    4x4 motions T_camera_keyframe; it begins at the one that fits best
-    light     gain and offset of the frame before
-    weights   (2, CELLS) of brightness and of depth, by the cell of the image
+    Args:
+        points: (N, COLUMNS) for each level, finest first.
+        images: The frame.
+        initial_guesses: 4x4 motions T_camera_keyframe; the one that fits best is refined.
+        prior: What is known of the motion.
+        affine_brightness: Gain and offset of the last frame.
+        cell_weights: (2, CELLS) of brightness and of depth, by the cell of the image.
     """
-    # A camera that comes back may have images of another size.
+    # After a reconnection the camera may have images of another size.
     coarsest = min(len(images.gray), len(points)) - 1
-    fit = initial_residual_model(affine_brightness)
-    costs = [_mean_cost(points, images, T, prior.motion, fit, coarsest) for T in initial_guesses]
-    T, movement = initial_guesses[int(np.argmin(costs))], prior.motion
-    # Coarse levels have too few points to tell regions by: those of the start are taken there.
-    at_start = _initial_region_weights(points, images, T, movement, fit.copy(), cell_weights)
+    residual_model = initial_residual_model(affine_brightness)
+    costs = [
+        _mean_cost(points, images, T, prior.motion, residual_model, coarsest)
+        for T in initial_guesses
+    ]
+    T, motion = initial_guesses[int(np.argmin(costs))], prior.motion
+    # Coarse levels have too few points for region weights: those of the initial guess are used.
+    initial_weights = _initial_region_weights(
+        points, images, T, motion, residual_model.copy(), cell_weights
+    )
     for level in range(coarsest, -1, -1):
-        T, movement = solve_level(
+        T, motion = solve_level(
             points[level],
             images.gray[level],
             images.intrinsics[level + 1],
@@ -175,20 +185,20 @@ def align(
             images.shutter.skew_s,
             images.vignetting,
             T,
-            movement,
+            motion,
             prior.T_keyframe_last,
             prior.rate_hz,
             prior.information,
-            cell_weights if level < NUM_FINE_LEVELS else at_start,
-            fit,
+            cell_weights if level < NUM_FINE_LEVELS else initial_weights,
+            residual_model,
             MAX_STEPS[level],
             MIN_STEP_SIZES[level],
         )
     T = orthonormalize(T)
-    readings = sample_points(points, images, T, movement, 0)
-    by_region = weigh_regions(points[0], readings, fit, cell_weights)
-    counts = residual_stats.count_residuals(points[0], readings, fit, by_region)
-    return DirectAlignment(T, movement, fit, counts, readings, by_region)
+    samples = sample_points(points, images, T, motion, 0)
+    region_weights = weigh_regions(points[0], samples, residual_model, cell_weights)
+    counts = residual_stats.count_residuals(points[0], samples, residual_model, region_weights)
+    return DirectAlignment(T, motion, residual_model, counts, samples, region_weights)
 
 
 def _initial_region_weights(
@@ -199,19 +209,19 @@ def _initial_region_weights(
     residual_model: Array,
     cell_weights: Array,
 ) -> Array:
-    """(2, CELLS) weights by how regions fit where the motion is begun."""
+    """(2, CELLS) weights of the regions at the initial guess."""
     level = min(NUM_FINE_LEVELS, len(images.gray)) - 1
-    readings = sample_points(points, images, T, motion, level)
+    samples = sample_points(points, images, T, motion, level)
     for _ in range(INITIAL_SWEEPS):
-        fit_affine_brightness(points[level], readings, cell_weights, residual_model)
-    return weigh_regions(points[level], readings, residual_model, cell_weights)
+        fit_affine_brightness(points[level], samples, cell_weights, residual_model)
+    return weigh_regions(points[level], samples, residual_model, cell_weights)
 
 
 def sample_points(
     points: PointPyramid, images: ImagePyramid, T: Array, motion: Array, level: int
 ) -> Array:
-    """(N, COLUMNS) readings of a level's points at a motion that is given."""
-    readings = np.empty((len(points[level]), reading_columns.NUM_SAMPLE_COLUMNS))
+    """(N, COLUMNS) samples of a level's points at a given motion."""
+    samples = np.empty((len(points[level]), NUM_SAMPLE_COLUMNS))
     warp_and_sample(
         points[level],
         T,
@@ -223,9 +233,9 @@ def sample_points(
         images.shutter.readout_s,
         images.shutter.skew_s,
         images.vignetting,
-        readings,
+        samples,
     )
-    return readings
+    return samples
 
 
 def _mean_cost(
@@ -236,10 +246,10 @@ def _mean_cost(
     residual_model: Array,
     level: int,
 ) -> float:
-    """Mean robust cost of all points; those out of view cost as much as the worst."""
-    readings = sample_points(points, images, T, motion, level)
+    """Mean robust cost of all points; those out of view have the largest cost."""
+    samples = sample_points(points, images, T, motion, level)
     counts = residual_stats.count_residuals(
-        points[level], readings, residual_model, uniform_weights()
+        points[level], samples, residual_model, uniform_weights()
     )
     missing = len(points[level]) - counts[residual_stats.IN_IMAGE]
     return float(counts[residual_stats.COST] + residual_stats.MAX_POINT_COST * missing) / max(

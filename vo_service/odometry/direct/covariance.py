@@ -1,8 +1,8 @@
-"""How sure an alignment is: its covariance, and which directions of motion it settles.
+"""Covariance of an alignment, and the directions of motion that it constrains.
 
-Neighbouring readings share errors: of the keyframe's depth, of interpolation, of calibration. How
-far cells of the image pull in different directions tells how much (the "sandwich" estimator for
-clustered observations: Liang and Zeger, Biometrika 73, 1986).
+Neighboring samples share errors: of the keyframe's depth, of interpolation, of calibration. The
+scatter of the scores of the image's cells shows how much: the "sandwich" estimator for clustered
+observations (Liang and Zeger, Biometrika 73, 1986).
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,6 @@ import numpy as np
 from drivers.core.geometry import Array, inverse, transport_covariance
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.degeneracy import DegeneracyAnalysis, analyze_degeneracy, point_information
-from vo_service.odometry.direct import warping as reading_columns
 from vo_service.odometry.direct.alignment import DirectAlignment, MotionPrior, PointPyramid
 from vo_service.odometry.direct.grid import NUM_CELLS
 from vo_service.odometry.direct.image_pyramid import ImagePyramid, ImageTiming
@@ -43,19 +42,27 @@ from vo_service.odometry.direct.parameters import (
     SLOPE_NOISE,
 )
 from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, NUM_UNKNOWNS
-from vo_service.odometry.direct.warping import NUM_ROW_BANDS
+from vo_service.odometry.direct.warping import (
+    NUM_ROW_BANDS,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_COLOR_BAND,
+    SAMPLE_DEPTH_BAND,
+    SAMPLE_DEPTH_RESIDUAL,
+)
 
-# Nothing is surer than this: what calibration and timing leave over, in m and rad.
+# Lower bound of the sigmas, in m and rad: errors of calibration and timing.
 MIN_SIGMAS = (1e-4, 1e-4)
 
 
 @dataclass(frozen=True)
 class MotionUncertainty:
-    """How sure a motion is.
+    """Uncertainty of a motion.
 
-    covariance  6x6 of T_keyframe_camera: (translation m, rotation rad), as a small motion in the
-                camera's axes
-    directions  which directions of a small motion of the keyframe's points the readings settle
+    Attributes:
+        covariance: 6x6 of T_keyframe_camera: (translation m, rotation rad), as a small motion in
+            the camera's axes.
+        degeneracy: Which directions of a small motion of the keyframe's points are constrained.
     """
 
     covariance: Array
@@ -63,14 +70,16 @@ class MotionUncertainty:
 
     @property
     def observability(self) -> float:
-        """Of the direction that the readings say the least of: see `DegeneracyAnalysis`."""
+        """Observability of the least constrained direction, see `DegeneracyAnalysis`."""
         return float(self.degeneracy.observability[0])
 
     @property
     def rejection_reason(self) -> str:
-        """Why the motion is not to be believed, though the keyframe fits; "" if it is."""
-        unknown = np.count_nonzero(self.degeneracy.observability < GATE_SIGMAS)
-        return f"too plain a view: {unknown} of 6 directions of motion are open" if unknown else ""
+        """Why the motion is rejected though the keyframe fits; "" if it is valid."""
+        count = np.count_nonzero(self.degeneracy.observability < GATE_SIGMAS)
+        if count == 0:
+            return ""
+        return f"degenerate view: {count} of 6 degrees of freedom are unconstrained"
 
 
 def estimate_uncertainty(
@@ -80,15 +89,19 @@ def estimate_uncertainty(
     prior: MotionPrior,
     velocity_noise: Array,
 ) -> MotionUncertainty:
-    """Of an alignment and what its velocity was tied to.
+    """Estimate the uncertainty of an alignment.
 
-    points     of the keyframe, an array for each level
-    agitation  (2,) how much the velocity changes from frame to frame, m/s and rad/s
+    Args:
+        points: (N, COLUMNS) of the keyframe for each level.
+        images: The frame.
+        alignment: The alignment of joint_covariance.
+        prior: The prior of its motion.
+        velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
     """
     shutter, finest = images.shutter, points[0]
     bands = accumulate(finest, alignment.samples, alignment.cell_weights, alignment.residual_model)
     H, _ = expand_rolling_shutter(bands, shutter.readout_s, shutter.skew_s)
-    pulls, moments = accumulate_scores(
+    scores, moments = accumulate_scores(
         finest,
         alignment.samples,
         alignment.cell_weights,
@@ -98,8 +111,8 @@ def estimate_uncertainty(
         images.intrinsics[1][0],
         images.intrinsics[0][0],
     )
-    pulls = np.vstack([pulls, _band_scores(bands, shutter)])
-    in_keyframe = COVARIANCE_INFLATION * _sandwich_covariance(H, pulls, prior)
+    scores = np.vstack([scores, _band_scores(bands, shutter)])
+    in_keyframe = COVARIANCE_INFLATION * _sandwich_covariance(H, scores, prior)
     in_keyframe += _velocity_noise_covariance(H, bands, shutter, velocity_noise)
     in_camera = transport_covariance(in_keyframe, inverse(alignment.T_camera_keyframe))
     floor = np.diag(np.repeat(np.square(MIN_SIGMAS), 3))
@@ -110,49 +123,51 @@ def estimate_uncertainty(
 
 
 def _sandwich_covariance(H: Array, scores: Array, prior: MotionPrior) -> Array:
-    """6x6 for what the readings disagree about, and for the movements of frame and keyframe."""
-    of_tie = _prior_information(prior)
-    bread = np.linalg.inv(_regularize(H + of_tie))
-    both = bread @ (scores.T @ scores + of_tie) @ bread
-    # The keyframe's rows were brought to one instant by a movement that is no better known.
-    moves = np.linalg.solve(_regularize(H[:6, :6]), H[:6, 6:])
-    covariance: Array = both[:6, :6] + moves @ both[6:, 6:] @ moves.T
+    """6x6 for the scatter of the scores, and for the motions of frame and keyframe."""
+    prior_information = _prior_information(prior)
+    bread = np.linalg.inv(_regularize(H + prior_information))
+    joint_covariance = bread @ (scores.T @ scores + prior_information) @ bread
+    # The keyframe's rows were corrected by a motion that has the same uncertainty.
+    sensitivity = np.linalg.solve(_regularize(H[:6, :6]), H[:6, 6:])
+    covariance: Array = (
+        joint_covariance[:6, :6] + sensitivity @ joint_covariance[6:, 6:] @ sensitivity.T
+    )
     return covariance
 
 
 def _band_scores(bands: Array, shutter: ImageTiming) -> Array:
-    """(2 BANDS, 15) what each band of rows pulls the motion and the movement by."""
-    pulls, times_s = bands[:, 21:], band_times(shutter.readout_s, shutter.skew_s)[:, None]
-    return np.hstack([pulls, times_s * pulls, 0.5 * times_s**2 * pulls[:, 3:]])
+    """(2 BANDS, 15) scores of pose and motion for each band of rows."""
+    scores, times_s = bands[:, 21:], band_times(shutter.readout_s, shutter.skew_s)[:, None]
+    return np.hstack([scores, times_s * scores, 0.5 * times_s**2 * scores[:, 3:]])
 
 
 def _velocity_noise_covariance(
     H: Array, bands: Array, shutter: ImageTiming, velocity_noise: Array
 ) -> Array:
-    """6x6 for how the camera strays from a constant velocity while it takes the rows of an image.
+    """6x6 for changes of the velocity during the readout of an image.
 
-    Each band of rows, of the frame and of the keyframe, is off by a motion of its own.
+    Each band of rows, of the frame and of the keyframe, has a motion error of its own.
     """
     if shutter.is_instant:
         return np.zeros((6, 6))
     span_s = shutter.readout_s + abs(shutter.skew_s)
-    # Rows are spread evenly over that time, and each is off by as long as it is from its middle.
-    stray = np.repeat((span_s * velocity_noise) ** 2 / 12.0, 3)
-    of_band = bands[:, UPPER_TRIANGLE]
-    spread = 2.0 * np.einsum("kij,j,klj->il", of_band, stray, of_band)
+    # Rows are evenly distributed over that time; the error of each grows with its time.
+    variance = np.repeat((span_s * velocity_noise) ** 2 / 12.0, 3)
+    band_information = bands[:, UPPER_TRIANGLE]
+    scatter = 2.0 * np.einsum("kij,j,klj->il", band_information, variance, band_information)
     bread = np.linalg.inv(_regularize(H[:6, :6]))
-    return np.asarray(bread @ spread @ bread, np.float64)
+    return np.asarray(bread @ scatter @ bread, np.float64)
 
 
 def _prior_information(prior: MotionPrior) -> Array:
-    """(15, 15) of the tie between motion and movement."""
-    both, rate_hz = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), prior.rate_hz
-    motion, velocity, movement = np.arange(6), np.arange(6, 12), np.arange(6, NUM_UNKNOWNS)
-    of_velocity = prior.information[:ACCELERATION_START]
-    both[motion, motion] = rate_hz**2 * of_velocity
-    both[motion, velocity] = both[velocity, motion] = -rate_hz * of_velocity
-    both[movement, movement] = prior.information
-    return both
+    """(15, 15) information of the prior, which couples pose and motion."""
+    information, rate_hz = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), prior.rate_hz
+    pose, velocity, motion = np.arange(6), np.arange(6, 12), np.arange(6, NUM_UNKNOWNS)
+    velocity_information = prior.information[:ACCELERATION_START]
+    information[pose, pose] = rate_hz**2 * velocity_information
+    information[pose, velocity] = information[velocity, pose] = -rate_hz * velocity_information
+    information[motion, motion] = prior.information
+    return information
 
 
 def _regularize(H: Array) -> Array:
@@ -170,12 +185,12 @@ def accumulate_scores(
     focal_px: float,
     depth_focal_px: float,
 ) -> tuple[Array, Array]:
-    """(CELLS, 15) what each cell pulls the motion and the movement by, and moments (4, 4).
+    """(CELLS, 15) scores of pose and motion for each cell, and moments (4, 4).
 
-    A cell's pull is sum w J' r, see `expand_rolling_shutter`. The moments are sum w v^2 q q^T, with q
-    the point (x, y, z, 1) and v^2 the variance of its derivative for the noise of its slopes.
+    A cell's score is sum w J' r, see `expand_rolling_shutter`. The moments are sum w v^2 q q^T,
+    with q the point (x, y, z, 1) and v^2 the variance of its derivative by the slope noise.
     """
-    pulls, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
+    scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
     J, q = np.empty(6), np.ones(4)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
     variance, variance_depth = (
@@ -183,23 +198,23 @@ def accumulate_scores(
         residual_model[SIGMA_DEPTH] ** 2,
     )
     for i in range(len(points)):
-        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
-        depth = samples[i, reading_columns.SAMPLE_DEPTH_RESIDUAL]
-        cell = int(samples[i, reading_columns.SAMPLE_CELL])
+        brightness = samples[i, SAMPLE_BRIGHTNESS]
+        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
+        cell = int(samples[i, SAMPLE_CELL])
         noise = 0.0
         if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
-            of_this = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
+            sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
             w = (
                 (DEGREES_OF_FREEDOM + 1.0)
-                / (DEGREES_OF_FREEDOM + residual * residual / of_this)
-                / of_this
+                / (DEGREES_OF_FREEDOM + residual * residual / sample_variance)
+                / sample_variance
             )
             w *= BRIGHTNESS_WEIGHT * cell_weights[0, cell]
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
-            row = (samples[i, reading_columns.SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
-            _add_score(pulls[cell], J, row * readout_s, w * residual)
+            row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
+            _add_score(scores[cell], J, row * readout_s, w * residual)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = (
                 (DEGREES_OF_FREEDOM + 1.0)
@@ -209,19 +224,19 @@ def accumulate_scores(
             w *= cell_weights[1, cell]
             noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
             fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J)
-            row = (samples[i, reading_columns.SAMPLE_DEPTH_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
-            _add_score(pulls[cell], J, row * readout_s + skew_s, w * depth)
+            row = (samples[i, SAMPLE_DEPTH_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
+            _add_score(scores[cell], J, row * readout_s + skew_s, w * depth)
         if noise > 0.0:
             q[:3] = points[i, :3]
             for a in range(4):
                 for b in range(4):
                     moments[a, b] += noise * q[a] * q[b]
-    return pulls, moments
+    return scores, moments
 
 
 @inline_kernel
 def _add_score(scores: Array, J: Array, delay_s: float, weighted_residual: float) -> None:
-    """Add what a reading of a time, by its weighted residual, pulls by."""
+    """Add the score of a sample at a time after the frame's stamp."""
     for k in range(6):
         scores[k] += weighted_residual * J[k]
         scores[6 + k] += delay_s * weighted_residual * J[k]

@@ -1,8 +1,8 @@
-"""A view too plain to hold the camera: along what it leaves open, it goes on as it moved before.
+"""Degenerate views: the prediction fills in for the unconstrained directions.
 
-What was expected and what was found are weighed by how sure each is: Kalman, "A New Approach to
-Linear Filtering and Prediction Problems" (Journal of Basic Engineering 82, 1960). What readings say
-of their own noise is left out: noise looks like knowledge where there is nothing else.
+Predicted and measured pose are fused by their information: Kalman, "A New Approach to Linear
+Filtering and Prediction Problems" (Journal of Basic Engineering 82, 1960). The information that
+noise alone adds is suppressed, as it would look like a constraint.
 """
 
 from dataclasses import replace
@@ -23,22 +23,23 @@ def fuse_with_prediction(
     motion_state: MotionState,
     stamp_s: float,
 ) -> tuple[TrackingResult, MotionUncertainty]:
-    """The same between what was expected and what was found, which says so, and as sure as both.
+    """Fuse the measured with the predicted pose, and mark the result as degraded.
 
-    The longer ago a view held the camera, the less is expected of it.
+    The prediction gets less weight the older the last well constrained frame is.
     """
     T_world_expected = motion_state.predict_pose(stamp_s)
-    off = se3_log(inverse(T_world_expected) @ result.T_world_camera)
-    change = result.alignment.camera_velocity - motion_state.velocity
+    innovation = se3_log(inverse(T_world_expected) @ result.T_world_camera)
+    velocity_change = result.alignment.camera_velocity - motion_state.velocity
     T_camera_keyframe = result.alignment.T_camera_keyframe
     W = uncertainty.degeneracy.noise_suppression
     W = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
     information = W.T @ np.linalg.inv(uncertainty.covariance) @ W
-    strayed = (stamp_s - motion_state.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA)
-    covariance = np.linalg.inv(np.diag(np.repeat(strayed**-2.0, 3)) + information)
-    share = covariance @ information
+    prediction_sigma = (stamp_s - motion_state.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA)
+    covariance = np.linalg.inv(np.diag(np.repeat(prediction_sigma**-2.0, 3)) + information)
+    gain = covariance @ information
     result = result.with_pose(
-        T_world_expected @ se3_exp(share @ off), motion_state.velocity + share @ change
+        T_world_expected @ se3_exp(gain @ innovation),
+        motion_state.velocity + gain @ velocity_change,
     )
     return (
         replace(result, degradation=uncertainty.rejection_reason),

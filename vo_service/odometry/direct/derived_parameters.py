@@ -1,15 +1,15 @@
-"""What follows from the parameters: between what the fit is sought, and where it is wrong."""
+"""Values that follow from the parameters: bounds of the residual model and of surfaces."""
 
-from vo_service.odometry.direct.parameters import HALF, INITIAL_SIGMAS, LITTLE
+from vo_service.odometry.direct.parameters import INITIAL_SIGMAS, MIN_GAIN, MIN_POINTS
 
-# Spreads of brightness, gray levels, and of depth, 1/m: beyond the first a better motion is looked
-# for; beyond the second it is wrong; and they are sought up to the last.
+# Sigmas of brightness (gray levels) and of depth (1/m): above the first pair a better motion is
+# searched for; above the second the motion is wrong; the last is the upper bound of the estimate.
 SUSPECT_SIGMAS = (0.8 * INITIAL_SIGMAS[0], 0.8 * INITIAL_SIGMAS[1])
 MAX_VALID_SIGMAS = (1.7 * INITIAL_SIGMAS[0], 1.7 * INITIAL_SIGMAS[1])
 MAX_SIGMAS = (3.0 * INITIAL_SIGMAS[0], 3.0 * INITIAL_SIGMAS[1])
-# Gains of brightness are sought between these.
-GAIN_RANGE = (HALF, 1.0 / HALF)
-# Depths (1/m) that differ by more are of two surfaces.
+# Fewest samples for an estimate of sigma.
+MIN_SIGMA_SAMPLES = 0.5 * MIN_POINTS
+# Bounds of the brightness gain.
+GAIN_RANGE = (MIN_GAIN, 1.0 / MIN_GAIN)
+# Inverse depths (1/m) that differ by more belong to two surfaces.
 MAX_SURFACE_STEP_PER_M = 10.0 * INITIAL_SIGMAS[1]
-# All but a little.
-MIN_CONSISTENT_SHARE = 1.0 - LITTLE

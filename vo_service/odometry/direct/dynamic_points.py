@@ -1,8 +1,8 @@
-"""What a new keyframe takes no points from: things that came by themselves.
+"""Removal of a new keyframe's points on dynamic objects.
 
-Where a keyframe has seen a surface, there was nothing before it. What stands there now has moved,
-and whatever follows it does not follow the room. What comes in from outside of all that was seen
-cannot be told by that: it has to wait until another keyframe has seen it where it is.
+Where a keyframe has seen a surface, the space before it was free. An object that is there now has
+moved, and points on it do not follow the room. Surfaces that no other keyframe has observed cannot
+be classified; their points wait until another keyframe has observed them.
 """
 
 from collections.abc import Iterable
@@ -15,17 +15,17 @@ from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
 from vo_service.odometry.direct.local_map import DirectKeyframe
-from vo_service.odometry.direct.parameters import LITTLE
+from vo_service.odometry.direct.parameters import MIN_KNOWN_SHARE, MIN_OBSERVED_SHARE
 from vo_service.odometry.direct.rolling_shutter import project
 from vo_service.odometry.direct.se3 import transform_point
 from vo_service.odometry.direct.warping import MAX_SAME_SURFACE_PER_M, MIN_DEPTH_M
 
-# The view is looked at in blocks of so many pixels, by the one in their middle.
+# The view is divided into blocks of this size; the pixel in the center stands for the block.
 BLOCK_PX, BLOCK_CENTER_PX = 8, 4
-# A place is seen through if all that is so many pixels around it is further away: edges are not
-# where they were by some pixels, and rows are not of one instant.
+# A block is in free space if everything this many pixels around it is further away: edges move by
+# some pixels, and rows have different times.
 EDGE_MARGIN_PX = BLOCK_PX
-# What others tell of a block.
+# State of a block by the views of other keyframes.
 UNKNOWN, OBSERVED, FREE_SPACE = 0, 1, 2
 
 BlockStates = NDArray[np.uint8]
@@ -35,29 +35,36 @@ DepthBlocks = NDArray[np.float32]
 def remove_dynamic_points(
     keyframe: DirectKeyframe, others: Iterable[DirectKeyframe]
 ) -> DirectKeyframe:
-    """A keyframe without points of surfaces that others have looked through, or never seen.
+    """Remove points on surfaces that are in free space of other keyframes or not observed.
 
-    Where others know too little of the view, it is left as it is.
+    If the others have observed too little of the view, the keyframe is returned unchanged.
     """
     images = keyframe.images
     blocks = images.inverse_depth[BLOCK_CENTER_PX::BLOCK_PX, BLOCK_CENTER_PX::BLOCK_PX].copy()
-    places = _backproject_blocks(blocks, images.intrinsics[0])
-    known = np.zeros(blocks.shape, np.uint8)
+    block_points = _backproject_blocks(blocks, images.intrinsics[0])
+    states = np.zeros(blocks.shape, np.uint8)
     for other in others:
         T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
-        seen = other.images
-        classify_from_view(T_other_keyframe, seen.inverse_depth, seen.intrinsics[0], places, known)
-    if np.count_nonzero(known) < LITTLE * np.count_nonzero(blocks):
+        images_of_other = other.images
+        classify_from_view(
+            T_other_keyframe,
+            images_of_other.inverse_depth,
+            images_of_other.intrinsics[0],
+            block_points,
+            states,
+        )
+    if np.count_nonzero(states) < MIN_KNOWN_SHARE * np.count_nonzero(blocks):
         return keyframe
-    strange = find_dynamic_blocks(blocks, known)
+    is_dynamic_block = find_dynamic_blocks(blocks, states)
     points = tuple(
-        level[~are_in_blocks(level, images.intrinsics[0], strange)] for level in keyframe.points
+        level[~are_in_blocks(level, images.intrinsics[0], is_dynamic_block)]
+        for level in keyframe.points
     )
     return replace(keyframe, points=points)
 
 
 def _backproject_blocks(blocks: DepthBlocks, intrinsics: Array) -> Array:
-    """(rows, columns, 3) where the blocks are, in their camera's axes; 0 without a reading."""
+    """(rows, columns, 3) positions of the blocks in their camera's axes, m; 0 without depth."""
     fx, fy, cx, cy = intrinsics
     rows, columns = np.indices(blocks.shape) * BLOCK_PX + BLOCK_CENTER_PX
     z = np.divide(1.0, blocks, out=np.zeros(blocks.shape), where=blocks > 0.0)
@@ -72,11 +79,14 @@ def classify_from_view(
     block_points: Array,
     states: BlockStates,
 ) -> None:
-    """Note what another view tells of each place that nothing is known of yet.
+    """Classify the blocks that are still unknown by the view of another keyframe.
 
-    inverse_depth, intrinsics  (H, W) of the other view, 1/m; 0 = no reading
-    places                     (rows, columns, 3) in the camera's axes, m; z = 0 without a reading
-    known                      (rows, columns) in and out: who is asked first has the say
+    Args:
+        T_other_camera: 4x4.
+        inverse_depth: (H, W) of the other view, 1/m; 0 = no reading.
+        intrinsics: (4,) of the other view.
+        block_points: (rows, columns, 3) in the camera's axes, m; z = 0 without depth.
+        states: (rows, columns), in and out: known blocks are not changed.
     """
     for i in range(states.shape[0]):
         for j in range(states.shape[1]):
@@ -93,15 +103,15 @@ def classify_from_view(
 
 @inline_kernel
 def _classify_surface(inverse_depth: DepthBlocks, u: float, v: float, w: float) -> int:
-    """What a view tells of a surface at a pixel and at 1/z of w."""
+    """State of a surface at a pixel and an inverse depth w, by a view."""
     height, width = inverse_depth.shape
     column, row = int(u + 0.5), int(v + 0.5)
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
         return UNKNOWN
-    there = inverse_depth[row, column]
-    if there <= 0.0 or there > w + MAX_SAME_SURFACE_PER_M:
+    inverse_depth_there = inverse_depth[row, column]
+    if inverse_depth_there <= 0.0 or inverse_depth_there > w + MAX_SAME_SURFACE_PER_M:
         return UNKNOWN
-    if there >= w - MAX_SAME_SURFACE_PER_M:
+    if inverse_depth_there >= w - MAX_SAME_SURFACE_PER_M:
         return OBSERVED
     if not (
         EDGE_MARGIN_PX <= row < height - EDGE_MARGIN_PX
@@ -110,40 +120,40 @@ def _classify_surface(inverse_depth: DepthBlocks, u: float, v: float, w: float) 
         return UNKNOWN
     for dv in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
         for du in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
-            beside = inverse_depth[row + dv, column + du]
-            if not 0.0 < beside < w - MAX_SAME_SURFACE_PER_M:
+            neighbor = inverse_depth[row + dv, column + du]
+            if not 0.0 < neighbor < w - MAX_SAME_SURFACE_PER_M:
                 return UNKNOWN
     return FREE_SPACE
 
 
 @kernel
 def find_dynamic_blocks(blocks: DepthBlocks, states: BlockStates) -> NDArray[np.bool_]:
-    """(rows, columns) blocks seen through, those of strange surfaces, and a rim around both."""
+    """(rows, columns) blocks in free space and of dynamic surfaces, with a margin of one block."""
     rows, columns = blocks.shape
-    strange = np.zeros((rows, columns), np.bool_)
-    is_done = blocks <= 0.0
+    is_dynamic_block = np.zeros((rows, columns), np.bool_)
+    is_visited = blocks <= 0.0
     surface = np.empty((rows * columns, 2), np.int64)
     for i in range(rows):
         for j in range(columns):
-            if is_done[i, j]:
+            if is_visited[i, j]:
                 continue
-            size = _flood_fill_surface(blocks, is_done, i, j, surface)
-            seen = through = 0
+            size = _flood_fill_surface(blocks, is_visited, i, j, surface)
+            observed = in_free_space = 0
             for a, b in surface[:size]:
-                seen += states[a, b] == OBSERVED
-                through += states[a, b] == FREE_SPACE
-            is_strange = through > seen or seen < LITTLE * size
+                observed += states[a, b] == OBSERVED
+                in_free_space += states[a, b] == FREE_SPACE
+            is_dynamic_surface = in_free_space > observed or observed < MIN_OBSERVED_SHARE * size
             for a, b in surface[:size]:
-                if is_strange or states[a, b] == FREE_SPACE:
-                    strange[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = True
-    return strange
+                if is_dynamic_surface or states[a, b] == FREE_SPACE:
+                    is_dynamic_block[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = True
+    return is_dynamic_block
 
 
 @kernel
 def _flood_fill_surface(
     blocks: DepthBlocks, is_visited: NDArray[np.bool_], i: int, j: int, surface: NDArray[np.int64]
 ) -> int:
-    """Fill in the blocks of the surface that a block belongs to; how many there are."""
+    """Fill in the blocks of the surface that a block belongs to, and return their number."""
     rows, columns = blocks.shape
     surface[0, 0], surface[0, 1] = i, j
     is_visited[i, j] = True
@@ -166,12 +176,12 @@ def _flood_fill_surface(
 def are_in_blocks(
     points: Array, intrinsics: Array, is_selected: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """(N,) whether points of a keyframe lie in the blocks chosen (rows, columns)."""
+    """(N,) whether points of a keyframe lie in the selected blocks (rows, columns)."""
     rows, columns = is_selected.shape
-    is_there = np.zeros(len(points), np.bool_)
+    is_inside = np.zeros(len(points), np.bool_)
     for n in range(len(points)):
         u, v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
         row = min(max(int(v / BLOCK_PX), 0), rows - 1)
         column = min(max(int(u / BLOCK_PX), 0), columns - 1)
-        is_there[n] = is_selected[row, column]
-    return is_there
+        is_inside[n] = is_selected[row, column]
+    return is_inside

@@ -1,4 +1,4 @@
-"""Finding the camera by features, where it is not where it was expected."""
+"""Search for the keyframes in view by features, where the prediction fails."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,21 +18,21 @@ from vo_service.odometry.ransac import find_consensus
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.parameters import SurfParameters
 
-# A sighting is only where an alignment begins, which then shows whether it is right. A shutter that
-# rolls bends what is seen: few of the matches agree with any one motion.
+# A match is only the initial guess of an alignment, which verifies it. A rolling shutter distorts
+# the view, so that few of the feature matches agree with any one motion.
 FEATURE_MATCH_VERIFIER = MatchVerifier(*FEATURE_INLIER_SHARES)
 
 
 @dataclass(frozen=True)
 class KeyframeMatch:
-    """A keyframe that is in view, and the motion T_camera_keyframe (4x4) that features give."""
+    """A keyframe in view, and the motion T_camera_keyframe (4x4) by features."""
 
     keyframe: DirectKeyframe
     T_camera_keyframe: Array
 
 
 class FeatureSearch:
-    """SURF on a frame and on keyframes; a keyframe's are found once, when they are first needed."""
+    """SURF features of a frame and of keyframes; those of a keyframe are cached."""
 
     def __init__(self, extractor: SurfExtractor) -> None:
         self.extractor = extractor
@@ -42,7 +42,7 @@ class FeatureSearch:
     def find_matches(
         self, frame: RgbdFrame, keyframes: Sequence[DirectKeyframe]
     ) -> Iterator[KeyframeMatch]:
-        """The keyframes that enough features of a frame agree with, in their order."""
+        """Yield the keyframes that enough features of a frame agree with, in their order."""
         view = self._make_view(frame)
         for keyframe in keyframes:
             if keyframe not in self._views:
@@ -58,7 +58,7 @@ class FeatureSearch:
         )
 
     def _estimate_motion(self, view: FeatureView, reference: FeatureView) -> Array | None:
-        """4x4 T_reference_camera; None if features that agree may do so by chance."""
+        """4x4 T_reference_camera; None if the features may agree by chance."""
         parameters = self._parameters
         pairs = match_features(view.features, reference.features, parameters.match_ratio)
         matches = pair_points(

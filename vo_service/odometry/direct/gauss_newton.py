@@ -1,11 +1,10 @@
-"""Gauss-Newton on one level: the motion that lays a keyframe on a frame, and its movement."""
+"""Gauss-Newton on one level: the pose that aligns a keyframe with a frame, and the motion."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.direct import warping as reading_columns
 from vo_service.odometry.direct.normal_equations import (
     accumulate,
     expand_rolling_shutter,
@@ -15,12 +14,11 @@ from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
 from vo_service.odometry.direct.region_weights import weigh_regions
 from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, MOTION_SIZE, body_motion
 from vo_service.odometry.direct.se3 import compose, se3_exp, se3_log
-from vo_service.odometry.direct.warping import warp_and_sample
+from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_sample
 
-# The spreads are found with the first step, in so many sweeps; then once a step.
+# Updates of the residual model in the first step; later steps have one.
 INITIAL_SWEEPS = 3
-# Directions that nothing in view settles are left alone: steps along them cost as if they were
-# known to what the velocity makes of them in this time.
+# Unconstrained directions are damped: their sigma is that of the velocity over this time.
 DAMPING_SPAN_S = 1.0
 
 
@@ -44,18 +42,32 @@ def solve_level(
     max_steps: int,
     min_step_size: float,
 ) -> tuple[Array, Array]:
-    """T_camera_keyframe and the movement after some steps.
+    """Refine T_camera_keyframe and the motion on one level.
 
-    movement         (9,) expected, of the motion in the keyframe's axes, see `movement`
-    falloff          see `warp_and_sample`
-    T_keyframe_last  4x4, camera to keyframe, of the frame before
-    rate_hz          frames a second since that; 0 ties the velocity to nothing but itself
-    information      (9,) how well the movement is known by the way since the frame before
-    fit              see `system`; in and out
-    last_step        a step as small as this, in m and rad, is the last
+    Args:
+        points: (N, COLUMNS) of the level.
+        gray: (h, w) of the level.
+        intrinsics: (4,) of the level.
+        inverse_depth: (H, W), 1/m; 0 = no reading.
+        depth_intrinsics: (4,) of the whole size.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the depth image after the color image.
+        vignetting: See `warp_and_sample`.
+        T_camera_keyframe: 4x4 initial guess.
+        motion: (9,) expected, of the keyframe's points in the keyframe's axes.
+        T_keyframe_last: 4x4, camera to keyframe, of the last frame.
+        rate_hz: 1 / the time since that frame; with 0 it does not constrain the velocity.
+        prior_information: (9,) of the motion.
+        base_weights: (2, CELLS) before the weights of the regions.
+        residual_model: (4,), in and out, see `normal_equations`.
+        max_steps: Largest number of steps.
+        min_step_size: A smaller step, in m and rad, is the last one.
+
+    Returns:
+        T_camera_keyframe 4x4 and the motion (9,).
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
-    readings = np.empty((len(points), reading_columns.NUM_SAMPLE_COLUMNS))
+    samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
     for step in range(max_steps):
         warp_and_sample(
             points,
@@ -68,12 +80,12 @@ def solve_level(
             readout_s,
             skew_s,
             vignetting,
-            readings,
+            samples,
         )
-        cell_weights = weigh_regions(points, readings, residual_model, base_weights)
+        cell_weights = weigh_regions(points, samples, residual_model, base_weights)
         for _ in range(INITIAL_SWEEPS if step == 0 else 1):
-            fit_affine_brightness(points, readings, cell_weights, residual_model)
-        bands = accumulate(points, readings, cell_weights, residual_model)
+            fit_affine_brightness(points, samples, cell_weights, residual_model)
+        bands = accumulate(points, samples, cell_weights, residual_model)
         H, g = expand_rolling_shutter(bands, readout_s, skew_s)
         if rate_hz != 0.0:
             expected[:ACCELERATION_START] = se3_log(compose(T_keyframe_last, T)) * rate_hz
@@ -89,7 +101,7 @@ def solve_level(
 
 @kernel
 def add_damping(H: Array) -> None:
-    """Leave alone what nothing in view settles: see `DAMPING_SPAN_S`."""
+    """Damp unconstrained directions, see `DAMPING_SPAN_S`; H (15, 15) in place."""
     for i in range(3):
         H[i, i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[0]) ** 2
         H[3 + i, 3 + i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[1]) ** 2
@@ -99,9 +111,14 @@ def add_damping(H: Array) -> None:
 def add_motion_prior(
     H: Array, g: Array, motion_error: Array, rate_hz: float, prior_information: Array
 ) -> None:
-    """Add what is known of the movement: its velocity is about the mean since the frame before.
+    """Add the prior: the velocity is about the mean since the last frame.
 
-    off  (9,) how far it is from that now
+    Args:
+        H: (15, 15), in and out.
+        g: (15,), in and out.
+        motion_error: (9,) difference of the motion from its expected value.
+        rate_hz: 1 / the time since the last frame.
+        prior_information: (9,) of the motion.
     """
     for i in range(MOTION_SIZE):
         P = prior_information[i]
@@ -116,7 +133,7 @@ def add_motion_prior(
 
 @kernel
 def solve_cholesky(A: Array, b: Array) -> Array:
-    """Solve A x = b by Cholesky's factors; A is symmetric and positive definite."""
+    """Solve A x = b by Cholesky factorization; A is symmetric and positive definite."""
     n = len(b)
     L = np.zeros((n, n))
     x = b.copy()

@@ -1,4 +1,4 @@
-"""The image in cells, so that regions of it can be told apart."""
+"""Grid of cells over the image, for weights by region."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ ALL_STATIC = np.ones(NUM_CELLS, np.bool_)
 
 @inline_kernel
 def cell_index(u_share: float, v_share: float) -> int:
-    """Number of the cell at a place in the image, given as shares of its width and its height."""
+    """Index of the cell at a position, given as shares of the image's width and height."""
     row = min(max(int(v_share * CELL_ROWS), 0), CELL_ROWS - 1)
     column = min(max(int(u_share * CELL_COLUMNS), 0), CELL_COLUMNS - 1)
     return row * CELL_COLUMNS + column

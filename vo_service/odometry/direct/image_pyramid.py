@@ -1,4 +1,4 @@
-"""A frame as the alignment reads it: brightness in several sizes, inverse depth, and its timing."""
+"""Image pyramid of a frame: brightness in several sizes, inverse depth, and timing."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,22 +14,22 @@ from drivers.core.jit import kernel
 from vo_service.odometry.direct.derived_parameters import GAIN_RANGE
 from vo_service.odometry.direct.parameters import POINT_BLOCKS_PX
 
-# Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
-# gains nothing: a Kinect's colors are interpolated, and edges in it are 2 pixels wide.
+# Brightness in 1/2, 1/4, 1/8 and 1/16 of the frame's size. The whole size gains nothing: a Kinect's
+# colors are interpolated, and its edges are 2 pixels wide.
 NUM_LEVELS = len(POINT_BLOCKS_PX)
-# Of these, those on which regions that move by themselves are told, and a motion that is nearly
-# right is made exact.
+# Finest levels, on which moving regions are detected and a good motion is refined.
 NUM_FINE_LEVELS = 2
-# Smaller images than this are left out, but for the largest.
+# Smaller images are omitted, except the largest one.
 MIN_IMAGE_PX = 12
 
 
 @dataclass(frozen=True)
 class ImageTiming:
-    """When rows were taken, counted from the instant of the color image's middle row.
+    """Times of the rows, relative to the middle row of the color image.
 
-    readout_s  from the first row to the last, of both images
-    skew_s     middle row of the depth image after that of the color image
+    Attributes:
+        readout_s: From the first row to the last, of both images.
+        skew_s: Middle row of the depth image after that of the color image.
     """
 
     readout_s: float
@@ -37,12 +37,12 @@ class ImageTiming:
 
     @property
     def is_instant(self) -> bool:
-        """Whether both images are of one instant."""
+        """Whether all rows of both images have the same time."""
         return self.readout_s == 0.0 and self.skew_s == 0.0
 
 
 class HasMeanBrightness(Protocol):
-    """Something of which the mean brightness is known, in gray levels."""
+    """A view with a known mean brightness, in gray levels."""
 
     @property
     def mean_brightness(self) -> float: ...
@@ -50,12 +50,15 @@ class HasMeanBrightness(Protocol):
 
 @dataclass(frozen=True)
 class ImagePyramid:
-    """What is read of a frame.
+    """Images of a frame for the alignment.
 
-    gray           (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before
-    inverse_depth  (H, W) float32, 1/m; 0 = no reading
-    camera         intrinsics of the whole size
-    falloff        of the lens's light, see `falloff`
+    Attributes:
+        gray: (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before.
+        inverse_depth: (H, W) float32, 1/m; 0 = no reading.
+        camera: Intrinsics of the whole size.
+        shutter: Times of the rows.
+        stamp_s: Of the frame.
+        vignetting: Of the lens, see `VignettingEstimate`.
     """
 
     gray: tuple[NDArray[np.uint8], ...]
@@ -73,27 +76,29 @@ class ImagePyramid:
         return tuple(scale_intrinsics(whole, level) for level in range(len(self.gray) + 1))
 
     def brightness_ratio(self, other: HasMeanBrightness) -> float:
-        """How many times as bright as another view, within what is believed of a gain."""
+        """Ratio to the brightness of another view, within the bounds of the gain."""
         ratio = (self.mean_brightness + 1.0) / (other.mean_brightness + 1.0)
         return float(min(max(ratio, GAIN_RANGE[0]), GAIN_RANGE[1]))
 
     @cached_property
     def mean_brightness(self) -> float:
-        """Of the whole image, gray levels."""
+        """Mean of the whole image, gray levels."""
         return float(self.gray[-1].mean())
 
 
 def scale_intrinsics(intrinsics: Array, level: int) -> Array:
-    """Intrinsics of an image halved so many times; the centre of its first pixel is (0, 0)."""
+    """Intrinsics (4,) of an image halved `level` times; its first pixel's center is (0, 0)."""
     fx, fy, cx, cy = intrinsics
     scale = 2.0**-level
     return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
 
 
 def build_image_pyramid(frame: RgbdFrame, vignetting: float = 0.0) -> ImagePyramid:
-    """Prepare a frame."""
+    """Build the image pyramid of a frame."""
     depth_raw = frame.depth_raw.view()
-    depth_raw.flags.writeable = False  # as some cameras' are: one kind of array is compiled
+    depth_raw.flags.writeable = (
+        False  # one array type to compile: some cameras' arrays are read-only
+    )
     return ImagePyramid(
         gray=_downscale(frame.gray),
         inverse_depth=invert_depth(depth_raw, float(frame.depth_factor)),
@@ -119,7 +124,7 @@ def _downscale(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
 
 @kernel
 def invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
-    """(H, W) inverse depth in 1/m of the sensor's values; 0 where there is no reading."""
+    """(H, W) inverse depth in 1/m from the sensor's values; 0 = no reading."""
     inverse_depth = np.empty(depth_raw.shape, np.float32)
     height, width = depth_raw.shape
     factor = np.float32(depth_factor)

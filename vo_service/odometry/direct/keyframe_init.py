@@ -1,4 +1,4 @@
-"""A first keyframe is made before the camera's velocity is known; the second frame tells it."""
+"""Correction of the first keyframe, once the second frame shows the camera's velocity."""
 
 from drivers.core.geometry import inverse
 from vo_service.odometry.direct.alignment import align, uniform_weights
@@ -10,30 +10,27 @@ from vo_service.odometry.direct.recovery import TrackingResult
 from vo_service.odometry.direct.rolling_shutter import constant_velocity_motion
 from vo_service.odometry.direct.se3 import se3_log
 
-# Each time the keyframe's rows are brought to its stamp by the velocity that was found before: none
-# where the second frame comes too late to tell.
+# Each iteration corrects the keyframe's rows by the velocity of the one old. The velocity is zero
+# if the second frame comes too late.
 ITERATIONS = 2
 
 
 def reinitialize(
     result: TrackingResult, images: ImagePyramid, motion_state: MotionState
 ) -> TrackingResult:
-    """The second frame, laid on the first one made into a keyframe again."""
+    """Rebuild the first keyframe by the velocity, and align the second frame with it again."""
     for _ in range(ITERATIONS):
-        before = result.keyframe
+        old = result.keyframe
         T_first_second = inverse(result.alignment.T_camera_keyframe)
-        movement = constant_velocity_motion(se3_log(T_first_second) * result.prior.rate_hz)
-        keyframe = make_keyframe(
-            before.frame, before.images, before.T_world_keyframe, movement, ALL_STATIC
-        )
-        start = result.alignment.T_camera_keyframe
-        again = align(
+        motion = constant_velocity_motion(se3_log(T_first_second) * result.prior.rate_hz)
+        keyframe = make_keyframe(old.frame, old.images, old.T_world_keyframe, motion, ALL_STATIC)
+        alignment = align(
             keyframe.points,
             images,
-            [start],
+            [result.alignment.T_camera_keyframe],
             result.prior,
             motion_state.affine_brightness,
             uniform_weights(),
         )
-        result = TrackingResult(keyframe, again, result.prior)
+        result = TrackingResult(keyframe, alignment, result.prior)
     return result

@@ -1,8 +1,7 @@
-"""The points of a keyframe that later frames are laid on: the best of each small block.
+"""Selection of a keyframe's points: the best pixel of each small block.
 
-Where a block has texture it is the pixel of the steepest brightness; else its middle, for its shape
-alone. Every point has a depth of its own: that of a plane fitted around it, which averages the
-sensor's noise.
+In a block with texture it is the pixel of the steepest brightness; else its center, used for depth
+only. The depth of a point is that of a plane fitted around it, which averages the sensor's noise.
 """
 
 import numpy as np
@@ -31,9 +30,9 @@ from vo_service.odometry.direct.rolling_shutter import (
 )
 from vo_service.odometry.plane_fit import fit_plane
 
-# Columns of a point: where it is (x, y, z in m), its brightness, the variance of that for the
-# interpolation, how brightness changes with its place (3, gray / m), how the depth reading there
-# differs from its own with its place (3, 1/m / m), and whether brightness and depth count (0 or 1).
+# Columns of a point: position (x, y, z in m); brightness; its variance by interpolation; gradient
+# of the brightness by the position (3, gray / m); gradient of the depth residual by the position
+# (3, 1/m / m); and whether brightness and depth are used (0 or 1).
 (
     POINT_X,
     POINT_BRIGHTNESS,
@@ -44,23 +43,27 @@ from vo_service.odometry.plane_fit import fit_plane
     HAS_SHAPE,
 ) = 0, 3, 4, 5, 8, 11, 12
 NUM_POINT_COLUMNS = 13
-# A point has texture where brightness changes by so many gray levels a pixel.
+# A point has texture if its brightness gradient is at least this, in gray levels per pixel.
 MIN_GRADIENT = GATE_SIGMAS * SENSOR_SIGMAS[0]
-# Readings of the plane around a point are so many pixels apart; to either side there are so many.
+# Distance of the depth pixels that a plane is fitted to, and their number to either side.
 PLANE_STEP_PX = 2
 PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
-# A plane leaves over at most this root mean square.
+# Largest root mean square residual of a plane.
 MAX_PLANE_RMS_PER_M = INITIAL_SIGMAS[1]
 
 
 def select_points(
     images: ImagePyramid, motion: Array, is_static: NDArray[np.bool_]
 ) -> tuple[Array, ...]:
-    """(N, COLUMNS) points of each level, in the axes of the camera at the frame's stamp.
+    """Select the points of each level.
 
-    movement  (9,) of the camera in its own axes, see `movement`: rows that were taken earlier or
-              later are brought to the stamp
-    is_still  (CELLS,) which cells of the image to take points from: things that move are none
+    Args:
+        images: The keyframe.
+        motion: (9,) of the camera in its own axes; it corrects each row for its time.
+        is_static: (CELLS,) which cells of the image to take points from.
+
+    Returns:
+        (N, COLUMNS) for each level, in the axes of the camera at the frame's stamp.
     """
     whole, *halved = images.intrinsics
     readout_s, skew_s = images.shutter.readout_s, images.shutter.skew_s
@@ -96,13 +99,13 @@ def _select_level(
     rows, columns = height // block, width // block
     points = np.empty((rows * columns, NUM_POINT_COLUMNS))
     scale = depth_intrinsics[0] / intrinsics[0]
-    found = 0
+    count = 0
     for i in range(rows):
         for j in range(columns):
             u, v, gu, gv = _find_steepest_pixel(gray, j * block, i * block, block)
             if u < 0 or not is_static[cell_index(u / width, v / height)]:
                 continue
-            point = points[found]
+            point = points[count]
             if not _locate_point(
                 u,
                 v,
@@ -126,28 +129,28 @@ def _select_level(
             point[POINT_BRIGHTNESS_GRADIENT + 1] = gv * fy
             point[POINT_BRIGHTNESS_GRADIENT + 2] = -(gu * fx * x + gv * fy * y) / z
             if has_texture or point[HAS_SHAPE] > 0:
-                found += 1
-    return points[:found]
+                count += 1
+    return points[:count]
 
 
 @inline_kernel
 def _find_steepest_pixel(
     gray: NDArray[np.uint8], left: int, top: int, block: int
 ) -> tuple[int, int, float, float]:
-    """Pixel u, v of a block, and its gradient; the middle without texture, -1 at the border."""
+    """Pixel u, v of a block, and its gradient; the center without texture, -1 at the border."""
     height, width = gray.shape
-    middle = block // 2
-    best_u, best_v, best_gu, best_gv = left + middle, top + middle, 0.0, 0.0
+    center = block // 2
+    best_u, best_v, best_gu, best_gv = left + center, top + center, 0.0, 0.0
     if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
         return -1, -1, 0.0, 0.0
-    most = MIN_GRADIENT * MIN_GRADIENT
+    max_squared = MIN_GRADIENT * MIN_GRADIENT
     for v in range(max(top, 1), min(top + block, height - 1)):
         for u in range(max(left, 1), min(left + block, width - 1)):
             gu = 0.5 * (float(gray[v, u + 1]) - float(gray[v, u - 1]))
             gv = 0.5 * (float(gray[v + 1, u]) - float(gray[v - 1, u]))
             squared = gu * gu + gv * gv
-            if squared >= most:
-                most = squared
+            if squared >= max_squared:
+                max_squared = squared
                 best_u, best_v, best_gu, best_gv = u, v, gu, gv
     return best_u, best_v, best_gu, best_gv
 
@@ -164,7 +167,7 @@ def _locate_point(
     motion: Array,
     point: Array,
 ) -> bool:
-    """Fill in the place of a pixel and how its depth changes; False where there is no depth."""
+    """Fill in the position and the depth gradient of a pixel; False if it has no depth."""
     height = inverse_depth.shape[0]
     ray_x = (u - intrinsics[2]) / intrinsics[0]
     ray_y = (v - intrinsics[3]) / intrinsics[1]
@@ -178,7 +181,7 @@ def _locate_point(
     w, wu, wv, has_shape = _fit_surface(inverse_depth, u_depth, v_depth)
     if w <= 0.0:
         return False
-    # Back to the instant of the color, on its ray; then to the frame's stamp.
+    # To the time of the color row, on its ray; then to the frame's stamp.
     z = 1.0 / w - shift_m
     x, y, z = propagate_point(propagate_motion(motion, tau), ray_x * z, ray_y * z, z, -tau)
     fx, fy = depth_intrinsics[0], depth_intrinsics[1]
@@ -201,9 +204,9 @@ def _find_in_depth_image(
     skew_s: float,
     motion: Array,
 ) -> tuple[float, float, float]:
-    """Where the depth image, taken later, has what the color's ray met at `tau`; how much further.
+    """Pixel in the depth image of the surface on the color ray at `tau`, and its depth change.
 
-    A pixel of -1 where there is no reading on the way.
+    The pixel is -1 if the search meets a pixel without depth.
     """
     height, width = inverse_depth.shape
     u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
@@ -224,19 +227,19 @@ def _find_in_depth_image(
 def _fit_surface(
     inverse_depth: NDArray[np.float32], u: float, v: float
 ) -> tuple[float, float, float, bool]:
-    """1/z at a place, its slopes (1/m a pixel), whether a plane fits; 0 without or on an edge."""
+    """1/z at a pixel, its slopes (1/m per pixel), whether a plane fits; 0 at edges and holes."""
     none = (0.0, 0.0, 0.0, False)
     height, width = inverse_depth.shape
     column, row = int(u + 0.5), int(v + 0.5)
     reach = PLANE_RADIUS_STEPS * PLANE_STEP_PX
     if not (reach <= column < width - reach and reach <= row < height - reach):
         return none
-    middle = inverse_depth[row, column]
-    if middle <= 0:
+    center = inverse_depth[row, column]
+    if center <= 0:
         return none
     for dv in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
         for du in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
-            if not abs(inverse_depth[row + dv, column + du] - middle) <= MAX_SURFACE_STEP_PER_M:
+            if not abs(inverse_depth[row + dv, column + du] - center) <= MAX_SURFACE_STEP_PER_M:
                 return none
     w, wu, wv, squared = fit_plane(
         inverse_depth,
@@ -248,5 +251,5 @@ def _fit_surface(
         MIN_PLANE_SUPPORT,
     )
     if w <= 0.0:
-        return float(middle), 0.0, 0.0, False
+        return float(center), 0.0, 0.0, False
     return w + wu * (u - column) + wv * (v - row), wu, wv, squared <= MAX_PLANE_RMS_PER_M**2

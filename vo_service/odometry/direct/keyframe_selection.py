@@ -1,10 +1,9 @@
-"""When the next keyframe is due, and which it is: this frame, or one that was in use before."""
+"""Keyframe selection: when the next keyframe is due, and whether it is a new or an old one."""
 
 from dataclasses import replace
 from math import sqrt
 
 from drivers.core.geometry import inverse
-from vo_service.odometry.direct.derived_parameters import MIN_CONSISTENT_SHARE
 from vo_service.odometry.direct.dynamic_points import remove_dynamic_points
 from vo_service.odometry.direct.local_map import (
     DirectKeyframe,
@@ -16,100 +15,114 @@ from vo_service.odometry.direct.local_map import (
 from vo_service.odometry.direct.multi_keyframe_alignment import align_jointly
 from vo_service.odometry.direct.parameters import (
     GATE_SIGMAS,
-    HALF,
-    KEYFRAME_COUNTS,
-    LITTLE,
     MAX_BRIGHTNESS_RATIO,
+    MAX_JOINT_KEYFRAMES,
     MAX_KEYFRAME_FLOW_PX,
+    MAX_KEYFRAME_OCCLUDED_SHARE,
+    MIN_JOINT_OVERLAP,
+    MIN_KEYFRAME_OVERLAP,
+    MIN_KEYFRAME_POINT_SHARE,
+    MIN_OBSERVABILITY_RATIO,
 )
 from vo_service.odometry.direct.quality import degradation_reason, occluded_fraction
 from vo_service.odometry.direct.tracked_frame import TrackedFrame, estimate_previous_motion
 
-# So many others have a say in where the next one is.
-MAX_JOINT_KEYFRAMES, *_ = KEYFRAME_COUNTS
-# One that is used again has moved by no more in the image. Where frames come seldom the next one is
-# far on, and the next keyframe is due when the last has moved by more.
+# Largest flow of a keyframe that is used again. If frames are rare, the next one is far away, and a
+# larger flow makes the next keyframe due.
 MAX_REUSE_FLOW_PX = MAX_KEYFRAME_FLOW_PX / sqrt(2.0)
 
 
 def needs_keyframe(
     tracked: TrackedFrame, observability: float, initial_observability: float
 ) -> bool:
-    """Whether the keyframe in use is going out of view, or says little, or knows but the dark.
+    """Whether the keyframe is going out of view, constrains little, or is too dark.
 
-    clarity  of the direction that the view says the least of, now and in the keyframe's first view;
-             the ratio of entropies of Kerl, Sturm and Cremers (IROS 2013), where it matters
+    Args:
+        tracked: The frame that is aligned with the keyframe.
+        observability: Of the least constrained direction, as by the ratio of entropies of Kerl,
+            Sturm and Cremers (IROS 2013).
+        initial_observability: The same in the keyframe's first view.
     """
-    found, images = tracked.result, tracked.images
-    # Where the light is back there is texture that a keyframe without it does not know of.
+    result, images = tracked.result, tracked.images
+    # When the light is back, there is texture that a dark keyframe does not have.
     if (
-        degradation_reason(found.alignment)
-        and images.brightness_ratio(found.keyframe.images) > MAX_BRIGHTNESS_RATIO
+        degradation_reason(result.alignment)
+        and images.brightness_ratio(result.keyframe.images) > MAX_BRIGHTNESS_RATIO
     ):
         return True
-    if GATE_SIGMAS <= observability < min(2.0 * GATE_SIGMAS, HALF * initial_observability):
+    if (
+        GATE_SIGMAS
+        <= observability
+        < min(2.0 * GATE_SIGMAS, MIN_OBSERVABILITY_RATIO * initial_observability)
+    ):
         return True
-    seen = compute_overlap(found.keyframe, found.alignment.T_camera_keyframe)
-    is_seldom = tracked.motion_state.is_stale(images.stamp_s)
-    return not _has_large_overlap(seen, MAX_REUSE_FLOW_PX if is_seldom else MAX_KEYFRAME_FLOW_PX)
+    overlap = compute_overlap(result.keyframe, result.alignment.T_camera_keyframe)
+    is_sparse = tracked.motion_state.is_stale(images.stamp_s)
+    return not _has_large_overlap(overlap, MAX_REUSE_FLOW_PX if is_sparse else MAX_KEYFRAME_FLOW_PX)
 
 
 def refine(
     before: TrackedFrame | None, now: TrackedFrame, local_map: LocalMap
 ) -> tuple[TrackedFrame, TrackedFrame]:
-    """The frame to make the next keyframe of, laid on others in view as well; and now, from there.
+    """Refine the pose of the next keyframe by aligning it with other keyframes in view.
 
-    before  the good frame before this one: a rolling shutter's keyframe is made of that, for by now
-            it is known how the camera moved in it
+    Args:
+        before: The good frame before this one, if any. With a rolling shutter the keyframe is made
+            of it, since its motion is known by now.
+        now: The current frame.
+        local_map: The keyframes.
+
+    Returns:
+        The frame that becomes the keyframe, and the current frame relative to it.
     """
-    movement = estimate_previous_motion(before, now)
-    if before is None or movement is None:
-        settled = _refine_jointly(now, local_map)
-        return settled, settled
-    settled = _refine_jointly(before, local_map)
+    motion = estimate_previous_motion(before, now)
+    if before is None or motion is None:
+        refined = _refine_jointly(now, local_map)
+        return refined, refined
+    refined = _refine_jointly(before, local_map)
     T_before_now = inverse(before.result.T_world_camera) @ now.result.T_world_camera
-    T_world_camera = settled.result.T_world_camera @ T_before_now
-    found = now.result.with_pose(T_world_camera, now.result.alignment.camera_velocity)
-    return settled.with_motion(movement), replace(now, result=found)
+    T_world_camera = refined.result.T_world_camera @ T_before_now
+    result = now.result.with_pose(T_world_camera, now.result.alignment.camera_velocity)
+    return refined.with_motion(motion), replace(now, result=result)
 
 
 def _refine_jointly(tracked: TrackedFrame, local_map: LocalMap) -> TrackedFrame:
-    """The same on other keyframes in view as well; as it is where the view is plain."""
+    """Align with other keyframes in view as well; unchanged if the view is degenerate."""
     if not tracked.is_well_constrained:
         return tracked
     keyframe, alignment = tracked.result.keyframe, tracked.result.alignment
     others = [
         other
-        for other, seen in local_map.rank_by_overlap(tracked.result.T_world_camera)
-        if other is not keyframe and seen.share >= HALF
+        for other, overlap in local_map.rank_by_overlap(tracked.result.T_world_camera)
+        if other is not keyframe and overlap.share >= MIN_JOINT_OVERLAP
     ][:MAX_JOINT_KEYFRAMES]
     T = align_jointly(keyframe, others, tracked.images, alignment)
-    found = replace(tracked.result, alignment=replace(alignment, T_camera_keyframe=T))
-    return replace(tracked, result=found)
+    result = replace(tracked.result, alignment=replace(alignment, T_camera_keyframe=T))
+    return replace(tracked, result=result)
 
 
 def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
-    """One of the map that is near enough, else the frame itself, which joins the map."""
-    found, alignment = tracked.result, tracked.result.alignment
-    for other, seen in local_map.rank_by_overlap(found.T_world_camera):
-        if other is not found.keyframe and _has_large_overlap(seen, MAX_REUSE_FLOW_PX):
+    """Return a keyframe of the map that is near enough, or add the frame to the map."""
+    result, alignment = tracked.result, tracked.result.alignment
+    for other, overlap in local_map.rank_by_overlap(result.T_world_camera):
+        if other is not result.keyframe and _has_large_overlap(overlap, MAX_REUSE_FLOW_PX):
             local_map.move_to_newest(other)
             return other
-    if occluded_fraction(alignment) > LITTLE:
-        return found.keyframe
+    if occluded_fraction(alignment) > MAX_KEYFRAME_OCCLUDED_SHARE:
+        return result.keyframe
     keyframe = make_keyframe(
         tracked.frame,
         tracked.images,
-        found.T_world_camera,
+        result.T_world_camera,
         alignment.camera_motion,
         alignment.is_static,
     )
     keyframe = remove_dynamic_points(keyframe, local_map.keyframes)
-    if len(keyframe.points[0]) < LITTLE * len(found.keyframe.points[0]):
-        return found.keyframe
+    if len(keyframe.points[0]) < MIN_KEYFRAME_POINT_SHARE * len(result.keyframe.points[0]):
+        return result.keyframe
     local_map.add(keyframe)
     return keyframe
 
 
 def _has_large_overlap(overlap: KeyframeOverlap, max_flow_px: float) -> bool:
-    return overlap.share >= MIN_CONSISTENT_SHARE and overlap.flow_px <= max_flow_px
+    return overlap.share >= MIN_KEYFRAME_OVERLAP and overlap.flow_px <= max_flow_px

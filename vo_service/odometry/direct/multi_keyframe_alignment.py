@@ -1,4 +1,4 @@
-"""One frame laid on several keyframes at once: done before it becomes a keyframe itself."""
+"""Joint alignment of a frame with several keyframes, before it becomes a keyframe itself."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ MIN_STEP_SIZE = 1e-5
 
 @dataclass(eq=False)
 class _KeyframeFit:
-    """A keyframe beside the active one, and its own fit."""
+    """A keyframe, its pose relative to the active one, and its residual model."""
 
     keyframe: DirectKeyframe
     T_keyframe_active: Array
@@ -45,35 +45,37 @@ def align_jointly(
     images: ImagePyramid,
     alignment: DirectAlignment,
 ) -> Array:
-    """4x4 T_camera_active that fits the active keyframe and the others best.
+    """Estimate T_camera_active (4x4) from the active keyframe and the others.
 
-    The keyframes stay where they are, and so does the movement. One that does not agree with the
+    The poses of the keyframes and the motion stay fixed. A keyframe that does not agree with the
     frame is left out.
     """
     T = alignment.T_camera_keyframe
-    pairs = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy())]
+    fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy())]
     for other in others:
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
-        pairs.append(_KeyframeFit(other, T_other_active, initial_residual_model()))
+        fits.append(_KeyframeFit(other, T_other_active, initial_residual_model()))
     for step in range(MAX_STEPS):
         H, g = np.zeros((6, 6)), np.zeros(6)
-        for pair in list(pairs):
-            Ad = adjoint(pair.T_keyframe_active)
-            T_camera_keyframe = T @ inverse(pair.T_keyframe_active)
-            points = pair.keyframe.points[0]
-            movement = change_frame(alignment.motion, pair.T_keyframe_active)
-            readings = sample_points(pair.keyframe.points, images, T_camera_keyframe, movement, 0)
-            cells = weigh_regions(points, readings, pair.residual_model, uniform_weights())
+        for fit in list(fits):
+            Ad = adjoint(fit.T_keyframe_active)
+            T_camera_keyframe = T @ inverse(fit.T_keyframe_active)
+            points = fit.keyframe.points[0]
+            motion = change_frame(alignment.motion, fit.T_keyframe_active)
+            samples = sample_points(fit.keyframe.points, images, T_camera_keyframe, motion, 0)
+            cell_weights = weigh_regions(points, samples, fit.residual_model, uniform_weights())
             for _ in range(3 if step == 0 else 1):
-                fit_affine_brightness(points, readings, cells, pair.residual_model)
+                fit_affine_brightness(points, samples, cell_weights, fit.residual_model)
             if (
                 step == 1
-                and pair.keyframe is not active
-                and not is_consistent(count_residuals(points, readings, pair.residual_model, cells))
+                and fit.keyframe is not active
+                and not is_consistent(
+                    count_residuals(points, samples, fit.residual_model, cell_weights)
+                )
             ):
-                pairs.remove(pair)
+                fits.remove(fit)
                 continue
-            sums = accumulate(points, readings, cells, pair.residual_model).sum(axis=0)
+            sums = accumulate(points, samples, cell_weights, fit.residual_model).sum(axis=0)
             H += Ad.T @ sums[UPPER_TRIANGLE] @ Ad
             g += Ad.T @ sums[21:]
         x = solve_cholesky(H + 1e-6 * np.trace(H) * np.eye(6), g)

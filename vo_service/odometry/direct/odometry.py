@@ -1,8 +1,8 @@
-"""Dense odometry against keyframes: the brightness and depth of a frame, laid on those of another.
+"""Direct RGB-D odometry: frames are aligned with keyframes by brightness and depth.
 
 Kerl, Sturm and Cremers, "Dense Visual SLAM for RGB-D Cameras" (IROS 2013) for the keyframes; Kerl,
 Stueckler and Cremers, "Dense Continuous-Time Tracking and Mapping with Rolling Shutter RGB-D
-Cameras" (ICCV 2015) for the time of each row. SURF finds the camera again where that fails.
+Cameras" (ICCV 2015) for the time of each row. SURF features recover the pose where that fails.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from vo_service.odometry.direct.keyframe_init import reinitialize
 from vo_service.odometry.direct.keyframe_selection import needs_keyframe, refine, select
 from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap, make_keyframe
 from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
-from vo_service.odometry.direct.parameters import FAILURE_LIMITS_FRAMES, MIN_POINTS
+from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_INITIAL_FAILURES, MIN_POINTS
 from vo_service.odometry.direct.pose_filter import alpha_beta_filter
 from vo_service.odometry.direct.quality import (
     degradation_reason,
@@ -41,19 +41,18 @@ from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.types import Estimate, TrackingDebug
 
-# After so many frames without a pose, tracking begins anew; after fewer where none has been laid on
-# the first keyframe yet, which a fast turn may have bent.
-MAX_INITIAL_FAILURES, MAX_FAILURES = FAILURE_LIMITS_FRAMES
-
 
 @dataclass(frozen=True)
 class DirectTrack:
-    """What is followed: a keyframe, and the way of the camera up to the last good frame.
+    """State of the tracking up to the last tracked frame.
 
-    T_world_reference  4x4 pose of the frame from which on the keyframe has been in use
-    is_first           the keyframe is the very first frame, and the camera's velocity not known
-    last               the last good frame, from the second on
-    clarity            of the keyframe's first view, see `Certainty`; None before that
+    Attributes:
+        keyframe: The active keyframe.
+        motion_state: Pose and velocity at the last tracked frame.
+        T_world_reference: 4x4 pose of the frame since which the keyframe is active.
+        is_first: Whether the keyframe is the first frame, so that the velocity is unknown.
+        last_frame: The last tracked frame; None at the first one.
+        initial_observability: Of the keyframe's first view, see `MotionUncertainty`; None before.
     """
 
     keyframe: DirectKeyframe
@@ -66,16 +65,20 @@ class DirectTrack:
     def observability_at_start(
         self, result: TrackingResult, uncertainty: MotionUncertainty
     ) -> float:
-        """Of the first view of the keyframe that was found: this one, if it was not in use."""
+        """Observability of the first view of the result's keyframe; of this view if it is new."""
         if self.initial_observability is None or result.keyframe is not self.keyframe:
             return uncertainty.observability
         return self.initial_observability
 
 
 class DirectOdometry:
-    """Frames are laid on a keyframe, which stays as long as most of it is in view.
+    """Odometry that aligns frames with a keyframe, as long as most of it is in view.
 
-    World is the first good camera. A frame that fails is left out.
+    The world frame is the first tracked camera pose. A frame that fails is skipped.
+
+    Args:
+        extractor: Features for the recovery; a default one if None.
+        timer: Times the stages; not timed if None.
     """
 
     def __init__(
@@ -91,87 +94,90 @@ class DirectOdometry:
 
     @property
     def vignetting(self) -> float:
-        """Of the lens's light towards the corners, as it is known now: see `VignettingEstimate`."""
+        """Current estimate of the lens's vignetting, see `VignettingEstimate`."""
         return self._vignetting.value
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Where the camera is, from this frame and the keyframe."""
-        # Brightness in four sizes, and inverse depth.
+        """Estimate the camera's pose by aligning this frame with the keyframe."""
         with self._timer.stage("images"):
             images = build_image_pyramid(frame, self.vignetting)
         if self._track is None:
             return self._start(frame, images, is_reset=False)
-        # The keyframe's points, laid on this frame from where they are expected.
         with self._timer.stage("align"):
-            found = self._align(images, self._track)
-        # Does it fit, and was it expected there? Else features, depth alone.
-        if found.needs_recovery or self._track.motion_state.is_stale(images.stamp_s):
+            result = self._align(images, self._track)
+        # If the frame does not fit, or the prediction is old: features, then depth alone.
+        if result.needs_recovery or self._track.motion_state.is_stale(images.stamp_s):
             with self._timer.stage("recovery"):
-                found = self._recovery.recover(
-                    frame, images, found, self._track.motion_state, self._map
+                result = self._recovery.recover(
+                    frame, images, result, self._track.motion_state, self._map
                 )
-        # The shutter bent a first keyframe, while the velocity was not known: now it is.
-        found = self._reinitialize_first_keyframe(images, found, self._track)
+        # A rolling shutter distorted the first keyframe; now the velocity is known.
+        result = self._reinitialize_first_keyframe(images, result, self._track)
         if reason := rejection_reason_after(
-            found.alignment, self._track.motion_state, images
-        ) or occlusion_reason(found.alignment):
-            return self._fail(frame, images, self._track, found, reason)
-        # Does what is in view hold the camera in all six directions?
+            result.alignment, self._track.motion_state, images
+        ) or occlusion_reason(result.alignment):
+            return self._fail(frame, images, self._track, result, reason)
+        # Whether the view constrains all six degrees of freedom.
         with self._timer.stage("certainty"):
-            agitation = self._track.motion_state.update_velocity_noise(
-                found.alignment.camera_velocity
+            velocity_noise = self._track.motion_state.update_velocity_noise(
+                result.alignment.camera_velocity
             )
-            sure = estimate_uncertainty(
-                found.keyframe.points, images, found.alignment, found.prior, agitation
+            uncertainty = estimate_uncertainty(
+                result.keyframe.points, images, result.alignment, result.prior, velocity_noise
             )
-        if sure.rejection_reason:
+        if uncertainty.rejection_reason:
             if not self._track.motion_state.is_recently_constrained(images.stamp_s):
-                return self._fail(frame, images, self._track, found, sure.rejection_reason)
-            # For a moment, it goes on as it moved.
-            found, sure = fuse_with_prediction(
-                found, sure, self._track.motion_state, images.stamp_s
+                return self._fail(frame, images, self._track, result, uncertainty.rejection_reason)
+            # For a short time, the prediction fills in for the degenerate view.
+            result, uncertainty = fuse_with_prediction(
+                result, uncertainty, self._track.motion_state, images.stamp_s
             )
         elif self._track.motion_state.is_extrapolated:
-            # From there to where it is found is no way that the camera went.
-            found = found.with_pose(found.T_world_camera, self._track.motion_state.velocity)
-        # A calm camera's pose is that of many frames.
-        found, unrest = alpha_beta_filter(
-            found, sure.covariance, self._track.motion_state, images.stamp_s
+            # The step from the extrapolated pose to this one is no motion of the camera.
+            result = result.with_pose(result.T_world_camera, self._track.motion_state.velocity)
+        result, normalized_innovation = alpha_beta_filter(
+            result, uncertainty.covariance, self._track.motion_state, images.stamp_s
         )
-        # When the keyframe goes out of view, the pose is settled with others, and the next begins.
-        good = TrackedFrame(
+        # When the keyframe goes out of view, the pose is refined and the next one selected.
+        tracked = TrackedFrame(
             frame,
             images,
-            found,
+            result,
             self._track.motion_state,
-            is_well_constrained=not sure.rejection_reason,
+            is_well_constrained=not uncertainty.rejection_reason,
         )
-        keyframe = found.keyframe
+        keyframe = result.keyframe
         if needs_keyframe(
-            good, sure.observability, self._track.observability_at_start(found, sure)
+            tracked,
+            uncertainty.observability,
+            self._track.observability_at_start(result, uncertainty),
         ):
-            self._vignetting = self._vignetting.update(keyframe, images, found.alignment)
-            good = good.with_vignetting(self.vignetting)
+            self._vignetting = self._vignetting.update(keyframe, images, result.alignment)
+            tracked = tracked.with_vignetting(self.vignetting)
             with self._timer.stage("settle"):
-                settled, good = refine(self._track.last_frame, good, self._map)
+                refined, tracked = refine(self._track.last_frame, tracked, self._map)
             with self._timer.stage("keyframe"):
-                keyframe = select(settled, self._map)
-        return self._advance(self._track, good, sure, keyframe, unrest)
+                keyframe = select(refined, self._map)
+        return self._advance(self._track, tracked, uncertainty, keyframe, normalized_innovation)
 
     def _align(self, images: ImagePyramid, track: DirectTrack) -> TrackingResult:
-        keyframe, way = track.keyframe, track.motion_state
-        starts = way.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)
-        tie = way.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
-        light = way.predict_affine_brightness(images)
-        found = TrackingResult(
-            keyframe, align(keyframe.points, images, starts, tie, light, uniform_weights()), tie
+        keyframe, motion_state = track.keyframe, track.motion_state
+        prior = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
+        alignment = align(
+            keyframe.points,
+            images,
+            motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s),
+            prior,
+            motion_state.predict_affine_brightness(images),
+            uniform_weights(),
         )
-        return found if track.is_first else retry_without_half(found, images, way)
+        result = TrackingResult(keyframe, alignment, prior)
+        return result if track.is_first else retry_without_half(result, images, motion_state)
 
     def _reinitialize_first_keyframe(
         self, images: ImagePyramid, result: TrackingResult, track: DirectTrack
     ) -> TrackingResult:
-        """The same; on the first keyframe of a rolling shutter, made anew by the velocity."""
+        """Rebuild the first keyframe of a rolling shutter, now that the velocity is known."""
         if not track.is_first or images.shutter.is_instant or rejection_reason(result.alignment):
             return result
         result = reinitialize(result, images, track.motion_state)
@@ -179,13 +185,13 @@ class DirectOdometry:
         return result
 
     def _start(self, frame: RgbdFrame, images: ImagePyramid, is_reset: bool) -> Estimate:
-        """Make this frame the first keyframe, if it has enough points to be laid on others."""
+        """Make this frame the first keyframe, if others can be aligned with it."""
         keyframe = make_keyframe(frame, images, self._T_world_camera, zero_motion(), ALL_STATIC)
-        evidence = TrackingDebug(keypoints_px=project_keyframe_points(keyframe))
+        debug = TrackingDebug(keypoints_px=project_keyframe_points(keyframe))
         if reason := self._start_rejection_reason(keyframe, images):
-            return self._make_estimate(False, f"cannot start: {reason}", evidence)
+            return self._make_estimate(False, f"cannot start: {reason}", debug)
         self._map.reset(keyframe)
-        way = MotionState(
+        motion_state = MotionState(
             self._T_world_camera,
             np.zeros(6),
             images.stamp_s,
@@ -193,15 +199,15 @@ class DirectOdometry:
             images.mean_brightness,
             well_constrained_stamp_s=images.stamp_s,
         )
-        self._track = DirectTrack(keyframe, way, self._T_world_camera, is_first=True)
+        self._track = DirectTrack(keyframe, motion_state, self._T_world_camera, is_first=True)
         self._failures = 0
-        return self._make_estimate(True, "", evidence, is_reset=is_reset)
+        return self._make_estimate(True, "", debug, is_reset=is_reset)
 
     def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
-        """Why a frame is no good first keyframe: the next ones could not be laid on it."""
+        """Why a frame is no first keyframe: the next ones could not be aligned with it."""
         if len(keyframe.points[0]) < 2 * MIN_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
-        itself = align(
+        self_alignment = align(
             keyframe.points,
             images,
             [np.eye(4)],
@@ -210,9 +216,9 @@ class DirectOdometry:
             uniform_weights(),
         )
         return (
-            rejection_reason(itself)
+            rejection_reason(self_alignment)
             or estimate_uncertainty(
-                keyframe.points, images, itself, STATIC_PRIOR, np.zeros(2)
+                keyframe.points, images, self_alignment, STATIC_PRIOR, np.zeros(2)
             ).rejection_reason
         )
 
@@ -224,7 +230,7 @@ class DirectOdometry:
         result: TrackingResult,
         reason: str,
     ) -> Estimate:
-        """Hold the pose; after too many failures give the keyframes up."""
+        """Keep the pose; after too many failures drop the keyframes and start again."""
         self._failures += 1
         if self._failures > (MAX_INITIAL_FAILURES if track.is_first else MAX_FAILURES):
             return self._start(frame, images, is_reset=True)
@@ -240,35 +246,41 @@ class DirectOdometry:
         keyframe: DirectKeyframe,
         normalized_innovation: float,
     ) -> Estimate:
-        """Go on from here, with this keyframe."""
-        images, found = tracked.images, tracked.result
+        """Take over the tracked frame and the keyframe, and return the estimate."""
+        images, result = tracked.images, tracked.result
         is_next_reference = keyframe is not track.keyframe
-        way = track.motion_state.advance(
-            found.T_world_camera,
-            found.alignment.camera_velocity,
+        motion_state = track.motion_state.advance(
+            result.T_world_camera,
+            result.alignment.camera_velocity,
             images,
-            found.alignment.affine_brightness
-            if keyframe is found.keyframe
+            result.alignment.affine_brightness
+            if keyframe is result.keyframe
             else IDENTITY_BRIGHTNESS,
             normalized_innovation,
             images.stamp_s
             if tracked.is_well_constrained
             else track.motion_state.well_constrained_stamp_s,
         )
-        T_reference_camera = inverse(track.T_world_reference) @ found.T_world_camera
-        T_world_reference = found.T_world_camera if is_next_reference else track.T_world_reference
-        self._T_world_camera = found.T_world_camera
-        clarity = (
-            track.observability_at_start(found, uncertainty) if keyframe is found.keyframe else None
+        T_reference_camera = inverse(track.T_world_reference) @ result.T_world_camera
+        T_world_reference = result.T_world_camera if is_next_reference else track.T_world_reference
+        self._T_world_camera = result.T_world_camera
+        initial_observability = (
+            track.observability_at_start(result, uncertainty)
+            if keyframe is result.keyframe
+            else None
         )
         self._track = DirectTrack(
-            keyframe, way, T_world_reference, last_frame=tracked, initial_observability=clarity
+            keyframe,
+            motion_state,
+            T_world_reference,
+            last_frame=tracked,
+            initial_observability=initial_observability,
         )
         self._failures = 0
         return self._make_estimate(
             True,
-            found.degradation or degradation_reason(found.alignment),
-            make_tracking_debug(found.keyframe, found.alignment),
+            result.degradation or degradation_reason(result.alignment),
+            make_tracking_debug(result.keyframe, result.alignment),
             T_reference_camera,
             uncertainty.covariance,
             is_next_reference=is_next_reference,

@@ -1,4 +1,4 @@
-"""Whether to believe an alignment."""
+"""Validity of an alignment: scores, and reasons to reject it."""
 
 from math import sqrt
 
@@ -10,47 +10,54 @@ from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.derived_parameters import (
     GAIN_RANGE,
     MAX_VALID_SIGMAS,
-    MIN_CONSISTENT_SHARE,
     SUSPECT_SIGMAS,
 )
 from vo_service.odometry.direct.normal_equations import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
-from vo_service.odometry.direct.parameters import HALF, LITTLE, MIN_POINTS, SLIGHT
+from vo_service.odometry.direct.parameters import (
+    MAX_KEYFRAME_OCCLUDED_SHARE,
+    MAX_MOVING_OR_OCCLUDED_SHARE,
+    MAX_MOVING_SHARE,
+    MIN_CONSISTENT_SHARE,
+    MIN_IN_VIEW_SHARE,
+    MIN_MODALITY_SHARE,
+    MIN_POINTS,
+)
 from vo_service.odometry.direct.warping import OCCLUDED, SAMPLE_OCCLUSION
 
 
 def is_consistent(counts: Array) -> bool:
-    """Whether most of what is seen of a keyframe agrees with it."""
+    """Whether most depth and brightness samples agree with the keyframe, by the counts (7,)."""
     return not _inconsistency_reason(counts)
 
 
 def _inconsistency_reason(counts: Array) -> str:
-    """What does not agree with a keyframe; "" if both do."""
-    for what, agreeing, read in (
-        ("depths", counts[residual_stats.DEPTH_AGREES], counts[residual_stats.WITH_DEPTH]),
+    """Which kind of samples does not agree with the keyframe; "" if both do."""
+    for what, agreeing, total in (
+        ("depth samples", counts[residual_stats.DEPTH_AGREES], counts[residual_stats.WITH_DEPTH]),
         (
-            "brightnesses",
+            "brightness samples",
             counts[residual_stats.BRIGHTNESS_AGREES],
             counts[residual_stats.WITH_BRIGHTNESS],
         ),
     ):
-        if agreeing < MIN_CONSISTENT_SHARE * read:
-            return f"{agreeing:.0f} of {read:.0f} {what} agree with the keyframe's"
+        if agreeing < MIN_CONSISTENT_SHARE * total:
+            return f"only {agreeing:.0f} of {total:.0f} {what} agree with the keyframe"
     return ""
 
 
 def outlier_score(alignment: DirectAlignment) -> float:
-    """How badly a keyframe fits: above 1 there may be a better motion."""
-    seen = max(alignment.counts[residual_stats.IN_IMAGE], 1.0)
+    """Misfit of the keyframe: above 1 there may be a better motion."""
+    in_view = max(alignment.counts[residual_stats.IN_IMAGE], 1.0)
     return float(
         max(
             _normalized_sigma(alignment),
-            alignment.counts[residual_stats.DISREGARDED] / seen / SLIGHT,
+            alignment.counts[residual_stats.DISREGARDED] / in_view / MAX_MOVING_SHARE,
         )
     )
 
 
 def _normalized_sigma(alignment: DirectAlignment) -> float:
-    """The spreads of what fits: above 1 either is odd."""
+    """Larger one of the two sigmas, relative to the suspect ones."""
     by_depth = float(alignment.residual_model[SIGMA_DEPTH] / SUSPECT_SIGMAS[1])
     if not alignment.uses_brightness:
         return by_depth
@@ -58,81 +65,85 @@ def _normalized_sigma(alignment: DirectAlignment) -> float:
 
 
 def residual_score(alignment: DirectAlignment) -> float:
-    """What two motions are compared by: the spreads of what fits, over its share of the view.
+    """Score by which two motions are compared; lower is better.
 
-    `oddness` would not do: regions that do not fit are those that fit worse than most of the view
-    does, so that there are none where all of it fits badly.
+    It is the sigma of the static regions over their share of the view. `outlier_score` does not
+    suit: moving regions fit worse than most of the view, so there are none if all of it fits badly.
     """
     counts = alignment.counts
-    share = 1.0 - counts[residual_stats.DISREGARDED] / max(counts[residual_stats.IN_IMAGE], 1.0)
-    spread = alignment.residual_model[SIGMA_DEPTH] / SUSPECT_SIGMAS[1]
+    static_share = 1.0 - counts[residual_stats.DISREGARDED] / max(
+        counts[residual_stats.IN_IMAGE], 1.0
+    )
+    sigma = alignment.residual_model[SIGMA_DEPTH] / SUSPECT_SIGMAS[1]
     if alignment.uses_brightness:
-        spread = sqrt(spread * alignment.residual_model[SIGMA_BRIGHTNESS] / SUSPECT_SIGMAS[0])
-    return float(spread / max(share, 0.01))
+        sigma = sqrt(sigma * alignment.residual_model[SIGMA_BRIGHTNESS] / SUSPECT_SIGMAS[0])
+    return float(sigma / max(static_share, 0.01))
 
 
 def rejection_reason(alignment: DirectAlignment) -> str:
-    """Why an alignment is not to be believed; "" if it is."""
-    counts, fit, points = alignment.counts, alignment.residual_model, len(alignment.samples)
-    seen = int(counts[residual_stats.IN_IMAGE])
-    if seen < max(LITTLE * points, MIN_POINTS):
-        return f"{seen} of {points} points of the keyframe are in view"
-    if counts[residual_stats.DISREGARDED] > HALF * seen:
-        return f"{100 * counts[residual_stats.DISREGARDED] / seen:.0f} % of the view does not fit"
-    read = int(counts[residual_stats.WITH_DEPTH] + counts[residual_stats.WITH_BRIGHTNESS])
-    if read < MIN_POINTS:
-        return f"only {read} readings of what is in view"
+    """Why an alignment is rejected; "" if it is valid."""
+    counts, model, points = alignment.counts, alignment.residual_model, len(alignment.samples)
+    in_view = int(counts[residual_stats.IN_IMAGE])
+    if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_POINTS):
+        return f"only {in_view} of {points} points of the keyframe are in view"
+    if counts[residual_stats.DISREGARDED] > MAX_MOVING_OR_OCCLUDED_SHARE * in_view:
+        return (
+            f"{100 * counts[residual_stats.DISREGARDED] / in_view:.0f} % of the view does not fit"
+        )
+    sampled = int(counts[residual_stats.WITH_DEPTH] + counts[residual_stats.WITH_BRIGHTNESS])
+    if sampled < MIN_POINTS:
+        return f"only {sampled} samples in view"
     if reason := _inconsistency_reason(counts):
         return reason
-    if fit[SIGMA_DEPTH] > MAX_VALID_SIGMAS[1]:
-        return "the depth does not fit the keyframe's"
-    if alignment.uses_brightness and fit[SIGMA_BRIGHTNESS] > MAX_VALID_SIGMAS[0]:
-        return "the brightness does not fit the keyframe's"
-    if alignment.uses_brightness and not GAIN_RANGE[0] < fit[GAIN] < GAIN_RANGE[1]:
-        return "the light is quite another than the keyframe's"
+    if model[SIGMA_DEPTH] > MAX_VALID_SIGMAS[1]:
+        return "the depth does not fit the keyframe"
+    if alignment.uses_brightness and model[SIGMA_BRIGHTNESS] > MAX_VALID_SIGMAS[0]:
+        return "the brightness does not fit the keyframe"
+    if alignment.uses_brightness and not GAIN_RANGE[0] < model[GAIN] < GAIN_RANGE[1]:
+        return "the brightness changed too much against the keyframe"
     return ""
 
 
 def strict_rejection_reason(alignment: DirectAlignment) -> str:
-    """The same where the camera may be anywhere by now: there something always fits somehow."""
+    """Why an alignment is rejected where the camera may be anywhere; "" if it is valid."""
     if reason := rejection_reason(alignment):
         return reason
     return (
-        "it may be another place: the keyframe fits badly"
+        "the keyframe fits badly: the camera may be elsewhere"
         if _normalized_sigma(alignment) > 1.0
         else ""
     )
 
 
 def occluded_fraction(alignment: DirectAlignment) -> float:
-    """Share of the view in which something stands in front of what the keyframe has seen."""
+    """Share of the view in which something occludes the keyframe's points."""
     count = np.count_nonzero(alignment.samples[:, SAMPLE_OCCLUSION] == OCCLUDED)
     return float(count / max(count + alignment.counts[residual_stats.IN_IMAGE], 1.0))
 
 
 def occlusion_reason(alignment: DirectAlignment) -> str:
-    """Why an alignment that fits may be that of a thing in front of the room; "" if it is not."""
+    """Why a good fit may be that of an object in front of the room; "" if it is not."""
     moving = alignment.counts[residual_stats.DISREGARDED] / max(
         alignment.counts[residual_stats.IN_IMAGE], 1.0
     )
     share = 1.0 - (1.0 - occluded_fraction(alignment)) * (1.0 - moving)
-    return _occlusion_message(share) if share > HALF else ""
+    return _occlusion_message(share) if share > MAX_MOVING_OR_OCCLUDED_SHARE else ""
 
 
 def degradation_reason(alignment: DirectAlignment) -> str:
-    """What an alignment has to do without; "" if both have a say in nearly all of the view."""
+    """What an alignment lacks; "" if depth and brightness constrain nearly all of the view."""
     counts = alignment.counts
-    enough = SLIGHT * counts[residual_stats.IN_IMAGE]
+    enough = MIN_MODALITY_SHARE * counts[residual_stats.IN_IMAGE]
     if counts[residual_stats.WITH_BRIGHTNESS] < enough:
-        return "by depth alone: no texture in view"
+        return "depth only: no texture in view"
     if counts[residual_stats.WITH_DEPTH] < enough:
-        return "by brightness alone: no depth in view"
+        return "brightness only: no depth in view"
     return (
         _occlusion_message(occluded_fraction(alignment))
-        if occluded_fraction(alignment) > LITTLE
+        if occluded_fraction(alignment) > MAX_KEYFRAME_OCCLUDED_SHARE
         else ""
     )
 
 
 def _occlusion_message(share: float) -> str:
-    return f"{100 * share:.0f} % of the view is covered"
+    return f"{100 * share:.0f} % of the view is occluded"

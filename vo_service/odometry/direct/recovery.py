@@ -1,4 +1,4 @@
-"""What else is tried with a frame that does not fit the keyframe, or may fit it by chance."""
+"""Recovery of a frame that does not fit the keyframe, or may fit it by chance."""
 
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -18,10 +18,11 @@ from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
-    FAILURE_LIMITS_FRAMES,
-    KEYFRAME_COUNTS,
     MAX_BRIGHTNESS_RATIO,
-    SLIGHT,
+    MAX_FEATURE_MATCHES,
+    MAX_SEARCHED_KEYFRAMES,
+    MIN_SCORE_GAIN,
+    RETRY_INTERVAL_FRAMES,
 )
 from vo_service.odometry.direct.quality import (
     outlier_score,
@@ -32,16 +33,17 @@ from vo_service.odometry.direct.quality import (
 from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START
 from vo_service.odometry.surf import SurfExtractor
 
-# So many are searched for features, and so many that are found are followed up: a thing that moves
-# may be seen in the best of them.
-_, MAX_FEATURE_MATCHES, MAX_SEARCHED_KEYFRAMES, _ = KEYFRAME_COUNTS
-# After a try that changed nothing, so many odd frames are taken as they are.
-RETRY_INTERVAL_FRAMES = FAILURE_LIMITS_FRAMES[0]
-
 
 @dataclass(frozen=True)
 class TrackingResult:
-    """An alignment, of which keyframe, and what it had to do without ("" = nothing)."""
+    """Alignment of a frame with a keyframe.
+
+    Attributes:
+        keyframe: The keyframe that the frame is aligned with.
+        alignment: The motion and its residuals.
+        prior: What was known of the motion.
+        degradation: What the alignment lacks; "" for nothing.
+    """
 
     keyframe: DirectKeyframe
     alignment: DirectAlignment
@@ -54,21 +56,21 @@ class TrackingResult:
         return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)
 
     def with_pose(self, T_world_camera: Array, velocity: Array) -> "TrackingResult":
-        """The same with another pose (4x4) and velocity (6,) of the camera in its own axes."""
+        """Return a copy with another pose (4x4) and velocity (6,), in the camera's own axes."""
         T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
-        movement = self.alignment.motion.copy()
-        movement[:ACCELERATION_START] = -adjoint(inverse(T_camera_keyframe)) @ velocity
-        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=movement)
+        motion = self.alignment.motion.copy()
+        motion[:ACCELERATION_START] = -adjoint(inverse(T_camera_keyframe)) @ velocity
+        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
         return replace(self, alignment=moved)
 
     @property
     def needs_recovery(self) -> bool:
-        """Whether it is odd or not to be believed."""
+        """Whether the alignment is doubtful or invalid."""
         return outlier_score(self.alignment) > 1.0 or bool(rejection_reason(self.alignment))
 
 
 class DirectRecovery:
-    """Two more ways: features, and depth alone."""
+    """Recovery by features, and by depth alone."""
 
     def __init__(self, extractor: SurfExtractor) -> None:
         self.features = FeatureSearch(extractor)
@@ -78,25 +80,26 @@ class DirectRecovery:
         self,
         frame: RgbdFrame,
         images: ImagePyramid,
-        first: TrackingResult,
+        initial: TrackingResult,
         motion_state: MotionState,
         local_map: LocalMap,
     ) -> TrackingResult:
-        """The first try, or what is clearly better."""
+        """Return the initial alignment, or one that is clearly better."""
         if self._frames_to_retry > 0 and not motion_state.is_stale(images.stamp_s):
             self._frames_to_retry -= 1
-            found = (
-                self._recover_by_depth(images, first, motion_state)
-                if rejection_reason(first.alignment)
-                else first
+            result = (
+                self._recover_by_depth(images, initial, motion_state)
+                if rejection_reason(initial.alignment)
+                else initial
             )
-            if not rejection_reason(found.alignment):
-                return found
-        found = self._recover_by_features(frame, images, first, motion_state, local_map)
-        if rejection_reason(found.alignment):
-            found = self._recover_by_depth(images, found, motion_state)
-        self._frames_to_retry = RETRY_INTERVAL_FRAMES if found is first or found.degradation else 0
-        return found
+            if not rejection_reason(result.alignment):
+                return result
+        result = self._recover_by_features(frame, images, initial, motion_state, local_map)
+        if rejection_reason(result.alignment):
+            result = self._recover_by_depth(images, result, motion_state)
+        has_failed = result is initial or bool(result.degradation)
+        self._frames_to_retry = RETRY_INTERVAL_FRAMES if has_failed else 0
+        return result
 
     def _recover_by_features(
         self,
@@ -106,48 +109,56 @@ class DirectRecovery:
         motion_state: MotionState,
         local_map: LocalMap,
     ) -> TrackingResult:
-        """The keyframe in use first, then those that were in use last."""
+        """Align with matched keyframes: the active one first, then the most recently used."""
         others = [k for k in reversed(local_map.keyframes) if k is not best.keyframe]
         keyframes = [best.keyframe, *others][:MAX_SEARCHED_KEYFRAMES]
-        for sighting in islice(self.features.find_matches(frame, keyframes), MAX_FEATURE_MATCHES):
-            keyframe = sighting.keyframe
-            tie = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
-            start, light = (
-                sighting.T_camera_keyframe,
+        for match in islice(self.features.find_matches(frame, keyframes), MAX_FEATURE_MATCHES):
+            keyframe = match.keyframe
+            prior = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
+            candidate = align(
+                keyframe.points,
+                images,
+                [match.T_camera_keyframe],
+                prior,
                 (images.brightness_ratio(keyframe.images), 0.0),
+                uniform_weights(),
             )
-            again = align(keyframe.points, images, [start], tie, light, uniform_weights())
-            if _is_better(again, best.alignment):
-                best = TrackingResult(keyframe, again, tie)
-            if not rejection_reason_after(again, motion_state, images):
+            if _is_better(candidate, best.alignment):
+                best = TrackingResult(keyframe, candidate, prior)
+            if not rejection_reason_after(candidate, motion_state, images):
                 break
         return best
 
     def _recover_by_depth(
         self, images: ImagePyramid, best: TrackingResult, motion_state: MotionState
     ) -> TrackingResult:
-        """Without brightness, where the light is quite another: it may be dark.
+        """Align without brightness where the lighting has changed, as in the dark.
 
-        In the same light, brightness that does not fit says that the depth is wrong as well. Where
-        the camera may be anywhere by now, shapes alone say little: many places have the same.
+        In unchanged light, a misfit of brightness means that the depth is wrong as well. If the
+        camera may be anywhere, shapes alone are ambiguous: many places look alike.
         """
-        keyframe, tie = best.keyframe, best.prior
+        keyframe, prior = best.keyframe, best.prior
         is_anywhere = not motion_state.is_recent(images.stamp_s)
         if is_anywhere or not has_lighting_changed(images.brightness_ratio(keyframe.images)):
             return best
-        starts = motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)
-        again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_only_weights())
-        if rejection_reason(again):
+        initial_guesses = motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)
+        candidate = align(
+            keyframe.points, images, initial_guesses, prior, (1.0, 0.0), depth_only_weights()
+        )
+        if rejection_reason(candidate):
             return best
         return TrackingResult(
-            keyframe, again, tie, degradation=f"by depth alone: {rejection_reason(best.alignment)}"
+            keyframe,
+            candidate,
+            prior,
+            degradation=f"depth only: {rejection_reason(best.alignment)}",
         )
 
 
 def rejection_reason_after(
     alignment: DirectAlignment, motion_state: MotionState, images: ImagePyramid
 ) -> str:
-    """Why an alignment is not to be believed, by how long ago it was known where the camera is."""
+    """Why an alignment is rejected; stricter if the last known pose is old."""
     return (
         rejection_reason(alignment)
         if motion_state.is_recent(images.stamp_s)
@@ -156,11 +167,11 @@ def rejection_reason_after(
 
 
 def has_lighting_changed(ratio: float) -> bool:
-    """Whether one view is so many times as bright as another that the light must have changed."""
+    """Whether a brightness ratio of two views means that the lighting has changed."""
     return abs(log(ratio)) > log(MAX_BRIGHTNESS_RATIO)
 
 
 def _is_better(candidate: DirectAlignment, best: DirectAlignment) -> bool:
     if bool(rejection_reason(candidate)) != bool(rejection_reason(best)):
         return not rejection_reason(candidate)
-    return residual_score(candidate) < (1.0 - SLIGHT) * residual_score(best)
+    return residual_score(candidate) < (1.0 - MIN_SCORE_GAIN) * residual_score(best)

@@ -1,10 +1,9 @@
-"""Regions of the view that move by themselves: whole cells of the image that do not fit."""
+"""Weights of image regions: cells that move by themselves do not fit."""
 
 import numpy as np
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.direct import warping as reading_columns
 from vo_service.odometry.direct.grid import NUM_CELLS
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
@@ -15,9 +14,15 @@ from vo_service.odometry.direct.keyframe_points import (
 from vo_service.odometry.direct.normal_equations import GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 from vo_service.odometry.direct.parameters import MAX_REGION_COST_RATIO
 from vo_service.odometry.direct.residual_stats import MAX_SQUARED_RESIDUAL
-from vo_service.odometry.direct.warping import OCCLUDED
+from vo_service.odometry.direct.warping import (
+    OCCLUDED,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_OCCLUSION,
+)
 
-# Cells with fewer readings are not judged.
+# Cells with fewer samples keep their weight.
 MIN_CELL_SAMPLES = 10
 
 
@@ -25,11 +30,10 @@ MIN_CELL_SAMPLES = 10
 def weigh_regions(
     points: Array, samples: Array, residual_model: Array, base_weights: Array
 ) -> Array:
-    """(2, CELLS) weights: the basic ones, lowered where a cell fits worse than most cells do.
+    """(2, CELLS) weights: the base weights, factor where a cell fits worse than max_mean cells do.
 
-    A single reading that does not fit is an outlier, and robust statistics deal with it. Things
-    that move by themselves are many readings that agree with each other: they have to be seen as
-    regions.
+    Robust statistics handle single outliers. A moving object gives many samples that agree with
+    each other, so it has to be detected as a region.
     """
     sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
     variance, variance_depth = (
@@ -37,11 +41,11 @@ def weigh_regions(
         residual_model[SIGMA_DEPTH] ** 2,
     )
     for i in range(len(points)):
-        cell = int(samples[i, reading_columns.SAMPLE_CELL])
-        if cell < 0 or samples[i, reading_columns.SAMPLE_OCCLUSION] == OCCLUDED:
+        cell = int(samples[i, SAMPLE_CELL])
+        if cell < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
             continue
-        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
-        depth = samples[i, reading_columns.SAMPLE_DEPTH_RESIDUAL]
+        brightness = samples[i, SAMPLE_BRIGHTNESS]
+        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
         if np.isnan(brightness):
             sums[cell] += MAX_SQUARED_RESIDUAL
             counts[cell] += 1.0
@@ -63,13 +67,13 @@ def weigh_regions(
         if counts[cell] >= MIN_CELL_SAMPLES:
             means[cell] = sums[cell] / counts[cell]
     weights = base_weights.copy()
-    judged = means[means >= 0.0]
-    if len(judged) == 0:
+    valid_means = means[means >= 0.0]
+    if len(valid_means) == 0:
         return weights
-    most = MAX_REGION_COST_RATIO * np.median(judged)
+    max_mean = MAX_REGION_COST_RATIO * np.median(valid_means)
     for cell in range(NUM_CELLS):
-        if means[cell] > most:
-            lowered = (most / means[cell]) ** 2
-            weights[0, cell] *= lowered
-            weights[1, cell] *= lowered
+        if means[cell] > max_mean:
+            factor = (max_mean / means[cell]) ** 2
+            weights[0, cell] *= factor
+            weights[1, cell] *= factor
     return weights

@@ -1,8 +1,8 @@
-"""How the camera moves while the rows of a frame are taken.
+"""Motion of the camera during the readout of a frame, and projection with a rolling shutter.
 
-A movement (9,) is a twist, m/s and rad/s, and the angular acceleration, rad/s^2, at the instant
-that everything is counted from. A hand's tremor changes how it turns within a frame: in 10 ms by a
-good part of a pixel. What it changes of the place is below the sensor's noise.
+A motion (9,) is a twist, m/s and rad/s, and the angular acceleration, rad/s^2, at the frame's
+stamp. Hand tremor changes the angular velocity within a frame: in 10 ms by a good part of a pixel.
+The change of the linear velocity is below the sensor's noise.
 """
 
 import numpy as np
@@ -12,27 +12,27 @@ from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.se3 import se3_log
 
 MOTION_SIZE = 9
-# Of the acceleration among them; and among the unknowns of a step: motion, velocity, acceleration.
+# Index of the acceleration in a motion. The unknowns of a step are a pose and a motion.
 ACCELERATION_START = 6
 NUM_UNKNOWNS = 6 + MOTION_SIZE
 
 
 def zero_motion() -> Array:
-    """(9,) of a camera that stands still."""
+    """(9,) motion of a camera at rest."""
     return np.zeros(MOTION_SIZE)
 
 
 def constant_velocity_motion(velocity: Array) -> Array:
-    """(9,) of a velocity (6,) that stays as it is."""
+    """(9,) motion of constant velocity (6,)."""
     return np.concatenate([velocity, np.zeros(3)])
 
 
 def fit_through_poses(
     poses: tuple[Array, Array, Array], stamps_s: tuple[float, float, float]
 ) -> Array:
-    """(9,) of a camera in its own axes at the second of three poses T_world_camera (4x4).
+    """(9,) motion of a camera in its own axes at the second of three poses T_world_camera (4x4).
 
-    As if the way through them were a parabola.
+    The trajectory through them is taken as a parabola.
     """
     before, now, after = poses
     since_s, until_s = stamps_s[1] - stamps_s[0], stamps_s[2] - stamps_s[1]
@@ -44,7 +44,7 @@ def fit_through_poses(
 
 
 def change_frame(motion: Array, T: Array) -> Array:
-    """(9,) the same movement in the axes that T (4x4) leads to."""
+    """(9,) the same motion in the axes that T (4x4) transforms to."""
     Ad = adjoint(T)
     turned = Ad[3:, 3:] @ motion[ACCELERATION_START:]
     return np.concatenate([Ad @ motion[:ACCELERATION_START], turned])
@@ -52,9 +52,9 @@ def change_frame(motion: Array, T: Array) -> Array:
 
 @kernel
 def body_motion(T_camera_keyframe: Array, motion: Array) -> Array:
-    """The camera's movement in its own axes (9,), of that of the motion in the keyframe's axes.
+    """(9,) motion of the camera in its own axes, from that of the points in the keyframe's axes.
 
-    The points move through the camera's axes as the camera does not: minus the adjoint.
+    The points move through the camera's axes opposite to the camera: minus the adjoint.
     """
     T = T_camera_keyframe
     own = np.empty(MOTION_SIZE)
@@ -71,7 +71,7 @@ def body_motion(T_camera_keyframe: Array, motion: Array) -> Array:
 
 @inline_kernel
 def propagate_motion(motion: Array, delay_s: float) -> Array:
-    """(9,) the movement after some time: it turns otherwise by then."""
+    """(9,) motion after a delay, by which the acceleration has changed it."""
     then = motion.copy()
     for i in range(3):
         then[3 + i] += delay_s * motion[ACCELERATION_START + i]
@@ -82,12 +82,11 @@ def propagate_motion(motion: Array, delay_s: float) -> Array:
 def propagate_point(
     motion: Array, x: float, y: float, z: float, delay_s: float
 ) -> tuple[float, float, float]:
-    """Where a standing point is in the camera's axes after some time, to the second order."""
+    """Position of a static point in the camera's axes after a delay, to second order."""
     vx, vy, vz = motion[0], motion[1], motion[2]
     wx, wy, wz = motion[3], motion[4], motion[5]
     bx, by, bz = motion[6], motion[7], motion[8]
-    # What the point does in the camera's axes: minus (v + w x p), which itself turns with the axes,
-    # and faster by b.
+    # The point's velocity in the camera's axes is -(v + w x p); w grows by b.
     ax, ay, az = wz * y - wy * z - vx, wx * z - wz * x - vy, wy * x - wx * y - vz
     half = 0.5 * delay_s * delay_s
     return (
@@ -97,13 +96,13 @@ def propagate_point(
     )
 
 
-# A row's time depends on where the point is, and that on the time: so many rounds settle it.
+# A row's time depends on the point's position, and that on the time: they are found by iteration.
 ITERATIONS = 2
 
 
 @inline_kernel
 def row_time(v: float, height: int, readout_s: float) -> float:
-    """When a row is taken, after the middle one."""
+    """Time of a row after the middle one, s."""
     return (v - 0.5 * (height - 1)) * readout_s / height
 
 
@@ -127,10 +126,20 @@ def project_rolling_shutter(
     readout_s: float,
     skew_s: float,
 ) -> tuple[float, float, float]:
-    """Pixel u, v and depth of a point in the row that sees it.
+    """Project a point into the row that sees it.
 
-    movement  of the camera in its own axes, see `movement`
-    late_s    the middle row after the instant that the point is given for
+    Args:
+        motion: (9,) of the camera in its own axes.
+        x: Position of the point in the camera's axes, m.
+        y: See x.
+        z: See x.
+        intrinsics: (4,) fx, fy, cx, cy.
+        height: Of the image, rows.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the middle row after the instant of the point's position.
+
+    Returns:
+        Pixel u, v and depth.
     """
     u, v = project(x, y, z, intrinsics)
     z_then = z

@@ -1,4 +1,4 @@
-"""Rigid motions in kernels: what they do, and their twists by exponential and logarithm.
+"""Rigid transforms in kernels, with the exponential and the logarithm of SE(3).
 
 A twist is (translation m, rotation rad), the coordinates of a motion at constant velocity; over a
 second it is that velocity. Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in
@@ -10,7 +10,7 @@ import numpy as np
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 
-# Below this angle the series take over: their next term is beyond a double's precision.
+# Below this angle series are used: their next term is below double precision.
 SMALL_ANGLE_RAD = 1e-3
 
 
@@ -42,7 +42,7 @@ def se3_exp(twist: Array) -> Array:
 
 @inline_kernel
 def transform_point(T: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A point in the axes that a rigid transform 4x4 leads to."""
+    """Transform a point by a rigid transform 4x4."""
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
@@ -52,7 +52,7 @@ def transform_point(T: Array, x: float, y: float, z: float) -> tuple[float, floa
 
 @kernel
 def compose(A: Array, B: Array) -> Array:
-    """A B of two rigid transforms 4x4."""
+    """Product A B of two rigid transforms 4x4."""
     T = np.eye(4)
     for i in range(3):
         for j in range(4):
@@ -63,7 +63,7 @@ def compose(A: Array, B: Array) -> Array:
 
 @kernel
 def se3_log(T: Array) -> Array:
-    """Twist (6,) of a rigid transform 4x4 that turns by less than half a turn."""
+    """Twist (6,) of a rigid transform 4x4 with an angle below pi."""
     twist = np.empty(6)
     x, y, z = 0.5 * (T[2, 1] - T[1, 2]), 0.5 * (T[0, 2] - T[2, 0]), 0.5 * (T[1, 0] - T[0, 1])
     sine = np.sqrt(x * x + y * y + z * z)

@@ -1,9 +1,9 @@
-"""What each stage of the keyframe odometry may take."""
+"""Time budget of each stage of the direct odometry."""
 
 from collections.abc import Mapping
 
-# Milliseconds of processor time, mean of all frames, those in which it does not run among them: a
-# quarter of one processor at 30 Hz. With a rolling shutter; without one, half of `align` will do.
+# Milliseconds of processor time, as the mean over all frames, with a rolling shutter. The sum is a
+# quarter of one processor at 30 Hz. Without a rolling shutter, half of `align` is enough.
 STAGE_BUDGET_MS: Mapping[str, float] = {
     "images": 0.5,
     "align": 4.5,

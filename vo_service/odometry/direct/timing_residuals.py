@@ -1,4 +1,4 @@
-"""How well frames fit one another whose camera motion is known: that tells their timing."""
+"""Brightness residuals between frames with known poses, from which their timing is estimated."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -18,16 +18,18 @@ from vo_service.odometry.direct.rolling_shutter import (
     constant_velocity_motion,
 )
 
-# Information of a movement that is given: no image changes it.
+# Information of a fixed motion, which no image changes.
 FIXED_INFORMATION = np.full(MOTION_SIZE, 1e12)
 
 
 @dataclass(frozen=True)
 class PosedFrame:
-    """A frame and the camera's motion at its stamp.
+    """A frame with the camera's pose and velocity at its stamp.
 
-    T_world_camera  4x4
-    velocity        (6,) twist of the camera in its own axes, m/s and rad/s
+    Attributes:
+        images: Its image pyramid.
+        T_world_camera: 4x4 pose.
+        velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
     """
 
     images: ImagePyramid
@@ -35,31 +37,32 @@ class PosedFrame:
     velocity: Array
 
     def with_timing(self, readout_s: float, skew_s: float) -> "PosedFrame":
-        """The same, as if its rows had been taken at other times; the skew is added to its own."""
+        """Return a copy with other row times; the skew is added to the frame's own."""
         shutter = ImageTiming(readout_s, self.images.shutter.skew_s + skew_s)
         return replace(self, images=replace(self.images, shutter=shutter))
 
 
 def make_posed_frame(frame: RgbdFrame, T_world_camera: Array, velocity: Array) -> PosedFrame:
-    """Prepare a frame."""
+    """Make a posed frame of an RGB-D frame."""
     return PosedFrame(build_image_pyramid(frame), T_world_camera, velocity)
 
 
 def brightness_sigmas(reference: PosedFrame, others: Iterable[PosedFrame]) -> list[float]:
-    """Of each of the others laid on the reference: the spread of brightness, gray levels.
+    """Brightness sigma of each other frame aligned with the reference, gray levels.
 
-    Only the poses are found anew, from those that are given; the velocities are taken as they are.
+    The given poses are refined; the velocities stay fixed.
     """
     points = select_points(
         reference.images, constant_velocity_motion(reference.velocity), ALL_STATIC
     )
-    spreads = []
+    sigmas = []
     for other in others:
         T_reference_other = inverse(reference.T_world_camera) @ other.T_world_camera
-        # The motion's twist in the reference's axes: minus the camera's.
-        movement = change_frame(constant_velocity_motion(-other.velocity), T_reference_other)
-        tie = MotionPrior(T_reference_other, 0.0, movement, FIXED_INFORMATION)
-        start = inverse(T_reference_other)
-        found = align(points, other.images, [start], tie, (1.0, 0.0), uniform_weights())
-        spreads.append(float(found.residual_model[SIGMA_BRIGHTNESS]))
-    return spreads
+        # The motion of the points in the reference's axes is minus that of the camera.
+        motion = change_frame(constant_velocity_motion(-other.velocity), T_reference_other)
+        prior = MotionPrior(T_reference_other, 0.0, motion, FIXED_INFORMATION)
+        alignment = align(
+            points, other.images, [inverse(T_reference_other)], prior, (1.0, 0.0), uniform_weights()
+        )
+        sigmas.append(float(alignment.residual_model[SIGMA_BRIGHTNESS]))
+    return sigmas

@@ -1,8 +1,9 @@
-"""A frame that was found; and how the camera moved in it, once the next one is there.
+"""A tracked frame, and the motion of the camera in it once the next frame is tracked.
 
-How a camera moves while a rolling shutter is open is told by the frame's rows, against a keyframe
-that may be bent itself: what bends one keyframe would bend the next. The poses before and after it
-were laid on the same keyframe, and all are off alike: what lies between them is not bent.
+With a rolling shutter, the motion within a frame follows from its rows, aligned with a keyframe
+that may itself be distorted; each keyframe would pass its distortion on to the next. The poses
+before and after the frame have the same error, as they use the same keyframe, so it cancels in
+between.
 """
 
 from dataclasses import dataclass, replace
@@ -17,10 +18,14 @@ from vo_service.odometry.direct.rolling_shutter import change_frame, fit_through
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """A frame, and where it was found.
+    """A frame and its alignment.
 
-    way      up to the good frame before it
-    is_held  its view held the camera in all six directions
+    Attributes:
+        frame: The frame.
+        images: Its image pyramid.
+        result: Its alignment with a keyframe.
+        motion_state: The state at the good frame before it.
+        is_well_constrained: Whether its view constrains all six degrees of freedom.
     """
 
     frame: RgbdFrame
@@ -30,21 +35,21 @@ class TrackedFrame:
     is_well_constrained: bool
 
     def with_vignetting(self, vignetting: float) -> "TrackedFrame":
-        """The same, by what is known of the lens's light now: see `VignettingEstimate`."""
+        """Return a copy with the current `VignettingEstimate`."""
         return replace(self, images=replace(self.images, vignetting=vignetting))
 
     def with_motion(self, motion: Array) -> "TrackedFrame":
-        """The same with another movement (9,) of the camera in its own axes, see `movement`."""
+        """Return a copy with another motion (9,) of the camera in its own axes."""
         alignment = self.result.alignment
         in_keyframe = change_frame(-motion, inverse(alignment.T_camera_keyframe))
-        found = replace(self.result, alignment=replace(alignment, motion=in_keyframe))
-        return replace(self, result=found)
+        result = replace(self.result, alignment=replace(alignment, motion=in_keyframe))
+        return replace(self, result=result)
 
 
 def estimate_previous_motion(before: TrackedFrame | None, now: TrackedFrame) -> Array | None:
-    """(9,) movement of the camera in the frame before, by the poses around it, see `movement`.
+    """Estimate the camera's motion (9,) in the frame before, from the poses around it.
 
-    None where nothing is bent, or where these tell nothing.
+    Returns None without a rolling shutter, or if the frames are not comparable.
     """
     if before is None or now.images.shutter.is_instant or not _are_comparable(before, now):
         return None
@@ -59,7 +64,7 @@ def estimate_previous_motion(before: TrackedFrame | None, now: TrackedFrame) -> 
 
 
 def _are_comparable(before: TrackedFrame, now: TrackedFrame) -> bool:
-    """Whether both, and the one before them, were laid well on one keyframe, soon after another."""
+    """Whether both frames and the one before are well aligned with one keyframe, soon after."""
     return (
         before.result.keyframe is now.result.keyframe
         and before.is_well_constrained

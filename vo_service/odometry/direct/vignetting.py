@@ -1,9 +1,9 @@
-"""How much light the lens loses towards the corners: learnt from places that move through the view.
+"""Vignetting of the lens, estimated from points that move through the view.
 
-Where the tangent of the angle to its axis is r, it shows 1 - falloff r^2 of what it shows in the
-middle. Left out, whatever comes in from the side gets brighter, and a turn seems to be a little
-less or more than it was. Goldman, "Vignette and Exposure Calibration and Compensation" (PAMI 32,
-2010), who finds it with the exposure, as here.
+Where the tangent of the angle to the optical axis is r, the brightness is 1 - vignetting r^2 of
+that in the center. Without this model, points that enter at the side get brighter, and rotations
+are biased. As in Goldman, "Vignette and Exposure Calibration and Compensation" (PAMI 32, 2010), it
+is estimated together with the exposure.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,6 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.direct import warping as reading_columns
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe_points import (
@@ -22,29 +21,40 @@ from vo_service.odometry.direct.keyframe_points import (
 )
 from vo_service.odometry.direct.local_map import DirectKeyframe
 from vo_service.odometry.direct.normal_equations import GAIN, OFFSET, SIGMA_BRIGHTNESS
-from vo_service.odometry.direct.parameters import DECAY, DEGREES_OF_FREEDOM, HALF, SLIGHT
-from vo_service.odometry.direct.warping import squared_radius_change
+from vo_service.odometry.direct.parameters import (
+    DECAY,
+    DEGREES_OF_FREEDOM,
+    MAX_VIGNETTING,
+    VIGNETTING_PRIOR_SIGMA,
+)
+from vo_service.odometry.direct.warping import (
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_U,
+    SAMPLE_V,
+    squared_radius_change,
+)
 
-# A single view is off by this (sigma), how many readings it may have: surfaces shine, and lamps are
-# near.
-VIEW_SIGMA = HALF * SLIGHT
+# Sigma of a single view, however many samples it has: surfaces are shiny, and lamps are near.
+VIEW_SIGMA = 0.5 * VIGNETTING_PRIOR_SIGMA
 
 
 @dataclass(frozen=True)
 class VignettingEstimate:
-    """What is known of it.
+    """Estimate of the vignetting.
 
-    value        0 for none
-    information  1 / variance of it
+    Attributes:
+        value: 0 for none.
+        information: 1 / variance.
     """
 
     value: float = 0.0
-    information: float = SLIGHT**-2
+    information: float = VIGNETTING_PRIOR_SIGMA**-2
 
     def update(
         self, keyframe: DirectKeyframe, images: ImagePyramid, alignment: DirectAlignment
     ) -> "VignettingEstimate":
-        """The same, by a view in which the keyframe's points have moved far."""
+        """Return the estimate updated by a view in which the keyframe's points have moved far."""
         H, g = _regress(
             keyframe.points[0],
             alignment.samples,
@@ -55,34 +65,37 @@ class VignettingEstimate:
         if H[2, 2] <= 0.0:
             return self
         inverse = np.linalg.inv(H + 1e-9 * np.diag(np.diag(H)) + 1e-9 * np.eye(3))
-        told = images.vignetting + float(inverse[2] @ g)
-        known = DECAY * self.information
-        more = 1.0 / (VIEW_SIGMA**2 + float(inverse[2, 2]))
-        value = (known * self.value + more * told) / (known + more)
-        return VignettingEstimate(min(max(value, -HALF), HALF), known + more)
+        measured = images.vignetting + float(inverse[2] @ g)
+        prior_information = DECAY * self.information
+        view_information = 1.0 / (VIEW_SIGMA**2 + float(inverse[2, 2]))
+        information = prior_information + view_information
+        value = (prior_information * self.value + view_information * measured) / information
+        return VignettingEstimate(min(max(value, -MAX_VIGNETTING), MAX_VIGNETTING), information)
 
 
 @kernel
 def _regress(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array, intrinsics: Array
 ) -> tuple[Array, Array]:
-    """Normal equations (3, 3) and (3,) of changes of gain, offset and falloff."""
+    """Normal equations (3, 3) and (3,) of changes of gain, offset and vignetting."""
     H, g, J = np.zeros((3, 3)), np.zeros(3), np.ones(3)
     for i in range(len(points)):
-        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
+        brightness = samples[i, SAMPLE_BRIGHTNESS]
         if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
             continue
-        u, v = samples[i, reading_columns.SAMPLE_U], samples[i, reading_columns.SAMPLE_V]
-        mine = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
-        residual = brightness - mine - residual_model[OFFSET]
-        of_this = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
+        u, v = samples[i, SAMPLE_U], samples[i, SAMPLE_V]
+        expected = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+        residual = brightness - expected - residual_model[OFFSET]
+        sample_variance = (
+            residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
+        )
         w = (
             (DEGREES_OF_FREEDOM + 1.0)
-            / (DEGREES_OF_FREEDOM + residual * residual / of_this)
-            / of_this
+            / (DEGREES_OF_FREEDOM + residual * residual / sample_variance)
+            / sample_variance
         )
-        w *= cell_weights[0, int(samples[i, reading_columns.SAMPLE_CELL])]
-        J[0], J[2] = mine, -mine * squared_radius_change(u, v, intrinsics, points[i])
+        w *= cell_weights[0, int(samples[i, SAMPLE_CELL])]
+        J[0], J[2] = expected, -expected * squared_radius_change(u, v, intrinsics, points[i])
         for a in range(3):
             for b in range(3):
                 H[a, b] += w * J[a] * J[b]

@@ -1,4 +1,4 @@
-"""What a frame shows where a keyframe's points come to lie in it, each row at its own time."""
+"""Warp a keyframe's points into a frame and sample it there, each row at its own time."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,12 @@ from vo_service.odometry.direct.rolling_shutter import project, project_rolling_
 from vo_service.odometry.direct.se3 import transform_point
 
 MIN_DEPTH_M = 0.05
-# The image is divided into so many bands of rows, each taken as of one instant where times are
-# weighed.
+# The image is divided into this many bands of rows; all rows of a band get the same time.
 NUM_ROW_BANDS = 16
-# Columns of a reading: brightness, 1/z of the surface less that of the point (1/m, as seen from the
-# keyframe), the cell, the bands of the color and of the depth image, and the pixel in the whole
-# color image; NaN or -1 where none. Then whether another surface hides the point (1), or is seen
-# through it (-1): that tells neither brightness nor depth.
+# Columns of a sample: brightness; 1/z of the surface minus that of the point (1/m, as seen from the
+# keyframe); the cell; the bands of the color and of the depth image; the pixel in the whole color
+# image; NaN or -1 where there is none. Then the occlusion: 1 if another surface is in front of the
+# point, -1 if the point is in free space. Such a sample has neither brightness nor depth.
 (
     SAMPLE_BRIGHTNESS,
     SAMPLE_DEPTH_RESIDUAL,
@@ -30,7 +29,7 @@ NUM_ROW_BANDS = 16
 ) = range(8)
 NUM_SAMPLE_COLUMNS = 8
 OCCLUDED = 1.0
-# A surface this much (1/m) nearer or further than a point is another one.
+# A surface that differs by more in inverse depth (1/m) is not the point's.
 MAX_SAME_SURFACE_PER_M = 2.0 * MAX_SURFACE_STEP_PER_M
 
 
@@ -48,16 +47,26 @@ def warp_and_sample(
     vignetting: float,
     samples: Array,
 ) -> None:
-    """Fill in the readings (N, COLUMNS) of points.
+    """Fill in the samples of points.
 
-    movement  (9,) of the camera in its own axes at the frame's stamp, see `movement`
-    falloff   brightness is told as the lens shows it at the point's place in the keyframe
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        T_camera_keyframe: 4x4.
+        motion: (9,) of the camera in its own axes at the frame's stamp, see `rolling_shutter`.
+        gray: (h, w) of the level.
+        intrinsics: (4,) of the level.
+        inverse_depth: (H, W), 1/m; 0 = no reading.
+        depth_intrinsics: (4,) of the whole size.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the depth image after the color image.
+        vignetting: Of the lens; brightness is corrected to the point's pixel in the keyframe.
+        samples: (N, COLUMNS), out.
     """
     height, width = inverse_depth.shape
     is_instant = readout_s == 0.0 and skew_s == 0.0
     for n in range(len(points)):
-        reading = samples[n]
-        _clear_sample(reading)
+        sample = samples[n]
+        _clear_sample(sample)
         x, y, z = transform_point(T_camera_keyframe, points[n, 0], points[n, 1], points[n, 2])
         if z < MIN_DEPTH_M:
             continue
@@ -74,29 +83,29 @@ def warp_and_sample(
         brightness = _interpolate_brightness(gray, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
         if brightness < 0.0 or z_depth < MIN_DEPTH_M:
             continue
-        reading[SAMPLE_U], reading[SAMPLE_V] = u, v
-        reading[SAMPLE_CELL] = cell_index(u / width, v / height)
+        sample[SAMPLE_U], sample[SAMPLE_V] = u, v
+        sample[SAMPLE_CELL] = cell_index(u / width, v / height)
         w = _interpolate_inverse_depth(inverse_depth, u_depth, v_depth)
         difference = w - 1.0 / z_depth
         if w > 0.0 and abs(difference) > MAX_SAME_SURFACE_PER_M:
-            reading[SAMPLE_OCCLUSION] = np.sign(difference)
+            sample[SAMPLE_OCCLUSION] = np.sign(difference)
             continue
         if w > 0.0:
-            reading[SAMPLE_DEPTH_RESIDUAL] = difference * (z_depth / points[n, 2]) ** 2
-            reading[SAMPLE_DEPTH_BAND] = _row_band(v_depth, height)
+            sample[SAMPLE_DEPTH_RESIDUAL] = difference * (z_depth / points[n, 2]) ** 2
+            sample[SAMPLE_DEPTH_BAND] = _row_band(v_depth, height)
         if vignetting != 0.0:
             brightness *= 1.0 + vignetting * squared_radius_change(
                 u, v, depth_intrinsics, points[n]
             )
-        reading[SAMPLE_BRIGHTNESS] = brightness
-        reading[SAMPLE_COLOR_BAND] = _row_band(v, height)
+        sample[SAMPLE_BRIGHTNESS] = brightness
+        sample[SAMPLE_COLOR_BAND] = _row_band(v, height)
 
 
 @inline_kernel
 def squared_radius_change(u: float, v: float, intrinsics: Array, point: Array) -> float:
-    """How much further from the lens's axis a pixel is than a point in its keyframe.
+    """Change of a point's squared radius from its keyframe to a pixel.
 
-    In squared tangents of the angles to the axis.
+    The radius is the tangent of the angle to the optical axis.
     """
     x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
     before = (point[0] * point[0] + point[1] * point[1]) / (point[2] * point[2])
@@ -105,7 +114,7 @@ def squared_radius_change(u: float, v: float, intrinsics: Array, point: Array) -
 
 @inline_kernel
 def _clear_sample(sample: Array) -> None:
-    """Nothing is read."""
+    """Set all columns to their values for no sample."""
     sample[SAMPLE_BRIGHTNESS] = sample[SAMPLE_DEPTH_RESIDUAL] = np.nan
     sample[SAMPLE_CELL] = sample[SAMPLE_COLOR_BAND] = sample[SAMPLE_DEPTH_BAND] = -1.0
     sample[SAMPLE_U] = sample[SAMPLE_V] = -1.0
@@ -114,13 +123,13 @@ def _clear_sample(sample: Array) -> None:
 
 @inline_kernel
 def _row_band(v: float, height: int) -> int:
-    """Number of the band that a row belongs to."""
+    """Index of the band that a row belongs to."""
     return min(max(int(v * NUM_ROW_BANDS / height), 0), NUM_ROW_BANDS - 1)
 
 
 @inline_kernel
 def _interpolate_brightness(gray: NDArray[np.uint8], u: float, v: float) -> float:
-    """Between four pixels; -1 outside of the image."""
+    """Bilinear brightness; -1 outside of the image."""
     height, width = gray.shape
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
         return -1.0
@@ -134,7 +143,7 @@ def _interpolate_brightness(gray: NDArray[np.uint8], u: float, v: float) -> floa
 
 @inline_kernel
 def _interpolate_inverse_depth(inverse_depth: NDArray[np.float32], u: float, v: float) -> float:
-    """1/z between four pixels, 1/m; 0 outside, beside a pixel without reading and on an edge."""
+    """Bilinear 1/z, 1/m; 0 outside, at edges, and next to a pixel without reading."""
     height, width = inverse_depth.shape
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
         return 0.0

@@ -96,8 +96,8 @@ def _linearize(
     inverse, of_point = np.zeros((points, 3, 3)), np.zeros((points, 3))
     mixed, squared = np.zeros((seen, 6, 3)), np.zeros(seen)
     cost = accumulate_bundle(
-        T, position_m, observations.view, observations.point, observations.ray, observations.sigma, damping,
-        H, gradient, inverse, of_point, mixed, squared,
+        T, position_m, observations.view, observations.point, observations.ray, observations.sigma,
+        damping, H, gradient, inverse, of_point, mixed, squared,
     )  # fmt: skip
     return _BundleSystem(T, position_m, cost, H, gradient, inverse, of_point, mixed, squared)
 

@@ -25,8 +25,8 @@ Indices = NDArray[np.int64]
 @kernel
 def accumulate_bundle(
     T: Array, position_m: Array, view: Indices, point: Indices, ray: Array, sigma: float,
-    damping: float, H: Array, gradient: Array, point_inverse: Array, point_gradient: Array, mixed: Array,
-    squared: Array,
+    damping: float, H: Array, gradient: Array, point_inverse: Array, point_gradient: Array,
+    mixed: Array, squared: Array,
 ) -> float:  # fmt: skip
     """Fill the normal equations, the points eliminated; returns the cost.
 

@@ -41,8 +41,8 @@ class MapperClient:
     ) -> None:
         """`hear` gets what the process says of places.
 
-        `on_map_loaded` is called when a map has been loaded, `begin_anew` when all is lost: the number
-        of the next frame that counts.
+        `on_map_loaded` is called when a map has been loaded, `begin_anew` when all is lost: the
+        number of the next frame that counts.
         """
         self._store = MapStore(config.maps_folder)
         self._on_map_message = on_map_message
@@ -73,8 +73,11 @@ class MapperClient:
         if self._supervisor.is_ready and self._supervisor.is_unresponsive:
             return f"{NAME}: its process does not answer; is the disk hung?"
         troubles = (
-            self._process_fault, self._save_faults.text, self._folder_faults.text, self._load_faults.text
-        )  # fmt: skip
+            self._process_fault,
+            self._save_faults.text,
+            self._folder_faults.text,
+            self._load_faults.text,
+        )
         trouble = "; ".join(filter(None, troubles))
         return f"{NAME}: {trouble}" if trouble else ""
 

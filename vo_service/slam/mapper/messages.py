@@ -37,7 +37,8 @@ class MapperWorkerConfig:
 class RelocalizationQuery:
     """In the note of a frame in the ring, to ask where it was taken.
 
-    A frame whose note has a `OdometryConstraint` is to be a place; one with neither is a keyframe alone.
+    A frame whose note has a `OdometryConstraint` is to be a place; one with neither is a keyframe
+    alone.
     """
 
 

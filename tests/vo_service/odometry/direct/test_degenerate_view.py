@@ -55,7 +55,7 @@ def test_what_is_but_noise_goes_on_as_before_and_is_told() -> None:
     assert (
         found.degradation
         == sure.rejection_reason
-        == "too plain a view: 2 of 6 directions of motion are open"
+        == "degenerate view: 2 of 6 degrees of freedom are unconstrained"
     )
 
 

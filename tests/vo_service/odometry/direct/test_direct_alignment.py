@@ -144,13 +144,13 @@ def test_depth_alone_is_enough_in_a_corner() -> None:
         found = laid(frame, weights=weights)
         assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.001, 0.03)
         assert not found.uses_brightness
-        assert degradation_reason(found).startswith("by depth alone")
+        assert degradation_reason(found).startswith("depth only")
 
 
 def test_brightness_alone_is_enough_where_there_is_paint() -> None:
     found = laid(remove_depth(render_view(BRISK, 0.1)))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.004, 0.1)
-    assert degradation_reason(found).startswith("by brightness alone")
+    assert degradation_reason(found).startswith("brightness only")
 
 
 def test_a_frame_of_another_place_is_doubted() -> None:
@@ -160,7 +160,7 @@ def test_a_frame_of_another_place_is_doubted() -> None:
 
 def test_a_frame_that_tells_nothing_is_doubted() -> None:
     nothing = laid(remove_depth(remove_color(render_view(STILL))), weights=depth_only_weights())
-    assert rejection_reason(nothing) == "only 0 readings of what is in view"
+    assert rejection_reason(nothing) == "only 0 samples in view"
 
 
 def test_a_keyframe_of_fewer_sizes_is_laid_on_a_larger_image() -> None:

@@ -24,7 +24,8 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.estimate_checks import assert_valid
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct.odometry import MAX_FAILURES, MAX_INITIAL_FAILURES, DirectOdometry
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_INITIAL_FAILURES
 
 SHAPE = (CAMERA.height, CAMERA.width)
 # Noise of the brightness, gray levels: bad, and still to be recognised.
@@ -60,8 +61,8 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out(
 @pytest.mark.parametrize(
     ("spoil", "reason", "error_m"),
     [
-        (remove_color, "by depth alone: ", 0.002),
-        (remove_depth, "by brightness alone: no depth in view", 0.006),
+        (remove_color, "depth only: ", 0.002),
+        (remove_depth, "brightness only: no depth in view", 0.006),
         (lambda frame: change_lighting(frame, 1.8), "", 0.002),
         (lambda frame: change_lighting(frame, 0.6), "", 0.002),
     ],
@@ -89,7 +90,7 @@ def test_without_texture_the_shape_of_the_room_is_enough() -> None:
     assert first.ok
     for k, estimate in enumerate(others, 1):
         assert estimate.ok
-        assert estimate.reason == "by depth alone: no texture in view"
+        assert estimate.reason == "depth only: no texture in view"
         assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.004, 0.1)
 
 
@@ -114,7 +115,7 @@ def test_what_fits_badly_is_not_believed_when_the_camera_may_be_anywhere(
     late = replace(views[3], stamp_s=views[3].stamp_s + later_s, color_bgr=color_bgr)
     estimate = odometry.estimate(late)
     assert estimate.ok is is_believed
-    assert ("another place" in estimate.reason) is not is_believed
+    assert ("may be elsewhere" in estimate.reason) is not is_believed
 
 
 def test_it_starts_in_the_dark_and_goes_on_in_the_light(views: list[RgbdFrame]) -> None:

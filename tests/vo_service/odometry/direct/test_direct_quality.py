@@ -63,17 +63,17 @@ def test_a_good_alignment_is_believed_and_lacks_nothing() -> None:
 @pytest.mark.parametrize(
     ("found", "reason"),
     [
-        (counted(IN_IMAGE=40), "40 of "),
+        (counted(IN_IMAGE=40), "only 40 of "),
         (
             counted(DISREGARDED=0.9 * GOOD.counts[residual_stats.IN_IMAGE]),
             "90 % of the view does not fit",
         ),
-        (counted(DEPTH_AGREES=0), "depths agree with the keyframe's"),
-        (counted(BRIGHTNESS_AGREES=0), "brightnesses agree with the keyframe's"),
-        (counted(WITH_DEPTH=0, WITH_BRIGHTNESS=9), "only 9 readings"),
+        (counted(DEPTH_AGREES=0), "depth samples agree with the keyframe"),
+        (counted(BRIGHTNESS_AGREES=0), "brightness samples agree with the keyframe"),
+        (counted(WITH_DEPTH=0, WITH_BRIGHTNESS=9), "only 9 samples in view"),
         (fitted(SIGMA_DEPTH=1.0), "the depth does not fit"),
         (fitted(SIGMA_BRIGHTNESS=100.0), "the brightness does not fit"),
-        (fitted(GAIN=9.0), "the light is quite another than the keyframe's"),
+        (fitted(GAIN=9.0), "the brightness changed too much against the keyframe"),
     ],
 )
 def test_what_does_not_fit_is_doubted_and_said(found: DirectAlignment, reason: str) -> None:
@@ -87,8 +87,8 @@ def test_brightness_that_does_not_count_is_not_doubted() -> None:
 
 
 def test_what_it_has_to_do_without_is_said() -> None:
-    assert "depth alone" in degradation_reason(counted(WITH_BRIGHTNESS=0))
-    assert "brightness alone" in degradation_reason(counted(WITH_DEPTH=0))
+    assert "depth only" in degradation_reason(counted(WITH_BRIGHTNESS=0))
+    assert "brightness only" in degradation_reason(counted(WITH_DEPTH=0))
 
 
 def count_of(readings: Array) -> Array:
@@ -144,15 +144,15 @@ def covered(share: float) -> DirectAlignment:
 
 def test_a_view_that_something_covers_is_not_believed_however_well_the_rest_fits() -> None:
     assert occlusion_reason(GOOD) == occlusion_reason(covered(0.4)) == ""
-    assert "of the view is covered" in occlusion_reason(covered(0.7))
+    assert "of the view is occluded" in occlusion_reason(covered(0.7))
     assert rejection_reason(covered(0.7)) == ""
     unfit = counted(DISREGARDED=0.7 * GOOD.counts[residual_stats.IN_IMAGE])
-    assert occlusion_reason(unfit) == "70 % of the view is covered"
+    assert occlusion_reason(unfit) == "70 % of the view is occluded"
 
 
 def test_a_view_that_is_covered_in_part_is_told() -> None:
     assert degradation_reason(covered(0.1)) == ""
-    assert "of the view is covered" in degradation_reason(covered(0.4))
+    assert "of the view is occluded" in degradation_reason(covered(0.4))
 
 
 def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:

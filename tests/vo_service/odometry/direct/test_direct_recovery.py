@@ -149,7 +149,7 @@ def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken()
 
 def test_in_the_dark_depth_alone_is_tried() -> None:
     found = recovered(remove_color(looking(0.02, 1)))
-    assert found.degradation.startswith("by depth alone: ")
+    assert found.degradation.startswith("depth only: ")
     assert not found.alignment.uses_brightness
     assert_close(T_world_of(found), turned(0.02), 0.003, 0.1)
 

@@ -50,6 +50,6 @@ def test_a_frame_of_which_most_is_covered_is_not_believed_though_the_rest_fits()
     held = estimate_all(odometry, before)[-1].T_world_camera
     estimate = odometry.estimate(covered(frame, 0.7))
     assert not estimate.ok
-    assert estimate.reason.endswith("% of the view is covered")
+    assert estimate.reason.endswith("% of the view is occluded")
     np.testing.assert_array_equal(estimate.T_world_camera, held)
     assert_close(odometry.estimate(after).T_world_camera, BRISK.pose_at(3 / 30), 0.0015, 0.05)

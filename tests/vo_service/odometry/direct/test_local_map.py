@@ -23,13 +23,13 @@ from vo_service.odometry.direct.grid import ALL_STATIC
 from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
 from vo_service.odometry.direct.keyframe_selection import needs_keyframe, refine, select
 from vo_service.odometry.direct.local_map import (
-    MAX_KEYFRAMES,
     DirectKeyframe,
     LocalMap,
     compute_overlap,
     make_keyframe,
 )
 from vo_service.odometry.direct.multi_keyframe_alignment import align_jointly
+from vo_service.odometry.direct.parameters import MAX_KEYFRAMES
 from vo_service.odometry.direct.recovery import TrackingResult
 from vo_service.odometry.direct.rolling_shutter import zero_motion
 from vo_service.odometry.direct.tracked_frame import TrackedFrame

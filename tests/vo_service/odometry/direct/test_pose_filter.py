@@ -8,7 +8,7 @@ import pytest
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, series_exponential
 from tests.vo_service.odometry.direct.tracking_results import MOTION, STAMP_S, make_result
 from vo_service.odometry.direct.motion_state import MotionState
-from vo_service.odometry.direct.parameters import SLIGHT
+from vo_service.odometry.direct.parameters import MIN_POSE_GAIN
 from vo_service.odometry.direct.pose_filter import alpha_beta_filter, filter_gains
 from vo_service.odometry.direct.recovery import TrackingResult
 
@@ -29,11 +29,11 @@ def steady(
 def test_what_lies_within_its_noise_hardly_moves_a_calm_camera() -> None:
     _, calm, unrest = steady(1.0)
     assert unrest == pytest.approx(np.mean((OFF / SIGMA) ** 2))
-    expected = BRISK.pose_at(STAMP_S) @ series_exponential(SLIGHT * OFF)
+    expected = BRISK.pose_at(STAMP_S) @ series_exponential(MIN_POSE_GAIN * OFF)
     np.testing.assert_allclose(calm.T_world_camera, expected, atol=1e-12)
     change = calm.alignment.camera_velocity - BRISK.velocity
     np.testing.assert_allclose(change, filter_gains(unrest)[1] * FASTER, atol=1e-12)
-    assert 0.0 < filter_gains(unrest)[1] < SLIGHT
+    assert 0.0 < filter_gains(unrest)[1] < MIN_POSE_GAIN
 
 
 def test_what_is_beyond_its_noise_is_taken_as_it_was_found() -> None:
@@ -56,7 +56,7 @@ def test_the_shares_of_a_frame_grow_with_the_unrest() -> None:
     of_pose, of_velocity = np.array(
         [filter_gains(unrest) for unrest in (0.0, 1.3, 1.6, 2.0, 9.0)]
     ).T
-    assert of_pose[0] == SLIGHT
+    assert of_pose[0] == MIN_POSE_GAIN
     assert np.all(np.diff(of_pose[:4]) > 0)
     assert np.all(np.diff(of_velocity[:3]) > 0)
     assert of_pose[-1] == of_velocity[-1] == 1.0

@@ -137,7 +137,7 @@ def test_poses_that_are_not_alike_tell_nothing(
             before, motion_state=replace(way, well_constrained_stamp_s=way.stamp_s - FRAME_S)
         ),
         "another keyframe": replace(before, result=replace(before.result, keyframe=replace(BENT))),
-        "in the dark": replace(before, result=replace(before.result, degradation="by depth alone")),
+        "in the dark": replace(before, result=replace(before.result, degradation="depth only")),
         "long ago": replace(before, motion_state=replace(way, stamp_s=way.stamp_s - FRAME_S)),
         "at once": replace(
             before, motion_state=replace(way, stamp_s=0.0, well_constrained_stamp_s=0.0)

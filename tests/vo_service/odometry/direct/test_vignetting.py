@@ -27,7 +27,7 @@ from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_p
 from vo_service.odometry.direct.local_map import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.normal_equations import SIGMA_BRIGHTNESS
 from vo_service.odometry.direct.odometry import DirectOdometry
-from vo_service.odometry.direct.parameters import HALF
+from vo_service.odometry.direct.parameters import MAX_VIGNETTING
 from vo_service.odometry.direct.rolling_shutter import zero_motion
 from vo_service.odometry.direct.tracked_frame import TrackedFrame
 from vo_service.odometry.direct.vignetting import VignettingEstimate
@@ -103,7 +103,7 @@ def test_the_dark_tells_nothing() -> None:
 def test_it_is_never_more_than_a_lens_may_lose() -> None:
     keyframe, images, found = looked(0.2)
     absurd = replace(images, vignetting=9.0)
-    assert VignettingEstimate().update(keyframe, absurd, found).value == HALF
+    assert VignettingEstimate().update(keyframe, absurd, found).value == MAX_VIGNETTING
 
 
 def test_views_fit_better_where_it_is_known() -> None:

@@ -1,4 +1,4 @@
-"""Reading poses from Python: newest first, with their age, in five lines.
+"""Read poses from Python, newest first and with their age.
 
     from vo_service.client import PoseClient
 
@@ -6,7 +6,7 @@
         for pose in client.poses():
             print(pose.stamp_s, pose.position_m, pose.state)
 
-Needs zenoh and numpy alone. `docs/messages.md` says what is behind it.
+Needs only zenoh and numpy. `docs/messages.md` describes the messages.
 """
 
 from drivers.core.errors import InputError

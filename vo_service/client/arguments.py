@@ -1,4 +1,4 @@
-"""What callers hand to the client, checked before anything is sent."""
+"""Checks of the caller's arguments, before anything is sent."""
 
 import json
 import re
@@ -10,47 +10,47 @@ import numpy as np
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, is_rigid, quaternion_from_rotation
 
-# As far from a rotation as a matrix of 32-bit numbers may come to be.
+# A rotation in 32-bit floats may be this far from orthonormal.
 RIGID_TOLERANCE = 1e-3
 
 
 def check_max_age(max_age_s: float) -> None:
-    """Raise InputError unless it is zero or more; infinite is any age."""
+    """Raise InputError unless the age is zero or more; infinity accepts any age."""
     if not max_age_s >= 0:
         raise InputError(f"max_age_s = {max_age_s:g}: give seconds, zero or more")
 
 
 def check_timeout(timeout_s: float | None) -> None:
-    """Raise InputError unless it is None or a time that can be waited."""
+    """Raise InputError unless the timeout is None or a time that a thread can wait."""
     if timeout_s is not None and not 0 <= timeout_s <= threading.TIMEOUT_MAX:
-        raise InputError(f"timeout_s = {timeout_s:g}: give seconds, zero or more, and not for ever")
+        raise InputError(f"timeout_s = {timeout_s:g}: give seconds, zero or more and finite")
 
 
 def check_command_name(name: str) -> None:
-    """Raise InputError for what would be another key, or none."""
+    """Raise InputError unless the name is one valid part of a Zenoh key."""
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        raise InputError(f"{name!r}: no name of a command; see kinect-vo command --help")
+        raise InputError(f"{name!r} is not a command name; see kinect-vo command --help")
 
 
 def encode_arguments(key: str, arguments: Mapping[str, object]) -> bytes | None:
-    """Arguments as JSON; nothing where there are none. Raises InputError."""
+    """Encode arguments as JSON; None if there are none. Raises InputError."""
     if not arguments:
         return None
     try:
         return json.dumps(dict(arguments), allow_nan=False).encode()
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"{key}: its arguments cannot be sent as JSON: {error}") from error
+        raise InputError(f"{key}: the arguments cannot be sent as JSON: {error}") from error
 
 
 def reset_arguments(T_odom_base: Array) -> Mapping[str, object]:
-    """What `reset` takes for a 4x4 pose. Raises InputError unless it is rigid."""
+    """Return the arguments of `reset` for a 4x4 pose. Raises InputError unless it is rigid."""
     try:
         T = np.asarray(T_odom_base, dtype=np.float64)
     except (TypeError, ValueError):
         T = np.empty(0)
     if not is_rigid(T, RIGID_TOLERANCE):
         raise InputError(
-            "T_odom_base: give a 4x4 matrix of finite numbers, a rotation and a position in metres"
+            "T_odom_base: give a 4x4 matrix of finite numbers, a rotation and a position in meters"
         )
     return {
         "position_m": T[:3, 3].tolist(),

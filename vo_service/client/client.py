@@ -1,4 +1,4 @@
-"""The client: connects to a running kinect-vo, reads its poses, sends it commands."""
+"""Client of a running kinect-vo: reads its poses and sends it commands."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -27,16 +27,16 @@ from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 
 # The service gives its loop five seconds for a command.
 REPLY_TIMEOUT_S = 6.0
-# How long to wait for the service's token before it is asked all the same.
+# Wait this long for the service's liveliness token; then send the query anyway.
 LIVELINESS_TIMEOUT_S = 1.0
 
 
 class PoseClient:
-    """Reads one service. Stays connected: a service that is not there yet or goes is waited for.
+    """Client of one service. If the service is not there, the client waits and reconnects.
 
-    Any number of threads may use it; each that calls `newest` is a reader of its own. Every
-    time-out is in seconds; one that is negative or not finite raises InputError. After `close`
-    every question raises NoAnswer. An answer that cannot be read raises ValueError.
+    Thread-safe; each thread that calls `newest` is a separate reader. Timeouts are in seconds; a
+    negative or infinite one raises InputError. After `close`, every query raises
+    ServiceUnavailable. A reply that cannot be parsed raises ValueError.
     """
 
     def __init__(
@@ -45,14 +45,20 @@ class PoseClient:
         connect: str = DEFAULT_ENDPOINT,
         config_file: Path | str | None = None,
     ) -> None:
-        """Connect to `connect`, or wherever a Zenoh configuration (JSON5, for TLS) says.
+        """Connect to a service.
 
-        Raises InputError if one of the three is wrong.
+        Args:
+            prefix: prefix of the service's Zenoh keys.
+            connect: Zenoh endpoint of the service.
+            config_file: Zenoh configuration (JSON5, for TLS); its endpoints replace `connect`.
+
+        Raises:
+            InputError: an argument is invalid.
         """
         self._prefix = check_prefix(prefix)
         file = None if config_file is None else Path(config_file)
         self._where = f"as {prefix} " + (
-            f"at {connect}" if file is None else f"where {file} says, or it refuses us"
+            f"at {connect}" if file is None else f"at the endpoints in {file}, or access is denied"
         )
         self._state = ServiceState()
         self._connection = BackgroundConnection(
@@ -80,48 +86,59 @@ class PoseClient:
     # Poses
 
     def poses(self, timeout_s: float | None = None) -> Iterator[Pose]:
-        """The newest pose, again and again as new ones come; lost ones too, see `Pose.state`.
+        """Iterate over poses as they arrive, lost ones too; see `Pose.state`.
 
-        A reader that takes its time gets the newest next; `Pose.missed` counts the others. Waits as
-        long as it takes or, with `timeout_s`, raises NoPose when none comes for so long.
+        A slow reader skips to the newest pose; `Pose.missed` counts the skipped ones.
+
+        Args:
+            timeout_s: longest wait for the next pose; None waits without limit.
+
+        Raises:
+            PoseUnavailable: no pose arrived in time.
         """
         check_timeout(timeout_s)
         return self._poses(self._state.pose.count, timeout_s)
 
     def _poses(self, count: int, timeout_s: float | None) -> Iterator[Pose]:
-        reader, hearing = PoseReader(), self._state
-        while newer := hearing.wait_for_newer(hearing.pose, count, timeout_s):
-            count, heard = newer
-            yield reader.read(heard)
-        if not hearing.is_closed:
-            raise pose_unavailable_error(hearing, self._where)
+        reader, state = PoseReader(), self._state
+        while newer := state.wait_for_newer(state.pose, count, timeout_s):
+            count, received = newer
+            yield reader.read(received)
+        if not state.is_closed:
+            raise pose_unavailable_error(state, self._where)
 
     def newest(self, max_age_s: float = 0.2) -> Pose:
-        """The newest pose, at once.
+        """Return the newest pose without waiting.
 
-        Raises NoPose, with the reason, unless it came within `max_age_s` and is not lost;
-        InputError for an age that is negative or NaN. `is_continuous` and `missed` count from the
-        pose that this thread got before.
+        `is_continuous` and `missed` compare it with this thread's previous pose.
+
+        Raises:
+            PoseUnavailable: no pose arrived within `max_age_s`, or tracking is lost.
+            InputError: `max_age_s` is negative or NaN.
         """
         check_max_age(max_age_s)
         return self._thread_local.reader.read(require_fresh(self._state, max_age_s, self._where))
 
     def query_latest(self, timeout_s: float = REPLY_TIMEOUT_S) -> Pose:
-        """The last pose that the service has published, asked for; it may be old.
+        """Query the last pose that the service has published; it may be old.
 
-        Raises CommandRefused if there is none yet, NoAnswer if nobody answers.
+        Raises:
+            CommandRefused: there is no pose yet.
+            ServiceUnavailable: no service replied.
         """
         sample = query(self._sessions(timeout_s), f"{self._prefix}/latest", timeout_s)
         return make_pose(parse_pose_sample(sample, run=0), is_continuous=False, missed=0)
 
     def map_odom(self, timeout_s: float = REPLY_TIMEOUT_S) -> MapOdom:
-        """How `odom` lies in the map now. What was heard lately is had at once; else it is asked.
+        """Return the map->odom transform: a recent message if there is one, else a query.
 
-        Raises CommandRefused if there is no map, NoAnswer if nobody answers.
+        Raises:
+            CommandRefused: there is no map.
+            ServiceUnavailable: no service replied.
         """
-        heard = self._state.map_odom
-        if heard.item is not None and heard.age_s < MAX_SILENCE_S:
-            return heard.item
+        latest = self._state.map_odom
+        if latest.item is not None and latest.age_s < MAX_SILENCE_S:
+            return latest.item
         return parse_map_odom(
             query(self._sessions(timeout_s), f"{self._prefix}/map_odom", timeout_s)
         )
@@ -130,85 +147,91 @@ class PoseClient:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the service is there."""
+        """Whether the service is running and reachable."""
         return self._state.is_alive
 
     def wait_for_publisher(self, timeout_s: float | None = None) -> bool:
-        """Wait until the service is there; False if it does not come in time."""
+        """Wait until the service is reachable; False on timeout."""
         check_timeout(timeout_s)
         return self._state.wait_until_alive(timeout_s)
 
     def status(self, timeout_s: float = REPLY_TIMEOUT_S) -> StatusMessage:
-        """The newest status; its fields are in `docs/messages.md`.
+        """Return the newest status; `docs/messages.md` lists its fields.
 
-        Raises NoAnswer if none was heard lately and nobody answers.
+        Raises:
+            ServiceUnavailable: no status arrived recently and no service replied.
         """
-        heard = self._state.status
-        if heard.item is not None and heard.age_s < MAX_SILENCE_S:
-            return heard.item
+        latest = self._state.status
+        if latest.item is not None and latest.age_s < MAX_SILENCE_S:
+            return latest.item
         sample = query(self._sessions(timeout_s), f"{self._prefix}/status", timeout_s)
         return parse_status(sample.payload)
 
     def statuses(self) -> Iterator[StatusMessage]:
-        """The newest status, again and again: twice a second, and on a change.
-
-        That is one of state, reason or warnings.
-        """
+        """Iterate over statuses: two a second, and one when state, reason or warnings change."""
         count = 0
         while newer := self._state.wait_for_newer(self._state.status, count, None):
             count, status = newer
             yield status
 
     def schemas(self, timeout_s: float = REPLY_TIMEOUT_S) -> Mapping[str, Any]:
-        """JSON Schemas of the service's messages, by name. Raises NoAnswer."""
+        """Return the JSON Schemas of the service's messages, by name.
+
+        Raises:
+            ServiceUnavailable: no service replied.
+        """
         schemas: Mapping[str, Any] = self._query_field("schema", {}, "schemas", dict, timeout_s)
         return schemas
 
-    # Commands. Each raises CommandRefused with what the service said, NoAnswer if nobody answers,
-    # InputError for arguments that cannot be sent.
+    # Commands. Each raises CommandRefused with the service's message, ServiceUnavailable if no
+    # service replied, InputError for arguments that cannot be sent.
 
     def reset(self, T_odom_base: Array | None = None) -> int:
-        """Begin a new epoch with the base at this 4x4 pose, or level at the origin; its number.
+        """Start a new epoch and return its number.
 
-        Raises InputError unless it is a rigid transform of finite numbers.
+        Args:
+            T_odom_base: 4x4 pose of the base, meters; None is the level pose at the origin.
+
+        Raises:
+            InputError: the matrix is not a finite rigid transform.
         """
         pose = {} if T_odom_base is None else reset_arguments(T_odom_base)
         return int(self._query_field("command/reset", pose, "epoch", int))
 
     def pause(self) -> None:
-        """Publish no poses until `resume`."""
+        """Stop publishing poses until `resume`."""
         self.command("pause")
 
     def resume(self) -> None:
-        """Go on after `pause`."""
+        """Publish poses again after `pause`."""
         self.command("resume")
 
     def tilt(self, tilt_deg: float) -> None:
-        """Tilt the sensor's head against the horizon."""
+        """Tilt the sensor's head to this angle above the horizon, degrees."""
         self.command("tilt", {"tilt_deg": tilt_deg})
 
     def led(self, led: str) -> None:
-        """Switch the sensor's light: off, green, red, yellow, blink-green, blink-red-yellow."""
+        """Set the sensor's LED: off, green, red, yellow, blink-green, blink-red-yellow."""
         self.command("led", {"led": led})
 
     def start_recording(self, name: str) -> str:
-        """Record frames into a folder of this name; its path on the service's computer."""
+        """Record frames into a folder of this name; return its path on the service's computer."""
         return str(self._query_field("command/start-recording", {"name": name}, "folder", str))
 
     def stop_recording(self) -> str:
-        """End the recording; the folder's path."""
+        """End the recording; return the folder's path."""
         return str(self._query_field("command/stop-recording", {}, "folder", str))
 
     def save_incident(self) -> str:
-        """Write out what the flight recorder holds; the folder's path."""
+        """Save the flight recorder's last seconds; return the folder's path."""
         return str(self._query_field("command/save-incident", {}, "folder", str))
 
     def save_map(self, name: str) -> str:
-        """Have a map made; its file, which is there once `saved_map` in the status names it."""
+        """Start saving the map; return its file. It is complete once `saved_map` names it."""
         return str(self._query_field("command/save-map", {"name": name}, "file", str))
 
     def load_map(self, name: str) -> str:
-        """Have a map's places known again; its file, loaded once `loaded_map` names it."""
+        """Start loading a saved map; return its file. It is loaded once `loaded_map` names it."""
         return str(self._query_field("command/load-map", {"name": name}, "file", str))
 
     def command(
@@ -217,10 +240,14 @@ class PoseClient:
         arguments: Mapping[str, object] = MappingProxyType({}),
         timeout_s: float = REPLY_TIMEOUT_S,
     ) -> Mapping[str, Any]:
-        """Any command by its name; what it answered. Raises InputError for what is no name."""
+        """Send any command by its name and return the fields of its reply.
+
+        Raises:
+            InputError: the name or an argument is invalid.
+        """
         check_command_name(name)
-        answer = self._query(f"command/{name}", timeout_s, arguments)
-        return {key: value for key, value in answer.items() if key != "schema"}
+        reply = self._query(f"command/{name}", timeout_s, arguments)
+        return {key: value for key, value in reply.items() if key != "schema"}
 
     def _query(self, name: str, timeout_s: float, arguments: Mapping[str, object]) -> JsonObject:
         key = f"{self._prefix}/{name}"
@@ -235,12 +262,12 @@ class PoseClient:
         kind: type,
         timeout_s: float = REPLY_TIMEOUT_S,
     ) -> Any:
-        answer = self._query(name, timeout_s, arguments)
-        check_fields(f"the answer to {name}", answer, {field: kind})
-        return answer[field]
+        reply = self._query(name, timeout_s, arguments)
+        check_fields(f"the reply to {name}", reply, {field: kind})
+        return reply[field]
 
     def _sessions(self, timeout_s: float) -> list[zenoh.Session]:
-        """The session to ask on, or none; waits for the service if it is not there."""
+        """Return the session to query on, if any; waits for the service if it is not there."""
         check_timeout(timeout_s)
         if self._state.is_closed:
             raise ServiceUnavailable(f"{self._prefix}: this client is closed; open another")

@@ -1,4 +1,4 @@
-"""A Zenoh session that is had as soon as it can be."""
+"""A Zenoh session that opens in the background if it cannot open at once."""
 
 import logging
 import threading
@@ -16,14 +16,22 @@ RETRY_S = 1.0
 
 
 class BackgroundConnection:
-    """Opens a session; where nobody is there to open it with, tries again in the background.
+    """Session that is opened at once or, if no router answers, retried in the background.
 
-    A Zenoh peer opens alone and meets the others later. A Zenoh client, which readers of a network
-    with TLS are, opens together with its router or service, or not at all.
+    A Zenoh peer can open alone and find others later. A Zenoh client, as used with TLS, opens only
+    while its router or service is reachable.
     """
 
     def __init__(self, config: ZenohConfig, on_open: Callable[[zenoh.Session], None]) -> None:
-        """Calls `on_open` once. Raises InputError for what is wrong for good."""
+        """Open the session.
+
+        Args:
+            config: endpoints, or the configuration file that holds them.
+            on_open: called once, with the open session.
+
+        Raises:
+            InputError: the configuration is invalid, so that retrying cannot help.
+        """
         self._config = config
         self._on_open = on_open
         self._closed = threading.Event()
@@ -38,11 +46,11 @@ class BackgroundConnection:
 
     @property
     def sessions(self) -> list[zenoh.Session]:
-        """The session, or none yet."""
+        """The open session; empty before it opens."""
         return self._sessions
 
     def close(self) -> None:
-        """Close the session, or give up; may take the two seconds that one more try takes."""
+        """Close the session or stop retrying; a retry under way may take two seconds."""
         self._closed.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -50,17 +58,17 @@ class BackgroundConnection:
             session.close()  # type: ignore[no-untyped-call]
 
     def _retry_until_open(self) -> None:
-        """Also past what was in order at the start, such as a key that is being replaced."""
-        told = ""
+        """Retry after every error, even for files: a key may be being replaced."""
+        last_error = ""
         while not self._sessions and not self._closed.wait(RETRY_S):
             try:
                 self._open()
             except ZenohUnavailableError:
-                told = ""
+                last_error = ""
             except UserFacingError as error:
-                if str(error) != told:
+                if str(error) != last_error:
                     logger.warning("%s; trying again", error)
-                told = str(error)
+                last_error = str(error)
 
     def _open(self) -> None:
         session = open_session(self._config)

@@ -1,4 +1,4 @@
-"""Why there is no pose, and why a command was not carried out."""
+"""Errors of the client: no pose, a refused command, no service."""
 
 from enum import StrEnum
 
@@ -6,20 +6,22 @@ from vo_service.client.pose import Pose
 
 
 class PoseUnavailableReason(StrEnum):
-    """Why there is no pose that can be used."""
+    """Reason why there is no usable pose."""
 
-    NO_PUBLISHER = "no-publisher"  # no kinect-vo with this prefix is there
+    NO_PUBLISHER = "no-publisher"  # no kinect-vo with this prefix is reachable
     NO_CAMERA = "no-camera"
-    LOST = "lost"  # the poses that come are the last good one, repeated
+    LOST = "lost"  # the service repeats the last good pose
     PAUSED = "paused"
-    SILENT = "silent"  # it is there, but nothing comes: stuck, or the network is
+    SILENT = "silent"  # the service is up but publishes nothing: it hangs, or the network does
     UNREADABLE = "unreadable"  # another version of the messages
 
 
-class PoseUnavailable(Exception):  # noqa: N818 (an answer, where nothing need be wrong)
-    """There is no pose that can be used; the text says why, `why` says it to programs.
+class PoseUnavailable(Exception):  # noqa: N818 (not necessarily an error)
+    """There is no usable pose; the text says why.
 
-    last    the last pose that came, however old; None before the first
+    Attributes:
+        reason: the same for programs.
+        last: last pose received, however old; None before the first.
     """
 
     def __init__(self, reason: PoseUnavailableReason, message: str, last: Pose | None) -> None:
@@ -29,9 +31,10 @@ class PoseUnavailable(Exception):  # noqa: N818 (an answer, where nothing need b
 
 
 class CommandRefused(Exception):  # noqa: N818 (named after what happened)
-    """The service refused a command, or could not carry it out; the text is what it said.
+    """The service refused or failed a command; the text is the service's message.
 
-    code    bad-request, unknown-command, not-possible, busy, rate-limited, failed or timed-out
+    Attributes:
+        code: bad-request, unknown-command, not-possible, busy, rate-limited, failed or timed-out.
     """
 
     def __init__(self, code: str, message: str) -> None:
@@ -40,7 +43,7 @@ class CommandRefused(Exception):  # noqa: N818 (named after what happened)
 
 
 class ServiceUnavailable(Exception):  # noqa: N818
-    """Nobody answered: no service is there, its commands are off, or it may not answer us.
+    """No reply: no service is reachable, its commands are off, or access is denied.
 
-    Also what a client says to every question once it is closed.
+    A closed client raises it for every query.
     """

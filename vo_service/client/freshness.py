@@ -1,38 +1,44 @@
-"""Whether the newest pose can be used, and if not, why: worked out from all that was heard."""
+"""Whether the newest pose is usable, and the reason if it is not."""
 
 from vo_service.client.errors import PoseUnavailable, PoseUnavailableReason
 from vo_service.client.pose import LOST, ReceivedPose, make_pose
 from vo_service.client.subscription import ServiceState
 
-# The status comes twice a second; without one for so long, nothing gets through.
+# A status arrives twice a second. After this long without one, the service counts as silent.
 MAX_SILENCE_S = 2.0
 
 
 def require_fresh(state: ServiceState, max_age_s: float, where: str) -> ReceivedPose:
-    """The newest pose, if it is no older than that and not lost.
+    """Return the newest pose if it is fresh and not lost.
 
-    Raises NoPose with the reason.
+    Args:
+        state: messages received so far.
+        max_age_s: greatest age, seconds since the pose arrived.
+        where: the service's prefix and endpoint, for the message.
+
+    Raises:
+        PoseUnavailable: with the reason.
     """
-    heard = state.pose.item
-    if heard is None or not state.pose.age_s <= max_age_s:
+    received = state.pose.item
+    if received is None or not state.pose.age_s <= max_age_s:
         raise _make_error(state, *_unavailable_reason(state, where))
-    if heard.attachment["state"] == LOST:
+    if received.attachment["state"] == LOST:
         raise _make_error(
-            state, PoseUnavailableReason.LOST, f"tracking is lost: {heard.attachment['reason']}"
+            state, PoseUnavailableReason.LOST, f"tracking is lost: {received.attachment['reason']}"
         )
-    return heard
+    return received
 
 
 def pose_unavailable_error(state: ServiceState, where: str) -> PoseUnavailable:
-    """Why no pose comes."""
+    """Make the error that says why no pose arrives."""
     return _make_error(state, *_unavailable_reason(state, where))
 
 
 def _make_error(
     state: ServiceState, reason: PoseUnavailableReason, message: str
 ) -> PoseUnavailable:
-    heard = state.pose.item
-    last = None if heard is None else make_pose(heard, is_continuous=False, missed=0)
+    received = state.pose.item
+    last = None if received is None else make_pose(received, is_continuous=False, missed=0)
     return PoseUnavailable(reason, message, last)
 
 
@@ -43,7 +49,7 @@ def _unavailable_reason(state: ServiceState, where: str) -> tuple[PoseUnavailabl
     if not state.is_alive:
         return PoseUnavailableReason.NO_PUBLISHER, f"no kinect-vo publishes {where}"
     if status is None or state.status.age_s > MAX_SILENCE_S:
-        return PoseUnavailableReason.SILENT, "the service is there, but nothing comes of it"
+        return PoseUnavailableReason.SILENT, "the service is up but publishes nothing"
     if status["paused"]:
         return PoseUnavailableReason.PAUSED, "the service is paused"
     if status["state"] == "no_camera":
@@ -53,5 +59,5 @@ def _unavailable_reason(state: ServiceState, where: str) -> tuple[PoseUnavailabl
     since = "yet" if state.pose.item is None else f"for {state.pose.age_s:.1f} s"
     return (
         PoseUnavailableReason.SILENT,
-        f"no pose {since}, though the service says {status['state']}",
+        f"no pose {since}, but the service reports {status['state']}",
     )

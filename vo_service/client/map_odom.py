@@ -1,4 +1,4 @@
-"""How `odom` lies in the map, as a reader gets it, and reading that from what came over Zenoh."""
+"""The map->odom transform as a client gets it, and its parser."""
 
 import time
 from dataclasses import dataclass
@@ -20,20 +20,23 @@ _ATTACHMENT_FIELDS = {
 
 @dataclass(frozen=True)
 class MapOdom:
-    """How `odom` lies in the map: what the places that were known again say.
+    """The map->odom transform, as loop closure has corrected it.
 
-    It jumps where the map is corrected, so that poses in `odom` need not. A pose in the map is
-    ``T_map_odom @ pose.T_odom_base``, if `is_localized` and both are of the same epoch.
+    The transform jumps when the map is corrected, so poses in `odom` stay continuous. A pose in the
+    map is ``T_map_odom @ pose.T_odom_base`` if `is_localized` holds and both epochs are equal.
 
-    stamp_s       instant of the newest pose when it was published, Unix seconds
-    frame_id, child_frame_id  names of the map's frame and of `odom`
-    T_map_odom    4x4; maps coordinates of odom to the map, metres
-    seq, epoch    of that pose
-    is_localized    False after a reset, after a loss and where a map was loaded, until one of its
-                  places is known again: then `odom` lies anywhere
-    map_keyframes  how many there are
-    loop_closures  how often one of them was recognized
-    heard_s       when it came, on this computer's CLOCK_MONOTONIC
+    Attributes:
+        stamp_s: stamp of the newest pose at publication, Unix seconds.
+        frame_id: name of the map frame.
+        child_frame_id: name of the odom frame.
+        T_map_odom: 4x4; maps coordinates of odom to the map, meters.
+        seq: number of that pose.
+        epoch: epoch of that pose.
+        is_localized: False after a reset, a loss or the load of a map, until relocalization
+            succeeds; until then the transform is unknown.
+        map_keyframes: number of keyframes in the map.
+        loop_closures: number of loop closures.
+        receive_time_s: time of arrival, this computer's CLOCK_MONOTONIC.
     """
 
     stamp_s: float
@@ -49,25 +52,26 @@ class MapOdom:
 
     @property
     def age_s(self) -> float:
-        """Seconds since it came. The clocks of two computers need not agree for this."""
+        """Seconds since the message arrived; needs no synchronized clocks."""
         return time.monotonic() - self.receive_time_s
 
 
 def parse_map_odom(sample: zenoh.Sample) -> MapOdom:
-    """What a sample of ``map_odom`` says.
+    """Parse a sample of ``map_odom``.
 
-    Raises ValueError if it is none, or of a version that this client does not know.
+    Raises:
+        ValueError: the message is malformed or of an unknown version.
     """
     if sample.attachment is None:
-        raise ValueError("a place in the map came without its attachment")
-    about = parse_json(sample.attachment)
-    check_fields("a place in the map", about, _ATTACHMENT_FIELDS)
+        raise ValueError("a map_odom message came without its attachment")
+    attachment = parse_json(sample.attachment)
+    check_fields("a map_odom message", attachment, _ATTACHMENT_FIELDS)
     message = decode_transform(sample.payload.to_bytes())
     return MapOdom(
         stamp_s=message.stamp_s,
         frame_id=message.frame_id,
         child_frame_id=message.child_frame_id,
         T_map_odom=message.T_frame_child,
-        **{name: about[name] for name in _ATTACHMENT_FIELDS},
+        **{name: attachment[name] for name in _ATTACHMENT_FIELDS},
         receive_time_s=time.monotonic(),
     )

@@ -1,4 +1,4 @@
-"""A pose as a reader gets it, and reading one from what came over Zenoh."""
+"""A pose as a client gets it, and its parser."""
 
 import threading
 import time
@@ -18,7 +18,14 @@ _ATTACHMENT_FIELDS = {"seq": int, "state": str, "epoch": int, "reason": str}
 
 @dataclass(frozen=True)
 class ReceivedPose:
-    """A pose when it came: the message, its attachment, CLOCK_MONOTONIC, and of which run."""
+    """A pose message on arrival.
+
+    Attributes:
+        message: the CDR payload, decoded.
+        attachment: the JSON attachment, decoded.
+        receive_time_s: time of arrival, CLOCK_MONOTONIC.
+        run: how often the service has been started.
+    """
 
     message: OdometryMessage
     attachment: Mapping[str, Any]
@@ -28,21 +35,24 @@ class ReceivedPose:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the robot's base is.
+    """Pose of the robot's base.
 
-    stamp_s           instant of the frame, Unix seconds
-    T_odom_base       4x4; maps coordinates of the base to odom (x forward, y left, z up), metres
-    pose_covariance   6x6, accumulated since the epoch began; order x y z rx ry rz, axes of odom
-    twist             (6,) m/s and rad/s, axes of the base
-    twist_covariance  6x6 of this step, axes of the base
-    seq               counts the service's poses
-    state             "tracking", "degraded", or "lost": then it is the last good pose
-    reason            why, unless tracking; at the start of an epoch, why it began
-    epoch             changes whenever a pose is not continuous with the one before
-    is_continuous     with the pose that this reader got before; False for its first one, in a new
-                      epoch and after the service was started anew: begin afresh
-    missed            poses that came since then and that were not read
-    heard_s           when it came, on this computer's CLOCK_MONOTONIC
+    Attributes:
+        stamp_s: stamp of the frame, Unix seconds.
+        frame_id: name of the odom frame.
+        child_frame_id: name of the base frame.
+        T_odom_base: 4x4; maps coordinates of the base to odom (x forward, y left, z up), meters.
+        pose_covariance: 6x6, accumulated since the epoch began; order x y z rx ry rz, axes of odom.
+        twist: (6,) m/s and rad/s, axes of the base.
+        twist_covariance: 6x6 of this step, axes of the base.
+        seq: number of the pose, counted by the service.
+        state: "tracking", "degraded" or "lost"; when lost, this is the last good pose.
+        reason: why the state is not "tracking"; at the start of an epoch, why the epoch began.
+        epoch: changes whenever a pose is not continuous with the one before.
+        is_continuous: whether the pose continues this reader's previous one. False for the first
+            pose, in a new epoch and after a restart of the service.
+        missed: poses between this reader's previous one and this one.
+        receive_time_s: time of arrival, this computer's CLOCK_MONOTONIC.
     """
 
     stamp_s: float
@@ -62,48 +72,48 @@ class Pose:
 
     @property
     def position_m(self) -> Array:
-        """(3,) x y z in odom."""
+        """(3,) x y z in odom, meters."""
         position: Array = self.T_odom_base[:3, 3]
         return position
 
     @property
     def quaternion_xyzw(self) -> Array:
-        """(4,) how the base is turned in odom."""
+        """(4,) orientation of the base in odom."""
         return quaternion_from_rotation(self.T_odom_base[:3, :3])
 
     @property
     def age_s(self) -> float:
-        """Seconds since it came. The clocks of two computers need not agree for this."""
+        """Seconds since the pose arrived; needs no synchronized clocks."""
         return time.monotonic() - self.receive_time_s
 
     @property
     def is_lost(self) -> bool:
-        """True for the last good pose, repeated while tracking is lost."""
+        """Whether tracking is lost; the pose is then the last good one."""
         return self.state == LOST
 
 
 class PoseReader:
-    """Turns what was heard into poses for one reader, who may skip some."""
+    """Converts received messages to poses for one reader, who may skip some."""
 
     def __init__(self) -> None:
         self._last: ReceivedPose | None = None
 
     def read(self, received: ReceivedPose) -> Pose:
-        """The pose, with what lies between it and the one that this reader got before."""
+        """Return the pose, compared with this reader's previous one."""
         last, self._last = self._last, received
         return make_pose(received, _is_continuous(last, received), _missed_count(last, received))
 
 
 class ThreadLocalReader(threading.local):
-    """A `PoseReader` for every thread that asks for one: what one has read is not news to it."""
+    """A separate `PoseReader` for each thread."""
 
     def __init__(self) -> None:
         self.reader = PoseReader()
 
 
 def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
-    """Message and attachment as one."""
-    message, about = received.message, received.attachment
+    """Combine message and attachment into a pose."""
+    message, attachment = received.message, received.attachment
     return Pose(
         stamp_s=message.stamp_s,
         frame_id=message.frame_id,
@@ -112,10 +122,10 @@ def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
         pose_covariance=message.pose_covariance,
         twist=message.twist,
         twist_covariance=message.twist_covariance,
-        seq=about["seq"],
-        state=about["state"],
-        reason=about["reason"],
-        epoch=about["epoch"],
+        seq=attachment["seq"],
+        state=attachment["state"],
+        reason=attachment["reason"],
+        epoch=attachment["epoch"],
         is_continuous=is_continuous,
         missed=missed,
         receive_time_s=received.receive_time_s,
@@ -123,15 +133,21 @@ def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
 
 
 def parse_pose_sample(sample: zenoh.Sample, run: int) -> ReceivedPose:
-    """What a sample of ``odom`` or ``latest`` says.
+    """Parse a sample of ``odom`` or ``latest``.
 
-    Raises ValueError if it is not a pose, or of a version that this client does not know.
+    Args:
+        sample: the Zenoh sample.
+        run: how often the service has been started.
+
+    Raises:
+        ValueError: the message is malformed or of an unknown version.
     """
     if sample.attachment is None:
         raise ValueError("a pose came without its attachment")
-    about = parse_json(sample.attachment)
-    check_fields("a pose", about, _ATTACHMENT_FIELDS)
-    return ReceivedPose(decode_odometry(sample.payload.to_bytes()), about, time.monotonic(), run)
+    attachment = parse_json(sample.attachment)
+    check_fields("a pose", attachment, _ATTACHMENT_FIELDS)
+    message = decode_odometry(sample.payload.to_bytes())
+    return ReceivedPose(message, attachment, time.monotonic(), run)
 
 
 def _is_continuous(last: ReceivedPose | None, received: ReceivedPose) -> bool:
@@ -145,7 +161,7 @@ def _is_continuous(last: ReceivedPose | None, received: ReceivedPose) -> bool:
 
 
 def _missed_count(last: ReceivedPose | None, received: ReceivedPose) -> int:
-    """Numbers begin anew with each run of the service."""
+    """Count skipped poses; each run of the service numbers them from 0."""
     if last is None or last.run != received.run:
         return 0
     between: int = received.attachment["seq"] - last.attachment["seq"] - 1

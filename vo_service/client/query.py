@@ -1,4 +1,4 @@
-"""Asking a service over Zenoh: one question, one answer or an error that says why not."""
+"""Query of a service over Zenoh: one reply, or an error with the reason."""
 
 from collections.abc import Sequence
 
@@ -7,16 +7,24 @@ import zenoh
 from vo_service.client.errors import CommandRefused, ServiceUnavailable
 from vo_service.client.message_parsing import check_fields, parse_json
 
-# What Zenoh itself answers where a service is there but says nothing, as when it hangs.
+# Zenoh's own reply if a service has declared the key but does not reply, as when it hangs.
 _ZENOH_TIMEOUT = b"Timeout"
 
 
 def query(
     sessions: Sequence[zenoh.Session], key: str, timeout_s: float, payload: bytes | None = None
 ) -> zenoh.Sample:
-    """The answer to a question; `sessions` is the one that is open, or none.
+    """Send a query and return the reply.
 
-    Raises CommandRefused with what the service said, NoAnswer if nobody says anything in time.
+    Args:
+        sessions: the open session; empty if there is none.
+        key: Zenoh key.
+        timeout_s: seconds to wait for the reply.
+        payload: arguments as JSON.
+
+    Raises:
+        CommandRefused: with the service's message.
+        ServiceUnavailable: no reply came in time, or it cannot be parsed.
     """
     for session in sessions:
         for reply in _send_query(session, key, timeout_s, payload):
@@ -25,8 +33,8 @@ def query(
             if reply.err is not None and reply.err.payload.to_bytes() != _ZENOH_TIMEOUT:
                 raise _error_from_reply(key, reply.err)
     raise ServiceUnavailable(
-        f"{key}: no answer within {timeout_s:g} s: no service is there, it is flooded with "
-        "questions or stuck, or it may not answer us"
+        f"{key}: no reply within {timeout_s:g} s: no service is running, it is overloaded or "
+        "hangs, or access is denied"
     )
 
 
@@ -36,13 +44,13 @@ def _send_query(
     try:
         return session.get(key, payload=payload, timeout=timeout_s)
     except zenoh.ZError as error:  # closed by another thread
-        raise ServiceUnavailable(f"{key}: cannot be asked: {error}") from error
+        raise ServiceUnavailable(f"{key}: cannot send the query: {error}") from error
 
 
 def _error_from_reply(key: str, error: zenoh.ReplyError) -> Exception:
     try:
         content = parse_json(error.payload)
-        check_fields("a refusal", content, {"error": str, "message": str})
+        check_fields("an error reply", content, {"error": str, "message": str})
     except ValueError as unreadable:
-        return ServiceUnavailable(f"{key}: the answer cannot be read: {unreadable}")
+        return ServiceUnavailable(f"{key}: cannot parse the reply: {unreadable}")
     return CommandRefused(content["error"], content["message"])

@@ -1,4 +1,4 @@
-"""What a client hears of one service: the newest of everything, for any number of readers."""
+"""The latest messages of one service, for any number of readers."""
 
 import logging
 import threading
@@ -20,9 +20,13 @@ T = TypeVar("T")
 
 
 class Latest(Generic[T]):
-    """The newest of a kind, and how many there were. Guarded by the condition of `ServiceState`.
+    """The latest message of one kind. `ServiceState` guards it with its condition.
 
-    unreadable    what was wrong with the last message of this kind; "" if it could be read
+    Attributes:
+        item: the message; None before the first.
+        count: messages received so far.
+        receive_time_s: time of arrival, CLOCK_MONOTONIC.
+        parse_error: why the last message could not be parsed; "" if it could.
     """
 
     def __init__(self) -> None:
@@ -32,20 +36,20 @@ class Latest(Generic[T]):
         self.parse_error = ""
 
     def put(self, item: T) -> None:
-        """A newer one."""
+        """Store a newer message."""
         self.item, self.receive_time_s, self.parse_error = item, time.monotonic(), ""
         self.count += 1
 
     @property
     def age_s(self) -> float:
-        """Seconds since it came; infinite before the first."""
+        """Seconds since the message arrived; infinite before the first."""
         return time.monotonic() - self.receive_time_s
 
 
 class ServiceState:
-    """Keeps the last pose, its place in the map, the last status and whether the service is there.
+    """Latest pose, map->odom transform, status and liveliness of one service.
 
-    Zenoh's threads write, readers read and wait.
+    Zenoh's threads write; readers read and wait.
     """
 
     def __init__(self) -> None:
@@ -54,16 +58,16 @@ class ServiceState:
         self.status: Latest[StatusMessage] = Latest()
         self.is_alive = False
         self.is_closed = False
-        self._run = 0  # how often the service was started
+        self._run = 0  # how often the service has been started
         self._changed = threading.Condition()
 
     @property
     def parse_error(self) -> str:
-        """What is wrong with the last pose, or else the last status; "" if nothing is."""
+        """Why the last pose, or else the last status, could not be parsed; "" if both could."""
         return self.pose.parse_error or self.status.parse_error
 
     def subscribe(self, session: zenoh.Session, prefix: str) -> None:
-        """Begin to listen. The token first: what comes after it is of its run."""
+        """Declare the subscribers. Liveliness comes first: later messages belong to its run."""
         alive = f"{prefix}/alive"
         session.liveliness().declare_subscriber(alive, self._on_liveliness, history=True)
         session.declare_subscriber(f"{prefix}/status", self._on_status)
@@ -71,7 +75,7 @@ class ServiceState:
         session.declare_subscriber(f"{prefix}/odom", self._on_pose)
 
     def wait_until_alive(self, timeout_s: float | None) -> bool:
-        """Until the service is there, or `close`; False if it is not in time."""
+        """Wait until the service is alive or `close` is called; False on timeout."""
         with self._changed:
             self._changed.wait_for(lambda: self.is_closed or self.is_alive, timeout_s)
             return self.is_alive
@@ -79,7 +83,11 @@ class ServiceState:
     def wait_for_newer(
         self, latest: Latest[T], count: int, timeout_s: float | None
     ) -> tuple[int, T] | None:
-        """The newest once there are more than `count`; None if none comes in time, or `close`."""
+        """Wait for a message after the first `count` ones.
+
+        Returns:
+            The new count and the newest message; None on timeout or `close`.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self.is_closed or latest.count > count, timeout_s)
             if latest.item is None or latest.count <= count:
@@ -87,7 +95,7 @@ class ServiceState:
             return latest.count, latest.item
 
     def close(self) -> None:
-        """Let go of all who wait."""
+        """Wake all readers that wait."""
         with self._changed:
             self.is_closed = True
             self._changed.notify_all()
@@ -97,7 +105,7 @@ class ServiceState:
             self.is_alive = sample.kind == zenoh.SampleKind.PUT
             self._run += self.is_alive
             if not self.is_alive:
-                self.map_odom = Latest()  # an epoch's number says nothing about another run
+                self.map_odom = Latest()  # epochs of two runs cannot be compared
             self._changed.notify_all()
 
     def _on_status(self, sample: zenoh.Sample) -> None:
@@ -114,11 +122,11 @@ class ServiceState:
 
     @contextmanager
     def _recording_parse_errors(self, latest: Latest[T]) -> Iterator[None]:
-        """Keep what is wrong with a message that cannot be read; log it when it is new."""
+        """Store the error of a message that cannot be parsed; log it if it is new."""
         try:
             yield
         except ValueError as error:
             if str(error) != latest.parse_error:
-                logger.warning("passed over %s", error)
+                logger.warning("ignored a message: %s", error)
             latest.parse_error = str(error)
         self._changed.notify_all()

@@ -1,1 +1,1 @@
-"""What the service gives up when the machine is too slow."""
+"""Load shedding: less work while the machine is too slow."""

@@ -1,24 +1,25 @@
-"""How busy the loop is, from what each frame cost."""
+"""Load of the real-time loop, from the cost of each frame."""
 
 from collections import deque
 from dataclasses import dataclass
 
-# The load is that of so long a time, and of so many frames at least.
+# The load is a mean over this long, and over at least this many frames.
 WINDOW_S, MIN_FRAMES = 2.0, 10
-# However long one frame took, it counts as this many intervals: a hiccup is no load.
+# Upper bound of one frame's load, in frame intervals: one slow frame is not overload.
 MAX_FRAME_LOAD = 2.0
-# After so long with nothing to do (no camera, a pause) the past says nothing any more.
+# After this long without frames (no camera, a pause), old measurements are discarded.
 MAX_IDLE_S = 1.0
 
 
 @dataclass(frozen=True)
 class FrameCost:
-    """What one frame cost the loop.
+    """Cost of one frame in the loop.
 
-    busy_s      from the frame's arrival in the loop until it was done with it, on the wall clock
-    cpu_s       processor time of that
-    interval_s  the camera's, from one frame to the next; 0 while that is not known
-    dropped     frames dropped so far because the loop was late, since the start
+    Attributes:
+        busy_s: wall time from the frame's arrival in the loop to the end of its processing.
+        cpu_s: CPU time of the same.
+        interval_s: the camera's frame interval; 0 while unknown.
+        dropped: frames dropped since the start because the loop was late.
     """
 
     busy_s: float
@@ -29,9 +30,10 @@ class FrameCost:
 
 @dataclass(frozen=True)
 class _FrameLoad:
-    """A frame's part of the interval: on the wall clock, and of the processor.
+    """One frame's wall time and CPU time as shares of the frame interval.
 
-    was_late: dropped frames came before it.
+    Attributes:
+        was_late: frames before it were dropped.
     """
 
     at_s: float
@@ -41,10 +43,9 @@ class _FrameLoad:
 
 
 class LoadMeter:
-    """The mean over the last seconds of busy time as a share of the frame interval.
+    """Mean busy time over the last seconds, as a share of the frame interval.
 
-    A mean, not a median: under a quota of processor time most frames are quick, and every third
-    one waits for long.
+    A mean, not a median: under a CPU quota most frames are fast and every third waits long.
     """
 
     def __init__(self) -> None:
@@ -54,7 +55,7 @@ class LoadMeter:
         self._dropped: int | None = None
 
     def add(self, load: FrameCost, now_s: float) -> None:
-        """Take one frame that was done at `now_s`."""
+        """Add one frame whose processing ended at `now_s`."""
         if now_s - load.busy_s - self._last_s > MAX_IDLE_S:
             self.clear()
         self._last_s = now_s
@@ -63,7 +64,7 @@ class LoadMeter:
         if load.interval_s > 0.0:
             self._first_s = now_s if self._first_s is None else self._first_s
             share = min(load.busy_s / load.interval_s, MAX_FRAME_LOAD)
-            # Where frames are dropped there is no room, however quick the others are.
+            # A drop means full load, however fast the other frames are.
             busy = max(share, 1.0) if has_dropped else share
             self._frames.append(_FrameLoad(now_s, busy, load.cpu_s / load.interval_s, has_dropped))
             self._drop_old(now_s)
@@ -73,13 +74,13 @@ class LoadMeter:
             self._frames.popleft()
 
     def clear(self) -> None:
-        """Begin anew: what was measured no longer holds."""
+        """Discard all measurements."""
         self._frames.clear()
         self._first_s = None
 
     @property
     def load(self) -> float | None:
-        """1.0 = busy all the time; more = late. None while too little has been seen."""
+        """1.0 = busy all the time; more = late. None until there are enough frames."""
         if self._first_s is None or self._last_s - self._first_s < WINDOW_S:
             return None
         if len(self._frames) < MIN_FRAMES:
@@ -88,11 +89,11 @@ class LoadMeter:
 
     @property
     def late_frames(self) -> int:
-        """Frames of the last seconds with dropped ones before them; a hiccup is one."""
+        """Frames of the last seconds that follow a drop; one delay counts once."""
         return sum(share.was_late for share in self._frames)
 
     @property
     def is_starved_of_cpu(self) -> bool:
-        """Whether most of the busy time was spent waiting for the processor."""
-        busy, cpu = (sum(getattr(s, what) for s in self._frames) for what in ("busy", "cpu"))
+        """Whether most of the busy time was spent waiting for the CPU."""
+        busy, cpu = (sum(getattr(s, name) for s in self._frames) for name in ("busy", "cpu"))
         return bool(cpu < 0.5 * busy)

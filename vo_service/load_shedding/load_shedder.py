@@ -1,6 +1,6 @@
-"""When the machine is too slow: give up the viewer first, then features, before frames are missed.
+"""Load shedding: pause the viewer, then reduce features, before frames are dropped.
 
-And take them back, one after the other, when there has been room for a while.
+Each step is restored, one at a time, after the load has been low for a while.
 """
 
 import logging
@@ -13,15 +13,15 @@ from vo_service.load_shedding.effort_levels import EffortLevel, effort_levels
 from vo_service.load_shedding.load_meter import FrameCost, LoadMeter
 from vo_service.types import HasWarning, Odometry, PausableViewer
 
-# Busier than this, something is given up; with less to do than that, it is taken back. A step of
-# features changes the cost by less than what lies between.
+# Degrade above the first, restore below the second. One step of features changes the load by less
+# than the gap between them.
 MAX_LOAD, MAX_LOAD_TO_RESTORE = 0.8, 0.6
-# So many frames within two seconds with dropped ones before them: not to be waited for.
+# This many late frames within two seconds degrade at once, whatever the mean load.
 LATE_FRAMES_TO_DEGRADE = 3
-# The first seconds of a start say nothing; nor does the moment after a change.
+# Measurements are ignored for this long after a start and after a change of level.
 STARTUP_S, SETTLE_S = 3.0, 0.5
-# How long there must be room before something is taken back: longer each time that this failed,
-# which is when it had to be given up again so soon.
+# The load must be low for this long before a restore. The wait doubles each time a restore fails:
+# when the same step must be degraded again soon after it.
 MIN_RESTORE_WAIT_S, MAX_RESTORE_WAIT_S = 10.0, 600.0
 RESTORE_FAILED_WITHIN_S = 30.0
 
@@ -30,37 +30,37 @@ logger = logging.getLogger(__name__)
 
 @runtime_checkable
 class HasFeatureCount(Protocol):
-    """An odometry whose work grows with the features that it looks for."""
+    """An odometry whose cost grows with its number of features."""
 
     feature_count: int
 
 
 class LoadShedder(HasWarning, Protocol):
-    """Decides how much effort the machine can bear; what is given up is its warning."""
+    """Adapts the effort to the machine's speed; its warning names what is reduced."""
 
     def add_frame(self, load: FrameCost) -> None:
-        """Take what the last frame cost."""
+        """Add the cost of the last frame."""
         ...
 
     def restore_all(self) -> None:
-        """Give everything back."""
+        """Restore full effort."""
         ...
 
 
 class NullLoadShedder:
-    """Never gives anything up: for recordings, whose results must not depend on the machine."""
+    """Keeps full effort: for recordings, whose results must not depend on the machine."""
 
     warning = ""
 
     def add_frame(self, load: FrameCost) -> None:
-        """Nothing."""
+        """Ignore the cost."""
 
     def restore_all(self) -> None:
-        """Nothing was given up."""
+        """Do nothing: effort is always full."""
 
 
 class StepwiseLoadShedder:
-    """Goes down a step when the loop is too busy, up one when there has been room for a while."""
+    """Goes down one level when the load is too high, up one after a time of low load."""
 
     def __init__(
         self,
@@ -69,31 +69,31 @@ class StepwiseLoadShedder:
         odometry: HasFeatureCount,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """The odometry's feature count of now is the full one."""
+        """Take the odometry's present feature count as full effort."""
         self._viewers, self._odometry, self._now_s = viewers, odometry, now_s
         self._levels = effort_levels(odometry.feature_count, settings.min_features, bool(viewers))
         self._level = 0
         self._meter = LoadMeter()
         self._settled_s: float | None = None
         self._low_load_since_s: float | None = None
-        # For each step, how long to wait before it is tried again, and when it last was.
+        # For each level: the wait before it is restored, and the time of the last restore.
         self._wait_s = [MIN_RESTORE_WAIT_S] * len(self._levels)
         self._restored_s = [-RESTORE_FAILED_WITHIN_S] * len(self._levels)
         self._cause = ""
 
     @property
     def effort(self) -> EffortLevel:
-        """What is done now."""
+        """The present effort level."""
         return self._levels[self._level]
 
     @property
     def warning(self) -> str:
-        """What is given up and why, in a clause; "" while nothing is."""
-        given_up = ", ".join(self._degradations())
-        return f"{self._cause}: {given_up}" if given_up else ""
+        """What is reduced and why, in one clause; "" at full effort."""
+        degradations = ", ".join(self._degradations())
+        return f"{self._cause}: {degradations}" if degradations else ""
 
     def add_frame(self, load: FrameCost) -> None:
-        """Take what the last frame cost, and change the effort where that is called for."""
+        """Add the cost of the last frame and change the effort if necessary."""
         now_s = self._now_s()
         self._meter.add(load, now_s)
         if self._settled_s is None:
@@ -107,7 +107,7 @@ class StepwiseLoadShedder:
             self._restore(now_s)
 
     def restore_all(self) -> None:
-        """Give everything back at once and begin anew."""
+        """Restore full effort at once and discard all measurements."""
         self._set_level(0, self._now_s())
 
     def _is_overloaded(self) -> bool:
@@ -129,9 +129,9 @@ class StepwiseLoadShedder:
         has_failed = now_s - self._restored_s[self._level] < RESTORE_FAILED_WITHIN_S
         wait_s = 2.0 * self._wait_s[self._level] if has_failed else MIN_RESTORE_WAIT_S
         self._wait_s[self._level] = min(wait_s, MAX_RESTORE_WAIT_S)
-        waits = self._meter.is_starved_of_cpu
+        is_starved = self._meter.is_starved_of_cpu
         self._cause = (
-            "the odometry gets too little of the processor" if waits else "the machine is too slow"
+            "the odometry gets too little CPU time" if is_starved else "the machine is too slow"
         )
         self._set_level(self._level + 1, now_s)
         logger.warning("%s", self.warning)
@@ -139,8 +139,8 @@ class StepwiseLoadShedder:
     def _restore(self, now_s: float) -> None:
         self._restored_s[self._level - 1] = now_s
         self._set_level(self._level - 1, now_s)
-        still = ", ".join(self._degradations())
-        logger.warning("there is room again%s", f"; still: {still}" if still else "")
+        remaining = ", ".join(self._degradations())
+        logger.warning("the load is low again%s", f"; still: {remaining}" if remaining else "")
 
     def _set_level(self, level: int, now_s: float) -> None:
         self._level = level
@@ -152,33 +152,33 @@ class StepwiseLoadShedder:
 
     def _degradations(self) -> Iterator[str]:
         if self.effort.is_viewer_paused:
-            yield "the viewer rests"
+            yield "the viewer is paused"
         if self.effort.feature_count < self._levels[0].feature_count:
             yield f"{self.effort.feature_count} features"
 
 
 class _FixedFeatureCount:
-    """Stands in for an odometry that looks for none."""
+    """Feature count of an odometry without features."""
 
     feature_count = 0
 
 
 class ReconfigurableLoadShedder:
-    """A governor that is made anew whenever its settings change."""
+    """Load shedder that is rebuilt whenever its settings change."""
 
     def __init__(self, viewers: Sequence[PausableViewer], odometry: Odometry) -> None:
-        """An odometry without features can give nothing up."""
+        """An odometry without features has only its viewers to pause."""
         self._viewers = viewers
         self._odometry = odometry if isinstance(odometry, HasFeatureCount) else _FixedFeatureCount()
         self._load_shedder: LoadShedder = NullLoadShedder()
 
     @property
     def warning(self) -> str:
-        """What is given up."""
+        """What is reduced and why; "" at full effort."""
         return self._load_shedder.warning
 
     def configure(self, settings: LoadConfig, feature_count: int) -> None:
-        """Begin with all the effort: so many features, and the viewers at work."""
+        """Start at full effort: this many features, and no viewer paused."""
         self._load_shedder.restore_all()
         self._odometry.feature_count = feature_count
         self._load_shedder = NullLoadShedder()
@@ -186,9 +186,9 @@ class ReconfigurableLoadShedder:
             self._load_shedder = StepwiseLoadShedder(settings, self._viewers, self._odometry)
 
     def add_frame(self, load: FrameCost) -> None:
-        """See `LoadShedder`."""
+        """Add the cost of the last frame."""
         self._load_shedder.add_frame(load)
 
     def restore_all(self) -> None:
-        """See `LoadShedder`."""
+        """Restore full effort."""
         self._load_shedder.restore_all()

@@ -1,1 +1,1 @@
-"""Where results go: Zenoh, Rerun, trajectory file. Each takes poses and status, then closes."""
+"""Outputs: Zenoh, Rerun, recorder, trajectory file. Each takes poses and status until closed."""

@@ -1,11 +1,11 @@
-"""How far a run is, for the person at the terminal."""
+"""Progress of a run on the terminal."""
 
 from vo_service.terminal import Terminal
 from vo_service.types import OdometryUpdate, Status, TrackingState
 
 
 class ProgressOutput:
-    """Draws the number of frames done, the state and the inliers. Nothing in a log."""
+    """Draws the frame count, the state and the inliers. It writes nothing to the log."""
 
     warning = ""
 
@@ -20,10 +20,10 @@ class ProgressOutput:
         self._terminal.progress(label, update.frame.seq + 1, self._total)
 
     def on_status(self, status: Status) -> None:
-        """Draw why there is no camera; otherwise the next frame tells."""
+        """Draw why there is no camera; with a camera, `on_update` draws."""
         if status.state is TrackingState.NO_CAMERA:
             self._terminal.show(f"{self._label}: {status.reason}")
 
     def close(self) -> None:
-        """Take the line away."""
+        """Clear the line."""
         self._terminal.clear()

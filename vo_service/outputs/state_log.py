@@ -1,4 +1,4 @@
-"""Changes of state in the log: a line when tracking or the camera is lost and when it is back."""
+"""Log lines for changes of state: tracking or camera lost, tracking or camera back."""
 
 import logging
 import math
@@ -14,11 +14,11 @@ logger = logging.getLogger(__name__)
 
 
 class StateLogOutput:
-    """Logs each change of state once: trouble, and its end, as a warning.
+    """Logs each change of state once; a fault and its end are warnings.
 
-    How things are at the start is no news, nor is a camera that is being opened, unless that takes
-    long; its first frame is then told with the seconds. Why there is no camera is news, whenever it
-    changes; and once in a state, what a camera complains of while it sends.
+    The first state is not logged, nor is a camera that opens fast; a slow one is logged with its
+    time. A new reason for the missing camera is logged each time. A warning of a running camera is
+    logged once per state.
     """
 
     warning = ""
@@ -29,52 +29,51 @@ class StateLogOutput:
         self._absence = _CameraAbsence()
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Nothing: the status tells of every change."""
+        """Do nothing: the status holds every change."""
 
     def on_status(self, status: Status) -> None:
         """Log the state if it differs from the one before."""
-        is_away = status.state is TrackingState.NO_CAMERA
+        is_absent = status.state is TrackingState.NO_CAMERA
         is_tracking = status.state is TrackingState.TRACKING
-        is_coming = is_away and status.reason.partition(":")[0] in CONNECTING_STATES
-        took = self._absence.update(status, is_away, is_coming)
-        news = (status.state, status.reason if is_away else "")
-        before, self._last_logged = self._last_logged, news
-        had_complained = self._has_camera_warning and before == news
-        complains = is_tracking and status.reason != ""
-        self._has_camera_warning = had_complained or complains
-        if before is None or (before == news and self._has_camera_warning == had_complained):
+        is_connecting = is_absent and status.reason.partition(":")[0] in CONNECTING_STATES
+        duration = self._absence.update(status, is_absent, is_connecting)
+        current = (status.state, status.reason if is_absent else "")
+        previous, self._last_logged = self._last_logged, current
+        had_warning = self._has_camera_warning and previous == current
+        has_warning = is_tracking and status.reason != ""
+        self._has_camera_warning = had_warning or has_warning
+        if previous is None or (previous == current and self._has_camera_warning == had_warning):
             return
-        was_in_trouble = self._is_faulty
-        if not is_coming:
-            self._is_faulty = not is_tracking or complains
-        is_news = (was_in_trouble or self._is_faulty) and not is_coming
-        text = _status_text(status) + took
-        if is_news:
+        was_faulty = self._is_faulty
+        if not is_connecting:
+            self._is_faulty = not is_tracking or has_warning
+        text = _status_text(status) + duration
+        if (was_faulty or self._is_faulty) and not is_connecting:
             logger.warning("%s", text)
-        elif took:
+        elif duration:
             announce(text)
         else:
             logger.info("%s", text)
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: there is nothing to release."""
 
 
 class _CameraAbsence:
-    """How long there has been no camera."""
+    """Timer of how long there has been no camera."""
 
     def __init__(self) -> None:
         self._since_s = math.inf
         self._is_announced = False
 
     def update(self, status: Status, is_absent: bool, is_connecting: bool) -> str:
-        """Tell of a camera that has been coming for long; when it is there, how long that took."""
+        """Announce a camera that opens slowly; once it is there, return how long it took."""
         now_s = time.monotonic()
         is_long = now_s - self._since_s >= SLOW_AFTER_S
         if not is_absent:
-            took = f" (no camera for {now_s - self._since_s:.1f} s)" if is_long else ""
+            duration = f" (no camera for {now_s - self._since_s:.1f} s)" if is_long else ""
             self._since_s, self._is_announced = math.inf, False
-            return took
+            return duration
         self._since_s = min(self._since_s, now_s)
         if is_long and is_connecting and not self._is_announced:
             self._is_announced = True

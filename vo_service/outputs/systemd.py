@@ -1,4 +1,4 @@
-"""Telling systemd how the service is: sd_notify, and an output that feeds the watchdog."""
+"""Notifications to systemd: sd_notify, and an output that feeds the watchdog."""
 
 import os
 import socket
@@ -12,9 +12,9 @@ MAX_STATUS_CHARS = 500
 
 
 class SystemdNotifier:
-    """The socket on which systemd listens; where there is none, nothing happens.
+    """Socket to systemd, see sd_notify(3); without systemd it does nothing.
 
-    See sd_notify(3). Never blocks and never raises: a message that cannot be sent is lost.
+    It never blocks and never raises: a message that cannot be sent is lost.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class SystemdNotifier:
             self._address = f"\0{self._address[1:]}"
 
     def send(self, *lines: str) -> bool:
-        """Send lines such as ``READY=1``; whether they went out."""
+        """Send lines such as ``READY=1``; return whether they were sent."""
         if not self._address:
             return False
         try:
@@ -41,9 +41,9 @@ class SystemdNotifier:
 
 
 class SystemdOutput:
-    """Ready with the first status; each status feeds the watchdog and is what `systemctl` shows.
+    """Reports ready at the first status; each status feeds the watchdog and `systemctl status`.
 
-    Nothing else feeds it: a loop that no longer comes round is killed and started again.
+    Nothing else feeds the watchdog, so systemd restarts a loop that hangs.
     """
 
     warning = ""
@@ -53,7 +53,7 @@ class SystemdOutput:
         self._is_ready = False
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Nothing: the watchdog is fed without frames too."""
+        """Do nothing: the watchdog is fed without frames too."""
 
     def on_status(self, status: Status) -> None:
         """Feed the watchdog."""
@@ -64,7 +64,7 @@ class SystemdOutput:
 
     @contextmanager
     def notify_reloading(self) -> Iterator[None]:
-        """While the configuration is read again."""
+        """Report a reload while the block runs."""
         now_us = time.monotonic_ns() // 1000
         self._notifier.send("RELOADING=1", f"MONOTONIC_USEC={now_us}")
         try:
@@ -73,17 +73,17 @@ class SystemdOutput:
             self._notifier.send("READY=1")
 
     def notify_stopping(self) -> None:
-        """The service has begun to end; systemd then waits `TimeoutStopSec`."""
+        """Report that the service stops; systemd then waits `TimeoutStopSec`."""
         self._notifier.send("STOPPING=1", "STATUS=stopping")
 
     def close(self) -> None:
-        """Say that this is the end, and release the socket."""
+        """Report that the service stops, and release the socket."""
         self.notify_stopping()
         self._notifier.close()
 
 
 def _status_line(status: Status) -> str:
-    """The status for a person: state, reason, rate, warnings."""
+    """Format state, reason, rate and warnings as one line."""
     parts = [f"{status.state}: {status.reason}" if status.reason else f"{status.state}"]
     parts += ["paused"] if status.paused else []
     parts += [f"{status.fps:.0f} poses/s", *status.warnings]

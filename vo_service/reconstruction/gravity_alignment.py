@@ -1,4 +1,4 @@
-"""Which way is up in a map, and how the map lies level."""
+"""Estimation of the up direction of a map, and the transform that levels the map."""
 
 import numpy as np
 
@@ -6,38 +6,52 @@ from drivers.core.geometry import Array, rigid_transform
 from drivers.core.gravity import Vector
 from vo_service.reconstruction.mesh import Mesh
 
-# Floors and tables are sought this far from where up is thought to be, then ever closer.
+# Half angles of the cones around the estimated up direction; normals of floors and tables are
+# inside.
 SEARCH_CONES_RAD = tuple(np.radians([30.0, 20.0, 10.0, 5.0]))
-# What faces up must be so much of the surface; else there is no floor in it.
+# Below this share of level surface, there is no floor to align with.
 MIN_LEVEL_FRACTION = 0.02
-# A camera that looks straighter down than this has no forward; the top of its image has.
+# If the camera looks almost straight down, the top of its image defines forward.
 MIN_FORWARD_NORM = 0.3
 
 
 class UpDirectionEstimator:
-    """Up in the world: against gravity where it is measured, else as the camera is mostly held."""
+    """Mean up direction in the world: from gravity if measured, else from the camera's y axis."""
 
     def __init__(self) -> None:
         self._sum_from_gravity, self._sum_from_camera_axes = np.zeros(3), np.zeros(3)
 
     def add(self, T_world_camera: Array, gravity_m_s2: Vector | None) -> None:
-        """Take one frame into account."""
+        """Add one frame.
+
+        Args:
+            T_world_camera: 4x4 pose.
+            gravity_m_s2: (3,) measured gravity in camera axes; None without an accelerometer.
+        """
         self._sum_from_camera_axes -= T_world_camera[:3, 1]
         if gravity_m_s2 is not None:
             self._sum_from_gravity -= T_world_camera[:3, :3] @ np.asarray(gravity_m_s2)
 
     @property
     def up(self) -> Array:
-        """(3,) of length 1, in the world."""
-        measured = (
+        """(3,) unit vector in the world."""
+        direction = (
             self._sum_from_gravity if self._sum_from_gravity.any() else self._sum_from_camera_axes
         )
-        length = float(np.linalg.norm(measured))
-        return measured / length if length > 0.0 else np.array([0.0, -1.0, 0.0])
+        length = float(np.linalg.norm(direction))
+        return direction / length if length > 0.0 else np.array([0.0, -1.0, 0.0])
 
 
 def estimate_up(mesh: Mesh, initial_up: Array) -> Array:
-    """(3,) of length 1: what most of the level surfaces near the guess agree on."""
+    """Refine the up direction with the normals of the level surfaces.
+
+    Args:
+        mesh: the map.
+        initial_up: (3,) unit vector, the initial guess.
+
+    Returns:
+        (3,) unit vector.
+    """
     up = initial_up
     for cone_rad in SEARCH_CONES_RAD:
         is_level = mesh.normals @ up > np.cos(cone_rad)
@@ -49,11 +63,19 @@ def estimate_up(mesh: Mesh, initial_up: Array) -> Array:
 
 
 def level_transform(T_world_camera: Array, up: Array) -> Array:
-    """T_level_world: x right and y forward as seen from this camera, z up, the camera at 0."""
-    looking, top = T_world_camera[:3, 2], -T_world_camera[:3, 1]
-    forward = looking - up * (looking @ up)
+    """Compute the transform to level axes: x right and y forward of a camera, z up.
+
+    Args:
+        T_world_camera: 4x4 pose of the camera, which becomes the origin.
+        up: (3,) unit vector in the world.
+
+    Returns:
+        T_level_world, 4x4.
+    """
+    optical_axis, image_top = T_world_camera[:3, 2], -T_world_camera[:3, 1]
+    forward = optical_axis - up * (optical_axis @ up)
     if np.linalg.norm(forward) < MIN_FORWARD_NORM:
-        forward = top - up * (top @ up)
+        forward = image_top - up * (image_top @ up)
     forward = forward / np.linalg.norm(forward)
     R = np.array([np.cross(forward, up), forward, up])
     return rigid_transform(R, -R @ T_world_camera[:3, 3])

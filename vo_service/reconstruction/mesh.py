@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Mesh:
-    """A surface, in the world that the poses were given in.
+    """A surface in the world frame of the poses.
 
-    vertices_m   (N, 3) float32
-    normals      (N, 3) float32 of length 1, towards where it was seen from
-    colors_rgb  (N, 3) uint8
-    triangles    (M, 3) int32 indices of vertices, counter-clockwise seen from where the normals
-                 point
+    Attributes:
+        vertices_m: (N, 3) float32.
+        normals: (N, 3) float32 unit vectors, towards the side that the camera saw.
+        colors_rgb: (N, 3) uint8.
+        triangles: (M, 3) int32 indices of vertices, counterclockwise from the side of the normals.
     """
 
     vertices_m: NDArray[np.float32]
@@ -25,7 +25,7 @@ class Mesh:
 
     @classmethod
     def empty(cls) -> Self:
-        """A mesh of nothing."""
+        """Make a mesh without vertices."""
         return cls(
             np.empty((0, 3), np.float32),
             np.empty((0, 3), np.float32),

@@ -1,4 +1,4 @@
-"""Specks that float beside the surface: a reading at an edge, somebody who walked by."""
+"""Removal of small components that float beside the surface: noise at edges, passers-by."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,26 +10,26 @@ Indices = NDArray[np.int32]
 
 
 def remove_small_components(mesh: Mesh, min_triangles: int) -> Mesh:
-    """The mesh without the connected parts that have fewer triangles than that."""
+    """Remove the connected components with fewer than `min_triangles` triangles."""
     if not len(mesh.triangles):
         return mesh
-    part = np.arange(len(mesh.vertices_m), dtype=np.int32)
-    _label_components(mesh.triangles, part)
-    sizes = np.bincount(part[mesh.triangles[:, 0]], minlength=len(part))
-    is_kept = sizes[part] >= min_triangles
-    number = np.cumsum(is_kept, dtype=np.int32) - np.int32(1)
+    component = np.arange(len(mesh.vertices_m), dtype=np.int32)
+    _label_components(mesh.triangles, component)
+    sizes = np.bincount(component[mesh.triangles[:, 0]], minlength=len(component))
+    is_kept = sizes[component] >= min_triangles
+    new_index = np.cumsum(is_kept, dtype=np.int32) - np.int32(1)
     triangles = mesh.triangles[is_kept[mesh.triangles[:, 0]]]
     return Mesh(
         mesh.vertices_m[is_kept],
         mesh.normals[is_kept],
         mesh.colors_rgb[is_kept],
-        number[triangles],
+        new_index[triangles],
     )
 
 
 @kernel
 def _label_components(triangles: Indices, parent: Indices) -> None:
-    """Make `parent` (N,), each vertex itself at first, the least that it is connected to."""
+    """Set `parent` (N,), initially each vertex itself, to the least vertex of its component."""
     for t in range(len(triangles)):
         first = _find_root(triangles[t, 0], parent)
         for corner in range(1, 3):
@@ -43,7 +43,7 @@ def _label_components(triangles: Indices, parent: Indices) -> None:
 
 @kernel
 def _find_root(vertex: int, parent: Indices) -> int:
-    """Where the chain of parents ends; the chain is made shorter on the way."""
+    """Find the end of the chain of parents, and shorten the chain."""
     while parent[vertex] != vertex:
         parent[vertex] = parent[parent[vertex]]
         vertex = parent[vertex]

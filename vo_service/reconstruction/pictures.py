@@ -1,4 +1,4 @@
-"""Pictures of a map: from above with axes, from a corner of the room, and through the camera."""
+"""Images of a map: top view with axes, overview of the room, and the camera's view."""
 
 import io
 
@@ -15,32 +15,42 @@ from vo_service.reconstruction.render import (
     render_perspective,
 )
 
-# Pixels of the longer side of a view from above, without its axes.
+# Longer side of a top view, without its axes.
 MAX_TOP_VIEW_PX = 1100
 DOTS_PER_INCH = 110
 OVERVIEW_CAMERA = PinholeCamera(1100, 800, 1200.0, 1200.0, 549.5, 399.5)
-# From how high the room is looked into, and the part of the picture that it fills.
+# Pitch of the overview, and the share of the image that the room fills.
 OVERVIEW_PITCH_RAD = 0.9
 OVERVIEW_FILL = 0.94
 
 
 def render_top_view(mesh: Mesh, T_level_world: Array, trajectory_m: Array, title: str) -> bytes:
-    """PNG, from above: the map, and the camera's path (N, 3) in the world; axes in metres."""
+    """Render the map from above, with the camera's trajectory and axes in meters.
+
+    Args:
+        mesh: the map.
+        T_level_world: 4x4 transform to level axes.
+        trajectory_m: (N, 3) positions of the camera in the world.
+        title: title of the plot.
+
+    Returns:
+        PNG bytes.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     path = transform_points(T_level_world, trajectory_m)
     level_m = transform_points(T_level_world, mesh.vertices_m.astype(np.float64))
-    sheet = _fit_orthographic_view(np.vstack([level_m, path]), T_level_world)
-    left, top = sheet.corner_m[0], -sheet.corner_m[1]
-    right, bottom = left + sheet.width * sheet.pixel_m, top - sheet.height * sheet.pixel_m
-    size_in = np.array([sheet.width, sheet.height]) / DOTS_PER_INCH + [1.2, 1.2]
+    view = _fit_orthographic_view(np.vstack([level_m, path]), T_level_world)
+    left, top = view.corner_m[0], -view.corner_m[1]
+    right, bottom = left + view.width * view.pixel_m, top - view.height * view.pixel_m
+    size_in = np.array([view.width, view.height]) / DOTS_PER_INCH + [1.2, 1.2]
     figure = Figure(figsize=(size_in[0], size_in[1]), layout="constrained")
     FigureCanvasAgg(figure)
     plot = figure.subplots()
-    plot.imshow(render_orthographic(mesh, sheet), extent=(left, right, bottom, top))
-    plot.plot(path[:, 0], path[:, 1], color="tab:orange", linewidth=1.5, label="camera's path")
-    plot.plot(*path[0, :2], "o", color="tab:orange", label="its first frame")
+    plot.imshow(render_orthographic(mesh, view), extent=(left, right, bottom, top))
+    plot.plot(path[:, 0], path[:, 1], color="tab:orange", linewidth=1.5, label="trajectory")
+    plot.plot(*path[0, :2], "o", color="tab:orange", label="first frame")
     plot.set(title=title, xlabel="right (m)", ylabel="forward (m)")
     plot.set_aspect("equal")
     plot.legend(loc="upper right")
@@ -50,24 +60,32 @@ def render_top_view(mesh: Mesh, T_level_world: Array, trajectory_m: Array, title
 
 
 def _fit_orthographic_view(level_m: Array, T_level_world: Array) -> OrthographicView:
-    """A sheet seen from above that holds these points (N, 3)."""
-    T_sheet_level = rigid_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-    seen_m = transform_points(T_sheet_level, level_m)
-    low, high = seen_m.min(axis=0), seen_m.max(axis=0)
+    """Fit a view from above to points (N, 3) in level axes."""
+    T_view_level = rigid_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    view_m = transform_points(T_view_level, level_m)
+    low, high = view_m.min(axis=0), view_m.max(axis=0)
     pixel_m = float(max(high[:2] - low[:2])) / MAX_TOP_VIEW_PX
     width, height = (int(np.ceil(side / pixel_m)) + 1 for side in high[:2] - low[:2])
-    return OrthographicView(T_sheet_level @ T_level_world, (low[0], low[1]), pixel_m, width, height)
+    return OrthographicView(T_view_level @ T_level_world, (low[0], low[1]), pixel_m, width, height)
 
 
 def render_overview(mesh: Mesh, T_level_world: Array) -> bytes:
-    """PNG: into the room from above and behind the first camera; walls in the way are left out."""
+    """Render the room from above and behind the first camera, without back faces.
+
+    Args:
+        mesh: the map.
+        T_level_world: 4x4 transform to level axes.
+
+    Returns:
+        PNG bytes.
+    """
     sine, cosine = np.sin(OVERVIEW_PITCH_RAD), np.cos(OVERVIEW_PITCH_RAD)
     R = np.array([[1.0, 0.0, 0.0], [0.0, -sine, -cosine], [0.0, cosine, -sine]])
-    turned_m = transform_points(T_level_world, mesh.vertices_m.astype(np.float64)) @ R.T
-    centre_m = (turned_m.min(axis=0) + turned_m.max(axis=0)) / 2
-    around_m = turned_m - centre_m
-    # As near as everything still fits.
-    reach = (
+    rotated_m = transform_points(T_level_world, mesh.vertices_m.astype(np.float64)) @ R.T
+    center_m = (rotated_m.min(axis=0) + rotated_m.max(axis=0)) / 2
+    centered_m = rotated_m - center_m
+    # The least distance at which the whole map is in view.
+    half_extent = (
         OVERVIEW_FILL
         / 2
         * np.array(
@@ -77,13 +95,13 @@ def render_overview(mesh: Mesh, T_level_world: Array) -> bytes:
             ]
         )
     )
-    away_m = float(np.max(np.abs(around_m[:, :2]) / reach - around_m[:, 2:]))
-    T_eye_level = rigid_transform(R, np.array([0.0, 0.0, away_m]) - centre_m)
-    return _encode_png(render_perspective(mesh, OVERVIEW_CAMERA, T_eye_level @ T_level_world))
+    distance_m = float(np.max(np.abs(centered_m[:, :2]) / half_extent - centered_m[:, 2:]))
+    T_view_level = rigid_transform(R, np.array([0.0, 0.0, distance_m]) - center_m)
+    return _encode_png(render_perspective(mesh, OVERVIEW_CAMERA, T_view_level @ T_level_world))
 
 
 def render_camera_view(mesh: Mesh, camera: PinholeCamera, T_world_camera: Array) -> bytes:
-    """PNG: what the camera would see of the map from one of its own poses."""
+    """Render the map from one of the camera's own poses, as PNG bytes."""
     return _encode_png(render_perspective(mesh, camera, inverse(T_world_camera)))
 
 

@@ -1,4 +1,4 @@
-"""A mesh as a file that other programs open: PLY, binary."""
+"""Writer of a mesh as a binary PLY file."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ end_header
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
-    """Write the mesh, whole or not at all. Raises OSError."""
+    """Write the mesh atomically. Raises OSError."""
     vertices = np.empty(len(mesh.vertices_m), _VERTEX)
     vertices["position"] = mesh.vertices_m
     vertices["normal"] = mesh.normals

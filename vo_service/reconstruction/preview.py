@@ -1,4 +1,4 @@
-"""What a preview of a growing map shows."""
+"""Preview of a growing map."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,7 +10,7 @@ from vo_service.reconstruction.mesh import Mesh
 
 @dataclass(frozen=True)
 class PreviewMap:
-    """The surface, and where the camera has been: (N, 3) in the world."""
+    """The surface, and the camera's positions (N, 3) in the world."""
 
     mesh: Mesh
     trajectory_m: Array
@@ -18,7 +18,7 @@ class PreviewMap:
 
 @dataclass(frozen=True)
 class PreviewFrame:
-    """What there is after the frame `seq`: the same `preview_map` as before, or a new one."""
+    """The camera after the frame `seq`, with the same `preview_map` as before or a new one."""
 
     seq: int
     camera: PinholeCamera
@@ -27,8 +27,8 @@ class PreviewFrame:
 
 
 class Preview(Protocol):
-    """One place where the map is shown."""
+    """One preview of the map."""
 
     def show(self, item: PreviewFrame) -> None:
-        """Show it, soon."""
+        """Queue a frame."""
         ...

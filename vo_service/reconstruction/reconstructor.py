@@ -1,4 +1,4 @@
-"""Frames and their poses in, a map out: what `reconstruct` does, apart from files and options."""
+"""Reconstruction of a map from frames and their poses."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -15,21 +15,22 @@ from vo_service.reconstruction.preview import Preview, PreviewFrame, PreviewMap
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
 READ_TIMEOUT_S = 0.25
-# Whoever watches gets a new surface when the map has grown so much: the sum stays small.
+# Previews get a new surface when the map has grown by this factor, which bounds the total cost.
 PREVIEW_GROWTH = 1.2
 
 
 @dataclass
 class ReconstructionResult:
-    """What became of the frames.
+    """Counts and poses of the processed frames.
 
-    frames         read from the recording
-    without_pose   left out: no pose, or not a good one
-    without_depth  left out: not one reading in range
-    full_at        number, from 1, of the first frame that found no room for all of it; 0: all did
-    camera         intrinsics of the first frame in the map
-    poses          T_world_camera of each frame in the map
-    up             which way is up, as far as the frames tell
+    Attributes:
+        frames: frames read from the recording.
+        without_pose: frames skipped because they have no good pose.
+        without_depth: frames skipped because no depth is in range.
+        full_at_frame: number, from 1, of the first frame that did not fit; 0 if all did.
+        camera: intrinsics of the first frame in the map.
+        poses: T_world_camera (4x4) of each frame in the map.
+        up_direction: up direction from the frames.
     """
 
     frames: int = 0
@@ -42,17 +43,17 @@ class ReconstructionResult:
 
     @property
     def fused(self) -> int:
-        """Frames that are in the map."""
+        """Number of frames in the map."""
         return len(self.poses)
 
     @property
     def trajectory_m(self) -> Array:
-        """(fused, 3) where the camera was, in the world."""
+        """(fused, 3) positions of the camera in the world."""
         return np.array([T[:3, 3] for T in self.poses]).reshape(-1, 3)
 
 
 class Reconstructor:
-    """Fuses frame after frame, and shows the map as it grows to whoever watches."""
+    """Fuses frames into a volume and shows the growing map in previews."""
 
     def __init__(
         self, volume: TsdfVolume, poses: FramePoses, previews: Sequence[Preview] = ()
@@ -68,7 +69,13 @@ class Reconstructor:
     def run(
         self, camera: RgbdCamera, stop: threading.Event, progress: Callable[[int, int], None]
     ) -> None:
-        """Read an open camera to its end, or until `stop` is set."""
+        """Read an open camera to its end.
+
+        Args:
+            camera: the camera.
+            stop: ends the loop early when set.
+            progress: called after each frame with the frames read and the total, 0 if unknown.
+        """
         while not stop.is_set():
             try:
                 frame = camera.read(READ_TIMEOUT_S)
@@ -80,27 +87,27 @@ class Reconstructor:
             progress(self.result.frames, camera.frame_count or 0)
 
     def add_frame(self, frame: RgbdFrame) -> None:
-        """Fuse one frame, if it has a good pose and depth."""
-        harvest = self.result
-        harvest.frames += 1
+        """Fuse one frame if it has a good pose and depth."""
+        result = self.result
+        result.frames += 1
         T_world_camera = self._poses.find(frame.stamp_s)
         if T_world_camera is None:
-            harvest.without_pose += 1
+            result.without_pose += 1
             return
         if not self._volume.has_depth_in_range(frame.depth_m):
-            harvest.without_depth += 1
+            result.without_depth += 1
             return
         self._volume.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
-        if self._volume.is_full and not harvest.full_at_frame:
-            harvest.full_at_frame = harvest.frames
-        harvest.camera = harvest.camera or frame.camera
-        harvest.poses.append(T_world_camera)
-        harvest.up_direction.add(T_world_camera, frame.gravity_m_s2)
+        if self._volume.is_full and not result.full_at_frame:
+            result.full_at_frame = result.frames
+        result.camera = result.camera or frame.camera
+        result.poses.append(T_world_camera)
+        result.up_direction.add(T_world_camera, frame.gravity_m_s2)
         if self._previews:
             self._update_previews(frame, T_world_camera)
 
     def finish(self) -> Mesh:
-        """The whole surface; whoever watches sees it too."""
+        """Extract the final mesh and show it in the previews."""
         mesh = self._volume.extract_mesh()
         if self._last_preview_frame is not None:
             self._show_in_previews(
@@ -120,5 +127,5 @@ class Reconstructor:
         self._show_in_previews(self._last_preview_frame)
 
     def _show_in_previews(self, frame: PreviewFrame) -> None:
-        for view in self._previews:
-            view.show(frame)
+        for preview in self._previews:
+            preview.show(frame)

@@ -1,4 +1,4 @@
-"""Pictures of a mesh, drawn triangle by triangle into a depth buffer, without a graphics card."""
+"""Software renderer of a mesh: triangles rasterized into a depth buffer, without a GPU."""
 
 from dataclasses import dataclass
 
@@ -14,17 +14,22 @@ RgbImage = NDArray[np.uint8]
 
 NEAR_M = 0.05
 BACKGROUND = 228
-# What is seen edge-on is this much darker than what faces the eye.
+# A surface seen edge-on is darker by this share than one that faces the camera.
 EDGE_ON_DARKENING = 0.45
-# Pixels are averages of so many by so many.
+# Each pixel is the mean of this many by this many samples.
 SUPERSAMPLING = 2
 
 
 @dataclass(frozen=True)
 class OrthographicView:
-    """An orthographic picture: `T_view_world` maps to x right, y down and z away from the eye.
+    """An orthographic view.
 
-    The first pixel's centre is at `corner_m` (x, y); `pixel_m` is the size of a pixel.
+    Attributes:
+        T_view_world: 4x4, to x right, y down and z away from the viewer.
+        corner_m: (x, y) of the first pixel's center.
+        pixel_m: size of a pixel.
+        width: pixels per row.
+        height: number of rows.
     """
 
     T_view_world: Array
@@ -35,37 +40,46 @@ class OrthographicView:
 
 
 def render_perspective(mesh: Mesh, camera: PinholeCamera, T_camera_world: Array) -> RgbImage:
-    """(H, W, 3) RGB: what a camera there would see. What is seen from behind is left out."""
-    seen_m = transform_points(T_camera_world, mesh.vertices_m.astype(np.float64))
-    depth_m = np.maximum(seen_m[:, 2], 1e-6)
+    """Render the view of a camera, without back faces.
+
+    Args:
+        mesh: the mesh.
+        camera: intrinsics.
+        T_camera_world: 4x4.
+
+    Returns:
+        (H, W, 3) RGB image.
+    """
+    camera_m = transform_points(T_camera_world, mesh.vertices_m.astype(np.float64))
+    depth_m = np.maximum(camera_m[:, 2], 1e-6)
     pixels = np.column_stack(
         [
-            camera.fx * seen_m[:, 0] / depth_m + camera.cx,
-            camera.fy * seen_m[:, 1] / depth_m + camera.cy,
+            camera.fx * camera_m[:, 0] / depth_m + camera.cx,
+            camera.fy * camera_m[:, 1] / depth_m + camera.cy,
             1.0 / depth_m,
         ]
     )
-    directions = seen_m / np.maximum(np.linalg.norm(seen_m, axis=1, keepdims=True), 1e-9)
+    directions = camera_m / np.maximum(np.linalg.norm(camera_m, axis=1, keepdims=True), 1e-9)
     facing = -np.sum((mesh.normals @ T_camera_world[:3, :3].T) * directions, axis=1)
-    pixels[seen_m[:, 2] < NEAR_M] = np.nan
+    pixels[camera_m[:, 2] < NEAR_M] = np.nan
     return _render(mesh, pixels, facing, camera.width, camera.height)
 
 
 def render_orthographic(mesh: Mesh, view: OrthographicView) -> RgbImage:
-    """(H, W, 3) RGB, without perspective. What is seen from behind is left out."""
-    seen_m = transform_points(view.T_view_world, mesh.vertices_m.astype(np.float64))
+    """Render an orthographic view, without back faces. Returns a (H, W, 3) RGB image."""
+    view_m = transform_points(view.T_view_world, mesh.vertices_m.astype(np.float64))
     pixels = np.column_stack(
-        [(seen_m[:, :2] - np.array(view.corner_m)) / view.pixel_m, -seen_m[:, 2]]
+        [(view_m[:, :2] - np.array(view.corner_m)) / view.pixel_m, -view_m[:, 2]]
     )
     facing = -mesh.normals @ view.T_view_world[2, :3]
     return _render(mesh, pixels, facing, view.width, view.height)
 
 
 def _render(mesh: Mesh, pixels: Array, facing: Array, width: int, height: int) -> RgbImage:
-    """`pixels` (N, 3) are column, row, and how near: greater is nearer; NaN is not drawn."""
-    light = 1.0 - EDGE_ON_DARKENING * (1.0 - np.clip(facing, 0.0, 1.0))
-    colors = mesh.colors_rgb * light[:, None]
-    # The centre of the first pixel is that of SAMPLES x SAMPLES finer ones.
+    """Shade and rasterize. `pixels` (N, 3) hold column, row and nearness; NaN is not drawn."""
+    shading = 1.0 - EDGE_ON_DARKENING * (1.0 - np.clip(facing, 0.0, 1.0))
+    colors = mesh.colors_rgb * shading[:, None]
+    # The center of the first pixel is the center of its samples.
     pixels = pixels * [SUPERSAMPLING, SUPERSAMPLING, 1.0] + [
         (SUPERSAMPLING - 1) / 2,
         (SUPERSAMPLING - 1) / 2,
@@ -80,10 +94,17 @@ def _render(mesh: Mesh, pixels: Array, facing: Array, width: int, height: int) -
 def rasterize(
     pixels: Array, colors: Array, triangles: NDArray[np.int32], width: int, height: int
 ) -> RgbImage:
-    """(H, W, 3): the nearest triangle of each pixel, of those that turn counter-clockwise.
+    """Draw the nearest counterclockwise triangle of each pixel.
 
-    pixels   (N, 3) column, row and nearness of every vertex, all linear in the image
-    colors  (N, 3)
+    Args:
+        pixels: (N, 3) column, row and nearness of each vertex, all linear in the image.
+        colors: (N, 3) RGB of each vertex.
+        triangles: (M, 3) indices of vertices.
+        width: pixels per row.
+        height: number of rows.
+
+    Returns:
+        (H, W, 3) RGB image.
     """
     image = np.full((height, width, 3), BACKGROUND, np.uint8)
     nearest = np.full((height, width), -np.inf)
@@ -91,7 +112,7 @@ def rasterize(
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         ax, ay, bx, by = pixels[a, 0], pixels[a, 1], pixels[b, 0], pixels[b, 1]
         cx, cy = pixels[c, 0], pixels[c, 1]
-        # Rows run down: what turns counter-clockwise for the eye has a negative area here.
+        # Rows run down, so a triangle that looks counterclockwise has a negative area.
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if not area < 0.0:
             continue
@@ -99,20 +120,20 @@ def rasterize(
         first_v, last_v = max(0.0, np.ceil(min(ay, by, cy))), min(height - 1.0, max(ay, by, cy))
         for v in range(int(first_v), int(np.floor(last_v)) + 1):
             for u in range(int(first_u), int(np.floor(last_u)) + 1):
-                of_a = ((bx - u) * (cy - v) - (by - v) * (cx - u)) / area
-                of_b = ((cx - u) * (ay - v) - (cy - v) * (ax - u)) / area
-                of_c = 1.0 - of_a - of_b
-                if of_a < 0.0 or of_b < 0.0 or of_c < 0.0:
+                weight_a = ((bx - u) * (cy - v) - (by - v) * (cx - u)) / area
+                weight_b = ((cx - u) * (ay - v) - (cy - v) * (ax - u)) / area
+                weight_c = 1.0 - weight_a - weight_b
+                if weight_a < 0.0 or weight_b < 0.0 or weight_c < 0.0:
                     continue
-                near = of_a * pixels[a, 2] + of_b * pixels[b, 2] + of_c * pixels[c, 2]
+                near = weight_a * pixels[a, 2] + weight_b * pixels[b, 2] + weight_c * pixels[c, 2]
                 if near <= nearest[v, u]:
                     continue
                 nearest[v, u] = near
                 for channel in range(3):
                     image[v, u, channel] = np.uint8(
-                        of_a * colors[a, channel]
-                        + of_b * colors[b, channel]
-                        + of_c * colors[c, channel]
+                        weight_a * colors[a, channel]
+                        + weight_b * colors[b, channel]
+                        + weight_c * colors[c, channel]
                         + 0.5
                     )
     return image

@@ -1,4 +1,4 @@
-"""What a reconstruction leaves behind: the map, pictures of it, and its figures."""
+"""Results of a reconstruction: the mesh, images of it, and a report."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -28,12 +28,16 @@ TOP_VIEW_FILE, OVERVIEW_FILE, CAMERA_VIEW_FILE = "top.png", "perspective.png", "
 
 @dataclass(frozen=True)
 class ReconstructionReport:
-    """A map that is done, with one triangle at least.
+    """A finished map with at least one triangle.
 
-    title         over the view from above
-    camera        intrinsics of the frames
-    is_cut_short  stopped before the last frame
-    of_places     how many places and loops have corrected the poses; empty where none were asked
+    Attributes:
+        title: title of the top view.
+        camera: intrinsics of the frames.
+        mesh: the map.
+        result: counts and poses of the frames.
+        volume: the volume that the map was extracted from.
+        is_interrupted: whether it stopped before the last frame.
+        loop_closure_counts: counts of loop closure, by name; empty without loop closure.
     """
 
     title: str
@@ -46,21 +50,26 @@ class ReconstructionReport:
 
     @cached_property
     def T_level_world(self) -> Array:
-        """4x4: x right and y forward as seen by the first camera, z up."""
+        """4x4 transform to level axes: x right and y forward of the first camera, z up."""
         up = estimate_up(self.mesh, self.result.up_direction.up)
         return level_transform(self.result.poses[0], up)
 
     @cached_property
     def size_m(self) -> tuple[float, float, float]:
-        """Extent of the map: to the right, forward and up."""
+        """Extent of the map to the right, forward and up."""
         level_m = self.mesh.vertices_m @ self.T_level_world[:3, :3].T
         right_m, forward_m, up_m = (float(side) for side in np.ptp(level_m, axis=0))
         return right_m, forward_m, up_m
 
     def save(self, folder: Path, report_progress: Callable[[str], None]) -> None:
-        """Write everything, each file whole, the report last; `tell` gets each file's name before.
+        """Write all files, each atomically, the report last.
 
-        Raises UserFacingError if the disk refuses.
+        Args:
+            folder: an existing folder.
+            report_progress: called with each file's name before it is written.
+
+        Raises:
+            UserFacingError: a file cannot be written.
         """
         mesh, poses = self.mesh, self.result.poses
         report_progress(MESH_FILE)
@@ -80,42 +89,40 @@ class ReconstructionReport:
                 atomic_write(folder / name, draw())
 
     def as_json(self) -> dict[str, Any]:
-        """One flat object."""
-        harvest, settings = self.result, self.volume.config
+        """Return the report as one flat JSON object."""
+        result, config = self.result, self.volume.config
         return {
-            "frames": harvest.frames,
-            "fused": harvest.fused,
-            "without_pose": harvest.without_pose,
-            "without_depth": harvest.without_depth,
+            "frames": result.frames,
+            "fused": result.fused,
+            "without_pose": result.without_pose,
+            "without_depth": result.without_depth,
             "vertices": len(self.mesh.vertices_m),
             "triangles": len(self.mesh.triangles),
             "size_m": [round(side, 3) for side in self.size_m],
-            "voxel_m": settings.voxel_m,
-            "max_depth_m": settings.max_depth_m,
-            "memory_mb": settings.memory_mb,
+            "voxel_m": config.voxel_m,
+            "max_depth_m": config.max_depth_m,
+            "memory_mb": config.memory_mb,
             "memory_used": round(self.volume.used_fraction, 4),
-            "full_at_frame": harvest.full_at_frame or None,
+            "full_at_frame": result.full_at_frame or None,
             "cut_short": self.is_interrupted,
             **self.loop_closure_counts,
         }
 
     def as_table(self) -> str:
-        """Aligned text for a terminal, without a newline at its end."""
-        harvest, settings = self.result, self.volume.config
+        """Format the report as aligned text, without a final newline."""
+        result, config = self.result, self.volume.config
         right_m, forward_m, up_m = self.size_m
-        used = f"{self.volume.used_fraction:.0%} of {settings.memory_mb} MB"
+        memory = f"{self.volume.used_fraction:.0%} of {config.memory_mb} MB"
+        if result.full_at_frame:
+            memory += f", full at frame {result.full_at_frame}"
         rows = [
-            ("frames", f"{harvest.frames}"),
-            ("in the map", f"{harvest.fused}"),
-            ("left out, no good pose", f"{harvest.without_pose}"),
-            ("left out, no depth", f"{harvest.without_depth}"),
+            ("frames", f"{result.frames}"),
+            ("in the map", f"{result.fused}"),
+            ("skipped, no good pose", f"{result.without_pose}"),
+            ("skipped, no depth", f"{result.without_depth}"),
             ("size", f"{right_m:.2f} m right, {forward_m:.2f} m forward, {up_m:.2f} m up"),
-            ("triangles", f"{len(self.mesh.triangles)}, voxels of {settings.voxel_m:g} m"),
-            (
-                "memory",
-                used
-                + (f", full at frame {harvest.full_at_frame}" if harvest.full_at_frame else ""),
-            ),
+            ("triangles", f"{len(self.mesh.triangles)}, voxels of {config.voxel_m:g} m"),
+            ("memory", memory),
         ]
         rows += [(name, f"{count}") for name, count in self.loop_closure_counts.items()]
         return format_columns(rows)
@@ -123,11 +130,11 @@ class ReconstructionReport:
 
 @contextmanager
 def translate_write_errors(path: Path) -> Iterator[None]:
-    """What the disk refuses in the block, as one line."""
+    """Turn an OSError in the block into a UserFacingError about this file."""
     try:
         yield
     except OSError as error:
         cause = "the disk is full" if is_disk_full(error) else error.strerror
-        raise UserFacingError(f"{path}: cannot be written: {cause}; mend that and run again") from (
+        raise UserFacingError(f"{path}: cannot be written: {cause}; fix this and run again") from (
             error
         )

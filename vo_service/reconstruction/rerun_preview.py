@@ -1,4 +1,4 @@
-"""A map in Rerun while it grows. Imports rerun: load it lazily."""
+"""Preview of a growing map in Rerun. Imports rerun: load it lazily."""
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -13,7 +13,7 @@ FRUSTUM_M = 0.2
 
 
 class ReconstructionScene:
-    """Logs sights to one recording stream."""
+    """Logs preview frames to one recording stream."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
@@ -23,9 +23,9 @@ class ReconstructionScene:
 
     @staticmethod
     def blueprint() -> rrb.Blueprint:
-        """The map fills the window."""
+        """Make a layout in which the map fills the window."""
         return rrb.Blueprint(
-            rrb.Spatial3DView(name="The surface, and the camera's path", origin=WORLD),
+            rrb.Spatial3DView(name="Surface and camera trajectory", origin=WORLD),
             rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
             rrb.BlueprintPanel(state="collapsed"),
             rrb.SelectionPanel(state="collapsed"),
@@ -33,7 +33,7 @@ class ReconstructionScene:
         )
 
     def log(self, frame: PreviewFrame) -> None:
-        """The camera; its path and the surface where they are new."""
+        """Log the camera, and the trajectory and surface if they are new."""
         stream, camera, T = self._stream, frame.camera, frame.T_world_camera
         stream.set_time(TIMELINE, sequence=frame.seq)
         stream.log(CAMERA, rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))

@@ -1,9 +1,8 @@
-"""The surface where the distance is zero, as a mesh.
+"""Extraction of the zero level set as a mesh, with surface nets.
 
-Surface nets (Gibson, "Constrained elastic surface nets", MICCAI 1998), the simple form without
-relaxation: in every cell of 2 x 2 x 2 voxels that the surface passes through there is one vertex,
-amid the points where it crosses the cell's edges; the four cells around an edge that is crossed
-make a quad.
+Gibson, "Constrained elastic surface nets", MICCAI 1998, without relaxation. Each cell of 2 x 2 x 2
+voxels that the surface crosses has one vertex, the mean of the crossings of the cell's edges. The
+four cells around a crossed edge form a quad.
 """
 
 import numpy as np
@@ -21,14 +20,14 @@ from vo_service.reconstruction.voxel_block_grid import (
     block_index,
 )
 
-# What the mesh takes for each block while it is made: the number of every cell's vertex, and the
-# vertices and triangles themselves of as many cells as there usually are.
+# Memory of the extraction per block: the vertex number of each cell, and the vertices and triangles
+# of a typical block.
 MESH_BYTES_PER_BLOCK = VOXELS_PER_BLOCK * 4 + 4000
 
 NO_VERTEX = -1
 # Corner c of a cell is at (c >> 2, c >> 1 & 1, c & 1); an edge joins c and c with one more bit.
 CORNERS = 8
-# For an edge along x, y or z: how far back the four cells around it begin, counter-clockwise seen
+# For an edge along x, y or z: backward offsets of the four cells around it, counterclockwise seen
 # from the edge's far end.
 EDGE_CELL_OFFSETS = np.array(
     [
@@ -44,7 +43,13 @@ HashTable = NDArray[np.int64]
 
 
 def extract_surface(blocks: VoxelBlockGrid, voxel_m: float, min_weight: float) -> Mesh:
-    """The mesh of all voxels whose weight is at least `min_weight`."""
+    """Extract the mesh of all voxels with at least a given weight.
+
+    Args:
+        blocks: the voxels.
+        voxel_m: edge of a voxel.
+        min_weight: least weight.
+    """
     n = blocks.count
     coordinates, distance_m = blocks.coordinates[:n], blocks.distance_m[:n]
     weight, color = blocks.weight[:n], blocks.color[:n]
@@ -68,7 +73,7 @@ def _no_triangles() -> NDArray[np.int32]:
 def _neighbor_blocks(
     b: int, sign: int, coordinates: BlockCoordinates, table: HashTable
 ) -> NDArray[np.int64]:
-    """(8,) block b and its neighbours, on the side of `sign` along the axes whose bits are set."""
+    """List block b and its neighbors (8,), towards `sign` along the axes whose bits are set."""
     blocks = np.empty(8, np.int64)
     for n in range(8):
         x = coordinates[b, 0] + sign * (n >> 2)
@@ -80,13 +85,13 @@ def _neighbor_blocks(
 
 @inline_kernel
 def _neighbor_index(i: int, j: int, k: int) -> int:
-    """Which of `_neighbor_blocks` a voxel is in whose indices may be one out of the block."""
+    """Return which of `_neighbor_blocks` holds a voxel; its indices may exceed the block by one."""
     return ((i >> 3 & 1) << 2) | ((j >> 3 & 1) << 1) | (k >> 3 & 1)
 
 
 @inline_kernel
 def _voxel_index(i: int, j: int, k: int) -> int:
-    """Its number within that block."""
+    """Return the voxel's number within that block."""
     return ((i & 7) << 6) | ((j & 7) << 3) | (k & 7)
 
 
@@ -98,7 +103,7 @@ def _number_vertices(
     weight: Floats,
     min_weight: float,
 ) -> tuple[Cells, int]:
-    """(N, 512) number of the vertex in the cell that begins at each voxel, and how many."""
+    """Number the vertex of the cell at each voxel (N, 512); also return the count."""
     cells = np.full((len(coordinates), VOXELS_PER_BLOCK), NO_VERTEX, np.int32)
     count = 0
     for b in range(len(coordinates)):
@@ -132,7 +137,7 @@ def _compute_vertices(
     count: int,
     voxel_m: float,
 ) -> tuple[Floats, Floats, NDArray[np.uint8]]:
-    """Position, normal and color of every vertex."""
+    """Compute position, normal and color of every vertex."""
     vertices_m = np.empty((count, 3), np.float32)
     normals = np.empty((count, 3), np.float32)
     colors_rgb = np.empty((count, 3), np.uint8)
@@ -151,21 +156,21 @@ def _compute_vertices(
                 distances[c] = distance_m[block, corner]
                 for channel in range(3):
                     colors[c, channel] = color[block, corner, channel]
-            place, paint = _mean_crossing(distances, colors)
-            slope = _gradient(distances)
+            offset, mean_color = _mean_crossing(distances, colors)
+            normal = _gradient(distances)
             first = (i, j, k)
             for axis in range(3):
                 begin = coordinates[b, axis] * BLOCK_SIDE + first[axis]
-                vertices_m[vertex, axis] = (begin + place[axis]) * voxel_m
-                normals[vertex, axis] = slope[axis]
-                colors_rgb[vertex, axis] = np.uint8(min(255.0, paint[axis] / 256.0 + 0.5))
+                vertices_m[vertex, axis] = (begin + offset[axis]) * voxel_m
+                normals[vertex, axis] = normal[axis]
+                colors_rgb[vertex, axis] = np.uint8(min(255.0, mean_color[axis] / 256.0 + 0.5))
     return vertices_m, normals, colors_rgb
 
 
 @kernel
 def _mean_crossing(distances: Array, colors: Array) -> tuple[Array, Array]:
-    """Mean of where the surface crosses the cell's edges, in voxels, and of the colors there."""
-    place, paint = np.zeros(3), np.zeros(3)
+    """Average the crossings of the cell's edges, in voxels, and the colors there."""
+    offset, color = np.zeros(3), np.zeros(3)
     crossings = 0
     for c in range(CORNERS):
         for axis in range(3):
@@ -173,18 +178,18 @@ def _mean_crossing(distances: Array, colors: Array) -> tuple[Array, Array]:
             if other == c or (distances[c] < 0.0) == (distances[other] < 0.0):
                 continue
             along = distances[c] / (distances[c] - distances[other])
-            place[0] += c >> 2
-            place[1] += c >> 1 & 1
-            place[2] += c & 1
-            place[axis] += along
-            paint += (1.0 - along) * colors[c] + along * colors[other]
+            offset[0] += c >> 2
+            offset[1] += c >> 1 & 1
+            offset[2] += c & 1
+            offset[axis] += along
+            color += (1.0 - along) * colors[c] + along * colors[other]
             crossings += 1
-    return place / crossings, paint / crossings
+    return offset / crossings, color / crossings
 
 
 @kernel
 def _gradient(distances: Array) -> Array:
-    """Where the distance grows most, of length 1: away from the surface, to where it was seen."""
+    """Compute the unit gradient of the distance: the normal, towards the camera's side."""
     gradient = np.zeros(3)
     for c in range(CORNERS):
         for axis in range(3):
@@ -201,7 +206,7 @@ def _emit_triangles(
     cells: Cells,
     triangles: NDArray[np.int32],
 ) -> int:
-    """Two triangles for each edge that is crossed, written while there is room; how many."""
+    """Write two triangles for each crossed edge, as far as they fit; return the number of all."""
     n = 0
     quad = np.empty(4, np.int32)
     for b in range(len(coordinates)):

@@ -1,19 +1,20 @@
-"""What can be set of a map. Imports no kernels: the command line shows the defaults."""
+"""Settings of a map. Imports no kernels, as the command line shows the defaults."""
 
 from dataclasses import dataclass
 
-# How far around a surface the distance to it is kept. Less, and a surface that was seen twice, by
-# poses some centimetres apart, would not become one.
+# Lower bounds of the truncation distance. A smaller one would not merge a surface that was seen
+# twice with a pose error of some centimeters.
 MIN_TRUNCATION_VOXELS, MIN_TRUNCATION_M = 4.0, 0.06
 
 
 @dataclass(frozen=True)
 class TsdfConfig:
-    """How fine a map is, and how much it may take.
+    """Resolution and limits of a map.
 
-    voxel_m      edge of a voxel: the finest detail
-    memory_mb    for everything, the making of the mesh included
-    max_depth_m  surfaces further from the camera are left out: too coarse
+    Attributes:
+        voxel_m: edge of a voxel, the finest detail.
+        memory_mb: memory limit, including mesh extraction.
+        max_depth_m: greater depths are ignored, as they are too coarse.
     """
 
     voxel_m: float = 0.01
@@ -22,5 +23,5 @@ class TsdfConfig:
 
     @property
     def truncation_m(self) -> float:
-        """How far around a surface the distance to it is kept."""
+        """Distance from a surface up to which the signed distance is stored."""
         return max(MIN_TRUNCATION_VOXELS * self.voxel_m, MIN_TRUNCATION_M)

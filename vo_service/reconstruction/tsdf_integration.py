@@ -1,8 +1,8 @@
-"""One frame into the voxels: a weighted running mean of how far each is from the surface.
+"""Integration of one frame into the TSDF: a weighted running mean of the signed distance.
 
 Curless and Levoy, "A volumetric method for building complex models from range images", SIGGRAPH
-1996. Where the frame looks through a voxel, that voxel is found to be empty: what was there before
-by mistake, or has gone since, is taken away.
+1996. Voxels in front of the measured depth are updated as empty, which removes false surfaces and
+objects that have moved away.
 """
 
 import math
@@ -15,7 +15,7 @@ from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.reconstruction.voxel_block_grid import BLOCK_SIDE, BlockCoordinates
 
-# The weight of a color: a reading of weight 1 is so many parts, and there are at most so many.
+# Integer weight of a color for a reading of weight 1, and the greatest sum.
 COLOR_WEIGHT_SCALE = 64.0
 MAX_COLOR_WEIGHT = 65535
 
@@ -32,38 +32,48 @@ def blocks_to_allocate(
     margin_m: float,
     step_px: int,
 ) -> BlockCoordinates:
-    """(N, 3) blocks within `margin_m` of what the camera sees, some of them more than once.
+    """List the blocks near the measured surface.
 
-    focal_centre  fx, fy, cx, cy
-    step_px       looks at every so many pixels
+    Args:
+        depth_m: (H, W), 0 = no reading.
+        intrinsics: fx, fy, cx, cy.
+        T_world_camera: 4x4 pose.
+        block_m: edge of a block.
+        margin_m: distance from the surface, along the ray.
+        step_px: spacing of the sampled pixels.
+
+    Returns:
+        (N, 3) block coordinates, with duplicates.
     """
     height, width = depth_m.shape
     steps = 1 + math.ceil(2.0 * margin_m / (0.5 * block_m))
     rays = ((height - 1) // step_px + 1) * ((width - 1) // step_px + 1)
-    found = np.empty((rays * (steps + 1), 3), np.int64)
+    blocks = np.empty((rays * (steps + 1), 3), np.int64)
     n = 0
     T = T_world_camera
     for v in range(0, height, step_px):
         for u in range(0, width, step_px):
-            middle_m = float(depth_m[v, u])
-            if middle_m <= 0.0:
+            surface_m = float(depth_m[v, u])
+            if surface_m <= 0.0:
                 continue
             x = (u - intrinsics[2]) / intrinsics[0]
             y = (v - intrinsics[3]) / intrinsics[1]
             for s in range(steps + 1):
-                z = middle_m + margin_m * (2.0 * s / steps - 1.0)
+                z = surface_m + margin_m * (2.0 * s / steps - 1.0)
                 bx = math.floor((T[0, 3] + z * (T[0, 0] * x + T[0, 1] * y + T[0, 2])) / block_m)
                 by = math.floor((T[1, 3] + z * (T[1, 0] * x + T[1, 1] * y + T[1, 2])) / block_m)
                 bz = math.floor((T[2, 3] + z * (T[2, 0] * x + T[2, 1] * y + T[2, 2])) / block_m)
-                if n and found[n - 1, 0] == bx and found[n - 1, 1] == by and found[n - 1, 2] == bz:
+                if n and (
+                    blocks[n - 1, 0] == bx and blocks[n - 1, 1] == by and blocks[n - 1, 2] == bz
+                ):
                     continue
-                found[n, 0], found[n, 1], found[n, 2] = bx, by, bz
+                blocks[n, 0], blocks[n, 1], blocks[n, 2] = bx, by, bz
                 n += 1
-    return found[:n]
+    return blocks[:n]
 
 
 def frustum_normals(camera: PinholeCamera) -> Array:
-    """(4, 3) normals, of length 1, of the planes through the camera that bound what it sees."""
+    """Compute the (4, 3) inward unit normals of the frustum's side planes, in camera axes."""
     left, right = camera.cx + 0.5, camera.width - 0.5 - camera.cx
     top, bottom = camera.cy + 0.5, camera.height - 0.5 - camera.cy
     inwards = np.array(
@@ -86,8 +96,19 @@ def blocks_in_view(
     block_m: float,
     max_depth_m: float,
 ) -> NDArray[np.int64]:
-    """(N,) numbers of the blocks that may be seen, up to `max_depth_m` away along the optical axis."""
-    seen = np.empty(len(coordinates), np.int64)
+    """List the blocks that may be in view.
+
+    Args:
+        coordinates: (M, 3) of all blocks.
+        frustum: (4, 3) normals from `frustum_normals`.
+        T_camera_world: 4x4.
+        block_m: edge of a block.
+        max_depth_m: greatest depth along the optical axis.
+
+    Returns:
+        (N,) block numbers.
+    """
+    visible = np.empty(len(coordinates), np.int64)
     n = 0
     radius_m = 0.5 * math.sqrt(3.0) * block_m
     T = T_camera_world
@@ -104,9 +125,9 @@ def blocks_in_view(
             distance_m = frustum[side, 0] * p[0] + frustum[side, 1] * p[1] + frustum[side, 2] * p[2]
             is_inside = is_inside and distance_m > -radius_m
         if is_inside:
-            seen[n] = b
+            visible[n] = b
             n += 1
-    return seen[:n]
+    return visible[:n]
 
 
 @kernel
@@ -120,18 +141,24 @@ def integrate_frame(
     voxel_m: float,
     truncation_m: float,
 ) -> None:
-    """Bring the blocks `seen` up to date.
+    """Integrate one frame into the visible blocks.
 
-    voxels        distance, weight and color, as `Blocks` has them
-    images        depth (H, W), the weight of each reading (H, W), and colors in blue, green, red
-    truncation_m  nothing is said of what is further behind the surface
+    Args:
+        visible_blocks: (N,) block numbers.
+        coordinates: (M, 3) of all blocks.
+        voxels: distance, weight and color of `VoxelBlockGrid`, updated in place.
+        images: depth (H, W), weight of each reading (H, W), and BGR (H, W, 3).
+        intrinsics: fx, fy, cx, cy.
+        T_camera_world: 4x4.
+        voxel_m: edge of a voxel.
+        truncation_m: voxels further behind the surface are not updated.
     """
     distance_m, weight, color = voxels
     depth_m, reading_weight, color_bgr = images
     height, width = depth_m.shape
     fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     T = T_camera_world
-    along = T[:3, 2] * voxel_m  # from one voxel to the next in memory, in the camera's axes
+    along = T[:3, 2] * voxel_m  # step from one voxel to the next in memory, camera axes
     for b in visible_blocks:
         for row in range(BLOCK_SIDE * BLOCK_SIDE):
             wx = (coordinates[b, 0] * BLOCK_SIDE + row // BLOCK_SIDE) * voxel_m
@@ -159,7 +186,7 @@ def integrate_frame(
                 distance_m[b, voxel] += share * (
                     min(in_front_m, truncation_m) - distance_m[b, voxel]
                 )
-                # What is seen through a voxel is not its color.
+                # The color belongs to the surface, not to empty voxels in front of it.
                 if in_front_m < truncation_m:
                     _blend_color(color, b, voxel, color_bgr, v, u, w)
 
@@ -168,7 +195,7 @@ def integrate_frame(
 def _blend_color(
     color: NDArray[np.uint16], b: int, voxel: int, color_bgr: ColorImage, v: int, u: int, w: float
 ) -> None:
-    """Bring a pixel's color into the mean, whose weight is apart from the distance's."""
+    """Blend a pixel's color into the mean, which has its own weight."""
     parts = math.ceil(COLOR_WEIGHT_SCALE * w)
     total = min(MAX_COLOR_WEIGHT, color[b, voxel, 3] + parts)
     color[b, voxel, 3] = total

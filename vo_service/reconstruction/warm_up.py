@@ -1,7 +1,4 @@
-"""Compile what maps are made with, or load it from the cache.
-
-Nothing heavy is imported before that is asked for.
-"""
+"""Compilation of the reconstruction kernels. Heavy imports happen in the function."""
 
 import time
 from collections.abc import Callable
@@ -14,22 +11,26 @@ CAMERA = PinholeCamera(64, 48, 52.0, 52.0, 31.5, 23.5)
 
 
 def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
-    """Make a map of a made-up wall; returns the seconds that took.
+    """Compile the kernels, or load them from the cache, by mapping a synthetic wall.
 
-    `tell` gets the name of each stage as it begins.
+    Args:
+        report_stage: called with the name of each stage as it starts.
+
+    Returns:
+        Duration in seconds.
     """
     from vo_service.reconstruction.pictures import render_camera_view
     from vo_service.reconstruction.tsdf_config import TsdfConfig
     from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
     begin_s = time.monotonic()
-    fusion = TsdfVolume(TsdfConfig(voxel_m=0.05, memory_mb=10))
+    volume = TsdfVolume(TsdfConfig(voxel_m=0.05, memory_mb=10))
     depth_m = np.full((CAMERA.height, CAMERA.width), 2.0, np.float32)
     color_bgr = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     report_stage("fusion")
-    fusion.integrate(depth_m, color_bgr, CAMERA, np.eye(4))
+    volume.integrate(depth_m, color_bgr, CAMERA, np.eye(4))
     report_stage("mesh")
-    mesh = fusion.extract_mesh()
+    mesh = volume.extract_mesh()
     report_stage("pictures")
     render_camera_view(mesh, CAMERA, np.eye(4))
     return time.monotonic() - begin_s

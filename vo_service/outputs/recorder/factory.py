@@ -1,4 +1,4 @@
-"""Opening the flight recorder, or what stands in for it where there is none."""
+"""Creation of the flight recorder, or of a null recorder if it is off or fails."""
 
 import logging
 from collections.abc import Mapping
@@ -13,21 +13,23 @@ logger = logging.getLogger(__name__)
 
 
 def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Recorder:
-    """The recorder that the settings ask for. The service goes on without where it cannot be had.
+    """Create the configured recorder; if that fails, a null recorder, so the service still runs.
 
-    `config` of the service goes into each incident as JSON, beside the versions.
+    Args:
+        settings: the recorder's settings.
+        config: the service's configuration, copied into each incident with the versions.
     """
     if not settings.enabled:
         return NullRecorder("the recorder is switched off (recorder.enabled)")
-    # It compiles kernels: `kinect-vo --help` is spared them.
+    # Imported here because it compiles kernels, which `kinect-vo --help` does not need.
     from vo_service.outputs.recorder.flight_recorder import FlightRecorder
 
-    about = {"versions": versions(), "config": config}
+    service_info = {"versions": versions(), "config": config}
     try:
-        return FlightRecorder(settings, state_folder(), about)
+        return FlightRecorder(settings, state_folder(), service_info)
     except UserFacingError as error:
         reason = f"recorder: switched off: {error}"
     except OSError as error:
-        reason = f"recorder: switched off: its memory cannot be had: {error.strerror}"
+        reason = f"recorder: switched off: cannot allocate its memory: {error.strerror}"
     logger.warning("%s", reason)
     return NullRecorder(reason, reason)

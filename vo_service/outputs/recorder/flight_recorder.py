@@ -1,4 +1,4 @@
-"""The flight recorder as the service sees it: an output that remembers the last seconds."""
+"""The flight recorder: an output that keeps the last seconds in memory."""
 
 import json
 import logging
@@ -21,19 +21,24 @@ _CLOSE_TIMEOUT_S = 1.0
 
 
 class FlightRecorder:
-    """Remembers the last seconds in memory that outlives this process.
+    """Keeps the last seconds in shared memory that survives a crash of this process.
 
-    Frames are packed on a thread of its own. A second process writes them to disk: when tracking
-    is lost, when told to, or when this process ends without `close`.
+    A thread packs the frames. A second process writes them to disk: when tracking is lost, on
+    command, or when this process ends without `close`.
     """
 
     def __init__(
         self, settings: RecorderConfig, state_folder: Path, service_info: Mapping[str, object]
     ) -> None:
-        """Start. Raises OSError if the memory cannot be had.
+        """Start the recorder.
 
-        state  folder in which incidents and recordings have theirs
-        about  of the service: goes into each incident as JSON
+        Args:
+            settings: the recorder's settings.
+            state_folder: parent of the folders of incidents and recordings.
+            service_info: copied into each incident as JSON.
+
+        Raises:
+            OSError: the memory cannot be allocated.
         """
         self._history = FrameHistory(settings.seconds, settings.max_mb)
         self._memory_fault = ""
@@ -58,17 +63,17 @@ class FlightRecorder:
 
     @property
     def warning(self) -> str:
-        """What is wrong with it, in one clause."""
+        """The recorder's fault in one clause; "" if there is none."""
         return self._memory_fault or self._client.warning
 
     @property
     def recording(self) -> str:
-        """Folder that is being recorded into; "" = none."""
+        """Folder of the current recording; "" = none."""
         return self._client.recording
 
     @property
     def is_ready(self) -> bool:
-        """Whether its process takes orders."""
+        """Whether the worker process accepts requests."""
         return self._client.is_ready
 
     @property
@@ -78,51 +83,50 @@ class FlightRecorder:
 
     @property
     def frame_count(self) -> int:
-        """Frames that have ever been copied into its memory."""
+        """Number of frames copied into memory since the start."""
         return self._history.frames.record_count
 
     @property
     def dropped(self) -> int:
-        """Frames and statuses that newer ones replaced before they were remembered."""
+        """Number of frames and statuses dropped from the queue."""
         return self._worker.dropped
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Remember a frame and what was said of it (soon)."""
+        """Queue a frame and its result."""
         self._worker.put(update)
         now_s = time.monotonic()
         self._loss_trigger.update(update.state, now_s)
         self._save_incident_if(self._loss_trigger.is_due(now_s))
 
     def on_status(self, status: Status) -> None:
-        """Remember a status (soon)."""
+        """Queue a status."""
         self._worker.put(StampedStatus.now(status))
         self._save_incident_if(self._loss_trigger.is_due(time.monotonic()))
 
     def save(self, reason: str) -> str:
-        """As `Recorder`."""
+        """Write an incident; return its folder. Raises CommandError if that is not possible."""
         if not self._history.frames.record_count:
-            raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has come yet")
+            raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has arrived yet")
         return self._client.save(reason)
 
     def start_recording(self, name: str) -> str:
-        """As `Recorder`."""
+        """Start a recording; return its folder. Raises CommandError if that is not possible."""
         return self._client.start_recording(name, self._history.frames.record_count)
 
     def stop_recording(self) -> str:
-        """As `Recorder`."""
+        """End the recording; return its folder. Raises CommandError if there is none."""
         return self._client.stop_recording(self._history.frames.record_count)
 
     def configure(self, settings: RecorderConfig) -> None:
-        """As `Recorder`."""
-        if (
-            settings.save_on_loss != self._should_save_on_loss
-        ):  # else a loss that is due is still written
+        """Apply new settings that need no restart."""
+        # An unchanged setting keeps the trigger, so a pending loss is still written.
+        if settings.save_on_loss != self._should_save_on_loss:
             self._should_save_on_loss = settings.save_on_loss
             self._loss_trigger = _create_loss_trigger(self._should_save_on_loss)
         self._client.set_disk_quota(settings.total_mb * MEGABYTE)
 
     def close(self) -> None:
-        """Forget everything; a loss that is not written yet still is, and so is a recording."""
+        """Write a pending loss, end the recording and release the memory."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -133,7 +137,7 @@ class FlightRecorder:
             self._history.close()
 
     def _append(self, item: OdometryUpdate | StampedStatus) -> None:
-        """Body of the worker's thread: one item."""
+        """Copy one item into memory; runs on the worker thread."""
         try:
             self._history.append(item, self._worker.dropped)
             self._memory_fault = ""
@@ -146,8 +150,8 @@ class FlightRecorder:
         try:
             self._client.save("lost")
         except CommandError as error:
-            logger.warning("recorder: a loss of tracking is not written: %s", error)
+            logger.warning("recorder: cannot write the incident of a tracking loss: %s", error)
 
 
-def _create_loss_trigger(is_wanted: bool) -> LossTrigger | NullLossTrigger:
-    return LossTrigger() if is_wanted else NullLossTrigger()
+def _create_loss_trigger(is_enabled: bool) -> LossTrigger | NullLossTrigger:
+    return LossTrigger() if is_enabled else NullLossTrigger()

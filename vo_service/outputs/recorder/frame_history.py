@@ -1,4 +1,4 @@
-"""What the recorder remembers: two rings in shared memory, one of frames and one of statuses."""
+"""The recorder's memory: two rings in shared memory, one of frames and one of statuses."""
 
 import json
 import time
@@ -20,7 +20,7 @@ STATUS_RING_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class StampedStatus:
-    """A status, and when the service said it: CLOCK_REALTIME and CLOCK_MONOTONIC."""
+    """A status with its time on CLOCK_REALTIME and CLOCK_MONOTONIC."""
 
     status: Status
     unix_s: float
@@ -28,15 +28,15 @@ class StampedStatus:
 
     @classmethod
     def now(cls, status: Status) -> "StampedStatus":
-        """Said now."""
+        """Stamp a status with the current time."""
         return cls(status, time.time(), time.monotonic())
 
 
 class FrameHistory:
-    """Fills both rings, from one thread."""
+    """Writer of both rings, for one thread."""
 
     def __init__(self, seconds: float, max_mb: int) -> None:
-        """Raises OSError if there is no memory."""
+        """Allocate the rings. Raises OSError if there is no memory."""
         self.frames = RecordRingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
         try:
             self.statuses = RecordRingWriter("recorder-statuses", STATUS_RING_S, STATUS_RING_BYTES)
@@ -46,29 +46,29 @@ class FrameHistory:
         compile_kernels()
 
     def append(self, item: OdometryUpdate | StampedStatus, missed: int) -> None:
-        """Remember it. `missed` counts what never got here. Raises OSError without memory."""
+        """Append an item. `missed` counts dropped items. Raises OSError if there is no memory."""
         if isinstance(item, OdometryUpdate):
             write_frame(self.frames, item, pack_depth)
         else:
             self._put_status(item, missed)
 
     def close(self) -> None:
-        """Forget."""
-        with suppress(BufferError):  # somebody is still reading; the process ends soon
+        """Release the memory."""
+        with suppress(BufferError):  # a reader still holds a buffer; the process ends soon
             self.frames.close()
             self.statuses.close()
 
-    def _put_status(self, timed: StampedStatus, missed: int) -> None:
+    def _put_status(self, stamped: StampedStatus, missed: int) -> None:
         content = {
-            "unix_s": timed.unix_s,
-            "monotonic_s": timed.monotonic_s,
-            **asdict(timed.status),
+            "unix_s": stamped.unix_s,
+            "monotonic_s": stamped.monotonic_s,
+            **asdict(stamped.status),
             "recorder": self._ring_stats(missed),
         }
         line = json.dumps(content).encode()
-        room = self.statuses.reserve(len(line), timed.monotonic_s)
-        room[: len(line)] = np.frombuffer(line, np.uint8)
-        self.statuses.commit(len(line), b"", len(line), timed.monotonic_s)
+        buffer = self.statuses.reserve(len(line), stamped.monotonic_s)
+        buffer[: len(line)] = np.frombuffer(line, np.uint8)
+        self.statuses.commit(len(line), b"", len(line), stamped.monotonic_s)
 
     def _ring_stats(self, missed: int) -> dict[str, Any]:
         return {

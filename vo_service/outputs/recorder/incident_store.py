@@ -1,4 +1,4 @@
-"""The folder of incidents: names, its total size, and folders that appear only when whole."""
+"""The folder of incidents: names, disk quota and atomic creation of incident folders."""
 
 import re
 import shutil
@@ -15,16 +15,16 @@ _MAX_REASON_LENGTH = 40
 
 
 def incident_name(reason: str, unix_s: float) -> str:
-    """What an incident's folder is called, such as 2026-11-21T16-30-05Z-lost."""
+    """Return the name of an incident's folder, such as 2026-11-21T16-30-05Z-lost."""
     words = re.sub("[^a-z0-9]+", "-", reason.lower()).strip("-")[:_MAX_REASON_LENGTH] or "saved"
     return f"{time.strftime('%Y-%m-%dT%H-%M-%SZ', time.gmtime(unix_s))}-{words}"
 
 
 class IncidentStore:
-    """Only folders with an incident's name are ever deleted: the user may have named any folder.
+    """Folder of incidents with a disk quota.
 
-    What is being written is locked, so that another service that shares the folder, or one that
-    was started again while its forerunner's recorder still writes, leaves it alone.
+    Only folders with an incident's name are deleted, as the user may choose any folder. An incident
+    is locked while it is written, so that another service, or a restarted one, does not delete it.
     """
 
     def __init__(self, folder: Path, max_total_bytes: int) -> None:
@@ -32,9 +32,10 @@ class IncidentStore:
         self.max_total_bytes = max_total_bytes
 
     def clean_up(self) -> None:
-        """Remove what an earlier recorder could not finish, and what is too much.
+        """Remove partial incidents of earlier recorders, and old ones over the quota.
 
-        Raises OSError if the folder cannot be used.
+        Raises:
+            OSError: the folder is not usable.
         """
         for part in self._incidents(PARTIAL_SUFFIX):
             with suppress(OSError), lock_folder(part):
@@ -42,7 +43,7 @@ class IncidentStore:
         self._make_room(0)
 
     def _make_room(self, expected_bytes: int) -> None:
-        """Delete the oldest incidents until so many bytes more fit into the total."""
+        """Delete the oldest incidents until this many more bytes fit into the quota."""
         incidents = sorted(self._incidents(""))
         sizes = {incident: folder_size_bytes(incident) for incident in incidents}
         excess = sum(sizes.values()) + expected_bytes - self.max_total_bytes
@@ -53,10 +54,19 @@ class IncidentStore:
             excess -= sizes[oldest] - folder_size_bytes(oldest)
 
     def write(self, name: str, write_content: Callable[[Path], None]) -> Path:
-        """Let `fill` write into an empty folder; it gets its name when it is whole.
+        """Write an incident into a partial folder, then rename it.
 
-        Older incidents make room for it. Raises UserFacingError, leaving nothing, if the disk
-        refuses or `fill` does.
+        The oldest incidents are deleted to make room.
+
+        Args:
+            name: the incident's name; a number is added if it exists.
+            write_content: fills the empty folder that it is given.
+
+        Returns:
+            The incident's folder.
+
+        Raises:
+            UserFacingError: the disk or `write_content` failed; nothing is left.
         """
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -76,7 +86,7 @@ class IncidentStore:
         return final
 
     def _free_name(self, name: str) -> Path:
-        """`name`, or with a number where an incident of the same second has it already."""
+        """Return `name`, with a number if an incident of the same second exists."""
         final, number = self.folder / name, 2
         while final.exists() or final.with_name(final.name + PARTIAL_SUFFIX).exists():
             final, number = self.folder / f"{name}-{number}", number + 1

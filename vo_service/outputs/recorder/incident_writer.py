@@ -1,4 +1,4 @@
-"""Writing an incident: the last frames as a TUM folder, with what the service said then."""
+"""Writer of an incident: the last frames as a TUM folder, with poses and statuses."""
 
 import json
 import math
@@ -18,37 +18,45 @@ from drivers.tum.writer import TumWriter
 from vo_service.frame_record import FrameMetadata, decode_frame, decode_metadata
 
 SCHEMA = 1
-# So many frames tell how long one takes.
+# The time per frame is estimated once this many frames are written.
 _MIN_TIMED_FRAMES = 4
 
 
 def select_last_frames(ring: RecordRingReader, seconds: float) -> range:
-    """Numbers of the newest frames that make one recording: one camera, rising stamps."""
+    """Select the newest frames of the ring that have one camera and rising stamps.
+
+    Args:
+        ring: ring of frames.
+        seconds: longest time from the first to the last frame.
+
+    Returns:
+        Their record numbers.
+    """
     begin = end = ring.record_count
     later: list[FrameMetadata] = []
     for number in range(end - 1, ring.oldest_number - 1, -1):
-        note = ring.read_metadata(number)
-        if note is None:
+        encoded = ring.read_metadata(number)
+        if encoded is None:
             break
-        found = decode_metadata(note)
-        if later and not _is_continuous(found, later[-1]):
+        metadata = decode_metadata(encoded)
+        if later and not _is_continuous(metadata, later[-1]):
             break
-        if later and later[0].stamp_s - found.stamp_s > seconds:
+        if later and later[0].stamp_s - metadata.stamp_s > seconds:
             break
-        later.append(found)
+        later.append(metadata)
         begin = number
     return range(begin, end)
 
 
 def _is_continuous(earlier: FrameMetadata, later: FrameMetadata) -> bool:
-    cameras = {(note.camera, note.depth_factor, note.readout_s) for note in (earlier, later)}
+    cameras = {(frame.camera, frame.depth_factor, frame.readout_s) for frame in (earlier, later)}
     return len(cameras) == 1 and earlier.stamp_s < later.stamp_s
 
 
 class IncidentWriter:
-    """Frames and statuses on their way to a folder; a `fill` for `IncidentStore.write`.
+    """Writes frames and statuses into a folder; called by `IncidentStore.write`.
 
-    The newest frames matter most: where the time runs out, the oldest are left out.
+    If the time runs out, the oldest frames are skipped: the newest matter most.
     """
 
     def __init__(
@@ -59,44 +67,47 @@ class IncidentWriter:
         statuses: Sequence[bytes],
         service_info: str,
     ) -> None:
-        """What to write.
+        """Take what to write.
 
-        fetch     a frame's record by its number; None if it has been overwritten
-        statuses  JSON lines
-        about     JSON object about the service
+        Args:
+            reason: why the incident is written.
+            numbers: record numbers of the frames.
+            read_record: returns a frame's record by its number; None if it is overwritten.
+            statuses: JSON lines.
+            service_info: JSON object about the service.
         """
         self._reason, self._read_record = reason, read_record
         self._numbers = deque(numbers)
         self._statuses, self._service_info = statuses, service_info
         self._deadline_s = math.inf
         self._overwritten = self._skipped = 0
-        self._notes: list[FrameMetadata] = []
+        self._written: list[FrameMetadata] = []
 
     @property
     def frame_count(self) -> int:
-        """How many have been written."""
-        return len(self._notes)
+        """Number of frames written."""
+        return len(self._written)
 
     def set_deadline(self, deadline_s: float) -> None:
-        """Have the last frame written by then, on CLOCK_MONOTONIC."""
+        """Set when the last frame must be written, on CLOCK_MONOTONIC."""
         self._deadline_s = min(self._deadline_s, deadline_s)
 
     def __call__(self, folder: Path) -> None:
-        """Write everything. Raises OSError or UserFacingError if the disk refuses."""
+        """Write everything. Raises OSError or UserFacingError if the disk fails."""
         records = self._iterate_records()
         first = next(records, None)
         if first is None:
-            raise UserFacingError("there was no time to write a single frame")
+            raise UserFacingError("no time was left to write a frame")
         offset_s = decode_metadata(first.metadata).clock_offset_s
         with TumWriter(folder) as writer:
             for record in chain([first], records):
                 writer.write(decode_frame(record, offset_s))
-                self._notes.append(decode_metadata(record.metadata))
-        poses = (n for n in self._notes if n.published.has_pose)
+                self._written.append(decode_metadata(record.metadata))
+        poses = (n for n in self._written if n.published.has_pose)
         lines = [format_pose_line(n.stamp_s + offset_s, n.published.T_world_camera) for n in poses]
         atomic_write(folder / "trajectory.txt", "".join([f"# {COLUMNS}\n", *lines]).encode())
         atomic_write(
-            folder / "poses.jsonl", b"".join(_pose_json_line(n, offset_s) for n in self._notes)
+            folder / "poses.jsonl", b"".join(_pose_json_line(n, offset_s) for n in self._written)
         )
         atomic_write(folder / "status.jsonl", b"".join(line + b"\n" for line in self._statuses))
         atomic_write(folder / "incident.json", json.dumps(self._summary(), indent=1).encode())
@@ -105,8 +116,8 @@ class IncidentWriter:
         begin_s, done = time.monotonic(), 0
         while self._numbers:
             now_s = time.monotonic()
-            each_s = (now_s - begin_s) / done if done >= _MIN_TIMED_FRAMES else 0.0
-            while self._numbers and now_s + each_s * len(self._numbers) > self._deadline_s:
+            frame_time_s = (now_s - begin_s) / done if done >= _MIN_TIMED_FRAMES else 0.0
+            while self._numbers and now_s + frame_time_s * len(self._numbers) > self._deadline_s:
                 self._numbers.popleft()
                 self._skipped += 1
             if self._numbers:
@@ -119,7 +130,7 @@ class IncidentWriter:
 
     def _summary(self) -> dict[str, Any]:
         now_s = time.time()
-        first, last = self._notes[0], self._notes[-1]
+        first, last = self._written[0], self._written[-1]
         return {
             "schema": SCHEMA,
             "reason": self._reason,
@@ -135,18 +146,18 @@ class IncidentWriter:
         }
 
 
-def _pose_json_line(note: FrameMetadata, offset_s: float) -> bytes:
-    said = note.published
+def _pose_json_line(frame: FrameMetadata, offset_s: float) -> bytes:
+    published = frame.published
     content = {
-        "stamp_s": note.stamp_s + offset_s,
-        "camera_stamp_s": note.stamp_s,
-        "published_stamp_s": said.stamp_s,
-        "seq": said.seq,
-        "state": said.state,
-        "reason": said.reason,
-        "epoch": said.epoch,
-        "has_pose": said.has_pose,
-        "inliers": said.inliers,
-        "T_world_camera": said.T_world_camera.tolist(),
+        "stamp_s": frame.stamp_s + offset_s,
+        "camera_stamp_s": frame.stamp_s,
+        "published_stamp_s": published.stamp_s,
+        "seq": published.seq,
+        "state": published.state,
+        "reason": published.reason,
+        "epoch": published.epoch,
+        "has_pose": published.has_pose,
+        "inliers": published.inliers,
+        "T_world_camera": published.T_world_camera.tolist(),
     }
     return json.dumps(content).encode() + b"\n"

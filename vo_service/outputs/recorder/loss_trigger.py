@@ -1,18 +1,18 @@
-"""When a loss of tracking is worth an incident."""
+"""Trigger that saves an incident after a loss of tracking."""
 
 import math
 
 from vo_service.types import TrackingState
 
-# The loss itself shall be in what is written.
+# The incident must contain the loss itself.
 DELAY_S = 1.0
-# A robot in the dark is lost again and again: the first time tells enough.
+# In the dark, tracking is lost again and again; one incident is enough.
 MIN_INTERVAL_S = 30.0
 _TRACKED_STATES = (TrackingState.TRACKING, TrackingState.DEGRADED)
 
 
 class LossTrigger:
-    """Says when to write an incident: a second after the pose was lost, and then not for a while.
+    """Trigger that fires one second after a loss, then not again for a while.
 
     Times are seconds on CLOCK_MONOTONIC.
     """
@@ -24,19 +24,19 @@ class LossTrigger:
 
     @property
     def is_pending(self) -> bool:
-        """Whether a loss has been seen that is not written yet."""
+        """Whether the trigger is still to fire for a loss."""
         return self._due_s < math.inf
 
     def update(self, state: TrackingState, now_s: float) -> None:
-        """Take the state of the next pose."""
-        has_lost = state is TrackingState.LOST and self._last_state in _TRACKED_STATES
-        if has_lost and now_s >= self._suppressed_until_s:
+        """Add the state of the next pose."""
+        is_new_loss = state is TrackingState.LOST and self._last_state in _TRACKED_STATES
+        if is_new_loss and now_s >= self._suppressed_until_s:
             self._due_s = now_s + DELAY_S
             self._suppressed_until_s = now_s + MIN_INTERVAL_S
         self._last_state = state
 
     def is_due(self, now_s: float) -> bool:
-        """True once, when the incident should be written."""
+        """Return True once, when the incident should be written."""
         if now_s < self._due_s:
             return False
         self._due_s = math.inf
@@ -44,13 +44,13 @@ class LossTrigger:
 
 
 class NullLossTrigger:
-    """Where losses are not to be written."""
+    """Trigger that never fires."""
 
     is_pending = False
 
     def update(self, state: TrackingState, now_s: float) -> None:
-        """Nothing comes of it."""
+        """Ignore the state."""
 
     def is_due(self, now_s: float) -> bool:
-        """Never."""
+        """Return False."""
         return False

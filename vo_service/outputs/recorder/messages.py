@@ -1,4 +1,4 @@
-"""What the service and the recorder's process say to each other; frames go through the ring."""
+"""Messages between the service and the recorder's process; frames go through the ring."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +9,17 @@ from drivers.core.shared_frames.record_ring import RecordRingMemory
 
 @dataclass(frozen=True)
 class RecorderWorkerConfig:
-    """To the recorder, first and once.
+    """Configuration of the recorder's process: the first message to it.
 
-    seconds           of frames that an incident holds
-    incidents         folder of the incidents, of which at most `total_bytes` are kept
-    recordings        folder of the recordings
-    about             JSON object about the service, copied into each incident
-    log_level         of the service's log
+    Attributes:
+        frame_ring: shared memory of the frames.
+        status_ring: shared memory of the statuses.
+        incident_duration_s: time span of an incident, seconds.
+        incidents_folder: folder of the incidents.
+        max_incident_bytes: quota of all incidents together.
+        recordings_folder: folder of the recordings.
+        service_info: JSON object about the service, copied into each incident.
+        log_level: level of the service's log.
     """
 
     frame_ring: RecordRingMemory
@@ -29,13 +33,13 @@ class RecorderWorkerConfig:
 
     @property
     def fds(self) -> tuple[int, ...]:
-        """Both rings."""
+        """File descriptors of both rings."""
         return self.frame_ring.fd, self.status_ring.fd
 
 
 @dataclass(frozen=True)
 class SaveIncidentRequest:
-    """To the recorder: write out what the ring holds, into a folder of this name."""
+    """Request to write the frames of the ring into an incident of this name."""
 
     name: str
     reason: str
@@ -43,7 +47,7 @@ class SaveIncidentRequest:
 
 @dataclass(frozen=True)
 class StartRecordingRequest:
-    """To the recorder: record all frames from the one with this number in the ring on."""
+    """Request to record all frames, from this record number of the ring on."""
 
     name: str
     first_frame: int
@@ -51,14 +55,14 @@ class StartRecordingRequest:
 
 @dataclass(frozen=True)
 class StopRecordingRequest:
-    """To the recorder: end the recording before the frame with this number."""
+    """Request to end the recording before this record number."""
 
     end_frame: int
 
 
 @dataclass(frozen=True)
 class SetDiskQuota:
-    """To the recorder: so much of incidents, from now on."""
+    """Request to change the quota of all incidents together."""
 
     max_bytes: int
 
@@ -70,11 +74,12 @@ RecorderRequest = (
 
 @dataclass(frozen=True)
 class RecorderStatus(Heartbeat):
-    """From the recorder, every second.
+    """Status of the recorder's process, every second.
 
-    recordings  names that are taken
-    missed      frames that this recording lacks, as they were overwritten before they were written
-    trouble     why nothing can be kept in a folder; "" while all is well
+    Attributes:
+        recording_names: names of the existing recordings.
+        missed_frames: frames of the current recording that were overwritten too early.
+        error: why a folder is not writable; "" if all are.
     """
 
     recording_names: frozenset[str]
@@ -84,7 +89,7 @@ class RecorderStatus(Heartbeat):
 
 @dataclass(frozen=True)
 class IncidentResult:
-    """From the recorder: how a `SaveIncident` ended. `trouble` is "" if it is all there."""
+    """Result of a `SaveIncidentRequest`. `error` is "" on success."""
 
     folder: Path
     frame_count: int
@@ -93,7 +98,7 @@ class IncidentResult:
 
 @dataclass(frozen=True)
 class RecordingResult:
-    """From the recorder: the recording has ended, by order or because of `trouble`."""
+    """Result of a recording, which ended on request or because of `error`."""
 
     folder: Path
     frame_count: int

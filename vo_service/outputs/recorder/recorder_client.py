@@ -1,4 +1,4 @@
-"""What is being written by the recorder's process, and what went wrong with it."""
+"""The service's side of the recorder's process: requests, progress and faults."""
 
 import logging
 import threading
@@ -30,7 +30,7 @@ WORKER_SPEC = BackgroundWorkerSpec("vo_service.outputs.recorder.worker_main", NA
 
 
 class RecorderClient:
-    """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
+    """Sends requests to the recorder's process without blocking. Thread-safe."""
 
     def __init__(self, config: RecorderWorkerConfig) -> None:
         self._config = config
@@ -49,7 +49,7 @@ class RecorderClient:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the process takes orders."""
+        """Whether the process accepts requests."""
         return self._supervisor.is_ready
 
     @property
@@ -59,29 +59,43 @@ class RecorderClient:
 
     @property
     def warning(self) -> str:
-        """One clause; "" while all is well."""
+        """The fault in one clause; "" if there is none."""
         if self._supervisor.is_ready and self._supervisor.is_unresponsive:
-            return "recorder: its process does not answer; is the disk hung?"
+            return "recorder: its process does not respond; the disk may hang"
         if self.recording and self._missed_frames:
-            return f"recorder: {self.recording} lacks {self._missed_frames} frames, the disk is too slow"
-        failed = "; ".join(filter(None, (self._incident_faults.text, self._recording_faults.text)))
-        trouble = failed or self._folder_faults.text or self._process_fault
-        return f"recorder: {trouble}" if trouble else ""
+            return (
+                f"recorder: {self.recording} misses {self._missed_frames} frames; the disk is too "
+                "slow"
+            )
+        write_faults = filter(None, (self._incident_faults.text, self._recording_faults.text))
+        fault = "; ".join(write_faults) or self._folder_faults.text or self._process_fault
+        return f"recorder: {fault}" if fault else ""
 
     def save(self, reason: str) -> str:
-        """Write an incident; its folder. Raises CommandError if that cannot be."""
+        """Write an incident; return its folder. Raises CommandError if that is not possible."""
         with self._lock:
             self._check_responsive()
             if self._saving_name:
                 raise _not_possible_error(
-                    f"an incident is being written already: {self._saving_name}"
+                    f"another incident is being written: {self._saving_name}; try again later"
                 )
             self._saving_name = incident_name(reason, time.time())
             self._supervisor.send(SaveIncidentRequest(self._saving_name, reason))
             return str(self._config.incidents_folder / self._saving_name)
 
     def start_recording(self, name: str, first_frame: int) -> str:
-        """Record from frame `first` of the ring on; the folder. Raises CommandError if not."""
+        """Start a recording.
+
+        Args:
+            name: name of its folder.
+            first_frame: record number of its first frame in the ring.
+
+        Returns:
+            The folder's path.
+
+        Raises:
+            CommandError: the name is invalid or taken, or a recording is running.
+        """
         if not fullmatch(NAME_PATTERN, name):
             raise CommandError(
                 ErrorCode.BAD_REQUEST,
@@ -90,11 +104,9 @@ class RecorderClient:
         with self._lock:
             self._check_responsive()
             if self.recording:
-                raise _not_possible_error(f"{self.recording} is being recorded; stop that first")
+                raise _not_possible_error(f"{self.recording} is being recorded; stop it first")
             if name in self._recording_names:
-                raise _not_possible_error(
-                    f"there is a recording {name!r} already; give another name"
-                )
+                raise _not_possible_error(f"a recording {name!r} exists; give another name")
             self._recording_names, self._missed_frames = self._recording_names | {name}, 0
             self._recording_faults.set("")
             self.recording = str(self._config.recordings_folder / name)
@@ -102,7 +114,11 @@ class RecorderClient:
             return self.recording
 
     def stop_recording(self, end_frame: int) -> str:
-        """End it before frame `end`; the folder. Raises CommandError if nothing is recorded."""
+        """End the recording before a record number; return its folder.
+
+        Raises:
+            CommandError: there is no recording.
+        """
         with self._lock:
             folder, self.recording = self.recording, ""
             if not folder:
@@ -111,37 +127,35 @@ class RecorderClient:
             return folder
 
     def set_disk_quota(self, max_bytes: int) -> None:
-        """Of incidents, from now on."""
+        """Change the quota of all incidents together."""
         self._supervisor.config = replace(self._config, max_incident_bytes=max_bytes)
         self._supervisor.send(SetDiskQuota(max_bytes))
 
     def close(self) -> None:
-        """End what is being written, as far as there is time; the process goes on by itself."""
+        """Shut the process down; it finishes its writes on its own."""
         self._supervisor.close()
 
     def _check_responsive(self) -> None:
         if not self._supervisor.is_ready or self._supervisor.is_unresponsive:
-            raise _not_possible_error(
-                "the recorder's process does not answer; try again in a moment"
-            )
+            raise _not_possible_error("the recorder's process does not respond; try again later")
 
     def _handle_message(self, message: RecorderMessage) -> None:
         match message:
-            case RecorderStatus(recordings, missed, trouble):
+            case RecorderStatus(recordings, missed, error):
                 self._recording_names, self._missed_frames = recordings, missed
                 self._process_fault = ""
-                self._folder_faults.set(trouble)
-            case IncidentResult(folder, frames, trouble):
+                self._folder_faults.set(error)
+            case IncidentResult(folder, frames, error):
                 self._saving_name = ""
-                if not trouble:
+                if not error:
                     logger.warning("recorder: the last %d frames are in %s", frames, folder)
-                self._incident_faults.set(trouble)
-            case RecordingResult(folder, frames, missed, trouble):
-                with self._lock:  # the next one may have begun
+                self._incident_faults.set(error)
+            case RecordingResult(folder, frames, missed, error):
+                with self._lock:  # the next recording may have started
                     if self.recording == str(folder):
                         self.recording = ""
                 logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
-                self._recording_faults.set(trouble)
+                self._recording_faults.set(error)
             case LogMessage(level, name, text):
                 logging.getLogger(name).log(level, "recorder: %s", text)
 
@@ -151,12 +165,12 @@ class RecorderClient:
             self._saving_name = self.recording = ""
         self._process_fault = "its process ended and is started again"
         logger.warning("recorder: %s", self._process_fault)
-        for cut_off, trouble in (
+        for interrupted, faults in (
             (saving, self._incident_faults),
             (recording, self._recording_faults),
         ):
-            if cut_off:
-                trouble.set(f"its process ended and cut off {cut_off}")
+            if interrupted:
+                faults.set(f"its process ended and cut off {interrupted}")
 
 
 def _not_possible_error(reason: str) -> CommandError:

@@ -1,4 +1,4 @@
-"""What the recorder's process does when it is told to, each job on a thread of its own."""
+"""Request handling in the recorder's process; each write runs on its own thread."""
 
 import threading
 import time
@@ -23,21 +23,21 @@ from vo_service.outputs.recorder.messages import (
 )
 from vo_service.outputs.recorder.recording_writer import RecordingWriter
 
-# After a crash systemd waits 10 s (TimeoutStopSec) before it kills: frames first, then the rest.
+# After a crash systemd waits 10 s (TimeoutStopSec) before it kills the process.
 CRASH_FRAMES_DEADLINE_S = 6.5
-# Before that, what was being written is brought to an end.
+# Writes that were under way get this long before the crash incident.
 CRASH_RECORDING_TIMEOUT_S = 1.5
 CRASH_INCIDENT_DEADLINE_S = 3.0
-CRASH_REASON = "the service ended without notice"
+CRASH_REASON = "the service crashed"
 
 
 class RecorderWorker:
-    """Writes incidents and recordings out of the rings."""
+    """Writes incidents and recordings from the rings."""
 
     def __init__(
         self, config: RecorderWorkerConfig, send: Callable[[RecorderMessage], None]
     ) -> None:
-        """`tell` takes words from any thread."""
+        """`send` must be thread-safe."""
         self._config, self._send = config, send
         self._frame_ring, self._status_ring = (
             RecordRingReader(config.frame_ring),
@@ -45,26 +45,26 @@ class RecorderWorker:
         )
         self._incident_store = IncidentStore(config.incidents_folder, config.max_incident_bytes)
         self._incident_thread = threading.Thread()
-        self._last_incident: IncidentWriter | None = None  # the last one
-        self._last_recording: RecordingWriter | None = None  # the last one
-        with suppress(OSError):  # the facts tell what is wrong with the folder
+        self._last_incident: IncidentWriter | None = None
+        self._last_recording: RecordingWriter | None = None
+        with suppress(OSError):  # `status` reports what is wrong with the folder
             self._incident_store.clean_up()
 
     @property
     def status(self) -> RecorderStatus:
-        """What is told every second."""
+        """The status that the process sends every second."""
         recording = self._last_recording
         missed = 0 if recording is None or recording.is_finished else recording.missed_frames
-        trouble = check_writable(self._config.incidents_folder) or check_writable(
+        error = check_writable(self._config.incidents_folder) or check_writable(
             self._config.recordings_folder
         )
         names: frozenset[str] = frozenset()
-        with suppress(OSError):  # none has been made yet, or it is the trouble
+        with suppress(OSError):  # the folder does not exist yet, or `error` says what is wrong
             names = frozenset(path.name for path in self._config.recordings_folder.iterdir())
-        return RecorderStatus(names, missed, trouble)
+        return RecorderStatus(names, missed, error)
 
     def handle(self, request: RecorderRequest) -> None:
-        """Begin what is ordered; how it ends is told."""
+        """Start what a request asks for; the result is sent later."""
         match request:
             case SaveIncidentRequest(name, reason):
                 self._save_incident(name, reason)
@@ -77,12 +77,12 @@ class RecorderWorker:
                 self._incident_store.max_total_bytes = total_bytes
 
     def finish(self) -> None:
-        """The service ends in order: bring to an end what has been begun."""
+        """Finish all writes, at a normal end of the service."""
         self._stop_recording(self._frame_ring.record_count)
         self._join_incident_thread()
 
     def dump_after_crash(self) -> None:
-        """The service has crashed: write what the ring holds."""
+        """Write the frames of the ring into an incident, after the service has crashed."""
         begin_s = time.monotonic()
         self._stop_recording(self._frame_ring.record_count, CRASH_RECORDING_TIMEOUT_S)
         if self._last_incident is not None:
@@ -104,7 +104,7 @@ class RecorderWorker:
 
     def _save_incident(self, name: str, reason: str) -> None:
         self._join_incident_thread()
-        # The service goes on and overwrites the ring, faster than images can be encoded.
+        # Copy first: the service overwrites the ring faster than images can be encoded.
         numbers = select_last_frames(self._frame_ring, self._config.incident_duration_s)
         copies = {number: self._frame_ring.read_record(number) for number in numbers}
         self._last_incident = self._create_incident(reason, numbers, copies.pop)
@@ -125,13 +125,13 @@ class RecorderWorker:
 
     def _write_incident(self, name: str, incident: IncidentWriter) -> None:
         try:
-            folder, trouble = self._incident_store.write(name, incident), ""
+            folder, message = self._incident_store.write(name, incident), ""
         except UserFacingError as error:
-            folder, trouble = self._config.incidents_folder / name, str(error)
-        self._send(IncidentResult(folder, incident.frame_count, trouble))
+            folder, message = self._config.incidents_folder / name, str(error)
+        self._send(IncidentResult(folder, incident.frame_count, message))
 
     def _read_statuses(self) -> list[bytes]:
-        """The statuses that are still there."""
+        """Read the statuses that are not overwritten yet."""
         ring = self._status_ring
         records = map(ring.read_record, range(ring.oldest_number, ring.record_count))
         return [record.payload for record in records if record is not None]

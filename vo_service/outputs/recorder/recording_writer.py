@@ -1,4 +1,4 @@
-"""Recording on command: frames go from the ring into a TUM folder until told to stop."""
+"""Recording on command: a thread copies frames from the ring into a TUM folder."""
 
 import sys
 import threading
@@ -14,17 +14,18 @@ from drivers.tum.writer import TumWriter
 from vo_service.frame_record import decode_frame, decode_metadata
 from vo_service.outputs.recorder.messages import RecordingResult
 
-# A recording leaves so much of the disk to everything else on the robot.
+# A recording leaves this much of the disk free.
 MIN_FREE_BYTES = 1_000_000_000
 _POLL_PERIOD_S = 0.03
-# A third of the time and of the size of PNG, which two slow cores cannot keep up with.
+# JPEG takes a third of PNG's time and size; two slow cores cannot encode PNG fast enough.
 COLOR_FORMAT = ColorFormat.JPEG
 
 
 class RecordingWriter:
-    """Writes on a thread of its own what comes into the ring.
+    """Thread that writes the frames of the ring as they arrive.
 
-    The folder is made with the first frame. A camera that goes and comes back is recorded on.
+    The first frame creates the folder. The recording continues after a camera disconnects and
+    returns.
     """
 
     def __init__(
@@ -34,7 +35,14 @@ class RecordingWriter:
         folder: Path,
         send_result: Callable[[RecordingResult], None],
     ) -> None:
-        """Begin with the ring's frame number `first`. `tell` hears, once, how it ended."""
+        """Start the thread.
+
+        Args:
+            ring: ring of frames.
+            first_frame: record number of the first frame.
+            folder: folder of the recording.
+            send_result: called once, at the end.
+        """
         self.folder = folder
         self.missed_frames = 0
         self._ring, self._send_result = ring, send_result
@@ -47,18 +55,18 @@ class RecordingWriter:
 
     @property
     def is_finished(self) -> bool:
-        """Whether nothing more is written."""
+        """Whether the thread has ended."""
         return not self._thread.is_alive()
 
     def stop(self, end_frame: int, timeout_s: float | None = None) -> None:
-        """End it before the frame with this number, and wait for that."""
+        """End the recording before a record number, and wait for the thread."""
         if not self._stop.is_set():
             self._end_frame = end_frame
             self._stop.set()
         self._thread.join(timeout_s)
 
     def _run(self) -> None:
-        trouble = ""
+        message = ""
         try:
             self.folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             with ExitStack() as stack:
@@ -67,14 +75,14 @@ class RecordingWriter:
                     is_last = self._stop.wait(_POLL_PERIOD_S)
                     self._write_new(stack)
         except UserFacingError as error:
-            trouble = str(error)
+            message = str(error)
         except OSError as error:
-            trouble = f"{self.folder}: cannot be written: {error.strerror}"
+            message = f"{self.folder}: cannot be written: {error.strerror}"
         frames = 0 if self._writer is None else self._writer.written
-        self._send_result(RecordingResult(self.folder, frames, self.missed_frames, trouble))
+        self._send_result(RecordingResult(self.folder, frames, self.missed_frames, message))
 
     def _write_new(self, stack: ExitStack) -> None:
-        """Write what has come since the last time."""
+        """Write the frames that have arrived since the last call."""
         end = min(self._ring.record_count, self._end_frame)
         begin = min(end, max(self._next_record, self._ring.oldest_number))
         self.missed_frames += begin - self._next_record

@@ -1,7 +1,7 @@
-"""The recorder's process: ``python -m vo_service.outputs.recorder.worker_main FD``, started by `Keeper`.
+"""The recorder's process: ``python -m vo_service.outputs.recorder.worker_main FD``.
 
-It does all encoding and writing, at low priority. When its pipe ends without an `Shutdown` the service
-has crashed: it then writes out the ring by itself, and ends.
+`WorkerSupervisor` starts it. It encodes and writes at low priority. If its pipe closes without a
+`Shutdown`, the service has crashed; the process then writes the ring to disk and exits.
 """
 
 import sys
@@ -24,37 +24,37 @@ STATUS_PERIOD_S = 1.0
 
 
 def main(connection: "Connection[Any, Any]") -> None:
-    """Work until the service says `Shutdown` or is gone."""
+    """Handle requests until the service sends `Shutdown` or ends."""
     configure_background_process()
-    outbox = ParentConnection(connection)
-    with suppress(EOFError, OSError):  # gone before it said what to do
-        job: RecorderWorkerConfig = connection.recv()
-        forward_logs(outbox, job.log_level)
-        desk = RecorderWorker(job, partial(_send, outbox))
-        if _serve(connection, desk, outbox):
-            desk.finish()
+    parent = ParentConnection(connection)
+    with suppress(EOFError, OSError):  # the service ended before it sent the configuration
+        config: RecorderWorkerConfig = connection.recv()
+        forward_logs(parent, config.log_level)
+        worker = RecorderWorker(config, partial(_send, parent))
+        if _serve(connection, worker, parent):
+            worker.finish()
         else:
-            desk.dump_after_crash()
+            worker.dump_after_crash()
 
 
 def _serve(
     connection: "Connection[Any, Any]", worker: RecorderWorker, parent: ParentConnection
 ) -> bool:
-    """Carry out orders until the service ends; whether it did so in order."""
+    """Handle requests until the service ends; return whether it sent `Shutdown`."""
     while True:
         parent.send(worker.status)
         try:
-            order = connection.recv() if connection.poll(STATUS_PERIOD_S) else None
+            request = connection.recv() if connection.poll(STATUS_PERIOD_S) else None
         except (EOFError, OSError):
             return False
-        if isinstance(order, Shutdown):
+        if isinstance(request, Shutdown):
             return True
-        if order is not None:
-            worker.handle(order)
+        if request is not None:
+            worker.handle(request)
 
 
 def _send(parent: ParentConnection, message: RecorderMessage) -> None:
-    """What became of the last frames is said in the log if the service is gone."""
+    """Send a message; if the service is gone, print an incident's result."""
     if not parent.send(message) and isinstance(message, IncidentResult):
         print(_crash_message(message), file=sys.stderr, flush=True)
 
@@ -63,7 +63,7 @@ def _crash_message(result: IncidentResult) -> str:
     if result.error:
         return f"kinect-vo: error: recorder: the frames before the crash are lost: {result.error}"
     return (
-        "kinect-vo: warning: recorder: the service ended without notice; its last "
+        "kinect-vo: warning: recorder: the service crashed; its last "
         f"{result.frame_count} frames are in {result.folder}"
     )
 

@@ -1,8 +1,8 @@
-"""How Rerun's window is laid out: what each pane shows. Imports rerun: load it lazily."""
+"""Layout of Rerun's window. Imports rerun: load it lazily."""
 
 import rerun.blueprint as rrb
 
-# Entity paths, shared with what logs them.
+# Entity paths, shared with the code that logs to them.
 WORLD = "world"
 CAMERA = "world/camera"
 IMAGE = "world/camera/image"
@@ -22,11 +22,11 @@ TIMELINE = "frame"
 
 
 def make_blueprint() -> rrb.Blueprint:
-    """3-D on the left; what the camera sees, and how well it does, on the right."""
+    """Make the layout: 3-D view on the left; images, plots and log on the right."""
     scene = rrb.Spatial3DView(
         name="Camera, trajectory, map and ground truth",
         origin=WORLD,
-        # The picture belongs in its own pane; here the frustum is enough.
+        # The image has its own pane; here the frustum is enough.
         contents=[
             f"{WORLD}/**",
             f"- {FEATURES}",

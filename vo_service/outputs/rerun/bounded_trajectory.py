@@ -1,4 +1,4 @@
-"""Where the camera has been, within bounds: to draw it again in a new file or for a new viewer."""
+"""A trajectory of bounded size, to be drawn again in a new file or for a new viewer."""
 
 from collections.abc import Sequence
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from drivers.core.geometry import Array
 
-# A point closer than this to the one before adds nothing that can be seen.
+# A point closer than this to the last one is not visibly different.
 MIN_POINT_DISTANCE_M = 0.005
-# Days of driving must fit: beyond this, every other point goes.
+# Above this, every second point is removed, so that days of driving fit.
 MAX_POINTS = 4096
 
 
 class BoundedTrajectory:
-    """Lines of points, a line for each epoch."""
+    """Polylines of positions, one per epoch."""
 
     def __init__(self, max_points: int = MAX_POINTS) -> None:
         self._max_points = max_points
@@ -23,11 +23,11 @@ class BoundedTrajectory:
 
     @property
     def lines(self) -> Sequence[Sequence[Array]]:
-        """Positions in the world, metres."""
+        """Positions in the world, meters."""
         return self._lines
 
     def add(self, position: Array, epoch: int) -> bool:
-        """Go on to a position. False if it is as good as the last one."""
+        """Add a position. Return False if it is too close to the last one."""
         if epoch != self._epoch:
             self._epoch = epoch
             self._lines.append([])
@@ -41,7 +41,7 @@ class BoundedTrajectory:
         return True
 
     def _decimate(self) -> None:
-        """Half the points; whole lines, the oldest, where they are too short for that."""
+        """Remove every second point, then the oldest lines if that is not enough."""
         self._lines = [_keep_every_second(line) for line in self._lines]
         self._count = sum(map(len, self._lines))
         while self._count > self._max_points:
@@ -49,5 +49,5 @@ class BoundedTrajectory:
 
 
 def _keep_every_second(line: list[Array]) -> list[Array]:
-    """The last point stays: the line goes on from there."""
+    """Keep the last point: the line continues from it."""
     return line[-1::-2][::-1]

@@ -1,4 +1,4 @@
-"""Rerun's pictures in a browser of this computer."""
+"""Sink that shows Rerun in a browser on this computer."""
 
 import socket
 from contextlib import suppress
@@ -17,10 +17,15 @@ WEB_PORT = 9090
 
 
 class BrowserSink(LiveSink):
-    """Data and page are served on loopback, to whoever is on this computer: there is no password.
+    """Serves data and web page on loopback, without a password.
 
-    `history_mb` is kept for a browser that comes late. From elsewhere, tunnel both ports:
+    For remote access, tunnel both ports:
     ``ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 ROBOT``.
+
+    Args:
+        data_port: port of the data.
+        web_port: port of the web page.
+        history_mb: data kept for a browser that connects late.
     """
 
     def __init__(
@@ -33,7 +38,7 @@ class BrowserSink(LiveSink):
         self._pages: list[WebViewerServer] = []
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Serve page and data from this process. Raises UserFacingError if a port is taken."""
+        """Serve page and data from this process. Raises PortTakenError if a port is in use."""
         import rerun as rr
 
         from vo_service.outputs.rerun.web_viewer_server import WebViewerServer
@@ -45,13 +50,13 @@ class BrowserSink(LiveSink):
         stream.set_sinks(data, default_blueprint=blueprint)
 
     def close(self) -> None:
-        """Serve the page no more."""
+        """Stop serving the page."""
         while self._pages:
             self._pages.pop().close()
 
 
 def free_port(preferred: int) -> int:
-    """The preferred port of loopback, or any other where that one is taken (by a viewer, say)."""
+    """Return the preferred loopback port or, if it is in use (by a viewer, say), any free one."""
     for port in (preferred, 0):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -62,7 +67,7 @@ def free_port(preferred: int) -> int:
 
 
 def _check_port_free(port: int) -> None:
-    """Rerun only logs a taken port and then shows nothing, so look first."""
+    """Raise PortTakenError if the port is in use: Rerun would only log it and show nothing."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

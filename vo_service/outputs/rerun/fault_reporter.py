@@ -1,16 +1,20 @@
-"""What is wrong with the pictures: for the status while it lasts, for the log once."""
+"""Fault of the Rerun output: in the status while it lasts, in the log once."""
 
 import logging
 import time
 
-# The same trouble is told again in the log after this long.
+# The same fault is logged again after this long.
 REPEAT_AFTER_S = 600.0
 
 logger = logging.getLogger(__name__)
 
 
 class RerunFaultReporter:
-    """`warning` is what is wrong now, "" while all is well."""
+    """Reporter of the current fault.
+
+    Attributes:
+        warning: the current fault, "" if there is none.
+    """
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -18,7 +22,7 @@ class RerunFaultReporter:
         self.warning = ""
 
     def set(self, fault: str) -> None:
-        """What is wrong from now on; "" if nothing is."""
+        """Set the current fault; "" clears it."""
         if not fault:
             self._clear()
             return
@@ -30,4 +34,4 @@ class RerunFaultReporter:
     def _clear(self) -> None:
         if self.warning:
             self.warning = ""
-            logger.info("rerun: pictures at %s again", self._address)
+            logger.info("rerun: drawing at %s again", self._address)

@@ -1,4 +1,4 @@
-"""The map of places as it is drawn. Imports rerun: for the viewer's process alone."""
+"""Drawing of the keyframe map. Imports rerun: only for the viewer's process."""
 
 import numpy as np
 import rerun as rr
@@ -9,41 +9,41 @@ from vo_service.outputs.rerun.messages import CorrectedPosition, MapGraph
 
 MAP_COLOR = (60, 210, 200)
 LOOP_COLOR = (230, 80, 210)
-# What has not changed is drawn again after this many pictures, for a viewer that comes late.
+# An unchanged map is drawn again after this many images, for a viewer that connects late.
 IMAGES_PER_MAP_REDRAW = 100
 
 
 class MapLayer:
-    """Places, what joins them, and the stretch from the newest to where the camera is now."""
+    """Keyframes, their edges, and a line from the newest keyframe to the camera."""
 
     def __init__(self, stream: rr.RecordingStream, graph: MapGraph) -> None:
-        """`graph` is what is there already."""
+        """Start with an existing map."""
         self._stream = stream
         self._graph = graph
         self._images_since_redraw = IMAGES_PER_MAP_REDRAW  # at once
 
     def set_graph(self, graph: MapGraph) -> None:
-        """Another map than before."""
+        """Draw a new map."""
         self._graph = graph
         self._log_graph()
 
     def on_image(self) -> None:
-        """Draw it again if it is time."""
+        """Draw the map again if it is due."""
         self._images_since_redraw += 1
         if self._images_since_redraw >= IMAGES_PER_MAP_REDRAW and len(self._graph.positions):
             self._log_graph()
 
     def extend_to(self, corrected: CorrectedPosition) -> None:
-        """The camera has moved on."""
+        """Draw the line from the newest keyframe to the camera."""
         if len(self._graph.positions):
-            stretch = np.stack([self._graph.positions[-1], corrected.position])
-            self._log_lines("latest", stretch[None].astype(np.float32), MAP_COLOR)
+            line = np.stack([self._graph.positions[-1], corrected.position])
+            self._log_lines("latest", line[None].astype(np.float32), MAP_COLOR)
 
     def _log_graph(self) -> None:
         graph = self._graph
         self._images_since_redraw = 0
-        places = rr.Points3D(graph.positions, colors=MAP_COLOR, radii=rr.Radius.ui_points(4.0))
-        self._stream.log(f"{MAP}/places", places)
+        keyframes = rr.Points3D(graph.positions, colors=MAP_COLOR, radii=rr.Radius.ui_points(4.0))
+        self._stream.log(f"{MAP}/places", keyframes)
         self._log_lines("motions", graph.odometry_edges, MAP_COLOR)
         self._log_lines("loops", graph.loop_edges, LOOP_COLOR)
 

@@ -1,4 +1,4 @@
-"""What the service's process and the viewer's process say to each other."""
+"""Messages between the service's process and the viewer's process."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,10 +17,14 @@ from vo_service.types import TrackingDebug, TrackingState
 
 @dataclass(frozen=True)
 class RerunWorkerConfig:
-    """To the viewer's process, first and once.
+    """Configuration of the viewer's process: the first message to it.
 
-    recording_id  the same for every process and file of a run: Rerun shows them as one recording
-    log_level     of the service's log
+    Attributes:
+        sink: where the data goes.
+        jpeg_quality: quality of the color images, 0 to 100.
+        memory_mb: memory limit of the process.
+        recording_id: the same for all processes and files of a run, which Rerun shows as one.
+        log_level: level of the service's log.
     """
 
     sink: Sink
@@ -32,7 +36,7 @@ class RerunWorkerConfig:
 
 @dataclass(frozen=True)
 class TrackingStatus:
-    """How far the pose can be trusted now."""
+    """Tracking state, its reason and the epoch."""
 
     state: TrackingState
     reason: str
@@ -41,7 +45,7 @@ class TrackingStatus:
 
 @dataclass(frozen=True)
 class FrameScalars:
-    """What goes out for every frame. `counts` and `stage_ms` are plotted by name."""
+    """Values sent for every frame. `counts` and `stage_ms` are plotted by name."""
 
     seq: int
     stamp_s: float
@@ -53,7 +57,7 @@ class FrameScalars:
 
 @dataclass(frozen=True)
 class FrameImages:
-    """What goes out for some frames, after their numbers."""
+    """Images sent for some frames, after their scalars."""
 
     frame: RgbdFrame
     evidence: TrackingDebug
@@ -61,7 +65,7 @@ class FrameImages:
 
 @dataclass(frozen=True)
 class TrajectoryPoint:
-    """The trajectory goes on to this position in the world, metres."""
+    """Next position of the trajectory in the world, meters."""
 
     position: Array
     epoch: int
@@ -69,18 +73,19 @@ class TrajectoryPoint:
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """(N, 3) positions of the true trajectory, moved to start where the estimate does."""
+    """(N, 3) positions of the ground truth, meters, aligned with the start of the estimate."""
 
     positions: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class MapGraph:
-    """The map of places, in the world.
+    """The keyframe map, in the world.
 
-    positions  (N, 3) of the places, metres; the newest is the last
-    motions    (M, 2, 3) from place to place as the odometry went: the corrected trajectory
-    loops      (L, 2, 3) between two that were found to be one, or near each other
+    Attributes:
+        positions: (N, 3) positions of the keyframes, meters; the newest is last.
+        odometry_edges: (M, 2, 3) edges from odometry: the corrected trajectory.
+        loop_edges: (L, 2, 3) edges from loop closures.
     """
 
     positions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
@@ -92,21 +97,21 @@ class MapGraph:
 
 @dataclass(frozen=True)
 class CorrectedPosition:
-    """Where the camera is in the map, as a position in the world, metres."""
+    """Corrected position of the camera, in the world, meters."""
 
     position: Array
 
 
 @dataclass(frozen=True)
 class TextLog:
-    """A line for the log beside the pictures."""
+    """A line for the viewer's text log."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class InitialState:
-    """Before all else: what is there already, as the process may not be the first."""
+    """Everything drawn so far, sent first to each new process."""
 
     trajectory: BoundedTrajectory = field(default_factory=BoundedTrajectory)
     ground_truth: GroundTruth | None = None
@@ -115,7 +120,7 @@ class InitialState:
 
 @dataclass(frozen=True)
 class RerunShutdown:
-    """Nothing follows: write out everything and end."""
+    """The last message: flush everything and exit."""
 
 
 RerunMessage = (
@@ -134,22 +139,23 @@ RerunMessage = (
 
 @dataclass(frozen=True)
 class RerunReady:
-    """From the viewer's process: the place for the pictures is open."""
+    """From the viewer's process: the sink is open."""
 
 
 @dataclass(frozen=True)
 class RerunWorkerFailed:
-    """From the viewer's process, last: it cannot be, or not go on."""
+    """Last message from the viewer's process: it cannot start or cannot continue."""
 
     error: UserFacingError
 
 
 @dataclass(frozen=True)
 class RerunHealth:
-    """From the viewer's process, several times a second: its sign of life.
+    """Heartbeat of the viewer's process, several times a second.
 
-    trouble     what is wrong now, "" while all is well
-    incomplete  what could not be kept, "" if everything was
+    Attributes:
+        fault: the current fault, "" if there is none.
+        data_loss: why data was lost, "" if none was.
     """
 
     fault: str = ""

@@ -1,6 +1,6 @@
-"""Pictures of what the odometry sees and does, in Rerun, drawn by a process of their own.
+"""Visualization in Rerun, drawn by a separate process.
 
-Rerun is optional and large, and it can block for ever: nothing in the service's process loads it.
+Rerun is optional and large, and it can block forever: the service's process never loads it.
 """
 
 import logging
@@ -26,28 +26,35 @@ from vo_service.outputs.rerun.update_encoder import UpdateEncoder
 from vo_service.outputs.rerun.worker_connection import WorkerConnection
 from vo_service.types import GroundTruthSource, OdometryUpdate, Status, no_ground_truth
 
-# What the process may take before the first frame; then frames come without it.
+# Longest wait for the process before the first frame; then frames are processed without it.
 START_TIMEOUT_S = 10.0
-# A viewer that does not take the last of its data is left after this long.
+# Longest wait, at the end, for a viewer to take its last data.
 CLOSE_TIMEOUT_S = 1.4
-# How often ports are looked for, as somebody else may take them in between.
+# Another program may take a free port before the process opens it.
 MAX_PORT_ATTEMPTS = 3
 
-PAUSED_TEXT, RESUMED_TEXT = "resting: the machine is too slow", "drawing again"
+PAUSED_TEXT, RESUMED_TEXT = "paused: the machine is too slow", "drawing again"
 
 logger = logging.getLogger(__name__)
 
 
 class RerunOutput:
-    """Shows results in one place; give each place an output, and so a process, of its own.
+    """Shows results in one sink, through one process; several sinks need several outputs.
 
-    Numbers (pose, counts, times) go out for every frame, pictures `picture_hz` times a second. It
-    does not block: results that come faster than they are taken are dropped, oldest first, and
-    counted; only a file in lockstep makes a replay wait. A process that ends is started again,
-    and draws what was there. `ground_truth` is drawn beside the estimate where it is known.
+    Scalars (pose, counts, times) are sent for every frame, images `picture_hz` times a second. The
+    output never blocks: if the sink is slow, the oldest results are dropped and counted. Only a
+    file in lockstep makes a replay wait. A process that ends is restarted and draws everything
+    again.
 
-    Raises InputError if Rerun is not installed or the file is wrong, UserFacingError if a port is
-    taken.
+    Args:
+        sink: where the data goes.
+        settings: rates and limits.
+        ground_truth: returns the true trajectory once it is known, to be drawn too.
+        playback_mode: whether a replay may wait for the output.
+
+    Raises:
+        InputError: Rerun is not installed, or the file is not usable.
+        PortTakenError: a port is in use.
     """
 
     def __init__(
@@ -64,10 +71,10 @@ class RerunOutput:
         self._faults = RerunFaultReporter(sink.address)
         self._encoder = UpdateEncoder(sink, 1.0 / settings.picture_hz, ground_truth)
         level = logging.getLogger().getEffectiveLevel()
-        job = RerunWorkerConfig(
+        config = RerunWorkerConfig(
             sink, settings.jpeg_quality, settings.memory_mb, str(uuid.uuid4()), level
         )
-        self._supervisor = RerunSupervisor(job, self._connection, self._faults)
+        self._supervisor = RerunSupervisor(config, self._connection, self._faults)
         self._worker: WorkerThread[OdometryUpdate | Status | TextLog] = WorkerThread(
             "viewer", sink.make_queue(playback_mode), self._handle, self._finish
         )
@@ -79,49 +86,50 @@ class RerunOutput:
 
     @property
     def address(self) -> str:
-        """What a person opens to see it."""
+        """The address or file that the user opens."""
         return self._sink.address
 
     @property
     def warning(self) -> str:
-        """What is wrong with the pictures now; "" while all is well."""
+        """The current fault; "" if there is none."""
         return self._faults.warning
 
     @property
     def dropped(self) -> int:
-        """Results that newer ones replaced before they were drawn."""
+        """Number of results dropped from the queue."""
         return self._worker.dropped
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Draw one result (soon)."""
+        """Queue one result."""
         if not self._is_paused:
             self._worker.put(update)
 
     def on_status(self, status: Status) -> None:
-        """Show a change of state (soon)."""
+        """Queue a status."""
         if not self._is_paused:
             self._worker.put(status)
 
     def set_paused(self, is_paused: bool) -> None:
-        """Draw nothing while the machine is too slow; the log beside the pictures says so."""
+        """Pause or resume drawing; the viewer's text log says so."""
         if is_paused != self._is_paused:
             self._is_paused = is_paused
             self._worker.put(TextLog(PAUSED_TEXT if is_paused else RESUMED_TEXT))
 
     def close(self) -> None:
-        """Finish the recording, within 2.5 s.
+        """Finish the recording within 2.5 s.
 
-        Raises UserFacingError, the first time, if not everything could be kept.
+        Raises:
+            UserFacingError: data was lost; raised by the first call only.
         """
         due_s = time.monotonic() + CLOSE_TIMEOUT_S
         self._worker.close(CLOSE_TIMEOUT_S)
         has_ended = self._supervisor.stop(max(0.0, due_s - time.monotonic()))
         if not has_ended:
-            logger.warning("rerun: %s did not take all data in time; the end is lost", self.address)
+            logger.warning("rerun: %s was too slow; the last data is lost", self.address)
         is_incomplete = self._supervisor.data_loss or (self._sink.is_persistent and not has_ended)
         if is_incomplete and not self._is_closed:
             self._is_closed = True
-            raise UserFacingError(f"{self.address}: the recording is not complete")
+            raise UserFacingError(f"{self.address}: the recording is incomplete")
         self._is_closed = True
 
     def _handle(self, item: OdometryUpdate | Status | TextLog) -> None:
@@ -150,11 +158,19 @@ def open_rerun_output(
 ) -> RerunOutput:
     """Open a target as users write it: serve, connect, connect:HOST:PORT or FILE.rrd.
 
-    Raises what `RerunOutput` raises, and InputError for anything else.
+    Args:
+        target: the target.
+        settings: rates and limits.
+        ground_truth: as for `RerunOutput`.
+        playback_mode: as for `RerunOutput`.
+
+    Raises:
+        InputError: as `RerunOutput`, or the target is invalid.
+        PortTakenError: as `RerunOutput`.
     """
     for _ in range(MAX_PORT_ATTEMPTS - 1):
         try:
             return RerunOutput(make_sink(target, settings), settings, ground_truth, playback_mode)
-        except PortTakenError:  # by somebody who was looking for one at the same time
+        except PortTakenError:  # another program took the port after `make_sink` found it free
             continue
     return RerunOutput(make_sink(target, settings), settings, ground_truth, playback_mode)

@@ -1,6 +1,6 @@
-"""Previews of long work in Rerun: each is fed by a thread of its own and never holds the work up.
+"""Previews of long computations in Rerun; each has its own thread and never delays the work.
 
-Rerun is an extra: it is imported only where a preview is asked for.
+Rerun is an extra: it is imported only if a preview is opened.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-# For a viewer to take the last of its data.
+# Longest wait, at the end, for a viewer to take its last data.
 CLOSE_TIMEOUT_S = 5.0
 
 T = TypeVar("T")
@@ -29,7 +29,7 @@ class PreviewScene(Protocol[T_contra]):
 
     @staticmethod
     def blueprint() -> "rrb.Blueprint":
-        """How the viewer is laid out."""
+        """Return the viewer's layout."""
         ...
 
     def log(self, item: T_contra) -> None:
@@ -38,10 +38,16 @@ class PreviewScene(Protocol[T_contra]):
 
 
 class RerunPreview(Generic[T]):
-    """A preview in one Rerun target: a viewer gets the newest item, a file gets all.
+    """Preview in one Rerun target: a viewer gets the newest item, a file gets all.
 
-    Raises InputError if Rerun is not installed or the target is none, UserFacingError if a port is
-    taken.
+    Args:
+        target: serve, connect, connect:HOST:PORT or FILE.rrd.
+        application: Rerun's application id.
+        load_scene: imports and returns the class that draws items.
+
+    Raises:
+        InputError: Rerun is not installed, or the target is invalid.
+        PortTakenError: a port is in use.
     """
 
     def __init__(
@@ -51,7 +57,7 @@ class RerunPreview(Generic[T]):
         prepare_rerun()
         import rerun as rr
 
-        # Rerun waits at exit until everything is sent, for ever if the viewer is frozen.
+        # At exit, Rerun waits until everything is sent: forever if the viewer is frozen.
         rr.unregister_shutdown()
         scene_type = load_scene()
         stream = rr.RecordingStream(application)
@@ -66,11 +72,11 @@ class RerunPreview(Generic[T]):
         self._worker: WorkerThread[T] = WorkerThread("rerun", queue, scene.log, stream.disconnect)
 
     def show(self, item: T) -> None:
-        """Draw it; in a viewer, unless something newer comes first."""
+        """Queue an item; for a viewer, a newer item replaces it."""
         self._worker.put(item)
 
     def close(self) -> None:
-        """Finish. A viewer that does not answer is left after a few seconds."""
+        """Finish drawing; wait at most a few seconds for a frozen viewer."""
         self._worker.close(CLOSE_TIMEOUT_S)
         self._sink.close()
 
@@ -82,9 +88,17 @@ def open_previews(
     load_scene: Callable[[], type[PreviewScene[T]]],
     log_line: Callable[[str], None],
 ) -> Iterator[list[RerunPreview[T]]]:
-    """Open a preview for each target; `tell` gets the addresses to open.
+    """Open a preview for each target.
 
-    Raises what `RerunPreview` raises, and InputError if two targets are the same place.
+    Args:
+        targets: as for `RerunPreview`.
+        application: Rerun's application id.
+        load_scene: imports and returns the class that draws items.
+        log_line: called with the address of each preview.
+
+    Raises:
+        InputError: as `RerunPreview`, or two targets are the same.
+        PortTakenError: as `RerunPreview`.
     """
     check_targets(targets)
     with ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""The pictures of one process: a scene, and when its place is full, the next. Imports rerun."""
+"""Recording of one process: one scene after another, a new one for each full file."""
 
 import time
 from dataclasses import replace
@@ -23,19 +23,22 @@ CHECK_PERIOD_S = RETRY_PERIOD_S = 1.0
 
 
 class RotatingRecording:
-    """Draws what it is told. A file that is full is followed by the next, which has all it needs.
+    """Draws messages into a sink. A full file is followed by a new, self-contained one.
 
-    trouble     what is wrong now, "" while all is well
-    incomplete  what could not be kept, "" if everything was
+    Imports rerun: only for the viewer's process.
+
+    Attributes:
+        fault: the current fault, "" if there is none.
+        data_loss: why data was lost, "" if none was.
     """
 
     def __init__(self, config: RerunWorkerConfig) -> None:
-        """Open the place. Raises UserFacingError if that cannot be."""
-        # Rerun waits at exit until everything is sent, for ever if the viewer is frozen.
+        """Open the sink. Raises UserFacingError if that fails."""
+        # At exit, Rerun waits until everything is sent: forever if the viewer is frozen.
         rr.unregister_shutdown()
         self._config = config
         self._sink = config.sink
-        # One for all files: Rerun never gives back the memory of a stream, 3 MB each.
+        # One stream for all files: Rerun never frees the memory of a stream, 3 MB each.
         self._stream = rr.RecordingStream(APPLICATION, recording_id=config.recording_id)
         self._initial_state = InitialState()
         self._scene: RerunScene | _NullScene = _NullScene()
@@ -48,7 +51,7 @@ class RotatingRecording:
             self._suspend(error)
 
     def log(self, message: RerunMessage) -> None:
-        """Show one message, and see to it that the next can be shown."""
+        """Draw one message; before a new frame, check the file and rotate it if it is full."""
         match message:
             case InitialState():
                 self._initial_state = message
@@ -64,7 +67,7 @@ class RotatingRecording:
         self._scene.log(message)
 
     def finish(self) -> None:
-        """Write out everything."""
+        """Flush everything and close the sink."""
         try:
             self._scene.check_written(self._sink)
         except DiskFullError as error:
@@ -80,7 +83,7 @@ class RotatingRecording:
         self.fault = ""
 
     def _check_and_rotate(self) -> None:
-        """Before something new is drawn."""
+        """Check now and then that data arrives; start a new scene if the file is full."""
         try:
             if time.monotonic() - self._last_check_s > CHECK_PERIOD_S:
                 self._last_check_s = time.monotonic()
@@ -94,12 +97,12 @@ class RotatingRecording:
             self._stop(error)
 
     def _suspend(self, error: UserFacingError) -> None:
-        """Show nothing until it may be tried again."""
+        """Draw nothing until the next retry."""
         self._scene.finish()
         self._disable(error, time.monotonic() + RETRY_PERIOD_S)
 
     def _stop(self, error: UserFacingError) -> None:
-        """Show nothing any more. The scene is left as it is: to end it could take for ever."""
+        """Draw nothing any more. The scene is not finished, as that could block forever."""
         self._abandoned_scene = self._scene
         self._disable(error, float("inf"))
 
@@ -110,20 +113,20 @@ class RotatingRecording:
 
 
 class _NullScene:
-    """No scene: nothing is shown until `retry_s`."""
+    """Scene that draws nothing until `retry_s`."""
 
     def __init__(self, retry_s: float = 0.0) -> None:
         self._retry_s = retry_s
 
     def log(self, message: RerunMessage) -> None:
-        """Nowhere."""
+        """Ignore the message."""
 
     def check_written(self, sink: Sink) -> None:
-        """Nothing was logged."""
+        """Do nothing."""
 
     def should_rotate(self, sink: Sink) -> bool:
-        """Whether it is time to try again."""
+        """Return whether a retry is due."""
         return time.monotonic() >= self._retry_s
 
     def finish(self) -> None:
-        """Nothing to write."""
+        """Do nothing."""

@@ -1,4 +1,4 @@
-"""Recordings in .rrd files of bounded size and number."""
+"""Sink that writes .rrd files of bounded size and number."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
@@ -18,22 +18,24 @@ if TYPE_CHECKING:
 
 QUEUE_CAPACITY = 8
 FLUSH_TIMEOUT_S = 5.0
-# Left free, so that the end of a file can be written: without it Rerun opens a file slowly.
+# Left free for the end of the file: without its index, Rerun opens a file slowly.
 RESERVE_BYTES = 16 * MEGABYTE
 
 
 class RrdFileSink:
-    """FILE.rrd is what is being written; what was there is kept under another name.
+    """Writes FILE.rrd; full files and files of earlier runs are renamed.
 
-    A file that is full, or of an earlier run, is named FILE-0001.rrd, the next FILE-0002.rrd: the
-    higher, the newer. `file_mb` is the size that a file may grow to, `max_files` how many there
-    are at most, FILE.rrd among them.
+    They become FILE-0001.rrd, FILE-0002.rrd and so on; the highest number is the newest. The rate
+    of images follows the frames' stamps, so a fast replay has as many.
 
-    Pictures follow the frames' own time, so that a fast replay has as many.
+    Args:
+        path: FILE.rrd.
+        file_mb: greatest size of one file.
+        files_kept: greatest number of files, FILE.rrd included.
     """
 
     is_persistent = True
-    # Rerun remembers every batch of a file until its end, 3 kB each.
+    # Rerun keeps 3 kB in memory for every batch of a file until its end.
     flush_interval_s = 2.0
 
     def __init__(self, path: Path, file_mb: int = 500, files_kept: int = 4) -> None:
@@ -45,7 +47,7 @@ class RrdFileSink:
         self._layout = b""
 
     def make_queue(self, playback_mode: PlaybackMode) -> BoundedQueue[Any]:
-        """A replay in lockstep waits until everything is written."""
+        """Make a queue; in lockstep, it makes the replay wait for the file."""
         return (
             BlockingQueue(QUEUE_CAPACITY)
             if playback_mode is PlaybackMode.LOCKSTEP
@@ -53,21 +55,21 @@ class RrdFileSink:
         )
 
     def rate_clock_s(self, stamp_s: float) -> float:
-        """The frame's stamp."""
+        """Return the frame's stamp."""
         return stamp_s
 
     def make_probe(self) -> ViewerProbe:
-        """A file is always there."""
+        """Make a probe that always succeeds."""
         return AlwaysPresent()
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Create the file."""
+        """Create the file. Raises InputError if that fails, DiskFullError."""
         try:
             self._check_writable()
             self._check_disk_space(2 * RESERVE_BYTES)
             rotate_file(self._path, self._files_kept)
             stream.save(self.address)
-            # Not as `default_blueprint`: Rerun never gives back the memory of that, 1 MB a file.
+            # Not as `default_blueprint`: Rerun never frees the memory of that, 1 MB per file.
             self._layout = self._layout or self._serialize_blueprint(blueprint)
             stream.log_file_from_contents("layout.rbl", self._layout)
         except (OSError, RuntimeError, UnicodeError) as error:
@@ -75,49 +77,51 @@ class RrdFileSink:
         self._flushed_bytes = 0
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """Whether there is space, and everything has been written."""
+        """Flush the file. Raises DiskFullError if space is low, BrokenFileError if that fails."""
         self._check_disk_space(RESERVE_BYTES)
         try:
             stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
         except RuntimeError as error:
-            # A file that ends in the middle of a message is not read at all.
+            # Rerun does not read a file that ends in the middle of a message.
             with self._path.open("r+b") as file:
                 file.truncate(self._flushed_bytes)
             raise BrokenFileError(
-                f"{self.address}: the recording stops after {self._flushed_bytes} bytes, as the file "
-                f"cannot be written ({error}); mend that and start again"
+                f"{self.address}: the recording stops after {self._flushed_bytes} bytes: the file "
+                f"cannot be written ({error}); fix this and start again"
             ) from error
         self._flushed_bytes = self._path.stat().st_size
 
     def is_full(self) -> bool:
-        """Whether the file has reached its size."""
+        """Return whether the file has reached its greatest size."""
         return self._path.stat().st_size >= self._max_file_bytes
 
     def close(self) -> None:
-        """The stream closes the file."""
+        """Do nothing: the stream closes the file."""
 
     def _serialize_blueprint(self, blueprint: "rrb.Blueprint") -> bytes:
-        """What Rerun keeps a layout in."""
+        """Return the bytes of Rerun's .rbl file."""
         with TemporaryDirectory(dir=self._path.parent) as folder:
             file = Path(folder) / "layout.rbl"
             blueprint.save(APPLICATION, file)
             return file.read_bytes()
 
     def _check_writable(self) -> None:
-        """Raises InputError with the cause, before anything is put aside; DiskFullError."""
+        """Check before any file is renamed. Raises InputError with the cause, DiskFullError."""
         folder = self._path.parent
-        self.address.encode()  # Rerun takes text alone
+        self.address.encode()  # Rerun needs valid Unicode
         if self._path.exists() and not self._path.is_file():
-            what = "a folder" if self._path.is_dir() else "no file but a device or the like"
-            raise self._unwritable_error(f"it is {what}")
+            kind = "a folder" if self._path.is_dir() else "not a regular file"
+            raise self._unwritable_error(f"it is {kind}")
         if not folder.is_dir():
-            raise self._unwritable_error(f"there is no folder {folder}")
+            raise self._unwritable_error(f"the folder {folder} does not exist")
         try:
             TemporaryFile(dir=folder).close()
         except OSError as error:
             if is_disk_full(error):
                 raise self._disk_full_error() from error
-            raise self._unwritable_error(f"{folder} takes no new file: {error.strerror}") from error
+            raise self._unwritable_error(
+                f"cannot create a file in {folder}: {error.strerror}"
+            ) from error
 
     def _check_disk_space(self, needed_bytes: int) -> None:
         if free_disk_bytes(self._path.parent) < needed_bytes:
@@ -130,5 +134,5 @@ class RrdFileSink:
 
     def _disk_full_error(self) -> DiskFullError:
         return DiskFullError(
-            f"{self.address}: the disk is full; nothing is recorded until there is space again"
+            f"{self.address}: the disk is full; recording continues when space is free again"
         )

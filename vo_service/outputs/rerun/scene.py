@@ -1,6 +1,6 @@
-"""What the viewer is shown. Imports rerun: for the viewer's process alone.
+"""Drawing of messages in Rerun, in the world of the first camera (x right, y down, z forward).
 
-Everything is drawn in the world of the first camera (x right, y down, z forward).
+Imports rerun: only for the viewer's process.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ GROUND_TRUTH_COLOR = (150, 170, 200)
 
 POINT_GRID_PX = 6
 DEPTH_GRID_PX = 2
-# The whole trajectory is drawn again after this many pictures; in between, only what is new.
+# The whole trajectory is drawn again after this many images; in between, only new points.
 IMAGES_PER_TRAJECTORY_REDRAW = 100
 DEPTH_RANGE_M = (0.4, 5.0)
 
@@ -49,7 +49,13 @@ class RerunScene:
     def __init__(
         self, stream: rr.RecordingStream, initial_state: InitialState, jpeg_quality: int
     ) -> None:
-        """`backdrop` is what is there already; its trail grows while this scene is drawn."""
+        """Draw the initial state.
+
+        Args:
+            stream: Rerun's recording stream.
+            initial_state: what was drawn before; the caller extends its trajectory later.
+            jpeg_quality: quality of the color images, 0 to 100.
+        """
         self._stream = stream
         self._jpeg_quality = jpeg_quality
         self._last_logged_state: TrackingStatus | None = None
@@ -57,15 +63,15 @@ class RerunScene:
         self._log_initial_state(initial_state)
 
     def log(self, message: RerunMessage) -> None:
-        """Show one message."""
+        """Draw one message."""
         match message:
             case InitialState():
                 self._log_initial_state(message)
             case FrameScalars():
                 self._log_scalars(message)
-            case FrameImages(frame, evidence):
+            case FrameImages(frame, debug):
                 self._log_images(frame)
-                self._log_matches(evidence)
+                self._log_matches(debug)
                 self._log_points(frame)
                 self._trajectory.on_image()
                 self._map.on_image()
@@ -83,15 +89,15 @@ class RerunScene:
                 self._stream.log(paths.LOG, rr.TextLog(text, level=rr.TextLogLevel.WARN))
 
     def check_written(self, sink: Sink) -> None:
-        """Raises UserFacingError if what was logged has not arrived, or nothing more can."""
+        """Check that the logged data has arrived. Raises UserFacingError if not."""
         sink.check(self._stream)
 
     def should_rotate(self, sink: Sink) -> bool:
-        """Whether its place is full."""
+        """Return whether the sink is full."""
         return sink.is_full()
 
     def finish(self) -> None:
-        """Write out everything; nothing can be logged after."""
+        """Flush and close the stream."""
         self._stream.disconnect()
 
     def _log_initial_state(self, initial_state: InitialState) -> None:
@@ -101,12 +107,12 @@ class RerunScene:
             self._log_ground_truth(initial_state.ground_truth)
 
     def _log_scalars(self, scalars: FrameScalars) -> None:
-        """Pose, counts, times and state: small, for every frame."""
+        """Log pose, counts, times and state."""
         stream, T = self._stream, scalars.T_world_camera
         stream.set_time(paths.TIMELINE, sequence=scalars.seq)
         stream.set_time("stamp", timestamp=scalars.stamp_s)
-        turn = rr.Quaternion(xyzw=quaternion_from_rotation(T[:3, :3]))
-        stream.log(paths.CAMERA, rr.Transform3D(translation=T[:3, 3], quaternion=turn))
+        rotation = rr.Quaternion(xyzw=quaternion_from_rotation(T[:3, :3]))
+        stream.log(paths.CAMERA, rr.Transform3D(translation=T[:3, 3], quaternion=rotation))
         for name, count in scalars.counts.items():
             stream.log(f"{paths.COUNTS}/{name}", rr.Scalars(count))
         for stage, cpu_ms in scalars.stage_ms.items():
@@ -125,12 +131,12 @@ class RerunScene:
             self._stream.log(f"{paths.COUNTS}/{name}", style, static=True)
 
     def _log_state(self, state: TrackingStatus) -> None:
-        """If it has changed; the reason alone is no news."""
-        said, self._last_logged_state = self._last_logged_state, state
-        if said is not None and (said.state, said.epoch) == (state.state, state.epoch):
+        """Log the state or epoch if it has changed; a new reason alone is not logged."""
+        last, self._last_logged_state = self._last_logged_state, state
+        if last is not None and (last.state, last.epoch) == (state.state, state.epoch):
             return
-        is_well = state.state == TrackingState.TRACKING
-        level = rr.TextLogLevel.INFO if is_well else rr.TextLogLevel.WARN
+        is_tracking = state.state == TrackingState.TRACKING
+        level = rr.TextLogLevel.INFO if is_tracking else rr.TextLogLevel.WARN
         text = f"{state.state}: {state.reason}" if state.reason else str(state.state)
         self._stream.log(paths.LOG, rr.TextLog(f"{text} (epoch {state.epoch})", level=level))
 
@@ -154,18 +160,18 @@ class RerunScene:
         image = rr.DepthImage(depth, meter=frame.depth_factor, colormap="turbo", depth_range=limits)
         self._stream.log(paths.DEPTH, image)
 
-    def _log_matches(self, evidence: TrackingDebug) -> None:
-        inlier = evidence.inlier
-        lines = np.stack([evidence.reference_matches_px, evidence.matches_px], axis=1)
+    def _log_matches(self, debug: TrackingDebug) -> None:
+        inlier = debug.inlier
+        matches = np.stack([debug.reference_matches_px, debug.matches_px], axis=1)
         features = rr.Points2D(
-            evidence.keypoints_px, colors=FEATURE_COLOR, radii=rr.Radius.ui_points(1.0)
+            debug.keypoints_px, colors=FEATURE_COLOR, radii=rr.Radius.ui_points(1.0)
         )
         self._stream.log(paths.FEATURES, features)
-        for path, some, color in (
-            (paths.INLIERS, lines[inlier], INLIER_COLOR),
-            (paths.OUTLIERS, lines[~inlier], OUTLIER_COLOR),
+        for path, lines, color in (
+            (paths.INLIERS, matches[inlier], INLIER_COLOR),
+            (paths.OUTLIERS, matches[~inlier], OUTLIER_COLOR),
         ):
-            strips = rr.LineStrips2D(some, colors=color, radii=rr.Radius.ui_points(1.0))
+            strips = rr.LineStrips2D(lines, colors=color, radii=rr.Radius.ui_points(1.0))
             self._stream.log(path, strips)
 
     def _log_points(self, frame: RgbdFrame) -> None:
@@ -179,9 +185,9 @@ class RerunScene:
 
 
 class _TrajectoryLayer:
-    """The trajectory: what is new with each point, all of it now and then.
+    """The trajectory: new points are drawn at once, the whole line now and then.
 
-    So a long one is not sent again with each point, and is whole for a viewer that comes late.
+    A long line is thus not sent again for each point, and a viewer that connects late gets it all.
     """
 
     def __init__(self, stream: rr.RecordingStream, initial_state: InitialState) -> None:
@@ -192,7 +198,7 @@ class _TrajectoryLayer:
         self._latest: list[Array] = []
 
     def append(self, position: Array, epoch: int) -> None:
-        """Draw a point that the trail has been given; another epoch starts another line."""
+        """Draw a point that the trajectory already has; a new epoch starts a new line."""
         if epoch != self._epoch:
             self._log_all()
             self._latest = []
@@ -201,7 +207,7 @@ class _TrajectoryLayer:
         self._log_lines("latest", [self._latest])
 
     def on_image(self) -> None:
-        """Draw everything if it is time."""
+        """Draw the whole trajectory if it is due."""
         self._images_since_redraw += 1
         if self._images_since_redraw >= IMAGES_PER_TRAJECTORY_REDRAW:
             self._log_all()
@@ -217,12 +223,20 @@ class _TrajectoryLayer:
 
 
 def back_project(frame: RgbdFrame, grid_px: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """(N, 3) points in camera axes, metres, and their (N, 3) RGB, on a coarse grid of pixels."""
+    """Back-project the depth image on a coarse grid of pixels.
+
+    Args:
+        frame: depth and color.
+        grid_px: grid spacing.
+
+    Returns:
+        (N, 3) points in camera axes, meters, and their (N, 3) RGB colors.
+    """
     camera = frame.camera
     v, u = np.mgrid[0 : camera.height : grid_px, 0 : camera.width : grid_px]
     z = frame.depth_m[v, u]
-    seen = z > 0
-    u, v, z = u[seen], v[seen], z[seen]
+    has_depth = z > 0
+    u, v, z = u[has_depth], v[has_depth], z[has_depth]
     x = (u - camera.cx) / camera.fx * z
     y = (v - camera.cy) / camera.fy * z
     return np.stack([x, y, z], axis=1).astype(np.float32), frame.color_bgr[v, u, ::-1]

@@ -1,4 +1,4 @@
-"""Messages with images in them, from process to process, without a copy on the sender's side."""
+"""Serialization of messages with images, without a copy on the sender's side."""
 
 import pickle
 from collections.abc import Iterator
@@ -11,16 +11,16 @@ _COUNT_BYTES = 2
 
 
 def serialize(message: RerunMessage) -> Iterator[bytes | memoryview]:
-    """What to send one after another: the message with how many arrays it has, then these."""
+    """Yield the parts to send: the number of arrays with the pickled message, then each array."""
     arrays: list[pickle.PickleBuffer] = []
-    text = pickle.dumps(message, protocol=5, buffer_callback=arrays.append)
-    yield len(arrays).to_bytes(_COUNT_BYTES, "little") + text
+    pickled = pickle.dumps(message, protocol=5, buffer_callback=arrays.append)
+    yield len(arrays).to_bytes(_COUNT_BYTES, "little") + pickled
     for array in arrays:
         yield array.raw()
 
 
 def receive_message(connection: "Connection[Any, Any]") -> RerunMessage:
-    """Wait for the next message; its arrays are read-only. Raises EOFError, OSError at the end."""
+    """Receive the next message, with read-only arrays. Raises EOFError or OSError at the end."""
     head = connection.recv_bytes()
     count = int.from_bytes(head[:_COUNT_BYTES], "little")
     arrays = [connection.recv_bytes() for _ in range(count)]

@@ -1,4 +1,4 @@
-"""Where Rerun's pictures can go: what such a place offers, and the viewer that is running."""
+"""Sinks for Rerun's data: the protocol, live sinks, and a viewer that is already running."""
 
 import re
 import time
@@ -21,11 +21,12 @@ CONNECT_TIMEOUT_S = 0.5
 
 
 class Sink(Protocol):
-    """One place for pictures. It goes to the viewer's process as it was made, and opens there.
+    """Destination of Rerun's data. It is sent to the viewer's process and opened there.
 
-    address    what a person opens
-    is_kept    whether what arrives is meant to last
-    batch_s    how long Rerun may gather what is logged before it passes it on
+    Attributes:
+        address: address or file that the user opens.
+        is_persistent: whether the data is stored.
+        flush_interval_s: how long Rerun may collect data before it sends it.
     """
 
     address: str
@@ -33,37 +34,37 @@ class Sink(Protocol):
     flush_interval_s: float
 
     def make_queue(self, playback_mode: PlaybackMode) -> BoundedQueue[Any]:
-        """What results wait in: full, it drops the oldest, or makes a replay wait."""
+        """Make the queue of results; when full, it drops the oldest or makes a replay wait."""
 
     def rate_clock_s(self, stamp_s: float) -> float:
-        """The time, of a frame with this stamp, that the rate of pictures is measured on."""
+        """Return the time, for a frame with this stamp, that limits the rate of images."""
 
     def make_probe(self) -> ViewerProbe:
-        """What tells whether anything can be shown there."""
+        """Make a probe of whether the sink accepts data."""
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Make the stream go here. Raises UserFacingError, DiskFullError too."""
+        """Send the stream to this sink. Raises UserFacingError, DiskFullError."""
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """See that what was logged has arrived. Raises DiskFullError, BrokenFileError."""
+        """Check that the logged data has arrived. Raises DiskFullError, BrokenFileError."""
 
     def is_full(self) -> bool:
-        """Whether the stream should end and another be attached."""
+        """Return whether the stream should be closed and attached again."""
 
     def close(self) -> None:
-        """Release what is not the stream's. Must not block."""
+        """Release everything but the stream. Must not block."""
 
 
 class DiskFullError(UserFacingError):
-    """Nothing is kept until there is space; what is there can be ended in order."""
+    """The disk is full; the file so far is valid, and recording may continue later."""
 
 
 class BrokenFileError(UserFacingError):
-    """The file cannot be written. Its stream must be left alone: Rerun may wait on it for ever."""
+    """The file cannot be written. Its stream must not be closed: Rerun may block forever."""
 
 
 class PortTakenError(UserFacingError):
-    """A port of this computer cannot be listened on."""
+    """A local port is in use."""
 
     def __init__(self, port: int, reason: object) -> None:
         super().__init__(port, reason)
@@ -77,38 +78,39 @@ class PortTakenError(UserFacingError):
 
 
 class LiveSink:
-    """What the places that are watched now have in common."""
+    """Common part of the sinks that show data live."""
 
     is_persistent = False
     flush_interval_s = 0.2
 
     def make_queue(self, playback_mode: PlaybackMode) -> BoundedQueue[Any]:
-        """The newest counts."""
+        """Make a short queue that drops the oldest result."""
         return DropOldestQueue(2)
 
     def rate_clock_s(self, stamp_s: float) -> float:
-        """The clock of this computer: a viewer has to keep up with real seconds."""
+        """Return this computer's clock: a viewer draws in real time."""
         return time.monotonic()
 
     def make_probe(self) -> ViewerProbe:
-        """It is always there."""
+        """Make a probe that always succeeds."""
         return AlwaysPresent()
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """Nothing is kept."""
+        """Do nothing: no data is stored."""
 
     def is_full(self) -> bool:
-        """Old pictures make room for new ones."""
+        """Return False: new data replaces old."""
         return False
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: there is nothing to release."""
 
 
 class RunningViewerSink(LiveSink):
-    """A Rerun viewer that is running (``rerun``), such as rerun+http://127.0.0.1:9876/proxy.
+    """A Rerun viewer that is already running, such as at rerun+http://127.0.0.1:9876/proxy.
 
-    Raises InputError for an address that is none.
+    Raises:
+        InputError: the address is invalid.
     """
 
     def __init__(self, address: str = f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy") -> None:
@@ -116,12 +118,12 @@ class RunningViewerSink(LiveSink):
         self._host, self._port = _host_and_port(address)
 
     def make_probe(self) -> ViewerProbe:
-        """It may come, freeze and go."""
+        """Make a probe of the viewer, which may start, freeze and exit."""
         return GrpcViewerProbe(self._host, self._port)
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Connect; a viewer that is not there gets nothing."""
-        # Rerun waits five seconds for a viewer that is not there.
+        """Connect to the viewer."""
+        # On a thread: Rerun blocks for five seconds if there is no viewer.
         connecting = Thread(
             target=stream.connect_grpc,
             args=(self.address,),

@@ -1,4 +1,4 @@
-"""Keeps the viewer's process running while there is somewhere to show pictures."""
+"""Supervisor that keeps the viewer's process running while its sink is available."""
 
 import logging
 import threading
@@ -26,24 +26,25 @@ from vo_service.outputs.rerun.viewer_probe import (
 from vo_service.outputs.rerun.worker_connection import WorkerConnection
 
 RERUN_WORKER = WorkerSpec("vo_service.outputs.rerun.worker_main", "viewer")
-# Python, OpenCV and Rerun, from a slow disk, with a third of a processor.
+# Time to load Python, OpenCV and Rerun from a slow disk, with a third of a CPU.
 LAUNCH_TIMEOUT_S = 60.0
-# A process that says nothing for so long is killed.
+# A process without a heartbeat for this long is killed.
 MAX_SILENCE_S = 10.0
 TICK_S = 0.25
-# For a process that was killed, until nothing is left of it.
+# Longest wait for a killed process to exit.
 KILL_TIMEOUT_S = 0.3
-# Waits before a process that ended is started again.
+# Delays before a process that ended is started again.
 INITIAL_RESTART_DELAY_S, MAX_RESTART_DELAY_S = 0.5, 30.0
-# One that ran for so long has not failed at once.
+# After a run of this length, the delay starts from its minimum again.
 MIN_HEALTHY_RUN_S = 30.0
 
 
 class RerunSupervisor:
-    """A thread that owns the process: starts it, watches it, starts it again.
+    """Thread that starts, watches and restarts the viewer's process.
 
-    refusal     why the first process could not be, if it could not
-    incomplete  what could not be kept, "" if everything was
+    Attributes:
+        start_error: why the first process could not start; None if it could.
+        data_loss: why data was lost, "" if none was.
     """
 
     def __init__(
@@ -59,18 +60,18 @@ class RerunSupervisor:
         self._thread.start()
 
     def wait_until_settled(self, timeout_s: float) -> None:
-        """Until pictures are drawn, or it is known why not. Raises what makes it impossible."""
+        """Wait until the process draws or is known to be unable to. Raises `start_error`."""
         self._settled.wait(timeout_s)
         self._settled.set()
         if self.start_error is not None:
             raise self.start_error
 
     def expect_end(self) -> None:
-        """The process is about to be told to end: that is no trouble."""
+        """Treat the end of the process as normal from now on."""
         self._stopping.set()
 
     def stop(self, timeout_s: float) -> bool:
-        """Wait for the process to end, as it was told to. False if it had to be killed."""
+        """Wait for the process to end. Return False if it had to be killed."""
         self.expect_end()
         self._thread.join(timeout_s)
         self._must_end.set()
@@ -79,8 +80,8 @@ class RerunSupervisor:
         return has_ended
 
     def _run(self) -> None:
-        """Body of the thread: one process after another, while there is a viewer."""
-        back_off = ExponentialBackoff(INITIAL_RESTART_DELAY_S, MAX_RESTART_DELAY_S)
+        """Run one process after another while there is a viewer; runs on the thread."""
+        backoff = ExponentialBackoff(INITIAL_RESTART_DELAY_S, MAX_RESTART_DELAY_S)
         while not self._stopping.is_set() and self.start_error is None:
             if not self._health.connect():
                 self._faults.set(self._absence_text())
@@ -88,45 +89,45 @@ class RerunSupervisor:
                 self._stopping.wait(PROBE_PERIOD_S)
                 continue
             begin_s = time.monotonic()
-            trouble = self._run_process()
+            fault = self._run_process()
             if not self._stopping.is_set() and self.start_error is None:
-                self._faults.set(trouble)
+                self._faults.set(fault)
                 if time.monotonic() - begin_s > MIN_HEALTHY_RUN_S:
-                    back_off.reset()
-                self._stopping.wait(back_off.next_s())
+                    backoff.reset()
+                self._stopping.wait(backoff.next_s())
         self._health.disconnect()
 
     def _absence_text(self) -> str:
         return f"no viewer answers at {self._config.sink.address}; start one with: rerun"
 
     def _run_process(self) -> str:
-        """From the start of a process until nothing is left of it; returns why it ended."""
+        """Run one process to its end; return why it ended."""
         try:
             with WorkerProcess(RERUN_WORKER, (), KILL_TIMEOUT_S) as process:
                 process.send(self._config)
-                trouble = self._receive_until_end(process)
+                fault = self._receive_until_end(process)
                 self._connection.disconnect()
         except OSError as error:
             return f"the viewer's process cannot be started: {error.strerror}; trying again"
-        return trouble or f"the viewer's process {process.exit_reason}; starting it again"
+        return fault or f"the viewer's process {process.exit_reason}; starting it again"
 
     def _receive_until_end(self, process: WorkerProcess) -> str:
-        """Listen until it ends, or must; returns why, if that is known."""
+        """Handle messages until the process ends or is killed; return why, "" if unknown."""
         due_s = time.monotonic() + LAUNCH_TIMEOUT_S
-        said = ""
-        while (trouble := self._kill_reason(due_s)) == "":
+        exit_message = ""
+        while (kill_reason := self._kill_reason(due_s)) == "":
             try:
-                word: RerunWorkerMessage | None = process.receive(TICK_S)
+                message: RerunWorkerMessage | None = process.receive(TICK_S)
             except EOFError:
-                return said
-            if word is not None:
+                return exit_message
+            if message is not None:
                 due_s = time.monotonic() + MAX_SILENCE_S
-                said = self._handle(word, process)
+                exit_message = self._handle(message, process)
         process.kill()
-        return trouble
+        return kill_reason
 
     def _kill_reason(self, due_s: float) -> str:
-        """Why the process must end now; "" if it need not."""
+        """Return why the process must be killed now; "" if it need not."""
         if self._must_end.is_set():
             return "the viewer's process was stopped"
         if time.monotonic() >= due_s:
@@ -134,18 +135,18 @@ class RerunSupervisor:
         return self._absence_text() if self._health.has_gone() else ""
 
     def _handle(self, message: RerunWorkerMessage, process: WorkerProcess) -> str:
-        """Returns why the process will end, if it says so."""
+        """Handle one message; return why the process will end, "" if it will not."""
         match message:
             case RerunReady():
                 self._connection.connect(process)
                 self._settled.set()
-                if self._stopping.is_set():  # it was told to nobody
+                if self._stopping.is_set():  # the shutdown was sent before the process connected
                     self._connection.send(RerunShutdown(), InitialState())
-            case RerunHealth(trouble, incomplete) if self._connection.is_connected:
-                self.data_loss = self.data_loss or incomplete
-                self._faults.set(trouble)
+            case RerunHealth(fault, data_loss) if self._connection.is_connected:
+                self.data_loss = self.data_loss or data_loss
+                self._faults.set(fault)
             case RerunWorkerFailed(error):
-                if not self._settled.is_set():  # then it is the caller's affair
+                if not self._settled.is_set():  # `wait_until_settled` raises the error
                     self.start_error = error
                     self._settled.set()
                 return str(error)

@@ -11,15 +11,14 @@ from vo_service.outputs.rerun.browser_sink import WEB_PORT, BrowserSink, free_po
 from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
 from vo_service.outputs.rerun.sinks import DATA_PORT, RunningViewerSink, Sink
 
-# What the viewer's process takes before anything is kept: Python, OpenCV, Rerun. Measured, as is
-# that Rerun takes more than it is allowed.
+# Measured: memory of Python, OpenCV and Rerun without history; Rerun then takes twice its limit.
 _BASE_PROCESS_MB = 220
 _PROCESS_MB_PER_HISTORY_MB = 2
 _MIN_HISTORY_MB = 20
 
 
 def make_sink(target: str, settings: RerunConfig = RerunConfig()) -> Sink:  # noqa: B008 (frozen)
-    """The place that a target names. Raises InputError if it names none."""
+    """Make the sink of a target. Raises InputError if the target is invalid."""
     if target == "serve":
         history_mb = max(
             _MIN_HISTORY_MB, (settings.memory_mb - _BASE_PROCESS_MB) // _PROCESS_MB_PER_HISTORY_MB
@@ -39,22 +38,23 @@ def _running_viewer_sink(target: str) -> RunningViewerSink:
 
 
 def check_targets(targets: Sequence[str]) -> None:
-    """Raises InputError if one is none, or two are one place and would destroy each other's data.
+    """Check targets without opening them.
 
-    Opens nothing.
+    Raises:
+        InputError: a target is invalid, or two are the same and would overwrite each other.
     """
-    taken: dict[str, str] = {}
+    seen: dict[str, str] = {}
     for target in targets:
-        place = _canonical_target(target)
-        if place in taken:
+        canonical = _canonical_target(target)
+        if canonical in seen:
             raise InputError(
-                f"rerun targets {taken[place]!r} and {target!r} are the same place; leave one out"
+                f"rerun targets {seen[canonical]!r} and {target!r} are the same; remove one"
             )
-        taken[place] = target
+        seen[canonical] = target
 
 
 def _canonical_target(target: str) -> str:
-    """The same for two targets only where they are one place."""
+    """Return a text that is equal only for two names of the same target."""
     if target == "serve":
         return target
     return (
@@ -65,8 +65,8 @@ def _canonical_target(target: str) -> str:
 
 
 def prepare_rerun() -> None:
-    """Before it is imported. Raises InputError if it is not installed."""
+    """Prepare the import of rerun. Raises InputError if it is not installed."""
     if find_spec("rerun") is None:
         raise InputError("Rerun is not installed: pip install 'kinect-vo[rerun]'")
-    # Rerun reads this when it is loaded, and would tell about its ports and threads otherwise.
+    # Rerun reads this when it is loaded; without it, it logs its ports and threads.
     os.environ.setdefault("RUST_LOG", "error")

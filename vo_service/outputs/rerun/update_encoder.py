@@ -1,4 +1,4 @@
-"""From results to what the viewer's process is told of them."""
+"""Encoder of results for the viewer's process."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,7 +26,11 @@ MAX_GROUND_TRUTH_GAP_S = 0.02
 
 
 class UpdateEncoder:
-    """Numbers for every result, pictures for some; remembers what a new process has to be told."""
+    """Encodes scalars for every result and images for some.
+
+    Attributes:
+        initial_state: everything drawn so far, for a new process.
+    """
 
     def __init__(self, sink: Sink, image_period_s: float, ground_truth: GroundTruthSource) -> None:
         self._rate_clock_s = sink.rate_clock_s
@@ -36,7 +40,7 @@ class UpdateEncoder:
         self.initial_state = InitialState()
 
     def encode_update(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
-        """What to say of one result."""
+        """Yield the messages of one result."""
         estimate = update.estimate
         yield FrameScalars(
             seq=update.seq,
@@ -57,15 +61,15 @@ class UpdateEncoder:
         if self._throttle.allow(now_s):
             yield from self._encode_point(update)
             yield from self._map.encode_corrected_position(update)
-            # A copy of the frame leaves behind what others have derived from it.
+            # A copy of the frame omits the cached values derived from it.
             yield FrameImages(replace(update.frame), estimate.debug)
 
     def encode_status(self, status: Status) -> TrackingStatus:
-        """What to say of a status: a change of state may come without a frame."""
+        """Encode a status: the state may change without a frame."""
         return TrackingStatus(status.state, status.reason, status.epoch)
 
     def encode_pending(self) -> Iterator[RerunMessage]:
-        """What was not said yet, when nothing follows."""
+        """Yield the messages still pending at the end."""
         yield from self._remember_graphs(self._map.encode_pending())
 
     def _remember_graphs(self, graphs: Iterator[MapGraph]) -> Iterator[MapGraph]:
@@ -79,21 +83,21 @@ class UpdateEncoder:
             yield TrajectoryPoint(position, update.epoch)
 
     def _encode_ground_truth(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
-        """Once, as soon as a frame has truth."""
-        truth = self._ground_truth()
-        if truth is None or not update.estimate.ok:
+        """Yield the ground truth once, at the first frame that has it."""
+        trajectory = self._ground_truth()
+        if trajectory is None or not update.estimate.ok:
             return
-        found = _align_ground_truth(truth, update)
-        if found is not None:
+        ground_truth = _align_ground_truth(trajectory, update)
+        if ground_truth is not None:
             self._ground_truth = no_ground_truth
-            self.initial_state = replace(self.initial_state, ground_truth=found)
-            yield found
+            self.initial_state = replace(self.initial_state, ground_truth=ground_truth)
+            yield ground_truth
 
 
 def _align_ground_truth(ground_truth: Trajectory, update: OdometryUpdate) -> GroundTruth | None:
-    """The truth, moved so that its pose at this frame is the estimate's: what grows apart is drift.
+    """Align the ground truth with the estimate at this frame, so that later gaps show drift.
 
-    None if it has no pose at this time.
+    Returns None if the ground truth has no pose at this time.
     """
     gaps_s = np.abs(ground_truth.stamps_s - update.frame.stamp_s)
     nearest = int(np.argmin(gaps_s))

@@ -1,6 +1,6 @@
-"""Whether a Rerun viewer is there, and still the same: spoken to in HTTP/2, as gRPC does.
+"""Probe of a Rerun viewer over HTTP/2, the protocol under gRPC.
 
-A connection alone says nothing: for a program that is frozen, the kernel accepts it.
+A TCP connection alone is no proof: the kernel accepts it even if the viewer is frozen.
 """
 
 import socket
@@ -17,42 +17,40 @@ MAX_MISSED_REPLIES = 3
 _FRAME_HEADER_BYTES = 9
 _SETTINGS, _PING = 4, 6
 _ACK = 1
-_MAX_PAYLOAD_BYTES = (
-    16_384  # payload; a peer may send more only where it was allowed to, section 4.2
-)
+_MAX_PAYLOAD_BYTES = 16_384  # section 4.2: a peer may send more only if it was allowed to
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"  # section 3.4
 
 
 class ViewerProbe(Protocol):
-    """Asks whether pictures would be taken."""
+    """Checks whether a viewer accepts data."""
 
     def connect(self) -> bool:
-        """Look for a viewer. False if there is none; takes up to two seconds to find out."""
+        """Connect to a viewer. Return False if there is none; may take two seconds."""
 
     def is_responding(self) -> bool:
-        """Whether it answers now. Raises ConnectionError if it has ended since `begin`."""
+        """Return whether it responds. Raises ConnectionError if it has exited since `connect`."""
 
     def disconnect(self) -> None:
-        """Ask no more."""
+        """Close the connection."""
 
 
 class AlwaysPresent:
-    """A file, or a server of our own."""
+    """Probe of a file or of this process's own server."""
 
     def connect(self) -> bool:
-        """It is there."""
+        """Return True."""
         return True
 
     def is_responding(self) -> bool:
-        """It would."""
+        """Return True."""
         return True
 
     def disconnect(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing."""
 
 
 class GrpcViewerProbe:
-    """A connection that is held open: it breaks when the viewer ends."""
+    """Probe that keeps a connection open, which breaks when the viewer exits."""
 
     def __init__(self, host: str, port: int) -> None:
         self._address = (host, port)
@@ -61,7 +59,7 @@ class GrpcViewerProbe:
         self._pings = count()
 
     def connect(self) -> bool:
-        """Connect anew. False if nothing that speaks gRPC answers in time."""
+        """Reconnect. Return False if no gRPC server responds in time."""
         self.disconnect()
         try:
             self._socket = socket.create_connection(self._address, REPLY_TIMEOUT_S)
@@ -74,25 +72,25 @@ class GrpcViewerProbe:
         return True
 
     def is_responding(self) -> bool:
-        """Whether it answers in time. Raises ConnectionError if it has ended since `begin`."""
+        """Return whether it responds. Raises ConnectionError if it has exited since `connect`."""
         if self._socket is None:
             raise ConnectionError
-        answer = _encode_frame(_PING, _ACK, next(self._pings).to_bytes(8, "big"))
+        reply = _encode_frame(_PING, _ACK, next(self._pings).to_bytes(8, "big"))
         try:
-            self._socket.sendall(_encode_frame(_PING, 0, answer[_FRAME_HEADER_BYTES:]))
-            self._wait_for(lambda frame: frame == answer)
+            self._socket.sendall(_encode_frame(_PING, 0, reply[_FRAME_HEADER_BYTES:]))
+            self._wait_for(lambda frame: frame == reply)
         except TimeoutError:
             return False
         return True
 
     def disconnect(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         if self._socket is not None:
             self._socket.close()
         self._socket, self._received = None, b""
 
     def _wait_for(self, is_expected: Callable[[bytes], bool]) -> None:
-        """Read up to a certain frame. Raises OSError, TimeoutError among them."""
+        """Read up to the expected frame. Raises OSError, also TimeoutError."""
         due_s = time.monotonic() + REPLY_TIMEOUT_S
         while not is_expected(self._next_frame(due_s)):
             pass
@@ -100,10 +98,10 @@ class GrpcViewerProbe:
     def _next_frame(self, due_s: float) -> bytes:
         while (size := _frame_size(self._received)) > len(self._received):
             assert self._socket is not None
-            left_s = due_s - time.monotonic()
-            if left_s <= 0.0:
+            remaining_s = due_s - time.monotonic()
+            if remaining_s <= 0.0:
                 raise TimeoutError
-            self._socket.settimeout(left_s)
+            self._socket.settimeout(remaining_s)
             data = self._socket.recv(4096)
             if not data:
                 raise ConnectionError
@@ -113,7 +111,7 @@ class GrpcViewerProbe:
 
 
 class ViewerHealthMonitor:
-    """Asks now and then; one that answers too late is given another chance."""
+    """Periodic health check; a viewer may miss a few replies."""
 
     def __init__(self, probe: ViewerProbe) -> None:
         self._probe = probe
@@ -121,12 +119,12 @@ class ViewerHealthMonitor:
         self._misses = 0
 
     def connect(self) -> bool:
-        """Look for a viewer. False if there is none."""
+        """Connect to a viewer. Return False if there is none."""
         self._last_probe_s, self._misses = time.monotonic(), 0
         return self._probe.connect()
 
     def has_gone(self) -> bool:
-        """Whether the viewer has ended, or not answered several times in a row."""
+        """Return whether the viewer has exited or missed several replies in a row."""
         if time.monotonic() - self._last_probe_s < PROBE_PERIOD_S:
             return False
         self._last_probe_s = time.monotonic()
@@ -137,19 +135,20 @@ class ViewerHealthMonitor:
         return self._misses >= MAX_MISSED_REPLIES
 
     def disconnect(self) -> None:
-        """Ask no more."""
+        """Close the connection."""
         self._probe.disconnect()
 
 
 def _encode_frame(kind: int, flags: int = 0, payload: bytes = b"") -> bytes:
-    """A frame of the connection as a whole, which is stream 0."""
+    """Encode a frame of stream 0, the connection as a whole."""
     return len(payload).to_bytes(3, "big") + bytes([kind, flags]) + bytes(4) + payload
 
 
 def _frame_size(received: bytes) -> int:
-    """Of the frame that begins here; the size of a head until that is there.
+    """Return the size of the frame at the start, or of its header while that is incomplete.
 
-    Raises ConnectionError for a frame that nobody may send.
+    Raises:
+        ConnectionError: the frame is too large.
     """
     if len(received) < _FRAME_HEADER_BYTES:
         return _FRAME_HEADER_BYTES

@@ -1,8 +1,8 @@
-"""Rerun's web viewer as a page of this computer that talks to nobody else.
+"""Local server of Rerun's web viewer, without access to the internet.
 
-The viewer is three files inside Rerun's own web server. As it comes, the page reports its use and
-loads fonts and release notes from the internet. Here it is served with a policy that lets the
-browser reach nothing but this computer, and by this process: no server is left behind.
+The viewer is three files inside Rerun's own web server. Unchanged, the page reports its use and
+loads fonts and release notes from the internet. This server adds a policy that restricts the
+browser to this computer. It runs in this process, so no server is left behind.
 """
 
 import json
@@ -33,7 +33,7 @@ _START_TIMEOUT_S = 10.0
 
 
 class WebViewerServer:
-    """Serves the page on loopback until closed. Raises UserFacingError if the port is taken."""
+    """Serves the page on loopback until closed. Raises PortTakenError if the port is in use."""
 
     def __init__(self, port: int, data_port: int) -> None:
         handler = partial(_PageRequestHandler, _ViewerFiles(), _content_security_policy(data_port))
@@ -44,13 +44,13 @@ class WebViewerServer:
         Thread(target=self._server.serve_forever, name="rerun page", daemon=True).start()
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         self._server.shutdown()
         self._server.server_close()
 
 
 class _ViewerFiles:
-    """The viewer's files, fetched when a browser first asks for them."""
+    """The viewer's files, fetched at the first request."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -83,11 +83,11 @@ class _PageRequestHandler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the base class's name)
-        """Say nothing on the terminal."""
+        """Print nothing on the terminal."""
 
 
 def _content_security_policy(data_port: int) -> str:
-    """Content-Security-Policy: this page and the data, nothing else."""
+    """Return a Content-Security-Policy that allows only this page and the data."""
     return (
         "default-src 'self'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
         "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; worker-src 'self' blob:; "
@@ -98,7 +98,7 @@ def _content_security_policy(data_port: int) -> str:
 def _fetch_files() -> dict[str, bytes]:
     """Start Rerun's own web server for a moment and read the files from it."""
     port = pick_free_port()
-    # Given something to show, it opens no port for data of its own.
+    # With a data source given, Rerun opens no data port of its own.
     command = [str(rerun_binary()), "--serve-web", f"rerun+http://{LOOPBACK}:1/proxy"]
     command += ["--bind", LOOPBACK, "--web-viewer-port", str(port)]
     with tempfile.TemporaryDirectory(prefix="kinect-vo-") as home:
@@ -113,12 +113,12 @@ def _fetch_files() -> dict[str, bytes]:
 
 
 def _strip_external_links(page: bytes) -> bytes:
-    """The page without its fonts: a policy does not keep a browser from connecting ahead."""
+    """Remove the font links: the policy does not stop a browser from preconnecting."""
     return re.sub(rb"<link[^>]*https://[^>]*>", b"", page)
 
 
 def wait_for_port(port: int) -> None:
-    """Until something listens on a port. Raises UserFacingError after ten seconds."""
+    """Wait until a program listens on a port. Raises UserFacingError after ten seconds."""
     deadline_s = time.monotonic() + _START_TIMEOUT_S
     while time.monotonic() < deadline_s:
         try:
@@ -137,7 +137,7 @@ def _fetch(url: str) -> bytes:
 
 
 def pick_free_port() -> int:
-    """A port of loopback that the kernel has just found free."""
+    """Return a loopback port that is free now."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         port: int = probe.getsockname()[1]
@@ -145,7 +145,7 @@ def pick_free_port() -> int:
 
 
 def rerun_binary() -> Path:
-    """The program itself: the `rerun` command is a script, and killing that leaves it running."""
+    """Return the native program: killing the `rerun` script would leave it running."""
     package = find_spec("rerun_cli")
     if package is None or package.origin is None:
         raise UserFacingError("Rerun's web server is missing: pip install 'kinect-vo[rerun]'")
@@ -153,13 +153,14 @@ def rerun_binary() -> Path:
 
 
 def no_telemetry_environment(home: Path) -> dict[str, str]:
-    """Environment for Rerun's programs: no usage reports (the file wants all five keys), no chat.
+    """Make an environment for Rerun's programs without usage reports and log output.
 
-    `home` is an empty folder that must last as long as the program.
+    Args:
+        home: empty folder for Rerun's settings; it must exist while the program runs.
     """
     settings = home / "rerun" / "analytics.json"
     settings.parent.mkdir()
-    content = {
+    content = {  # Rerun requires all five keys
         "analytics_enabled": False,
         "analytics_id": "",
         "metadata": {},

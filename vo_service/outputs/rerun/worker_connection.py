@@ -1,4 +1,4 @@
-"""The way to the viewer's process, which may be another one each time."""
+"""Connection to the viewer's process, which may be replaced by a new one."""
 
 from threading import Lock
 
@@ -8,9 +8,9 @@ from vo_service.outputs.rerun.serialization import serialize
 
 
 class WorkerConnection:
-    """What is sent while there is no process is lost.
+    """Sender of messages to the current process; without a process, messages are lost.
 
-    A process that takes nothing blocks the sender, until it does or is killed.
+    A process that does not read blocks the sender until it reads or is killed.
     """
 
     def __init__(self) -> None:
@@ -20,7 +20,7 @@ class WorkerConnection:
 
     @property
     def is_connected(self) -> bool:
-        """Whether there is a process that is sent to."""
+        """Whether there is a process to send to."""
         return self._process is not None
 
     def connect(self, process: WorkerProcess) -> None:
@@ -29,12 +29,16 @@ class WorkerConnection:
             self._process, self._is_new = process, True
 
     def disconnect(self) -> None:
-        """Send nowhere. Waits for a sender: kill a process that takes nothing before."""
+        """Drop the process. Waits for a sender, so kill a process that does not read first."""
         with self._lock:
             self._process = None
 
     def send(self, message: RerunMessage, initial_state: RerunMessage) -> bool:
-        """Send a message, before it `first` if the process is new. False if there is no process."""
+        """Send a message; to a new process, send `initial_state` first.
+
+        Returns:
+            False if there is no process.
+        """
         with self._lock:
             if self._process is None:
                 return False

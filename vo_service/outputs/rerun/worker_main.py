@@ -1,6 +1,6 @@
-"""The viewer's process: ``python -m vo_service.outputs.rerun.worker_main FD``, started by `Supervisor`.
+"""The viewer's process: ``python -m vo_service.outputs.rerun.worker_main FD``.
 
-It ends with the service, whatever happens: in order where that is possible, by force where not.
+`RerunSupervisor` starts it. It always ends with the service, by force if necessary.
 """
 
 import logging
@@ -41,39 +41,39 @@ if TYPE_CHECKING:
     from vo_service.outputs.rerun.rotating_recording import RotatingRecording
 
 HEARTBEAT_S = 0.5
-# One message that takes longer than this to draw is stuck in Rerun: the viewer takes no data.
+# If drawing one message takes longer than this, Rerun is blocked: the viewer does not read.
 MAX_DRAW_S = 2.0
-# For writing out everything, once the service is gone.
+# Time to flush everything after the service is gone.
 FINISH_TIMEOUT_S = 5.0
-# Native code that holds Python's lock stops the heartbeat; after this long the kernel steps in.
+# Native code that holds the GIL stops the heartbeat; SIGALRM then kills the process.
 ORPHAN_TIMEOUT_S = 20.0
-# Poses come first where processors are scarce.
+# Poses have priority if CPUs are scarce.
 NICENESS = 5
 
 
 def main(connection: "Connection[Any, Any]") -> None:
-    """Draw until the service says that nothing follows, or is gone."""
+    """Draw until the service sends `RerunShutdown` or ends."""
     ignore_terminal_signals()
     signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_HeartbeatThread`
-    job: RerunWorkerConfig = connection.recv()
-    outbox = ParentConnection(connection)
-    forward_logs(outbox, job.log_level)
-    logging.getLogger("numexpr").setLevel(logging.WARNING)  # tells how many threads it has
+    config: RerunWorkerConfig = connection.recv()
+    parent = ParentConnection(connection)
+    forward_logs(parent, config.log_level)
+    logging.getLogger("numexpr").setLevel(logging.WARNING)  # at INFO it logs its thread count
     cv2.setNumThreads(1)
-    pulse = _HeartbeatThread(job, outbox)
+    heartbeat = _HeartbeatThread(config, parent)
     try:
-        _log_messages(_open_recording(job), connection, pulse, outbox)
+        _log_messages(_open_recording(config), connection, heartbeat, parent)
     except UserFacingError as error:
-        outbox.send(RerunWorkerFailed(error))
+        parent.send(RerunWorkerFailed(error))
 
 
 def _open_recording(config: RerunWorkerConfig) -> "RotatingRecording":
-    # Rerun is slow to import: the heart beats already.
+    # Rerun is imported here, as that is slow and the heartbeat must run first.
     prepare_rerun()
     os.environ["RERUN_FLUSH_TICK_SECS"] = str(config.sink.flush_interval_s)
-    drawing = import_module("vo_service.outputs.rerun.rotating_recording")
-    opened: RotatingRecording = drawing.RotatingRecording(config)
-    return opened
+    module = import_module("vo_service.outputs.rerun.rotating_recording")
+    recording: RotatingRecording = module.RotatingRecording(config)
+    return recording
 
 
 def _log_messages(
@@ -95,14 +95,14 @@ def _log_messages(
 
 
 def _receive_messages(connection: "Connection[Any, Any]") -> Iterator[RerunMessage]:
-    """Until the service says that nothing follows, or is gone."""
+    """Yield messages until the service sends `RerunShutdown` or ends."""
     with suppress(EOFError, OSError):
         while not isinstance(message := receive_message(connection), RerunShutdown):
             yield message
 
 
 class _HeartbeatThread:
-    """A thread that tells the service how it goes, and ends the process where that must be."""
+    """Thread that sends the health to the service and kills the process if necessary."""
 
     def __init__(self, config: RerunWorkerConfig, parent: ParentConnection) -> None:
         self._config, self._parent = config, parent
@@ -112,7 +112,7 @@ class _HeartbeatThread:
 
     @contextmanager
     def busy(self) -> Iterator[None]:
-        """While something is drawn."""
+        """Mark the time during which a message is drawn."""
         self._busy_since_s = time.monotonic()
         yield
         self._busy_since_s = float("inf")
@@ -131,12 +131,12 @@ class _HeartbeatThread:
     def _current_health(self) -> RerunHealth:
         if time.monotonic() - self._busy_since_s < MAX_DRAW_S:
             return self.health
-        return replace(self.health, fault=f"{self._config.sink.address} does not take its data")
+        return replace(self.health, fault=f"{self._config.sink.address} does not read its data")
 
     def _memory_error(self) -> str:
         return (
-            f"the viewer's process passed {self._config.memory_mb} MB (rerun.memory_mb), "
-            "as its data is not taken fast enough; starting it again"
+            f"the viewer's process exceeded {self._config.memory_mb} MB (rerun.memory_mb), "
+            "as its data is not read fast enough; starting it again"
         )
 
 

@@ -10,25 +10,30 @@ from drivers.core.queues import BoundedQueue, WorkerThread
 from drivers.core.trajectory import format_pose_line
 from vo_service.types import OdometryUpdate, Status
 
-# A disk that does not answer is waited for no longer than this at the end.
+# Longest wait, at the end, for a disk that hangs.
 CLOSE_TIMEOUT_S = 2.0
 
 logger = logging.getLogger(__name__)
 
 
 class TrajectoryFileOutput:
-    """Writes ``stamp tx ty tz qx qy qz qw`` of the optical camera, one line a good frame.
+    """Writes ``stamp tx ty tz qx qy qz qw`` of the optical camera, one line per tracked frame.
 
-    Stamps are the published ones. The file is created (or emptied) at once and grows line by line
-    on a thread of its own, so that whatever ends the process, every finished line is kept. A frame
-    without a pose of its own writes no line. After a failed write (disk full) nothing more is
-    written, the file ends with its last whole line, and `close` raises the error.
-
-    Raises InputError if the file cannot be created.
+    Stamps are the published ones. A separate thread appends line by line, so every finished line
+    survives a crash. A frame without its own pose has no line. After a failed write (disk full) the
+    file ends with its last whole line, and `close` raises the error.
     """
 
     def __init__(self, path: Path, line_queue: BoundedQueue[bytes]) -> None:
-        """`lines` says what becomes of lines that the disk does not take in time."""
+        """Create or empty the file.
+
+        Args:
+            path: the file.
+            line_queue: decides what happens to lines if the disk is slow.
+
+        Raises:
+            InputError: the file cannot be created.
+        """
         self._path = path
         self._size = 0
         self._error: UserFacingError | None = None
@@ -43,7 +48,7 @@ class TrajectoryFileOutput:
 
     @property
     def warning(self) -> str:
-        """What is missing of the file."""
+        """Why the file is incomplete; "" while it is complete."""
         if self._error is not None:
             return str(self._error)
         if self._worker.dropped:
@@ -51,21 +56,23 @@ class TrajectoryFileOutput:
         return ""
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Write one line (soon), if this frame has a pose of its own."""
+        """Queue one line if this frame has its own pose."""
         if update.estimate.ok and self._error is None:
             self._worker.put(format_pose_line(update.stamp_s, update.T_world_camera).encode())
 
     def on_status(self, status: Status) -> None:
-        """Nothing to write."""
+        """Do nothing: the file holds poses only."""
 
     def close(self) -> None:
-        """Close the file. Raises UserFacingError, once, if the file is not complete."""
+        """Close the file. Raises UserFacingError, once, if the file is incomplete."""
         has_ended = self._worker.close(CLOSE_TIMEOUT_S)
-        failure, self._error = self._error, None
-        if failure is not None:
-            raise UserFacingError(f"{self._path}: the trajectory is not complete") from failure
+        write_error, self._error = self._error, None
+        if write_error is not None:
+            raise UserFacingError(f"{self._path}: the trajectory is incomplete") from write_error
         if not has_ended:
-            raise UserFacingError(f"{self._path}: the disk does not take the end of the trajectory")
+            raise UserFacingError(
+                f"{self._path}: the disk hangs; the end of the trajectory is lost"
+            )
 
     def _append(self, line: bytes) -> None:
         if self._error is not None:

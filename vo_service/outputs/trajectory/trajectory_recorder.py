@@ -1,4 +1,4 @@
-"""The trajectory kept in memory, for the figures at the end of a run."""
+"""The trajectory in memory, for the summary at the end of a run."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from vo_service.types import OdometryUpdate, Status
 
 
 class TrajectoryRecorder:
-    """Remembers the pose of every good frame, under the stamp that the camera gave it."""
+    """Stores the pose of every tracked frame with the camera's stamp."""
 
     warning = ""
 
@@ -18,23 +18,23 @@ class TrajectoryRecorder:
         self.publish_offset_s = 0.0  # published stamp minus the frame's
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Remember one pose, if this frame has one of its own."""
+        """Store one pose if this frame has its own."""
         if update.estimate.ok:
             self._stamps_s.append(update.frame.stamp_s)
             self._poses.append(update.T_world_camera)
             self.publish_offset_s = update.stamp_s - update.frame.stamp_s
 
     def on_status(self, status: Status) -> None:
-        """Nothing to remember."""
+        """Do nothing: only poses are stored."""
 
     def close(self) -> None:
-        """Nothing to release; the trajectory can still be asked for."""
+        """Do nothing: the trajectory stays available."""
 
     @property
     def trajectory(self) -> Trajectory:
-        """Everything so far, by rising stamps: of poses that went back in time, the last."""
+        """All poses so far, sorted by stamp; of poses with the same stamp, the last."""
         stamps_s = np.array(self._stamps_s)
         poses = np.array(self._poses).reshape(-1, 4, 4)
         _, last = np.unique(stamps_s[::-1], return_index=True)
-        chosen = len(stamps_s) - 1 - last
-        return Trajectory(stamps_s[chosen], poses[chosen])
+        selected = len(stamps_s) - 1 - last
+        return Trajectory(stamps_s[selected], poses[selected])

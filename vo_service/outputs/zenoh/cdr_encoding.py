@@ -1,7 +1,7 @@
-"""What ROS 2's messages are made of, as plain CDR bytes.
+"""Plain CDR encoding of the parts of ROS 2's messages.
 
-Layout: 4 bytes of header (``00 01 00 00``, little endian), then the message's fields in order, each
-aligned to its own size counted from the end of the header (OMG DDS-XTypes, "plain CDR").
+Layout: 4 bytes of header (``00 01 00 00``, little endian), then the fields in order. Each field is
+aligned to its own size, counted from the end of the header (OMG DDS-XTypes, "plain CDR").
 """
 
 import math
@@ -20,27 +20,28 @@ _LENGTH = struct.Struct("<I")
 
 
 def append_length(body: bytes, count: int) -> bytes:
-    """Go on with how many items follow."""
+    """Append the number of items that follow."""
     return _pad_to(body, 4) + _LENGTH.pack(count)
 
 
 def append_frames(body: bytes, stamp_s: float, frame_id: str, child_frame_id: str) -> bytes:
-    """Go on with a ``std_msgs/msg/Header`` and the name of the frame that moves.
+    """Append a ``std_msgs/msg/Header`` and the child frame's name.
 
-    Raises ValueError if the stamp does not fit.
+    Raises:
+        ValueError: the stamp does not fit.
     """
     body = _pad_to(body, 4) + _STAMP.pack(*split_stamp(stamp_s))
     return _append_string(_append_string(body, frame_id), child_frame_id)
 
 
 def append_numbers(body: bytes, numbers: Array) -> bytes:
-    """Go on with 64-bit numbers."""
+    """Append 64-bit floats."""
     return _pad_to(body, 8) + numbers.astype("<f8").tobytes()
 
 
 @contextmanager
 def reraise_as_value_error(schema: str) -> Iterator[None]:
-    """While a message is taken apart: whatever is wrong with it is a ValueError that names it."""
+    """Turn decoding errors in the block into a ValueError that names the message type."""
     try:
         yield
     except (struct.error, UnicodeDecodeError, ValueError) as error:
@@ -48,16 +49,20 @@ def reraise_as_value_error(schema: str) -> Iterator[None]:
 
 
 def strip_header(payload: bytes) -> bytes:
-    """What follows the header. Raises ValueError if that is another."""
+    """Remove the header. Raises ValueError if it is not little-endian CDR."""
     if payload[:4] != CDR_HEADER:
         raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
     return payload[4:]
 
 
 def read_frames(body: bytes) -> tuple[float, str, str, int]:
-    """Stamp, frame and child frame at the beginning of a message, and the offset after them.
+    """Read the header and child frame at the start of a message.
 
-    Raises what `reading` turns into a ValueError.
+    Returns:
+        Stamp in seconds, frame, child frame, and the offset after them.
+
+    Raises:
+        Exception: the errors that `reraise_as_value_error` handles.
     """
     sec, nanosec = _STAMP.unpack_from(body)
     frame_id, offset = _read_string(body, _STAMP.size)
@@ -66,14 +71,15 @@ def read_frames(body: bytes) -> tuple[float, str, str, int]:
 
 
 def read_numbers(body: bytes, offset: int, count: int) -> Array:
-    """64-bit numbers after an offset. Raises ValueError if there are fewer."""
+    """Read `count` 64-bit floats after an offset. Raises ValueError if there are fewer."""
     return np.frombuffer(body, "<f8", count, _aligned_offset(offset, 8)).astype(np.float64)
 
 
 def split_stamp(stamp_s: float) -> tuple[int, int]:
-    """Whole seconds, rounded down, and the nanoseconds (0 to 999 999 999) that follow.
+    """Split a stamp into whole seconds, rounded down, and nanoseconds (0 to 999 999 999).
 
-    Raises ValueError if the seconds do not fit ROS 2's 32 signed bits (they end in 2038).
+    Raises:
+        ValueError: the seconds do not fit ROS 2's 32 signed bits (they end in 2038).
     """
     if not math.isfinite(stamp_s):
         raise ValueError(f"stamp {stamp_s} is not a time")
@@ -82,7 +88,7 @@ def split_stamp(stamp_s: float) -> tuple[int, int]:
     carry, nanosec = divmod(round((stamp_s - sec) * 1e9), 1_000_000_000)
     sec += carry
     if not -(2**31) <= sec < 2**31:
-        raise ValueError(f"stamp {stamp_s} s does not fit the 32 bits that ROS 2 has for seconds")
+        raise ValueError(f"stamp {stamp_s} s does not fit ROS 2's 32 bits for seconds")
     return sec, nanosec
 
 

@@ -25,13 +25,14 @@ _NUMBERS = 85
 class OdometryMessage:
     """One odometry message.
 
-    stamp_s           instant of the pose
-    frame_id          the frame that the pose is in
-    child_frame_id    the frame that moves; the twist is in its axes
-    T_frame_child     4x4 pose
-    pose_covariance   6x6, order x y z rx ry rz, axes of `frame_id`
-    twist             (6,) m/s and rad/s
-    twist_covariance  6x6
+    Attributes:
+        stamp_s: stamp of the pose, Unix seconds.
+        frame_id: parent frame of the pose.
+        child_frame_id: frame that moves; the twist is in its axes.
+        T_frame_child: 4x4 pose, meters.
+        pose_covariance: 6x6, order x y z rx ry rz, axes of `frame_id`.
+        twist: (6,) m/s and rad/s.
+        twist_covariance: 6x6.
     """
 
     stamp_s: float
@@ -44,21 +45,21 @@ class OdometryMessage:
 
     @property
     def position_m(self) -> Array:
-        """(3,) where the child frame is."""
+        """(3,) position of the child frame, meters."""
         position: Array = self.T_frame_child[:3, 3]
         return position
 
     @property
     def quaternion_xyzw(self) -> Array:
-        """(4,) how the child frame is turned."""
+        """(4,) orientation of the child frame."""
         return quaternion_from_rotation(self.T_frame_child[:3, :3])
 
 
 def encode_odometry(message: OdometryMessage) -> bytes:
-    """CDR bytes of a message.
+    """Encode a message as CDR.
 
-    Raises ValueError if a number is not finite or the stamp does not fit: such a message must
-    never leave.
+    Raises:
+        ValueError: a number is not finite, or the stamp does not fit.
     """
     numbers = np.concatenate(
         [
@@ -70,15 +71,16 @@ def encode_odometry(message: OdometryMessage) -> bytes:
         ]
     )
     if not np.all(np.isfinite(numbers)):
-        raise ValueError(f"odometry at {message.stamp_s} s holds a number that is not finite")
+        raise ValueError(f"odometry at {message.stamp_s} s has a number that is not finite")
     body = append_frames(b"", message.stamp_s, message.frame_id, message.child_frame_id)
     return CDR_HEADER + append_numbers(body, numbers)
 
 
 def decode_odometry(payload: bytes) -> OdometryMessage:
-    """Read what `encode_odometry` (or any ROS 2 node) wrote.
+    """Decode a message from `encode_odometry` or any ROS 2 node.
 
-    Raises ValueError if the bytes are not a little-endian Odometry message.
+    Raises:
+        ValueError: the bytes are not a little-endian Odometry message.
     """
     body = strip_header(payload)
     with reraise_as_value_error(ODOMETRY_SCHEMA):

@@ -1,4 +1,4 @@
-"""ROS 2's ``geometry_msgs/msg/TransformStamped`` and ``tf2_msgs/msg/TFMessage``, without ROS."""
+"""ROS 2's ``TransformStamped`` and ``TFMessage`` as plain CDR bytes, without ROS."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,12 +25,13 @@ _NUMBERS = 7
 
 @dataclass(frozen=True)
 class TransformMessage:
-    """How one frame lies in another.
+    """Transform between two frames.
 
-    stamp_s           instant that it holds for
-    frame_id          the frame that it is in
-    child_frame_id    the frame that lies there
-    T_frame_child     4x4
+    Attributes:
+        stamp_s: stamp of the transform, Unix seconds.
+        frame_id: parent frame.
+        child_frame_id: child frame.
+        T_frame_child: 4x4, meters.
     """
 
     stamp_s: float
@@ -40,26 +41,27 @@ class TransformMessage:
 
     @property
     def translation_m(self) -> Array:
-        """(3,) where the child frame is."""
+        """(3,) position of the child frame, meters."""
         translation: Array = self.T_frame_child[:3, 3]
         return translation
 
     @property
     def quaternion_xyzw(self) -> Array:
-        """(4,) how the child frame is turned."""
+        """(4,) orientation of the child frame."""
         return quaternion_from_rotation(self.T_frame_child[:3, :3])
 
 
 def encode_transform(message: TransformMessage) -> bytes:
-    """CDR bytes of a ``TransformStamped``.
+    """Encode a ``TransformStamped`` as CDR.
 
-    Raises ValueError if a number is not finite or the stamp does not fit.
+    Raises:
+        ValueError: a number is not finite, or the stamp does not fit.
     """
     return CDR_HEADER + _append_transform(b"", message)
 
 
 def encode_transforms(messages: Sequence[TransformMessage]) -> bytes:
-    """CDR bytes of a ``TFMessage``: several transforms in one. Raises as `encode_transform`."""
+    """Encode transforms as one ``TFMessage``. Raises as `encode_transform`."""
     body = append_length(b"", len(messages))
     for message in messages:
         body = _append_transform(body, message)
@@ -67,9 +69,10 @@ def encode_transforms(messages: Sequence[TransformMessage]) -> bytes:
 
 
 def decode_transform(payload: bytes) -> TransformMessage:
-    """Read what `encode_transform` (or any ROS 2 node) wrote.
+    """Decode a message from `encode_transform` or any ROS 2 node.
 
-    Raises ValueError if the bytes are not a little-endian TransformStamped message.
+    Raises:
+        ValueError: the bytes are not a little-endian TransformStamped message.
     """
     body = strip_header(payload)
     with reraise_as_value_error(TRANSFORM_SCHEMA):
@@ -81,7 +84,7 @@ def decode_transform(payload: bytes) -> TransformMessage:
 
 def _append_transform(body: bytes, message: TransformMessage) -> bytes:
     if not np.all(np.isfinite(message.T_frame_child)):
-        raise ValueError(f"transform at {message.stamp_s} s holds a number that is not finite")
+        raise ValueError(f"transform at {message.stamp_s} s has a number that is not finite")
     body = append_frames(body, message.stamp_s, message.frame_id, message.child_frame_id)
     numbers = np.concatenate([message.translation_m, message.quaternion_xyzw])
     return append_numbers(body, numbers)

@@ -1,4 +1,4 @@
-"""JSON Schemas of the commands' arguments and answers; the limits are those of the parser."""
+"""JSON Schemas of the commands' arguments and replies, with the parser's limits."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,7 +20,7 @@ def _number_array(count: int, limit: float, description: str) -> Schema:
     }
 
 
-_LED: Schema = {"enum": [str(led) for led in Led], "description": "the sensor's light"}
+_LED: Schema = {"enum": [str(led) for led in Led], "description": "the sensor's LED"}
 _TILT: Schema = {
     "type": "number",
     "minimum": -MAX_TILT_DEG,
@@ -30,7 +30,7 @@ _TILT: Schema = {
 _NAME: Schema = {
     "type": "string",
     "pattern": f"^(?:{NAME_PATTERN})$",
-    "description": "of the folder, or of the map",
+    "description": "name of the folder or of the map",
 }
 _NO_ARGUMENTS: Schema = {"properties": {}}
 
@@ -38,10 +38,10 @@ ARGUMENT_SCHEMAS: Mapping[str, Schema] = {
     "reset": {
         "properties": {
             "position_m": _number_array(
-                3, MAX_POSITION_M, "where the base is to be in odom, x y z"
+                3, MAX_POSITION_M, "new position of the base in odom, x y z, meters"
             ),
             "quaternion_xyzw": _number_array(
-                4, 1.0 + QUATERNION_NORM_TOLERANCE, "how the base is to be turned, of length 1"
+                4, 1.0 + QUATERNION_NORM_TOLERANCE, "new orientation of the base, unit length"
             ),
         },
         "dependentRequired": {
@@ -60,18 +60,20 @@ ARGUMENT_SCHEMAS: Mapping[str, Schema] = {
     "load-map": {"properties": {"name": _NAME}, "required": ["name"]},
 }
 
-_EPOCH: Schema = {"type": "integer", "description": "the epoch that begins"}
-_PAUSED: Schema = {"type": "boolean", "description": "whether it publishes no poses now"}
-_FOLDER: Schema = {"type": "string", "description": "on the service's computer"}
+_EPOCH: Schema = {"type": "integer", "description": "number of the new epoch"}
+_PAUSED: Schema = {"type": "boolean", "description": "whether publishing is paused"}
+_FOLDER: Schema = {"type": "string", "description": "path on the service's computer"}
 _FILE: Schema = {
     "type": "string",
-    "description": "on the service's computer; `saved_map` in the status says when it is there",
+    "description": "path on the service's computer; complete once `saved_map` in the status names "
+    "it",
 }
 _LOADED: Schema = {
     "type": "string",
-    "description": "on the service's computer; `loaded_map` in the status says when it is known",
+    "description": "path on the service's computer; loaded once `loaded_map` in the status names "
+    "it",
 }
-_KEYFRAMES: Schema = {"type": "integer", "description": "that the map is made of"}
+_KEYFRAMES: Schema = {"type": "integer", "description": "number of keyframes in the map"}
 
 RESULT_SCHEMAS: Mapping[str, Mapping[str, Schema]] = {
     "reset": {"epoch": _EPOCH},

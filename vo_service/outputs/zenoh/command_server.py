@@ -1,4 +1,4 @@
-"""Commands over Zenoh: `{prefix}/command/NAME`, into the loop's inbox and back."""
+"""Command server on `{prefix}/command/NAME`: puts commands into the loop's queue and replies."""
 
 import logging
 import threading
@@ -26,45 +26,45 @@ from vo_service.types import Command, CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
 
-# The loop comes round several times a second; longer than this it does not think about a command.
+# The loop handles commands several times a second; after this long, it hangs.
 RESULT_TIMEOUT_S = 5.0
 LOG_PERIOD_S = 60.0
 CLOSE_TIMEOUT_S = 0.5
 
 
 class CommandEndpoint(Protocol):
-    """What operators may ask."""
+    """Endpoint that receives commands."""
 
     def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
-        """Begin to answer on a session that has just been opened; the threads that do."""
+        """Start to reply on a new session; return the threads."""
         ...
 
     def configure(self, settings: CommandConfig) -> None:
-        """Take a new limit; whether there are commands at all stays as it is."""
+        """Set a new rate limit; `enabled` is ignored."""
         ...
 
     def close(self) -> None:
-        """Answer no more."""
+        """Stop replying."""
         ...
 
 
 class NullCommandEndpoint:
-    """Nothing."""
+    """Endpoint without commands."""
 
     def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
         """Declare nothing."""
         return []
 
     def configure(self, settings: CommandConfig) -> None:
-        """No limit is needed."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Do nothing."""
 
 
 @dataclass(frozen=True)
 class _PendingCommand:
-    """A command that the loop has, and who waits for the answer."""
+    """A command in the loop's queue, and the query that waits for its result."""
 
     query: zenoh.Query
     key: str
@@ -72,10 +72,10 @@ class _PendingCommand:
 
 
 class CommandServer:
-    """Every command of `vo_service.command_parser`, so many a second, into an inbox.
+    """Server of all commands of `vo_service.command_parser`, with a rate limit.
 
-    One queryable for all names: it can say that there is no such command. One thread reads and
-    refuses, another waits for the loop's answers and gives them out, in order.
+    One queryable serves all names, so it can report an unknown command. One thread parses and
+    refuses; another waits for the loop's results and sends the replies in order.
     """
 
     def __init__(self, command_queue: CommandSink[Command], per_second: float) -> None:
@@ -86,21 +86,21 @@ class CommandServer:
         )
 
     def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
-        """See `CommandEndpoint`."""
-        folder = f"{prefix}/command/"
-        return [serve_queryable(session, f"{folder}*", partial(self._receive, folder))]
+        """Start to reply on a new session; return the thread."""
+        key_prefix = f"{prefix}/command/"
+        return [serve_queryable(session, f"{key_prefix}*", partial(self._receive, key_prefix))]
 
     def configure(self, settings: CommandConfig) -> None:
-        """See `CommandEndpoint`."""
+        """Set a new rate limit."""
         self._rate_limit = CommandRateLimit(settings.per_second)
 
     def close(self) -> None:
-        """See `CommandEndpoint`; what the loop has not answered by now it will not."""
+        """Stop replying; pending commands get no reply."""
         self._replies.close(CLOSE_TIMEOUT_S)
 
     def _receive(self, key_prefix: str, query: zenoh.Query) -> None:
         key = str(query.key_expr)
-        if "*" in key:  # who asks for all there is to read means no command
+        if "*" in key:  # a wildcard query reads keys; it is not a command
             query.drop()  # type: ignore[no-untyped-call]
             return
         try:
@@ -119,7 +119,7 @@ def _send_reply(pending: _PendingCommand) -> None:
         reply_error(pending.query, error)
     except (TypeError, ValueError) as error:
         reply_error(
-            pending.query, CommandError(ErrorCode.FAILED, f"its answer is no JSON: {error}")
+            pending.query, CommandError(ErrorCode.FAILED, f"its result is not JSON: {error}")
         )
     else:
         logger.info("zenoh: %s: done", pending.key)
@@ -129,7 +129,7 @@ def _send_reply(pending: _PendingCommand) -> None:
 def make_command_endpoint(
     settings: CommandConfig, command_queue: CommandSink[Command]
 ) -> CommandEndpoint:
-    """What the settings ask for."""
+    """Make the configured command endpoint."""
     return (
         CommandServer(command_queue, settings.per_second)
         if settings.enabled
@@ -138,7 +138,7 @@ def make_command_endpoint(
 
 
 class CommandRateLimit:
-    """Refuses commands beyond so many a second, and logs that now and then. For one thread."""
+    """Rate limit of commands, which logs refusals now and then. For one thread."""
 
     def __init__(self, per_second: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._bucket = TokenBucket(per_second, now_s)
@@ -147,22 +147,22 @@ class CommandRateLimit:
         self._logged_s = float("-inf")
 
     def check(self) -> None:
-        """Raises CommandError: rate-limited."""
+        """Count one command. Raises CommandError (rate-limited) above the limit."""
         if self._bucket.try_acquire():
             return
         self._rejected += 1
         limit = f"more than {self._bucket.per_second:g} commands a second"
         if self._now_s() - self._logged_s >= LOG_PERIOD_S:
-            logger.warning("zenoh: %s: refused %d (told once a minute)", limit, self._rejected)
+            logger.warning("zenoh: %s: refused %d (logged once a minute)", limit, self._rejected)
             self._logged_s, self._rejected = self._now_s(), 0
         raise CommandError(ErrorCode.RATE_LIMITED, f"{limit}; wait, then try again")
 
 
 def _read_payload(query: zenoh.Query) -> bytes:
-    """The payload, looked at only if it is small enough. Raises CommandError: bad-request."""
+    """Read the payload if it is small enough. Raises CommandError (bad-request)."""
     if not query.parameters.is_empty():
         raise CommandError(
-            ErrorCode.BAD_REQUEST, "arguments go into the payload, as JSON, not behind a `?`"
+            ErrorCode.BAD_REQUEST, "send arguments as JSON in the payload, not after a `?`"
         )
     payload = query.payload
     if payload is None:
@@ -170,6 +170,6 @@ def _read_payload(query: zenoh.Query) -> bytes:
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise CommandError(
             ErrorCode.BAD_REQUEST,
-            f"{len(payload)} bytes are too many; the limit is {MAX_PAYLOAD_BYTES}",
+            f"the payload has {len(payload)} bytes; the limit is {MAX_PAYLOAD_BYTES}",
         )
     return payload.to_bytes()

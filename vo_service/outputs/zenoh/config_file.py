@@ -1,4 +1,4 @@
-"""The keys and certificates that a Zenoh configuration names, found where they really are."""
+"""Reader of a Zenoh configuration, which resolves the key and certificate files in it."""
 
 import json
 import os
@@ -9,7 +9,7 @@ import zenoh
 
 from drivers.core.errors import InputError
 
-# Where a Zenoh configuration names files.
+# Keys of a Zenoh configuration that hold file names.
 _FILE_KEYS = (
     "transport/link/tls/root_ca_certificate",
     "transport/link/tls/listen_private_key",
@@ -21,10 +21,13 @@ _FILE_KEYS = (
 
 
 def read_zenoh_config(path: Path) -> zenoh.Config:
-    """Read a Zenoh configuration (JSON5). Each file that it names becomes an absolute path.
+    """Read a Zenoh configuration (JSON5) and make its file names absolute.
 
-    A relative name is looked for among the credentials that systemd hands to the service
-    (``$CREDENTIALS_DIRECTORY``), then in the folder of the configuration. Raises InputError.
+    A relative name is searched in systemd's credentials (``$CREDENTIALS_DIRECTORY``), then in the
+    folder of the configuration.
+
+    Raises:
+        InputError: the configuration or one of its files cannot be read.
     """
     try:
         settings = zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
@@ -45,26 +48,27 @@ def read_zenoh_config(path: Path) -> zenoh.Config:
 
 
 def _line_and_reason(text: str) -> str:
-    """`:LINE: reason` from Zenoh's words; a mistake of syntax is drawn there over several lines."""
-    drawn = re.search(r"--> (\d+):\d+.*= (.*)", text, re.DOTALL)
-    if drawn:
-        return f":{drawn[1]}: not JSON5: {drawn[2].strip()}"
+    """Extract `:LINE: reason` from Zenoh's message, which spans several lines for syntax errors."""
+    syntax_error = re.search(r"--> (\d+):\d+.*= (.*)", text, re.DOTALL)
+    if syntax_error:
+        return f":{syntax_error[1]}: not JSON5: {syntax_error[2].strip()}"
     return f": not a Zenoh configuration: {' '.join(text.split())}"
 
 
 def _resolve_file(name: str, config: Path, key: str) -> Path:
-    """The file itself. Raises InputError unless it is there and may be read."""
+    """Return the file's absolute path. Raises InputError unless it is readable."""
     folders = [config.parent.absolute()]
     if credentials := os.environ.get("CREDENTIALS_DIRECTORY"):
         folders.insert(0, Path(credentials))
-    candidates = [folder / name for folder in folders]  # the name alone, where it is absolute
-    place = next((each for each in candidates if each.exists()), candidates[-1])
+    candidates = [folder / name for folder in folders]  # `name` itself if it is absolute
+    file = next((path for path in candidates if path.exists()), candidates[-1])
     try:
-        place.open("rb").close()
+        file.open("rb").close()
     except OSError as error:
-        where = " or ".join(dict.fromkeys(str(each.parent) for each in candidates))
+        searched = " or ".join(dict.fromkeys(str(path.parent) for path in candidates))
         raise InputError(
-            f"{config}: {key.replace('/', '.')} = {json.dumps(name)}: {error.strerror} in {where}; "
-            "put it there with rights for this user, or make one with kinect-vo certificates"
+            f"{config}: {key.replace('/', '.')} = {json.dumps(name)}: {error.strerror} in "
+            f"{searched}; put a file there that this user may read, or create it with kinect-vo "
+            "certificates"
         ) from error
-    return place
+    return file

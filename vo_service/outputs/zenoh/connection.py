@@ -1,4 +1,4 @@
-"""Ways to come to a Zenoh session: at once or not at all, on any port, whenever it can be had."""
+"""Policies to open a Zenoh session: once, on a free port, or with retries."""
 
 import logging
 import socket
@@ -26,59 +26,59 @@ from vo_service.outputs.zenoh.session import (
 logger = logging.getLogger(__name__)
 
 RETRY_S = 2.0
-# A router may take this long to take us up before we complain.
+# No warning for this long after a router disconnects.
 ROUTER_GRACE_S = 3.0
-# How often a free port is looked for, as somebody else may take it before Zenoh has it.
+# Another program may take a free port before Zenoh opens it.
 MAX_PORT_ATTEMPTS = 5
 
 
 class ZenohConnection(Protocol):
-    """Where the session comes from. All is called from one thread, once it has been made."""
+    """Source of the session. After construction, one thread makes all calls."""
 
     @property
     def warning(self) -> str:
-        """What is wrong, one clause; "" while all is well."""
+        """The fault in one clause; "" if there is none."""
         ...
 
     @property
     def description(self) -> str:
-        """The session's endpoints, and how to listen there: for a person."""
+        """The session's endpoints and how to listen to them, for people."""
         ...
 
     def sessions(self) -> list[zenoh.Session]:
-        """The open session, or none; may take the second or two that opening takes."""
+        """Return the open session, if any; may block for two seconds to open it."""
         ...
 
 
-# Raises InputError for what is wrong for good.
+# Raises InputError if the configuration is invalid, so that retrying cannot help.
 ConnectPolicy = Callable[[ZenohConfig], ZenohConnection]
 
 
 class ConnectOnce:
-    """For a program that somebody watches: what cannot be opened now is an error."""
+    """Policy for interactive programs: a session that cannot open now is an error."""
 
     warning = ""
 
     def __init__(self, config: ZenohConfig) -> None:
-        """Raises InputError or ZenohNotNowError."""
+        """Open the session. Raises InputError or ZenohUnavailableError."""
         self._session = open_session(config)
         self.description = _describe(config)
 
     def sessions(self) -> list[zenoh.Session]:
-        """The session, open or (later) closed."""
+        """Return the session, which may have been closed since."""
         return [self._session]
 
 
 class ConnectOnFreePort:
-    """For a replay: a free port of this computer where the default one is taken.
+    """Policy for a replay: uses a free local port if the default port is in use.
 
-    Where the user has set another endpoint, or Zenoh's configuration, a taken port is an error.
+    If the user has set an endpoint or a Zenoh configuration, a port in use is an error.
     """
 
     warning = ""
 
     def __init__(self, config: ZenohConfig) -> None:
-        """Raises InputError or ZenohNotNowError."""
+        """Open the session. Raises InputError or ZenohUnavailableError."""
         try:
             self._session = open_session(config)
             self.description = _describe(config)
@@ -87,20 +87,20 @@ class ConnectOnFreePort:
                 raise
             self._session, endpoint = _open_on_free_port(config)
             self.description = (
-                f"{endpoint}, as {DEFAULT_ENDPOINT} is taken (kinect-vo listen --connect "
+                f"{endpoint}, as {DEFAULT_ENDPOINT} is in use (kinect-vo listen --connect "
                 f"{endpoint})"
             )
 
     def sessions(self) -> list[zenoh.Session]:
-        """The session, open or (later) closed."""
+        """Return the session, which may have been closed since."""
         return [self._session]
 
 
 class ConnectWithRetry:
-    """For a robot: tries again every two seconds, and says what is wrong as long as it is."""
+    """Policy for a robot: retries every two seconds and warns until it succeeds."""
 
     def __init__(self, config: ZenohConfig, now_s: Callable[[], float] = time.monotonic) -> None:
-        """Raises InputError where trying again would not help."""
+        """Try to open the session. Raises InputError if retrying would not help."""
         self._config = config
         self._now_s = now_s
         self.description = _describe(config)
@@ -114,7 +114,7 @@ class ConnectWithRetry:
             self._set_warning(f"{error.clause}; trying again")
 
     def sessions(self) -> list[zenoh.Session]:
-        """The open session, or none. Looks after what is wrong, so to be called now and then."""
+        """Return the open session, if any; retries and updates the warning, so call it often."""
         if not self._opened or self._opened[0].is_closed():
             self._opened = []
             self._retry()
@@ -129,17 +129,17 @@ class ConnectWithRetry:
             self._opened = [open_session(self._config)]
         except ZenohUnavailableError as error:
             self._set_warning(f"{error.clause}; trying again")
-        except UserFacingError as error:  # a file that was there at the start
+        except UserFacingError as error:  # a configuration file has changed since the start
             self._set_warning(f"{error}; trying again")
         self._tried_s = self._now_s()
 
     def _set_warning(self, problem: str) -> None:
-        """Keep the warning, and log it when it changes."""
+        """Set the warning and log it if it has changed."""
         warning = f"zenoh: {problem}" if problem else ""
         if warning == self.warning:
             return
         self.warning = warning
-        logger.warning("%s", warning or "zenoh: all is well again")
+        logger.warning("%s", warning or "zenoh: connected again")
 
 
 def _describe(config: ZenohConfig) -> str:
@@ -147,7 +147,7 @@ def _describe(config: ZenohConfig) -> str:
 
 
 def _open_on_free_port(config: ZenohConfig) -> tuple[zenoh.Session, str]:
-    """A session on a port that the kernel names, and its endpoint. Raises ZenohNotNowError."""
+    """Open a session on a free port; return it and its endpoint. Raises ZenohUnavailableError."""
     for _ in range(MAX_PORT_ATTEMPTS - 1):
         endpoint = _free_endpoint()
         with suppress(ZenohPortInUseError):
@@ -157,14 +157,14 @@ def _open_on_free_port(config: ZenohConfig) -> tuple[zenoh.Session, str]:
 
 
 def _free_endpoint() -> str:
-    """One that was free a moment ago: given port 0, Zenoh does not say which port it has."""
+    """Return an endpoint with a free port; with port 0, Zenoh would not report its port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 class _RouterMonitor:
-    """Complains while none of the routers is there."""
+    """Warns while none of the routers is connected."""
 
     def __init__(self, endpoints: Iterable[str], now_s: Callable[[], float]) -> None:
         self._endpoints = tuple(endpoints)
@@ -172,10 +172,10 @@ class _RouterMonitor:
         self._last_connected_s = now_s()
 
     def warning(self, session: zenoh.Session) -> str:
-        """What to tell; "" while a router is there, or none is wanted."""
+        """Return the warning; "" while a router is connected or none is configured."""
         if not self._endpoints or is_connected_to_any(session, self._endpoints):
             self._last_connected_s = self._now_s()
         if self._now_s() - self._last_connected_s < ROUTER_GRACE_S:
             return ""
-        where = " or ".join(self._endpoints)
-        return f"no connection to {where}: it is away or refuses us; trying again"
+        routers = " or ".join(self._endpoints)
+        return f"no connection to {routers}: it is down or denies access; trying again"

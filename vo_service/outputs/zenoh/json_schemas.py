@@ -1,6 +1,6 @@
-"""JSON Schemas (draft 2020-12) of all JSON over Zenoh, made from the code that writes and reads it.
+"""JSON Schemas (draft 2020-12) of all JSON over Zenoh, generated from the code.
 
-What goes out may get more keys without a new schema number; what comes in may have no others.
+Outgoing messages may get more keys without a new schema number. Incoming ones may have no others.
 """
 
 import dataclasses
@@ -27,13 +27,13 @@ _PRIMITIVE_SCHEMAS: Mapping[Any, Schema] = {
 }
 _SCHEMA_FIELD: Schema = {
     "const": MESSAGE_SCHEMA,
-    "description": "version of the message; one that a reader does not know must be refused",
+    "description": "version of the message; a reader must refuse an unknown version",
 }
 _TEXT: Schema = {"type": "string"}
 
 
 def all_schemas() -> dict[str, Schema]:
-    """Every schema, by name."""
+    """Return all schemas by name."""
     commands = {
         f"{name}-{part}": schema
         for name in COMMAND_NAMES
@@ -52,7 +52,7 @@ def all_schemas() -> dict[str, Schema]:
 
 
 def schema_of(annotation: Any) -> Schema:
-    """Schema of a field's type as `json.dumps` writes it. Raises TypeError for an unknown type."""
+    """Return the schema of a field's type. Raises TypeError for an unknown type."""
     if annotation in _PRIMITIVE_SCHEMAS:
         return _PRIMITIVE_SCHEMAS[annotation]
     if isinstance(annotation, type) and issubclass(annotation, StrEnum):
@@ -72,7 +72,7 @@ def _odom_attachment_schema() -> Schema:
             "seq": {
                 "type": "integer",
                 "minimum": 0,
-                "description": "counts published poses from 0, anew whenever the service starts",
+                "description": "number of the pose, from 0 at each start of the service",
             },
             "state": {
                 "enum": [state for state in TrackingState if state is not TrackingState.NO_CAMERA],
@@ -81,7 +81,7 @@ def _odom_attachment_schema() -> Schema:
             "epoch": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["epoch"]},
             "reason": {
                 "type": "string",
-                "description": 'why the state is so or the epoch began; "" while all is well',
+                "description": 'reason of the state or of a new epoch; "" if there is none',
             },
         },
     )
@@ -89,16 +89,16 @@ def _odom_attachment_schema() -> Schema:
 
 def _map_odom_attachment_schema() -> Schema:
     return _message_schema(
-        "Attachment of how odom lies in the map, on PREFIX/map_odom",
+        "Attachment of the map->odom transform, on PREFIX/map_odom",
         {
             "seq": {
                 "type": "integer",
                 "minimum": 0,
-                "description": "number of the newest pose, whose stamp it has",
+                "description": "number of the newest pose, which has the same stamp",
             },
             "epoch": {
                 "type": "integer",
-                "description": "of that pose; for poses of another epoch odom lies elsewhere",
+                "description": "epoch of that pose; the transform is invalid for other epochs",
             },
             "is_localized": {
                 "type": "boolean",
@@ -124,19 +124,21 @@ def _status_schema() -> Schema:
         for field in dataclasses.fields(Status)
     }
     versions = schema_of(Mapping[str, str]) | {"description": STATUS_FIELD_DESCRIPTIONS["versions"]}
-    return _message_schema("How the service is: PREFIX/status", fields | {"versions": versions})
+    return _message_schema(
+        "Status of the service on PREFIX/status", fields | {"versions": versions}
+    )
 
 
 def _error_schema() -> Schema:
     fields = {
-        "error": {"enum": list(ErrorCode), "description": "what went wrong, for programs"},
-        "message": _TEXT | {"description": "what went wrong, for people"},
+        "error": {"enum": list(ErrorCode), "description": "error code, for programs"},
+        "message": _TEXT | {"description": "error message, for people"},
     }
-    return _message_schema("An error reply: why a question or a command has no answer", fields)
+    return _message_schema("Error reply to a query or a command", fields)
 
 
 def _result_schema(name: str) -> Schema:
-    return _message_schema(f"Answer of PREFIX/command/{name}", RESULT_SCHEMAS[name])
+    return _message_schema(f"Reply of PREFIX/command/{name}", RESULT_SCHEMAS[name])
 
 
 def _arguments_schema(name: str) -> Schema:
@@ -150,7 +152,7 @@ def _arguments_schema(name: str) -> Schema:
 
 
 def _message_schema(title: str, fields: Mapping[str, Schema]) -> Schema:
-    """Of a message that goes out: all fields are there, later versions may have more."""
+    """Make the schema of an outgoing message: all fields are required, more are allowed."""
     return {
         "$schema": JSON_SCHEMA_DIALECT,
         "title": title,

@@ -1,4 +1,4 @@
-"""Who connects to a session and who leaves it, in the log."""
+"""Log of connections to a session and of their ends."""
 
 import logging
 
@@ -10,11 +10,12 @@ logger = logging.getLogger(__name__)
 
 
 def log_link_events(session: zenoh.Session) -> None:
-    """Log each connection and its end at level INFO, with the common name of its certificate."""
+    """Log each connection and its end at level INFO, with its certificate's common name."""
     session.info.declare_link_events_listener(_log_event, history=True)
 
 
 def _log_event(event: zenoh.LinkEvent) -> None:
     link = event.link
-    what = "connected" if event.kind == zenoh.SampleKind.PUT else "gone"
-    logger.info("zenoh: %s", sanitize(f"{link.auth_identifier or 'nameless'}, {link.dst}: {what}"))
+    change = "connected" if event.kind == zenoh.SampleKind.PUT else "disconnected"
+    name = link.auth_identifier or "unauthenticated"
+    logger.info("zenoh: %s", sanitize(f"{name}, {link.dst}: {change}"))

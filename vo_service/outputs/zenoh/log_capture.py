@@ -1,4 +1,4 @@
-"""Zenoh's own log, which goes to file descriptor 1 and nowhere else, turned into lines of ours."""
+"""Capture of Zenoh's own log, which Zenoh always writes to file descriptor 1."""
 
 import fcntl
 import logging
@@ -17,7 +17,7 @@ from vo_service.outputs.zenoh.access_denied_log import LOG_FILTER, AccessDeniedP
 
 logger = logging.getLogger(__name__)
 
-# As much as a pipe may hold without being root: half a second of the worst flood.
+# Largest pipe without root: half a second of the worst flood.
 _PIPE_BYTES = 1 << 20
 _CHUNK_BYTES = 1 << 16
 _PERIOD_S = 10.0
@@ -25,7 +25,7 @@ _MAX_LINES_IN_PERIOD = 5
 
 
 class LogRateLimit:
-    """Tells the first few clauses at once, and counts the rest for a summary every ten seconds."""
+    """Logs the first few clauses at once and a count of the rest every ten seconds."""
 
     def __init__(
         self, log_line: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
@@ -37,7 +37,7 @@ class LogRateLimit:
         self._suppressed = 0
 
     def add(self, clause: str) -> None:
-        """Something has happened."""
+        """Log a clause, or count it."""
         self.poll()
         if clause in self._logged or len(self._logged) >= _MAX_LINES_IN_PERIOD:
             self._suppressed += 1
@@ -48,12 +48,12 @@ class LogRateLimit:
         self._log_line(clause)
 
     def poll(self) -> None:
-        """Give the summary if it is time. To be called now and then."""
+        """Log the summary if it is due. Call this now and then."""
         if self._now_s() - self._since_s >= _PERIOD_S and not self.log_summary():
             self._logged = []
 
     def log_summary(self) -> bool:
-        """Tell how much was held back; False if nothing was."""
+        """Log how many clauses were suppressed; return False if none were."""
         if not self._suppressed:
             return False
         self._log_line(f"and {self._suppressed} more such refusals")
@@ -62,21 +62,21 @@ class LogRateLimit:
 
 
 def log_access_denied(config: ZenohConfig) -> AbstractContextManager[None]:
-    """`capture_zenoh_log` where anybody can be refused: only a file can ask for TLS or rules."""
+    """Capture Zenoh's log if access control is possible: only a file can set TLS or rules."""
     return nullcontext() if config.config_file is None else capture_zenoh_log()
 
 
 @contextmanager
 def capture_zenoh_log() -> Iterator[None]:
-    """While the block runs, whom Zenoh refuses is said by our logger, never more than a few a time.
+    """Log Zenoh's refusals while the block runs, with a rate limit.
 
-    What child processes print goes to standard output as before, and so does what Zenoh logs where
-    ``RUST_LOG`` names it, such as ``RUST_LOG=zenoh=debug``. Zenoh never waits for us: what does not
-    fit into the pipe is lost. Only one block at a time: it moves file descriptor 1.
+    Output of child processes still goes to standard output. So does Zenoh's log if ``RUST_LOG``
+    names it, such as ``RUST_LOG=zenoh=debug``. Zenoh never waits: lines that do not fit into the
+    pipe are lost. Only one block may run at a time, as it replaces file descriptor 1.
     """
     sys.stdout.flush()
     readable, writable = os.pipe()
-    with suppress(OSError):  # a smaller one will do
+    with suppress(OSError):  # a smaller pipe is enough
         fcntl.fcntl(writable, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
     os.set_blocking(writable, False)
     own = os.dup(1)
@@ -93,12 +93,12 @@ def capture_zenoh_log() -> Iterator[None]:
         sys.stdout.flush()
         sys.stdout = python_stdout
         os.dup2(own, 1)
-        reader.join(1.0)  # longer only if a child still holds its end
+        reader.join(1.0)  # times out if a child process still holds the pipe
 
 
 @contextmanager
 def _hide_variable(name: str) -> Iterator[None]:
-    """Hide a variable that is meant for other libraries."""
+    """Hide an environment variable unless it is meant for Zenoh."""
     value = os.environ.get(name, "")
     if "zenoh" in value or not value:
         yield
@@ -111,15 +111,13 @@ def _hide_variable(name: str) -> Iterator[None]:
 
 
 def _read_log(readable: int, own: int) -> None:
-    """Until nobody can write any more."""
-    refusals, gate = (
-        AccessDeniedParser(),
-        LogRateLimit(lambda clause: logger.warning("zenoh: %s", clause)),
-    )
+    """Handle lines until the pipe has no writer."""
+    parser = AccessDeniedParser()
+    rate_limit = LogRateLimit(lambda clause: logger.warning("zenoh: %s", clause))
     rest = b""
     while True:
         ready, _, _ = select.select([readable], [], [], 1.0)
-        gate.poll()
+        rate_limit.poll()
         if not ready:
             continue
         chunk = os.read(readable, _CHUNK_BYTES)
@@ -127,17 +125,19 @@ def _read_log(readable: int, own: int) -> None:
             break
         *lines, rest = (rest + chunk).split(b"\n")
         for line in lines:
-            _handle_line(line, refusals, gate, own)
+            _handle_line(line, parser, rate_limit, own)
         rest = rest[:_CHUNK_BYTES]
-    gate.log_summary()
+    rate_limit.log_summary()
     os.close(readable)
     os.close(own)
 
 
-def _handle_line(line: bytes, refusals: AccessDeniedParser, gate: LogRateLimit, own: int) -> None:
+def _handle_line(
+    line: bytes, parser: AccessDeniedParser, rate_limit: LogRateLimit, own: int
+) -> None:
     parsed = parse_line(line.decode(errors="replace"))
     if parsed is None or "zenoh" in os.environ.get("RUST_LOG", ""):
-        with suppress(OSError):  # nobody reads our standard output
+        with suppress(OSError):  # standard output is closed
             os.write(own, line + b"\n")
-    if parsed is not None and (clause := refusals.describe(parsed)):
-        gate.add(clause)
+    if parsed is not None and (clause := parser.describe(parsed)):
+        rate_limit.add(clause)

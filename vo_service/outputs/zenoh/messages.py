@@ -1,4 +1,4 @@
-"""What goes out over Zenoh, as bytes. A change that breaks readers raises the schema's number."""
+"""Encoding of Zenoh messages. A change that breaks readers raises the schema number."""
 
 import json
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ MESSAGE_SCHEMA = 1
 
 @dataclass(frozen=True)
 class FrameIds:
-    """ROS names of the pose's frame, of the frame that moves and of the map's."""
+    """ROS names of the odom frame, the base frame and the map frame."""
 
     frame_id: str
     child_frame_id: str
@@ -22,9 +22,10 @@ class FrameIds:
 
 
 def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
-    """The pose as CDR ``nav_msgs/msg/Odometry``.
+    """Encode the pose as CDR ``nav_msgs/msg/Odometry``.
 
-    Raises ValueError if a number is not finite.
+    Raises:
+        ValueError: a number is not finite.
     """
     return encode_odometry(
         OdometryMessage(
@@ -40,7 +41,7 @@ def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
 
 
 def pose_attachment(update: OdometryUpdate) -> bytes:
-    """JSON beside the pose: what `Odometry` has no field for."""
+    """Encode the JSON attachment of a pose: what `Odometry` has no field for."""
     content = {
         "schema": MESSAGE_SCHEMA,
         "seq": update.seq,
@@ -52,21 +53,22 @@ def pose_attachment(update: OdometryUpdate) -> bytes:
 
 
 def map_odom_transform(update: OdometryUpdate, frame_ids: FrameIds) -> TransformMessage:
-    """How `odom` lies in the map, as it is known with this pose."""
+    """Make the map->odom transform at the stamp of this pose."""
     T_map_odom = update.map.T_map_odom
     return TransformMessage(update.stamp_s, frame_ids.map_frame_id, frame_ids.frame_id, T_map_odom)
 
 
 def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
-    """The same as CDR ``geometry_msgs/msg/TransformStamped``.
+    """Encode the map->odom transform as CDR ``geometry_msgs/msg/TransformStamped``.
 
-    Raises ValueError if a number is not finite.
+    Raises:
+        ValueError: a number is not finite.
     """
     return encode_transform(map_odom_transform(update, frame_ids))
 
 
 def map_odom_attachment(update: OdometryUpdate) -> bytes:
-    """JSON beside it: how far it can be relied on, and of which `odom` it is."""
+    """Encode the JSON attachment of the map->odom transform."""
     content = {
         "schema": MESSAGE_SCHEMA,
         "seq": update.seq,
@@ -79,17 +81,17 @@ def map_odom_attachment(update: OdometryUpdate) -> bytes:
 
 
 def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
-    """The status as JSON. Raises ValueError if a number is not finite."""
+    """Encode the status as JSON. Raises ValueError if a number is not finite."""
     content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": dict(versions)}
     return json.dumps(content, allow_nan=False).encode()
 
 
 def result_payload(result: CommandResult) -> bytes:
-    """What a command gave, as JSON. Raises ValueError if a number is not finite."""
+    """Encode a command's result as JSON. Raises ValueError if a number is not finite."""
     return json.dumps({"schema": MESSAGE_SCHEMA, **result}, allow_nan=False).encode()
 
 
 def error_payload(error: CommandError) -> bytes:
-    """Why there is no answer, as JSON."""
+    """Encode an error reply as JSON."""
     content = {"schema": MESSAGE_SCHEMA, "error": error.code, "message": str(error)}
     return json.dumps(content).encode()

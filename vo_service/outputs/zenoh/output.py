@@ -1,4 +1,4 @@
-"""Poses and status over Zenoh, published from a thread of its own."""
+"""Output of poses and status over Zenoh, published on a separate thread."""
 
 import logging
 import time
@@ -31,16 +31,24 @@ ZenohItem = OdometryUpdate | Status
 
 @dataclass(frozen=True)
 class QosProfile:
-    """What a subscriber that cannot keep up means: a gap for it, or a wait for us."""
+    """Whether a slow subscriber misses messages or slows the publisher down.
+
+    Attributes:
+        congestion: what Zenoh does if a link is congested.
+        make_queue: makes the queue of results.
+        min_idle_checks: successive checks without unread data before the session closes.
+        drain_timeout_s: longest wait for subscribers to read, at the end.
+        close_timeout_s: longest wait for the worker thread, at the end.
+    """
 
     congestion: zenoh.CongestionControl
     make_queue: Callable[[], BoundedQueue[ZenohItem]]
-    min_idle_checks: int  # how often in a row nothing may be under way before the session closes
+    min_idle_checks: int
     drain_timeout_s: float
     close_timeout_s: float
 
 
-# A robot cannot wait for a slow reader: the newest pose wins.
+# A robot cannot wait for a slow subscriber: the newest pose matters.
 LIVE_QOS = QosProfile(
     zenoh.CongestionControl.DROP,
     lambda: DropOldestQueue(4),
@@ -48,7 +56,7 @@ LIVE_QOS = QosProfile(
     drain_timeout_s=0.0,
     close_timeout_s=2.0,
 )
-# A replay can: every pose arrives, in order, the last one too.
+# A replay can wait: every pose arrives, in order.
 LOCKSTEP_QOS = QosProfile(
     zenoh.CongestionControl.BLOCK,
     lambda: BlockingQueue(16),
@@ -60,25 +68,32 @@ LOCKSTEP_QOS = QosProfile(
 
 @dataclass(frozen=True)
 class ExtraEndpoints:
-    """What else is offered on the session."""
+    """Optional endpoints on the session: commands and ROS 2."""
 
     commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
 
 
 class ZenohOutput:
-    """Publishes each pose on `{prefix}/odom` and the status on `{prefix}/status`.
+    """Publishes poses, the map->odom transform and the status; replies to queries.
 
-    odom     CDR ``nav_msgs/msg/Odometry``; attachment: JSON of schema, seq, state, epoch, reason
-    map_odom how `odom` lies in the map, where there is one: when that or the epoch has changed, and
-             with each status. CDR ``geometry_msgs/msg/TransformStamped``; attachment: JSON of
-             schema, seq, epoch, is_localized, places, loops
-    status   JSON: schema, every field of `Status`, versions
-    alive    a liveliness token that lasts as long as this object (or its process)
-    latest, map_odom, status, schema, command/NAME   answer questions; see `docs/messages.md`
+    Keys under `{prefix}`; `docs/messages.md` has the details:
 
-    A pose with a number that is not finite is never published: the error is logged and counted.
-    Raises what `connect_policy` raises where the session cannot be opened.
+    - odom: CDR ``nav_msgs/msg/Odometry``; attachment: JSON of schema, seq, state, epoch, reason
+    - map_odom: map->odom transform, if there is a map: on each change, at each new epoch and with
+      each status. CDR ``geometry_msgs/msg/TransformStamped``; attachment: JSON of schema, seq,
+      epoch, is_localized, map_keyframes, loop_closures
+    - status: JSON of schema, every field of `Status`, versions
+    - alive: liveliness token of this object
+    - latest, map_odom, status, schema, command/NAME: queryables
+
+    A pose with a number that is not finite is never published; the error is logged and counted.
+
+    Args:
+        config: prefix, frames and endpoints.
+        qos: how to treat slow subscribers.
+        connect_policy: opens the session; its errors are raised.
+        extra_endpoints: commands and ROS 2; None is neither.
     """
 
     def __init__(
@@ -101,10 +116,8 @@ class ZenohOutput:
             commands=extra_endpoints.commands,
             ros2=extra_endpoints.ros2,
         )
-        self._published_map: tuple[MapSnapshot, int] = (
-            NO_MAP,
-            0,
-        )  # what was published, of which epoch
+        # The map that was last published, and its epoch.
+        self._published_map: tuple[MapSnapshot, int] = (NO_MAP, 0)
         self._error = ""
         self._connection = connect_policy(config)
         self._endpoints: list[SessionEndpoints] = []
@@ -115,38 +128,38 @@ class ZenohOutput:
 
     @property
     def warning(self) -> str:
-        """What is wrong with the session, or with the last message."""
+        """The fault of the session, or of the last message; "" if there is none."""
         return self._connection.warning or self._error
 
     @property
     def description(self) -> str:
-        """The prefix and the endpoints, and how to listen there: for a person."""
+        """The prefix, the endpoints and how to listen to them, for people."""
         return f"{self._endpoint_config.prefix}/odom at {self._connection.description}"
 
     @property
     def dropped(self) -> int:
-        """Results that newer ones replaced before they were published."""
+        """Number of results dropped from the queue."""
         return self._worker.dropped
 
     @property
     def errors(self) -> int:
-        """Results that could not be published."""
+        """Number of results that could not be published."""
         return self._worker.errors
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Publish one pose (soon)."""
+        """Queue one pose."""
         self._worker.put(update)
 
     def on_status(self, status: Status) -> None:
-        """Publish the status (soon)."""
+        """Queue a status."""
         self._worker.put(status)
 
     def wait_for_subscriber(self, timeout_s: float) -> bool:
-        """Wait until someone subscribes to the poses. False if nobody does in time."""
-        return any(station.wait_for_subscriber(timeout_s) for station in self._endpoints)
+        """Wait until there is a subscriber to the poses; return False on timeout."""
+        return any(endpoints.wait_for_subscriber(timeout_s) for endpoints in self._endpoints)
 
     def close(self) -> None:
-        """Publish what was taken, let subscribers read it, and leave."""
+        """Publish what is queued, let subscribers read it, and close the session."""
         self._worker.close(self._qos.close_timeout_s)
 
     def _publish(self, item: ZenohItem) -> None:
@@ -161,59 +174,59 @@ class ZenohOutput:
         payload = pose_payload(update, self._endpoint_config.frame_ids)
         attachment = pose_attachment(update)
         self._latest.pose = (payload, attachment)
-        for station in self._endpoints:
-            station.publish_pose(update, payload, attachment)
+        for endpoints in self._endpoints:
+            endpoints.publish_pose(update, payload, attachment)
         if update.map is not NO_MAP:
             self._publish_map(update)
 
     def _publish_map(self, update: OdometryUpdate) -> None:
-        """Remember it with the newest stamp; publish it if it is another."""
+        """Store the transform with the newest stamp; publish it if the map or epoch changed."""
         payload = map_odom_payload(update, self._endpoint_config.frame_ids)
         self._latest.map_odom = (payload, map_odom_attachment(update))
-        mapped = (update.map, update.epoch)
-        if mapped != self._published_map:
-            self._published_map = mapped
+        current = (update.map, update.epoch)
+        if current != self._published_map:
+            self._published_map = current
             self._send_map()
 
     def _send_map(self) -> None:
         if self._latest.map_odom is not None:
-            for station in self._endpoints:
-                station.publish_map_odom(*self._latest.map_odom)
+            for endpoints in self._endpoints:
+                endpoints.publish_map_odom(*self._latest.map_odom)
 
     def _publish_status(self, status: Status) -> None:
         payload = status_payload(status, self._versions)
         self._latest.status = payload
         self._sync_endpoints()
-        for station in self._endpoints:
-            station.publish_status(payload)
-        self._send_map()  # for those who came late
+        for endpoints in self._endpoints:
+            endpoints.publish_status(payload)
+        self._send_map()  # for new subscribers
 
     def _sync_endpoints(self) -> None:
-        """See that there is a station on the session that is open now, if one is."""
+        """Declare the endpoints on the open session, if they are not declared there yet."""
         sessions = self._connection.sessions()
-        kept = [station for station in self._endpoints if station.session in sessions]
-        if len(kept) < len(sessions):
-            kept = [SessionEndpoints(session, self._endpoint_config) for session in sessions]
-        self._endpoints = kept
+        current = [endpoints for endpoints in self._endpoints if endpoints.session in sessions]
+        if len(current) < len(sessions):
+            current = [SessionEndpoints(session, self._endpoint_config) for session in sessions]
+        self._endpoints = current
 
     def _finish(self) -> None:
         self._commands.close()
-        for station in self._endpoints:
-            if not self._drain(station):
+        for endpoints in self._endpoints:
+            if not self._drain(endpoints):
                 logger.warning("zenoh: a subscriber does not read; its last poses are lost")
-            station.close()
+            endpoints.close()
 
-    def _drain(self, station: SessionEndpoints) -> bool:
-        """Wait until everything sent has been read. False if that takes too long.
+    def _drain(self, endpoints: SessionEndpoints) -> bool:
+        """Wait until subscribers have read everything; return False on timeout.
 
-        Closing first would lose it: a subscriber that is still reading answers with a keep-alive,
-        the closed socket refuses it, and the kernel throws away what it had not delivered.
+        Closing first would lose data: a subscriber that still reads sends a keep-alive, the closed
+        socket resets the connection, and the kernel discards undelivered data.
         """
         deadline_s = time.monotonic() + self._qos.drain_timeout_s
-        quiet = 0
-        while quiet < self._qos.min_idle_checks:
+        idle_checks = 0
+        while idle_checks < self._qos.min_idle_checks:
             if time.monotonic() > deadline_s:
                 return False
-            quiet = 0 if station.queued_bytes() else quiet + 1
+            idle_checks = 0 if endpoints.queued_bytes() else idle_checks + 1
             time.sleep(0.01)
         return True

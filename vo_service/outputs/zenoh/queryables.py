@@ -1,4 +1,4 @@
-"""What readers may ask for: answered from memory, on threads that the loop knows nothing of."""
+"""Queryables for readers; separate threads reply from memory."""
 
 import logging
 import threading
@@ -21,28 +21,36 @@ logger = logging.getLogger(__name__)
 CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
 CDR_TRANSFORM = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORM_SCHEMA)
 JSON = zenoh.Encoding.APPLICATION_JSON
-# Zenoh gives up the oldest question that waits when there are more; that costs us no Python.
+# Above this, Zenoh drops the oldest query, without any Python code.
 MAX_PENDING_QUERIES = 16
-# Answering must not take the processor away from the poses, whoever asks how often.
+# Many queries must not take CPU time from the poses.
 MAX_REPLIES_PER_SECOND = 100.0
 
 QueryHandler = Callable[[zenoh.Query], None]
 
 
 class LatestMessages:
-    """The newest messages, for those who ask. Written by one thread, read by others."""
+    """The latest messages, for queries. One thread writes, others read."""
 
     def __init__(self) -> None:
         self.pose: tuple[bytes, bytes] | None = None  # CDR, attachment
-        self.map_odom: tuple[bytes, bytes] | None = None  # the same; None where there is no map
+        self.map_odom: tuple[bytes, bytes] | None = None  # the same; None without a map
         self.status: bytes | None = None
 
 
 def serve_queryable(session: zenoh.Session, key: str, handler: QueryHandler) -> threading.Thread:
-    """Answer all questions to a key, one after another, on a thread that ends with the session.
+    """Reply to the queries of a key, one after another, on a thread that ends with the session.
 
-    Questions wait in Zenoh, not in Python: a flood of them costs the poses nothing. An asker whose
-    question is given up gets no answer.
+    Queries wait in Zenoh, not in Python, so a flood of them does not delay the poses. A dropped
+    query gets no reply.
+
+    Args:
+        session: the open session.
+        key: Zenoh key.
+        handler: replies to one query.
+
+    Returns:
+        The thread.
     """
     queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(MAX_PENDING_QUERIES))
     thread = threading.Thread(
@@ -59,33 +67,33 @@ def reply(
     encoding: zenoh.Encoding = JSON,
     attachment: bytes | None = None,
 ) -> None:
-    """Answer, and be done with the question."""
+    """Send the reply and close the query."""
     with suppress(zenoh.ZError):  # the session has closed
         query.reply(key, payload, encoding=encoding, attachment=attachment)
     query.drop()  # type: ignore[no-untyped-call]
 
 
 def reply_error(query: zenoh.Query, error: CommandError) -> None:
-    """Answer with an error, and be done with the question."""
+    """Send an error reply and close the query."""
     with query, suppress(zenoh.ZError):  # the session has closed
         query.reply_err(error_payload(error), encoding=JSON)
 
 
 def _serve(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], handler: QueryHandler) -> None:
-    pace = TokenBucket(MAX_REPLIES_PER_SECOND)
+    rate_limit = TokenBucket(MAX_REPLIES_PER_SECOND)
     # Not `queryable.recv`: it would keep the queryable borrowed, and closing would fail.
-    questions = queryable.handler
+    queries = queryable.handler
     while True:
-        time.sleep(pace.seconds_until_next())
+        time.sleep(rate_limit.seconds_until_next())
         try:
-            query = questions.recv()
+            query = queries.recv()
         except zenoh.ZError:  # the session has closed
             return
-        pace.try_acquire()
+        rate_limit.try_acquire()
         try:
             handler(query)
-        except Exception as error:  # one question must not end the answers to all others
-            logger.error("zenoh: %s cannot be answered: %s", query.key_expr, error)
+        except Exception as error:  # one failed query must not end the thread
+            logger.error("zenoh: cannot reply to %s: %s", query.key_expr, error)
             reply_error(
                 query, CommandError(ErrorCode.FAILED, "an error inside the service; see its log")
             )
@@ -93,22 +101,22 @@ def _serve(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], handler: Quer
 
 @dataclass(frozen=True)
 class Queryables:
-    """The keys that any reader may ask: the last pose, the map, the last status, the schemas."""
+    """Queryables for any reader: last pose, map->odom transform, last status, schemas."""
 
     prefix: str
     latest: LatestMessages
 
     def declare(self, session: zenoh.Session) -> list[threading.Thread]:
-        """Begin to answer; the threads that do."""
-        answers = {
+        """Start to reply; return the threads."""
+        handlers = {
             "latest": self._reply_latest,
             "map_odom": self._reply_map_odom,
             "status": self._reply_status,
             "schema": self._reply_schema,
         }
         return [
-            serve_queryable(session, f"{self.prefix}/{name}", answer)
-            for name, answer in answers.items()
+            serve_queryable(session, f"{self.prefix}/{name}", handler)
+            for name, handler in handlers.items()
         ]
 
     def _reply_latest(self, query: zenoh.Query) -> None:

@@ -1,8 +1,8 @@
-"""How ROS 2's two ways over Zenoh name a topic, and what rmw_zenoh wants to know of its publisher.
+"""Zenoh keys, liveliness tokens and attachments of ROS 2's two Zenoh bridges.
 
-zenoh-bridge-ros2dds uses the topic's name as the key. rmw_zenoh (Jazzy and later) has the type in
-the key, with its hash (REP 2011), an attachment of 33 bytes with each sample, and liveliness tokens
-from which nodes learn who publishes what (its docs/design.md, "Graph Cache" and "Publishers").
+zenoh-bridge-ros2dds uses the topic's name as the key. rmw_zenoh (Jazzy and later) adds the type and
+its hash (REP 2011) to the key and an attachment of 33 bytes to each sample. Its nodes discover
+publishers by liveliness tokens (its docs/design.md, "Graph Cache" and "Publishers").
 """
 
 import hashlib
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from drivers.core.errors import InputError
 
-# Enclave and namespace, which we have none of: empty parts are not allowed in a key.
+# Stands for the empty enclave and namespace: a key may have no empty part.
 _EMPTY_PART = "%"
 _GID_BYTES = 16
 # Sequence number, source time in ns, and the length of the gid that follows, little endian.
@@ -21,7 +21,7 @@ _ATTACHMENT = struct.Struct("<qqB")
 
 @dataclass(frozen=True)
 class RosType:
-    """A message type as rmw_zenoh writes it: its DDS name, and its hash of version 1."""
+    """A message type as rmw_zenoh writes it: DDS name and version-1 hash."""
 
     dds_name: str
     hash: str
@@ -39,9 +39,15 @@ TF_MESSAGE = RosType(
 
 @dataclass(frozen=True)
 class RosTopic:
-    """A topic that is published: its name without the first slash, its type, its QoS depth.
+    """A published topic.
 
-    Raises InputError for a name that ROS 2 would not take.
+    Attributes:
+        name: name without the first slash.
+        type: message type.
+        depth: QoS depth.
+
+    Raises:
+        InputError: the name is not valid in ROS 2.
     """
 
     name: str
@@ -52,8 +58,7 @@ class RosTopic:
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", self.name):
             raise InputError(
                 f"ros2.topic = {self.name!r}: use names of letters, digits and '_' that do not "
-                "begin with a digit, separated by single slashes, without one at either end, such "
-                "as vo/odom"
+                "begin with a digit, separated by single slashes, such as vo/odom"
             )
 
     @property
@@ -68,10 +73,12 @@ class RosTopic:
 
 @dataclass(frozen=True)
 class RosNode:
-    """The node that we are to the others, on one Zenoh session.
+    """The service's ROS node on one Zenoh session.
 
-    zid   the session's own number
-    name  letters, digits and '_'
+    Attributes:
+        domain_id: ROS domain.
+        zid: the session's Zenoh id.
+        name: letters, digits and '_'.
     """
 
     domain_id: int
@@ -80,39 +87,49 @@ class RosNode:
 
     @property
     def liveliness_token(self) -> str:
-        """Key of the liveliness token that makes the node known."""
+        """Key of the node's liveliness token."""
         return self._liveliness_key(0, "NN")
 
     def publisher_token(self, number: int, topic: RosTopic) -> str:
-        """Key of the token that makes a publisher known; `number` tells it from its siblings.
+        """Return the key of a publisher's liveliness token.
 
-        QoS: reliable, volatile, keep last `depth`; what is left empty has ROS's default.
+        Its QoS is reliable, volatile, keep last `depth`; empty fields have ROS's defaults.
+
+        Args:
+            number: unique number of the publisher in this node.
+            topic: the topic.
         """
         topic_name = "/" + topic.name
         parts = (_mangle(topic_name), topic.type.dds_name, topic.type.hash)
         return "/".join((self._liveliness_key(number, "MP"), *parts, f"::,{topic.depth}:,:,:,,"))
 
     def _liveliness_key(self, number: int, kind: str) -> str:
-        where = f"@ros2_lv/{self.domain_id}/{self.zid}/0/{number}"
-        return f"{where}/{kind}/{_EMPTY_PART}/{_EMPTY_PART}/{self.name}"
+        key_prefix = f"@ros2_lv/{self.domain_id}/{self.zid}/0/{number}"
+        return f"{key_prefix}/{kind}/{_EMPTY_PART}/{_EMPTY_PART}/{self.name}"
 
 
 def node_name(prefix: str) -> str:
-    """A node's name for a Zenoh prefix: kinect_vo for kinect."""
+    """Return the node's name for a Zenoh prefix: kinect_vo for kinect."""
     name = re.sub(r"\W", "_", prefix, flags=re.ASCII) + "_vo"
     return f"_{name}" if name[0].isdecimal() else name
 
 
 def publisher_gid(token: str) -> bytes:
-    """16 bytes that tell this publisher from any other, for readers that count what is lost.
+    """Return 16 bytes that identify the publisher, so that readers can count lost samples.
 
-    rmw_zenoh takes another hash of the same token (XXH3); nothing compares the two.
+    rmw_zenoh uses another hash of the same token (XXH3); nothing compares the two.
     """
     return hashlib.blake2b(token.encode(), digest_size=_GID_BYTES).digest()
 
 
 def encode_attachment(sequence_number: int, source_ns: int, gid: bytes) -> bytes:
-    """What goes with each sample: its number, from 1, and its time in ns since 1970."""
+    """Encode a sample's attachment.
+
+    Args:
+        sequence_number: number of the sample, from 1.
+        source_ns: Unix time, nanoseconds.
+        gid: 16 bytes from `publisher_gid`.
+    """
     return _ATTACHMENT.pack(sequence_number, source_ns, _GID_BYTES) + gid
 
 

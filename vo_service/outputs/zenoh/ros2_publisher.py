@@ -1,4 +1,4 @@
-"""The poses once more, as a ROS 2 node would publish them. Experimental: never met a real node."""
+"""Publisher of the poses for ROS 2. Experimental: not tested with a real node."""
 
 import time
 from collections.abc import Iterator
@@ -22,24 +22,24 @@ from vo_service.outputs.zenoh.ros2_names import (
 )
 from vo_service.types import NO_MAP, OdometryUpdate, TrackingState
 
-# What rclcpp and tf2_ros ask for.
+# QoS depths that rclcpp and tf2_ros request.
 ODOMETRY_DEPTH, TF_DEPTH = 10, 100
 
 
 class Ros2Output(Protocol):
-    """Somewhere that ROS 2 nodes read."""
+    """Output to ROS 2 nodes."""
 
     def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
         """Publish one pose; `odometry` is its CDR. Raises ValueError if it is not finite."""
         ...
 
     def close(self) -> None:
-        """Be gone from the list of topics."""
+        """Withdraw the publishers."""
         ...
 
 
 class NullRos2Output:
-    """Where nobody asked for it."""
+    """Output that publishes nothing."""
 
     def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
         """Do nothing."""
@@ -51,13 +51,13 @@ class NullRos2Output:
 class Ros2Publisher:
     """Publishes on an open session, for zenoh-bridge-ros2dds and for rmw_zenoh at once.
 
-    topic  nav_msgs/msg/Odometry, the same bytes as on `{prefix}/odom`
-    /tf    tf2_msgs/msg/TFMessage, unless switched off: the base in `odom` and, where there is a
-           map, `odom` in it, stamped alike. Not while lost, and `odom` not before it is known
-           where it lies: a transform has no field for doubt, and who asks for one that is not
-           there is told so
+    - the configured topic: nav_msgs/msg/Odometry, the same bytes as on `{prefix}/odom`
+    - /tf, if enabled: tf2_msgs/msg/TFMessage with odom->base and, if there is a map, map->odom.
+      While lost, neither is published; before localization, map->odom is not. A transform has no
+      covariance, so an uncertain one must be absent.
 
-    Raises InputError for a topic's name that ROS 2 would not take, or that is `{prefix}/odom`.
+    Raises:
+        InputError: the topic's name is not valid in ROS 2, or is `{prefix}/odom`.
     """
 
     def __init__(
@@ -71,8 +71,8 @@ class Ros2Publisher:
         self._frame_ids = frame_ids
         if settings.topic == f"{prefix}/odom":
             raise InputError(
-                f"ros2.topic = {settings.topic!r}: the poses go out under this key already; "
-                "use another name"
+                f"ros2.topic = {settings.topic!r}: the poses already use this key; give another "
+                "name"
             )
         odometry = RosTopic(settings.topic, ODOMETRY, ODOMETRY_DEPTH)
         node = RosNode(settings.domain_id, str(session.zid()), node_name(prefix))
@@ -85,7 +85,7 @@ class Ros2Publisher:
         )
 
     def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
-        """See `Ros2Output`."""
+        """Publish one pose; `odometry` is its CDR. Raises ValueError if it is not finite."""
         source_ns = time.time_ns()
         self._odometry.put(odometry, source_ns)
         if update.state is TrackingState.LOST:
@@ -102,20 +102,20 @@ class Ros2Publisher:
             yield map_odom_transform(update, frames)
 
     def close(self) -> None:
-        """See `Ros2Output`."""
+        """Withdraw the publishers."""
         for publisher in (self._odometry, *self._tf):
             publisher.close()
         self._node.undeclare()  # type: ignore[no-untyped-call]
 
 
 def _is_map_odom_known(update: OdometryUpdate) -> bool:
-    """Whether `odom` does. What is wrong with a map must not keep the base's own transform back."""
+    """Return whether map->odom is known and finite: a bad map must not block odom->base."""
     is_known = update.map is not NO_MAP and update.is_localized
     return is_known and bool(np.all(np.isfinite(update.map.T_map_odom)))
 
 
 class _TopicPublisher:
-    """One topic, under the key of either way; its samples are numbered from 1."""
+    """Publisher of one topic on both keys; its samples are numbered from 1."""
 
     def __init__(
         self,
@@ -147,7 +147,7 @@ class _TopicPublisher:
         self._rmw.put(payload, attachment=encode_attachment(self._count, source_ns, self._gid))
 
     def close(self) -> None:
-        """Take back what was declared."""
+        """Undeclare everything."""
         self._token.undeclare()  # type: ignore[no-untyped-call]
         for publisher in (self._bridge, self._rmw):
             publisher.undeclare()  # type: ignore[no-untyped-call]
@@ -160,7 +160,7 @@ def make_ros2_output(
     frame_ids: FrameIds,
     congestion: zenoh.CongestionControl,
 ) -> Ros2Output:
-    """What the settings ask for."""
+    """Make the configured ROS 2 output. Raises as `Ros2Publisher`."""
     if not settings.enabled:
         return NullRos2Output()
     return Ros2Publisher(session, settings, prefix, frame_ids, congestion)

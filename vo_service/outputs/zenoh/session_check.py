@@ -1,4 +1,4 @@
-"""Whether a Zenoh session could be opened with its settings, found out without the network."""
+"""Check of a Zenoh configuration without the network."""
 
 import json
 import re
@@ -20,9 +20,13 @@ _PATH_PROTOCOLS = ("unixsock-stream", "unixpipe", "serial", "vsock")
 
 
 def check_session_config(config: ZenohConfig) -> str:
-    """Check the file, its keys, its rules and the endpoints; nothing listens or connects.
+    """Check the file, its keys, its rules and the endpoints, without listening or connecting.
 
-    Returns what is allowed but dangerous, one clause, or "". Raises InputError for what is wrong.
+    Returns:
+        A warning about allowed but dangerous settings, one clause; "" if there are none.
+
+    Raises:
+        InputError: a setting is invalid.
     """
     settings = build_zenoh_config(config)
     where = str(config.config_file or "zenoh")
@@ -48,21 +52,21 @@ def _check_endpoint(text: str, where: str) -> None:
     endpoint = parse_endpoint(text)
     if endpoint.protocol not in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) or int(endpoint.port) > 65535:
         raise InputError(
-            f"{where}: {json.dumps(text)} is no endpoint; write PROTOCOL/ADDRESS:PORT, such as "
+            f"{where}: {json.dumps(text)} is not an endpoint; write PROTOCOL/ADDRESS:PORT, such as "
             f"{DEFAULT_ENDPOINT} or tls/robot1.local:7451"
         )
 
 
 def _is_network_endpoint(endpoint: Endpoint) -> bool:
     if not endpoint.host:
-        return False  # a pipe, a socket in the file system
+        return False  # a pipe, or a socket in the file system
     if endpoint.address is None:
         return endpoint.host != "localhost"
     return not endpoint.address.is_loopback
 
 
 def _check_rules(settings: zenoh.Config, where: str) -> None:
-    """Have Zenoh itself read its rules, in a session that neither listens nor connects."""
+    """Let Zenoh read its rules in a session that neither listens nor connects."""
     for key, value in (("mode", '"peer"'), ("listen/endpoints", "[]"), ("connect/endpoints", "[]")):
         settings.insert_json5(key, value)
     for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
@@ -72,4 +76,4 @@ def _check_rules(settings: zenoh.Config, where: str) -> None:
     except zenoh.ZError as error:
         reason = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
         plain = " ".join(reason.split()).removeprefix("Access control not enabled due to: ")
-        raise InputError(f"{where}: {plain}; mend it there") from error
+        raise InputError(f"{where}: {plain}; correct it there") from error

@@ -1,4 +1,4 @@
-"""All that a service declares on one open Zenoh session."""
+"""Everything that the service declares on one open Zenoh session."""
 
 import threading
 from contextlib import suppress
@@ -19,7 +19,7 @@ THREAD_JOIN_TIMEOUT_S = 0.5
 
 @dataclass(frozen=True)
 class EndpointConfig:
-    """What a station is to offer, and under which names."""
+    """Configuration of the endpoints on one session."""
 
     prefix: str
     frame_ids: FrameIds
@@ -30,10 +30,12 @@ class EndpointConfig:
 
 
 class SessionEndpoints:
-    """Publishers of poses, map and status, the questions and commands, and the token `alive`.
+    """Publishers, queryables, commands and the liveliness token `alive` of one session.
 
-    The token comes last: who sees it finds all the rest. Raises InputError for a topic of ROS 2
-    that cannot be used.
+    The token is declared last: a client that sees it finds everything else.
+
+    Raises:
+        InputError: the ROS 2 topic is invalid.
     """
 
     def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:
@@ -69,7 +71,7 @@ class SessionEndpoints:
         self._ros2.publish(update, payload)
 
     def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
-        """Publish how `odom` lies in the map."""
+        """Publish the map->odom transform."""
         self._map_odom.put(payload, attachment=attachment)
 
     def publish_status(self, payload: bytes) -> None:
@@ -77,41 +79,41 @@ class SessionEndpoints:
         self._status.put(payload)
 
     def wait_for_subscriber(self, timeout_s: float) -> bool:
-        """Wait until someone subscribes to the poses. False if nobody does in time."""
-        arrived = threading.Event()
+        """Wait until there is a subscriber to the poses; return False on timeout."""
+        is_matched = threading.Event()
 
         def on_change(status: zenoh.MatchingStatus) -> None:
             if status.matching:
-                arrived.set()
+                is_matched.set()
 
         listener = self._odom.declare_matching_listener(on_change)
         try:
-            return _has_subscriber(self._odom) or arrived.wait(timeout_s)
+            return _has_subscriber(self._odom) or is_matched.wait(timeout_s)
         finally:
             listener.undeclare()  # type: ignore[no-untyped-call]
 
     def queued_bytes(self) -> int:
-        """How much of what was sent has not been read yet."""
+        """Return how many sent bytes have not been read yet."""
         links = self.session.info.links()
         return queued_bytes((_port(link.src), _port(link.dst)) for link in links)
 
     def close(self) -> None:
-        """Say that we are gone, and close the session."""
-        for end in (self._alive.undeclare, self._ros2.close, self.session.close):
-            with suppress(zenoh.ZError):  # a link that no longer answers
-                end()
-        # A thread that is still inside Zenoh when Python ends takes the process down with it.
+        """Withdraw the token and close the session."""
+        for close in (self._alive.undeclare, self._ros2.close, self.session.close):
+            with suppress(zenoh.ZError):  # a broken link
+                close()
+        # A thread that is still inside Zenoh when Python exits crashes the process.
         for thread in self._threads:
             thread.join(THREAD_JOIN_TIMEOUT_S)
 
 
 def _has_subscriber(publisher: zenoh.Publisher) -> bool:
-    # The stub says bool; it is an object that is always true.
+    # Zenoh's stub declares bool, but the value is an object that is always true.
     status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
     return status.matching
 
 
 def _port(locator: str) -> int:
-    """Port of a link's end, such as tcp/127.0.0.1:7450; 0 where it has none."""
+    """Return the port of a locator, such as tcp/127.0.0.1:7450; 0 if it has none."""
     port = locator.rsplit(":", 1)[-1]
     return int(port) if port.isdigit() else 0

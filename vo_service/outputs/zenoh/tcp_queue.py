@@ -1,4 +1,4 @@
-"""How much of what was sent over TCP has not been read yet, as Linux sees it."""
+"""Number of TCP bytes that were sent but not read yet, from Linux's socket tables."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -9,23 +9,22 @@ PortPair = tuple[int, int]
 
 
 def queued_bytes(connections: Iterable[PortPair]) -> int:
-    """Bytes on their way over connections given as (our port, their port).
+    """Count the unread bytes of connections, given as (local port, remote port).
 
-    Counts what their kernel has not acknowledged and, where they run on this host, what it holds
-    and they have not read.
+    These are unacknowledged bytes and, if the peer runs on this host, bytes in its receive queue.
     """
-    wanted = set(connections)
+    pairs = set(connections)
     total = 0
-    for ours, theirs, sending, received in _sockets():
-        if (ours, theirs) in wanted:
-            total += sending
-        elif (theirs, ours) in wanted:
-            total += received
+    for local, remote, send_queue, receive_queue in _sockets():
+        if (local, remote) in pairs:
+            total += send_queue
+        elif (remote, local) in pairs:
+            total += receive_queue
     return total
 
 
 def _sockets() -> Iterator[tuple[int, int, int, int]]:
-    """Local port, remote port, bytes in the send queue, bytes in the receive queue."""
+    """Yield local port, remote port, bytes in the send queue, bytes in the receive queue."""
     for table in PROC_TCP_TABLES:
         lines = table.read_text().splitlines()[1:] if table.exists() else []
         for line in lines:

@@ -1,4 +1,4 @@
-"""Whether the TLS keys of a Zenoh configuration are there, can be read and fit together."""
+"""Check that the TLS keys of a Zenoh configuration exist, are readable and match."""
 
 import json
 import ssl
@@ -14,7 +14,17 @@ ENCRYPTED_PROTOCOLS = ("tls", "quic")
 def check_tls_keys(
     settings: zenoh.Config, where: str, listen: Sequence[str], connect: Sequence[str]
 ) -> None:
-    """Raise InputError naming `where` and the file for keys that cannot work."""
+    """Check the TLS keys of a configuration.
+
+    Args:
+        settings: the configuration.
+        where: its name, for the message.
+        listen: endpoints to listen on.
+        connect: endpoints to connect to.
+
+    Raises:
+        InputError: a key is missing, not readable or does not match; it names the file.
+    """
     root = _tls_file(settings, "root_ca_certificate")
     if root:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -36,13 +46,13 @@ def check_tls_keys(
 
 
 def requires_client_certificates(settings: zenoh.Config) -> bool:
-    """Whether nobody connects with TLS who has no certificate."""
+    """Return whether TLS clients need a certificate."""
     return json.loads(settings.get_json("transport/link/tls/enable_mtls")) is True
 
 
 def _check_pair(certificate: str, key: str, where: str) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    # Without a password: asking for one on a terminal would wait for ever.
+    # An empty password: a prompt on the terminal would block forever.
     _run_ssl_load(
         lambda: context.load_cert_chain(certificate, key, password=lambda: ""),
         where,
@@ -57,7 +67,7 @@ def _run_ssl_load(load: Callable[[], None], where: str, what: str) -> None:
         reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
         plain = str(reason).replace("_", " ").lower()
         raise InputError(
-            f"{where}: {what}: {plain}; give PEM files that belong together, without a password"
+            f"{where}: {what}: {plain}; give matching PEM files without a password"
         ) from error
 
 

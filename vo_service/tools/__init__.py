@@ -1,1 +1,1 @@
-"""What researchers and installers use beside the service."""
+"""Tools for researchers and installers, apart from the service."""

@@ -25,10 +25,10 @@ def test_it_says_what_goes_where(tmp_path: Path, capfd: pytest.CaptureFixture[st
     ("names", "words"),
     [
         ((), "nothing to make"),
-        (("--reader", "a/b"), "is no name"),
-        (("--reader", "same", "--operator", "same"), "is there already"),
+        (("--reader", "a/b"), "is not a valid certificate name"),
+        (("--reader", "same", "--operator", "same"), "already exists"),
         (("--reader", "fine", "--days", "0"), "is not a number of days"),
-        (("--host", "bad host"), "is no name"),
+        (("--host", "bad host"), "is not a valid certificate name"),
     ],
 )
 def test_a_mistake_is_one_line_and_makes_nothing(

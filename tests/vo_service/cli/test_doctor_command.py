@@ -33,7 +33,7 @@ def kinect(
     ("fault", "check", "cause"),
     [
         (lambda kinect: kinect.unplug(), "sensor", "no sensor on the USB"),
-        (lambda kinect: kinect.deny_access(), "permission", "this user may not open it"),
+        (lambda kinect: kinect.deny_access(), "permission", "this user may not open the sensor"),
         (lambda kinect: kinect.set_busy(), "sole-use", "another program has the camera"),
         (
             lambda kinect: kinect.set_full_speed_bus(),
@@ -65,13 +65,13 @@ def assert_named_instead(source: str, cause: str, capfd: pytest.CaptureFixture[s
 
 @pytest.mark.usefixtures("kinect", "real_openni2")
 def test_a_sensor_of_another_kind_is_named(capfd: pytest.CaptureFixture[str]) -> None:
-    cause = "Kinect 1414, bus 1 port 1.2, serial A00123456789012A, which is another kind"
+    cause = "Kinect 1414, bus 1 port 1.2, serial A00123456789012A is another kind"
     assert_named_instead("openni2", cause, capfd)
 
 
 @pytest.mark.usefixtures("kinect")
 def test_a_kinect_with_another_serial_is_named(capfd: pytest.CaptureFixture[str]) -> None:
-    cause = "none has the serial B1; there is Kinect 1414, bus 1 port 1.2"
+    cause = "no sensor has the serial B1; connected: Kinect 1414, bus 1 port 1.2"
     assert_named_instead("freenect:B1", cause, capfd)
 
 
@@ -119,8 +119,8 @@ def test_a_report_can_be_replayed(
     assert outcome.code == 0
     assert f"{file}: " in outcome.err
     # A busy machine drops some of the twelve.
-    told = re.search(r"MB, with (\d+) pictures of what the camera sees", outcome.err)
-    assert told is not None
+    match = re.search(r"MB, with (\d+) camera images", outcome.err)
+    assert match is not None
     with tarfile.open(file) as archive:
         archive.extractall(tmp_path)
     report = tmp_path / "kinect"
@@ -128,7 +128,7 @@ def test_a_report_can_be_replayed(
         "doctor.json", "versions.json", "usb.txt", "log.txt", config.name,
     }  # fmt: skip
     assert json.loads((report / "doctor.json").read_text())["camera"] == source
-    assert len(open_tum_folder(report / "frames", None).frames.pairs) == int(told[1]) > 0
+    assert len(open_tum_folder(report / "frames", None).frames.pairs) == int(match[1]) > 0
 
 
 def test_a_report_without_pictures_says_so_and_has_the_log(
@@ -138,7 +138,7 @@ def test_a_report_without_pictures_says_so_and_has_the_log(
     file = tmp_path / "kinect.tar.gz"
     outcome = run_in_process(capfd, "doctor", "--seconds", "1", "--report", file)
     assert outcome.code == 1
-    assert "without pictures, as the camera sent none" in outcome.err
+    assert "without images, because the camera sent none" in outcome.err
     with tarfile.open(file) as archive:
         log = archive.extractfile("kinect/log.txt")
         assert log is not None

@@ -114,7 +114,7 @@ def test_a_healthy_kinect_passes(diagnoses: dict[str, Future[Diagnosis]], name: 
     [
         ("hanging", "first-frames", "the driver hung while opening the camera"),
         ("starved", "first-frames", "no USB bandwidth"),
-        ("torn", "first-frames", "frames lost packets"),
+        ("torn", "first-frames", "frames were discarded, because packets were lost"),
         ("unplugged", "frame-rate", "the Kinect is gone"),
         ("stalled", "frame-rate", "image for 1 s"),
     ],

@@ -1,4 +1,4 @@
-"""A folder that is a small certificate authority: it signs, and never writes over a key."""
+"""Certificate authority in a folder: it signs certificates and never overwrites a key."""
 
 import ipaddress
 import os
@@ -28,34 +28,35 @@ _SERVER_EXTENSIONS = (
 
 @dataclass(frozen=True)
 class CertificateAuthority:
-    """FOLDER with ca.pem and ca.key, and a folder with ca.pem, tls.pem, tls.key for each name.
+    """Folder with ca.pem and ca.key, and for each name a folder with ca.pem, tls.pem and tls.key.
 
-    The folders are private (0700), the files too (0600). Everything raises InputError for a name
-    that is none or taken, UserFacingError where `openssl` or the disk fails.
+    Only this user can read them: folders have mode 0700, files 0600. All methods raise InputError
+    for an invalid or used name, and UserFacingError if `openssl` or the disk fails.
     """
 
     folder: Path
 
     def check_names_free(self, names: Sequence[str]) -> None:
-        """Raise InputError unless all these names can be given a certificate."""
+        """Raise InputError if a name is invalid, repeated or already has a certificate."""
         for count, name in enumerate(names):
             folder = self.folder / check_name(name)
             if folder.exists() or name in names[:count]:
                 raise InputError(
-                    f"{folder} is there already, and no key is ever written over; take another "
-                    "name, or move that folder away"
+                    f"{folder} already exists, and keys are never overwritten; use another name, "
+                    "or move that folder away"
                 )
 
     def issue_server_certificate(self, hosts: Sequence[str], days: int) -> Path:
-        """A certificate for a computer that goes by these names and addresses.
+        """Issue a certificate for a computer with these host names and addresses.
 
-        Its folder is named after the first.
+        Returns:
+            The new folder, named after the first host.
         """
         names = ",".join(_alternative_name(host) for host in hosts)
         return self._issue(hosts[0], _SERVER_EXTENSIONS.format(names), days)
 
     def issue_client_certificate(self, name: str, days: int) -> Path:
-        """A certificate for a program that connects; `name` is its common name."""
+        """Issue a certificate for a client with this common name; returns its folder."""
         return self._issue(name, _CLIENT_EXTENSIONS, days)
 
     def _issue(self, name: str, extensions: str, days: int) -> Path:
@@ -63,24 +64,24 @@ class CertificateAuthority:
         folder = self.folder / name
         with _private_files(self.folder):
             self._ensure_authority()
-            making = Path(tempfile.mkdtemp(prefix=".making-", dir=self.folder))
+            temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=self.folder))
             try:
-                create_key(making / "tls.key")
-                sign_certificate(making, self.folder, name, extensions, days)
-                shutil.copyfile(self.folder / "ca.pem", making / "ca.pem")
-                making.rename(folder)
+                create_key(temporary / "tls.key")
+                sign_certificate(temporary, self.folder, name, extensions, days)
+                shutil.copyfile(self.folder / "ca.pem", temporary / "ca.pem")
+                temporary.rename(folder)
             finally:
-                shutil.rmtree(making, ignore_errors=True)
+                shutil.rmtree(temporary, ignore_errors=True)
         return folder
 
     def _ensure_authority(self) -> None:
-        """Make the authority itself, unless it is there."""
+        """Create the authority's key and certificate if they do not exist."""
         key, certificate = self.folder / "ca.key", self.folder / "ca.pem"
         if key.exists() and certificate.exists():
             return
         if self.folder.exists() and any(self.folder.iterdir()):
             raise InputError(
-                f"{self.folder} holds other things but no ca.pem with its ca.key; name a new folder"
+                f"{self.folder} has other files but not ca.pem and ca.key; name a new folder"
             )
         self.folder.mkdir(parents=True, exist_ok=True)
         self.folder.chmod(0o700)
@@ -89,16 +90,17 @@ class CertificateAuthority:
 
 
 def check_name(name: str) -> str:
-    """The name itself. Raises InputError unless it can be a common name and a folder."""
+    """Return `name`. Raises InputError unless it is valid as a common name and a folder name."""
     if not _NAME.fullmatch(name) or name in ("ca.key", "ca.pem"):
         raise InputError(
-            f"{name!r} is no name for a certificate: use up to 63 letters, digits, '_', '-', '.'"
+            f"{name!r} is not a valid certificate name; "
+            "use up to 63 letters, digits, '_', '-' and '.'"
         )
     return name
 
 
 def _alternative_name(host: str) -> str:
-    """As openssl writes it in `subjectAltName`."""
+    """Return the host in the form of openssl's `subjectAltName`."""
     try:
         return f"IP:{ipaddress.ip_address(host)}"
     except ValueError:
@@ -107,13 +109,13 @@ def _alternative_name(host: str) -> str:
 
 @contextmanager
 def _private_files(folder: Path) -> Iterator[None]:
-    """Whatever is written in the block is for this user alone; the disk's failures in one line."""
+    """Make the block's new files readable by this user only, and report disk errors in one line."""
     before = os.umask(0o077)
     try:
         yield
     except OSError as error:
         raise UserFacingError(
-            f"{error.filename or folder}: {error.strerror}; name a folder that can be written"
+            f"{error.filename or folder}: {error.strerror}; name a writable folder"
         ) from error
     finally:
         os.umask(before)

@@ -1,4 +1,4 @@
-"""The `openssl` command: what it is asked to do, and what it says when it cannot."""
+"""Keys and certificates made by the `openssl` command."""
 
 import secrets
 import shutil
@@ -12,12 +12,12 @@ _NEW_KEY_ARGUMENTS = ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_cu
 
 
 def create_key(file: Path) -> None:
-    """Write a new private key. The caller's umask decides who may read it."""
+    """Write a new private key. The caller's umask sets who can read it."""
     _run_openssl(*_NEW_KEY_ARGUMENTS, "-out", str(file))
 
 
 def create_authority_certificate(key: Path, certificate: Path, name: str, days: int) -> None:
-    """Write a certificate by which `key` may sign others', but no further authorities."""
+    """Write a self-signed certificate with which `key` can sign others, but no sub-authorities."""
     _run_openssl(
         *("req", "-x509", "-new", "-key", str(key), "-out", str(certificate)),
         *("-subj", f"/CN={name}", "-days", str(days), "-set_serial", _random_serial()),
@@ -27,12 +27,17 @@ def create_authority_certificate(key: Path, certificate: Path, name: str, days: 
 
 
 def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, days: int) -> None:
-    """Have ca.key in `authority` certify tls.key in `folder`; writes tls.pem beside it.
+    """Sign tls.key in `folder` with ca.key in `authority`, and write tls.pem to `folder`.
 
-    `extensions` is a section of an openssl configuration, one ``key=value`` a line.
+    Args:
+        folder: folder of the key to certify.
+        authority: folder with ca.pem and ca.key.
+        name: common name of the certificate.
+        extensions: section of an openssl configuration, one ``key=value`` per line.
+        days: days until the certificate expires.
     """
-    request, about = folder / "request", folder / "extensions"
-    about.write_text(extensions)
+    request, extension_file = folder / "request", folder / "extensions"
+    extension_file.write_text(extensions)
     _run_openssl(
         *("req", "-new", "-key", str(folder / "tls.key"), "-out", str(request)),
         *("-subj", f"/CN={name}"),
@@ -40,10 +45,10 @@ def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, 
     _run_openssl(
         *("x509", "-req", "-in", str(request), "-out", str(folder / "tls.pem")),
         *("-CA", str(authority / "ca.pem"), "-CAkey", str(authority / "ca.key")),
-        *("-days", str(days), "-set_serial", _random_serial(), "-extfile", str(about)),
+        *("-days", str(days), "-set_serial", _random_serial(), "-extfile", str(extension_file)),
     )
     request.unlink()
-    about.unlink()
+    extension_file.unlink()
 
 
 def _random_serial() -> str:
@@ -51,14 +56,13 @@ def _random_serial() -> str:
 
 
 def _run_openssl(*arguments: str) -> None:
-    """Raises UserFacingError with what it said."""
+    """Run openssl. Raises UserFacingError with its error output."""
     program = shutil.which("openssl")
     if program is None:
         raise UserFacingError(
-            "certificates are made by the command openssl, which is not installed: "
-            "sudo apt-get install openssl"
+            "the command openssl is not installed; run: sudo apt-get install openssl"
         )
-    done = subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
-    if done.returncode:
-        said = " ".join(done.stderr.split())
-        raise UserFacingError(f"openssl {arguments[0]} failed: {said}; mend that and run again")
+    process = subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
+    if process.returncode:
+        message = " ".join(process.stderr.split())
+        raise UserFacingError(f"openssl {arguments[0]} failed: {message}; fix this and re-run")

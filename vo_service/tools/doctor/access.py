@@ -1,4 +1,4 @@
-"""Whether this user may open the sensor, and whether anything else has it."""
+"""Checks whether this user may open the sensor, and whether another program uses it."""
 
 import getpass
 import os
@@ -12,32 +12,31 @@ from vo_service.tools.doctor.usb_probe import OpenError, UsbPart
 from vo_service.tools.install.system_files import format_sudo_command
 from vo_service.tools.install.udev import GROUP, KERNEL_DRIVER, RULES_FILE
 
-# Our own driver is a Python program, by its name like any other.
+# The process name of our driver is only "python"; its command line has this module.
 DRIVER_MODULE = "drivers.subprocess_camera.worker_main"
 REPLUG = "then unplug the sensor and plug it in again"
 
 
 class PermissionCheck:
-    """Root may open everything; for others it is up to udev."""
+    """Check that this user may open the sensor: root always may, others by udev rules."""
 
     name = "permission"
     needs = ("sensor",)
 
     def run(self, context: CheckContext) -> Finding:
-        """See `Check`."""
         has_rule = (context.paths.root / RULES_FILE).is_file()
         rule = "are installed" if has_rule else "are not installed"
         facts = {"udev_rules_installed": has_rule}
         if context.sensor.open_error is not OpenError.PERMISSION:
             who = "root" if os.geteuid() == 0 else "this user"
-            return passed(f"{who} may open it; the udev rules of kinect-vo {rule}", **facts)
-        text = f"this user may not open it; the udev rules of kinect-vo {rule}"
+            return passed(f"{who} may open the sensor; the udev rules of kinect-vo {rule}", **facts)
+        text = f"this user may not open the sensor; the udev rules of kinect-vo {rule}"
         if not has_rule:
             return failed(text, f"{format_sudo_command('udev', 'install')}, {REPLUG}", **facts)
         return failed(
             text,
-            f"unplug the sensor and plug it in again; away from the computer's own screen also "
-            f"sudo usermod -aG {GROUP} {_user()}, and log in again",
+            f"unplug the sensor and plug it in again; over ssh, also run "
+            f"sudo usermod -aG {GROUP} {_user()} and log in again",
             **facts,
         )
 
@@ -50,17 +49,16 @@ def _user() -> str:
 
 
 class KernelDriverCheck:
-    """libfreenect takes the camera from the kernel's webcam driver, if no program films with it."""
+    """Warn if the kernel's webcam driver has the camera; libfreenect detaches it unless in use."""
 
     name = "kernel-driver"
     needs = ("permission",)
 
     def run(self, context: CheckContext) -> Finding:
-        """See `Check`."""
         device = context.kernel_device(context.sensor.camera)
         drivers = [driver for driver in device.drivers if driver != "usbfs"] if device else []
         if not drivers and not context.sensor.has_kernel_driver:
-            return passed("none has the camera", drivers=drivers)
+            return passed("no kernel driver has the camera", drivers=drivers)
         named = ", ".join(drivers) or "a kernel driver"
         nodes = device.video_nodes if device else []
         return warned(
@@ -71,13 +69,12 @@ class KernelDriverCheck:
 
 
 class ExclusiveAccessCheck:
-    """Only one program can have the camera."""
+    """Check that no other program has the camera open."""
 
     name = "sole-use"
     needs = ("permission",)
 
     def run(self, context: CheckContext) -> Finding:
-        """See `Check`."""
         sensor = context.sensor
         holders = sorted(set(_holders(context)))
         facts = {"processes": holders}
@@ -87,7 +84,7 @@ class ExclusiveAccessCheck:
         if sensor.open_error is OpenError.NONE:
             return passed("no other program has the camera", **facts)
         return failed(
-            f"it cannot be opened: {sensor.open_error_text}",
+            f"the camera cannot be opened: {sensor.open_error_text}",
             "unplug the sensor and its power supply, wait ten seconds, plug both in",
             **facts,
         )
@@ -95,12 +92,12 @@ class ExclusiveAccessCheck:
 
 def _release_fix(holders: list[str]) -> str:
     if holders or os.geteuid() == 0:
-        return "end that program, then run this again"
-    return f"find it with {format_sudo_command('doctor')}, end it, then run this again"
+        return "end that program, then run doctor again"
+    return f"find it with {format_sudo_command('doctor')}, end it, then run doctor again"
 
 
 def _holders(context: CheckContext) -> Iterator[str]:
-    """Programs that have a file of the camera open, of those that this user may look into."""
+    """Yield the programs that have a device file of the camera open, if this user can see them."""
     device = context.kernel_device(context.sensor.camera)
     files = {_usb_device_file(context.sensor.camera)}
     files |= {f"/dev/{node}" for node in device.video_nodes} if device else set()
@@ -114,12 +111,12 @@ def _usb_device_file(part: UsbPart) -> str:
 
 
 def _open_files(process: Path) -> list[str]:
-    found = []
-    with suppress(OSError):  # another user's, or just ended
+    files = []
+    with suppress(OSError):  # the process is another user's or has just ended
         for link in (process / "fd").iterdir():
             with suppress(OSError):
-                found.append(str(link.readlink()))
-    return found
+                files.append(str(link.readlink()))
+    return files
 
 
 def _process_name(process: Path) -> str:

@@ -1,4 +1,4 @@
-"""Which checks a camera gets, in their order: the one place where a new check is listed."""
+"""The checks of each camera, in order. New checks are listed here only."""
 
 from drivers.kinect_usb.usb_ids import SensorModel
 from drivers.registry import ONI_SUFFIX
@@ -25,22 +25,22 @@ USB_CHECKS: tuple[Check, ...] = (
     KernelDriverCheck(),
     ExclusiveAccessCheck(),
 )
-# The picture cannot come while one of these fails.
+# No frame can arrive while one of these fails.
 FRAME_PREREQUISITES = ("libraries", "sensor", "usb-speed", "permission", "sole-use")
 
 
 def requested_sensor_for(source: str) -> RequestedSensor:
-    """The sensors that `--camera SOURCE` means."""
+    """Return the sensors that `--camera SOURCE` means."""
     kind, _, argument = source.partition(":")
     if kind == "openni2":
         return RequestedSensor(PRIMESENSE_MODELS, "plug it in")
     return RequestedSensor(
-        KINECT_MODELS, "plug it in, with its own power supply: its light must blink", argument
+        KINECT_MODELS, "plug it in, with its own power supply; its light must blink", argument
     )
 
 
 def checks_for(source: str) -> tuple[Check, ...]:
-    """The checks that make sense for `--camera SOURCE`."""
+    """Return the checks that apply to `--camera SOURCE`."""
     kind, _, argument = source.partition(":")
     if kind == "freenect":
         libraries = LibrariesCheck("libusb-1.0.so.0", "libfreenect.so.0.5")
@@ -68,7 +68,7 @@ def _stream_checks(has_accelerometer: bool) -> tuple[Check, ...]:
     )
 
 
-# How fast a player plays says nothing about any device's clock.
+# The speed of a player does not depend on the device's clock.
 _RECORDING_CHECKS: tuple[Check, ...] = (
     FrameRateCheck(ANY_RATE_HZ),
     LostPacketsCheck(),

@@ -1,4 +1,4 @@
-"""What the checks look at: each thing is looked at once, when the first check asks."""
+"""Data that the checks share. Each item is read once, when the first check needs it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from vo_service.tools.doctor.usb_probe import UsbPart, UsbSensor
 
 @dataclass(frozen=True)
 class SystemPaths:
-    """Where the computer shows itself: / for the real one."""
+    """Paths of the kernel's virtual files; tests use another root than /."""
 
     root: Path = Path("/")
 
     @property
     def sys(self) -> Path:
-        """The kernel's devices."""
+        """Folder with the kernel's devices."""
         return self.root / "sys"
 
     @property
     def proc(self) -> Path:
-        """The processes."""
+        """Folder with the processes."""
         return self.root / "proc"
 
 
 class CheckContext:
-    """One machine, one camera that was asked for."""
+    """One computer and one requested camera."""
 
     def __init__(
         self,
@@ -38,7 +38,14 @@ class CheckContext:
         probe_usb: Callable[[], Sequence[UsbSensor]],
         probe_stream: Callable[[], StreamSample],
     ) -> None:
-        """`look` finds the sensors on the USB, `watch` opens the camera and reads its frames."""
+        """Store the sources of the data; nothing is read yet.
+
+        Args:
+            paths: paths of the computer's virtual files.
+            requested: the sensor to check.
+            probe_usb: finds the sensors on the USB.
+            probe_stream: opens the camera and reads its frames.
+        """
         self.paths = paths
         self.requested = requested
         self._probe_usb = probe_usb
@@ -46,42 +53,43 @@ class CheckContext:
 
     @cached_property
     def sensors(self) -> Sequence[UsbSensor]:
-        """Every sensor on the USB. Raises UserFacingError if that cannot be found out."""
+        """All sensors on the USB. Raises UserFacingError if they cannot be listed."""
         return self._probe_usb()
 
     @property
     def sensor(self) -> UsbSensor:
-        """The one that was asked for. Only for checks that need `sensor`, which finds it."""
+        """The requested sensor. Only for checks that need the check `sensor`, which finds it."""
         return next(sensor for sensor in self.sensors if self.requested.matches(sensor))
 
     @cached_property
     def stream(self) -> StreamSample:
-        """What the camera delivered. Raises InputError for what the user gave."""
+        """Frames and errors of the camera. Raises InputError for invalid user input."""
         return self._probe_stream()
 
     @cached_property
     def kernel_devices(self) -> list[KernelUsbDevice]:
-        """Every USB device that the kernel shows."""
+        """All USB devices that the kernel lists."""
         return list_usb_devices(self.paths.sys)
 
     def kernel_device(self, part: UsbPart) -> KernelUsbDevice | None:
-        """The kernel's view of a part of a sensor; None where it shows nothing."""
-        place = (str(part.bus), str(part.address))
+        """Return the kernel's entry for a part of a sensor, or None if it has none."""
+        bus_and_address = (str(part.bus), str(part.address))
         return next(
-            (device for device in self.kernel_devices if device.bus_and_address == place), None
+            (device for device in self.kernel_devices if device.bus_and_address == bus_and_address),
+            None,
         )
 
 
 @dataclass(frozen=True)
 class RequestedSensor:
-    """Which sensor: one of these models, and of this serial number unless that is ""."""
+    """Requested sensor: one of these models, with this serial number unless it is ""."""
 
     models: frozenset[SensorModel]
     connect_fix: str
     serial: str = ""
 
     def matches(self, sensor: UsbSensor) -> bool:
-        """Whether a sensor may be the one; one whose number cannot be read may be."""
+        """Return True if a sensor may be the requested one. An unreadable serial number matches."""
         return sensor.model in self.models and (
             not self.serial or sensor.serial in ("", self.serial)
         )

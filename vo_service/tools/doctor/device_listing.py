@@ -1,4 +1,4 @@
-"""Which cameras --camera can name now, from what libusb and libOpenNI2 see."""
+"""List of the cameras for --camera, from what libusb and libOpenNI2 find."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -21,10 +21,14 @@ _OPEN_ERROR_TEXTS = {
 
 @dataclass(frozen=True)
 class ListedDevice:
-    """One sensor.
+    """One connected sensor.
 
-    camera   what to give to --camera; "" for a sensor that is not supported
-    trouble  why it cannot be opened now; "" where nothing speaks against it
+    Attributes:
+        camera: value for --camera; "" if the sensor is not supported.
+        name: vendor and model.
+        where: USB bus and port; "" if not known.
+        serial: serial number; "" if not known.
+        error: why it cannot be opened now; "" if no reason is known.
     """
 
     camera: str
@@ -34,35 +38,35 @@ class ListedDevice:
     error: str
 
     def as_json(self) -> dict[str, str]:
-        """The keys stay."""
+        """Return the fields for --json; the keys are stable."""
         return asdict(self)
 
 
 def list_available_devices(
     sensors: Sequence[UsbSensor], openni2: "OpenNI2Listing"
 ) -> list[ListedDevice]:
-    """Every sensor there is, those that OpenNI2 drives as it names them."""
+    """List all connected sensors. PrimeSense sensors have the names that OpenNI2 gives them."""
     kinects = [sensor for sensor in sensors if sensor.model in KINECT_MODELS]
     unsupported = [sensor for sensor in sensors if not sensor.is_supported]
-    seen_by_usb = [sensor for sensor in sensors if sensor.model in PRIMESENSE_MODELS]
+    primesense = [sensor for sensor in sensors if sensor.model in PRIMESENSE_MODELS]
     return [
         *(_list_kinect(sensor) for sensor in kinects),
         *(_list_primesense(device) for device in openni2.devices),
-        *(_list_without_driver(sensor, openni2) for sensor in seen_by_usb[len(openni2.devices) :]),
+        *(_list_without_driver(sensor, openni2) for sensor in primesense[len(openni2.devices) :]),
         *(_list_unsupported(sensor) for sensor in unsupported),
     ]
 
 
 @dataclass(frozen=True)
 class OpenNI2Listing:
-    """What libOpenNI2 sees, and why it sees nothing where it does not work."""
+    """Devices that libOpenNI2 finds, or the reason why it does not work."""
 
     devices: tuple[DetectedDevice, ...] = ()
     error: str = ""
 
 
 def query_openni2() -> OpenNI2Listing:
-    """Ask libOpenNI2, in a child."""
+    """List OpenNI2's devices in a subprocess."""
     try:
         return OpenNI2Listing(call_in_subprocess(_list_openni2_devices, OPENNI2_TIMEOUT_S))
     except UserFacingError as error:
@@ -89,8 +93,8 @@ def _list_primesense(device: DetectedDevice) -> ListedDevice:
 
 
 def _list_without_driver(sensor: UsbSensor, openni2: OpenNI2Listing) -> ListedDevice:
-    trouble = openni2.error or "libOpenNI2 does not see it"
-    return ListedDevice("openni2", sensor.model, sensor.where, sensor.serial, trouble)
+    error = openni2.error or "libOpenNI2 does not see it"
+    return ListedDevice("openni2", sensor.model, sensor.where, sensor.serial, error)
 
 
 def _list_unsupported(sensor: UsbSensor) -> ListedDevice:

@@ -1,4 +1,4 @@
-"""What a check is, and what it finds."""
+"""Types of a check and of its result."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,12 +10,12 @@ if TYPE_CHECKING:
 
 
 class CheckVerdict(StrEnum):
-    """How a check ended; the values are those of --json."""
+    """Result of a check; --json has these values."""
 
     PASS = "pass"
-    WARNING = "warning"  # works, but not all of it or not for sure
+    WARNING = "warning"  # works only in part, or may fail
     FAIL = "fail"
-    UNKNOWN = "unknown"  # this computer or this camera does not tell
+    UNKNOWN = "unknown"  # this computer or this camera gives no answer
     SKIPPED = "skipped"  # a check that this one needs has failed
 
 
@@ -23,9 +23,11 @@ class CheckVerdict(StrEnum):
 class Finding:
     """The result of one check.
 
-    text   one line: what is so
-    fix    one line: what to do about it; "" where nothing need be done
-    facts  the same for programs; names carry units, values are numbers, texts or lists of these
+    Attributes:
+        verdict: result of the check.
+        text: what the check found, one line.
+        fix: what to do about it, one line; "" if nothing.
+        facts: the same for programs: numbers, texts or lists of them; the names have units.
     """
 
     verdict: CheckVerdict
@@ -35,28 +37,28 @@ class Finding:
 
 
 def passed(text: str, **facts: object) -> Finding:
-    """All is well."""
+    """Return a finding without a problem."""
     return Finding(CheckVerdict.PASS, text, facts=facts)
 
 
 def warned(text: str, fix: str, **facts: object) -> Finding:
-    """It works, but."""
+    """Return a finding of something that works with a limitation."""
     return Finding(CheckVerdict.WARNING, text, fix, facts)
 
 
 def failed(text: str, fix: str, **facts: object) -> Finding:
-    """It does not work."""
+    """Return a finding of something that does not work."""
     return Finding(CheckVerdict.FAIL, text, fix, facts)
 
 
 def unknown(text: str) -> Finding:
-    """Nobody tells."""
+    """Return a finding of something that cannot be known here."""
     return Finding(CheckVerdict.UNKNOWN, text)
 
 
 def skipped(needed: str) -> Finding:
-    """Not run, because the check `needed` has failed."""
-    return Finding(CheckVerdict.SKIPPED, f"since {needed.replace('-', ' ')} failed")
+    """Return the finding of a check that did not run because the check `needed` failed."""
+    return Finding(CheckVerdict.SKIPPED, f"because {needed.replace('-', ' ')} failed")
 
 
 class Check(Protocol):
@@ -64,14 +66,14 @@ class Check(Protocol):
 
     @property
     def name(self) -> str:
-        """Stable, for --json: lower case, words joined by "-"."""
+        """Stable name for --json: lower case, words joined by "-"."""
         ...
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Names of checks that must not have failed; each comes before this one."""
+        """Names of checks that must not fail; each runs before this one."""
         ...
 
     def run(self, context: "CheckContext") -> Finding:
-        """Answer it. Raises InputError for what the user gave; nothing else."""
+        """Run the check. Raises only InputError, for invalid user input."""
         ...

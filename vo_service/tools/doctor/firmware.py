@@ -1,4 +1,4 @@
-"""Whether the newer Kinect has the firmware that its motor, light and accelerometer need."""
+"""Check for the firmware that motor, light and accelerometer of newer Kinects need."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from vo_service.tools.doctor.context import CheckContext
 from vo_service.tools.doctor.finding import Finding, passed, unknown, warned
 
 FIRMWARE_FILE = "audios.bin"
-# Where libfreenect looks, in its order.
+# The folders that libfreenect searches, in its order.
 FIRMWARE_FOLDERS = (
     Path(),
     Path("~/.libfreenect"),
@@ -18,7 +18,7 @@ FIRMWARE_FOLDERS = (
 
 
 class FirmwareCheck:
-    """Pictures come without it."""
+    """Check that the audio device has its firmware; images do not need it."""
 
     name = "firmware"
     needs = ("sensor",)
@@ -27,26 +27,26 @@ class FirmwareCheck:
         self._folders = folders
 
     def run(self, context: CheckContext) -> Finding:
-        """See `Check`."""
         sensor = context.sensor
         if sensor.model is SensorModel.K1414:
-            return passed("this model needs none")
+            return passed("this model needs no firmware")
         if sensor.audio_interfaces is None:
             return unknown("not known: the sensor's audio device is not on the USB")
         if sensor.audio_interfaces >= MIN_INTERFACES_WITH_FIRMWARE:
             return passed("loaded")
         files = [folder.expanduser() / FIRMWARE_FILE for folder in self._folders]
-        found = [str(file) for file in files if file.is_file()]
+        existing = [str(file) for file in files if file.is_file()]
         searched = ", ".join(str(folder) for folder in self._folders)
-        if found:
+        if existing:
             return warned(
-                f"not loaded, though {found[0]} is there; pictures do not need it",
+                f"not loaded, although {existing[0]} exists; images do not need it",
                 "unplug the sensor and its power supply, wait ten seconds, plug both in",
-                file=found[0],
+                file=existing[0],
             )
         return warned(
             f"not loaded: no {FIRMWARE_FILE} in {searched}; tilt, light and accelerometer do not "
-            "work, pictures do",
-            f"put Microsoft's {FIRMWARE_FILE} into {self._folders[-1]}, then plug the sensor in again",
+            "work, images do",
+            f"put Microsoft's {FIRMWARE_FILE} into {self._folders[-1]}, "
+            "then plug the sensor in again",
             file="",
         )

@@ -1,4 +1,4 @@
-"""Whether the native libraries are there, and which files they are."""
+"""Check that the native libraries can be loaded, and from which files."""
 
 from functools import partial
 
@@ -17,7 +17,7 @@ DEBIAN_PACKAGES = {
 
 
 class LibrariesCheck:
-    """The libraries of one kind of camera."""
+    """Check the libraries of one kind of camera."""
 
     name = "libraries"
     needs: tuple[str, ...] = ()
@@ -26,19 +26,18 @@ class LibrariesCheck:
         self._names = names
 
     def run(self, context: CheckContext) -> Finding:
-        """See `Check`."""
         try:
-            found = call_in_subprocess(partial(load_libraries, self._names), LOAD_TIMEOUT_S)
+            libraries = call_in_subprocess(partial(load_libraries, self._names), LOAD_TIMEOUT_S)
         except UserFacingError as error:
             return failed(
                 f"loading {', '.join(self._names)}: {error}",
-                f"install them afresh: {self._install_command('--reinstall ')}",
+                f"reinstall them: {self._install_command('--reinstall ')}",
             )
-        files = {library.name: library.file for library in found}
-        errors = [library.error for library in found if library.error]
+        files = {library.name: library.file for library in libraries}
+        errors = [library.error for library in libraries if library.error]
         if errors:
             return failed("; ".join(errors), self._install_command(), files=files)
-        return passed(", ".join(library.file or library.name for library in found), files=files)
+        return passed(", ".join(library.file or library.name for library in libraries), files=files)
 
     def _install_command(self, apt_options: str = "") -> str:
         packages = [DEBIAN_PACKAGES[name] for name in self._names if name in DEBIAN_PACKAGES]

@@ -1,4 +1,4 @@
-"""Loading native libraries to see which files they are. Imports little: it runs in a child."""
+"""Files of native libraries. Imports little, because it runs in a subprocess."""
 
 import ctypes
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class LibraryInfo:
-    """What became of a library: the file that is in memory, or why there is none."""
+    """One library: the file that was loaded, or the error."""
 
     name: str
     file: str
@@ -16,7 +16,7 @@ class LibraryInfo:
 
 
 def load_libraries(names: Sequence[str]) -> list[LibraryInfo]:
-    """Load libraries into this process, in order, as the drivers do."""
+    """Load libraries into this process in the given order, as the drivers do."""
     return [_load_library(name) for name in names]
 
 
@@ -25,7 +25,7 @@ def _load_library(name: str) -> LibraryInfo:
         ctypes.CDLL(name)
     except OSError as error:
         return LibraryInfo(name, "", str(error))
-    # Not the file that a search would find: the one that the loader took.
+    # The file that the loader took; a search could find another one.
     stem = name.partition(".so")[0] + ".so"
     lines = Path("/proc/self/maps").read_text().splitlines()
     files = [line.split(maxsplit=5)[5] for line in lines if "/" in line]

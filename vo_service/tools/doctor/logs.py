@@ -1,4 +1,4 @@
-"""The program's log while the doctor is at work: quiet on the screen, in detail in a file."""
+"""Logging while the doctor runs: errors on the console, details in a file."""
 
 import logging
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ OWN_LOGGERS = ("drivers", "vo_service", "kinect-vo")
 
 @contextmanager
 def quiet_console() -> Iterator[None]:
-    """Only errors reach the screen: what a driver warns of comes as a finding as well."""
+    """Show only errors on the console; findings repeat the drivers' warnings."""
     levels = [(handler, handler.level) for handler in logging.getLogger().handlers]
     for handler, level in levels:
         handler.setLevel(max(level, logging.ERROR))
@@ -23,13 +23,13 @@ def quiet_console() -> Iterator[None]:
 
 @contextmanager
 def log_details_to(file: Path) -> Iterator[None]:
-    """Everything goes to a file; what goes elsewhere stays as it is. Raises OSError."""
+    """Log everything to a file as well; other handlers do not change. Raises OSError."""
     root = logging.getLogger()
     before = root.level
     levels = [(handler, handler.level) for handler in root.handlers]
     detailed = logging.FileHandler(file)
     detailed.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-    # The details of other packages would drown ours.
+    # Details of other packages would hide ours.
     detailed.addFilter(lambda record: record.levelno > logging.INFO or _is_ours(record.name))
     for handler, level in levels:
         handler.setLevel(max(level, before))

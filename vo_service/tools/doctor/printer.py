@@ -1,4 +1,4 @@
-"""Findings for a person: aligned lines on a terminal, plain ones in a log."""
+"""Findings as text: aligned lines on a terminal, whole lines in a log."""
 
 import os
 import shutil
@@ -31,39 +31,39 @@ NOT_CHECKED = "not checked"
 
 
 class NullFindingPrinter:
-    """For programs, which read JSON."""
+    """Printer that prints nothing, for --json."""
 
     def print_heading(self, text: str) -> None:
-        """See `Printer`."""
+        """Print nothing."""
 
     def print_result(self, result: CheckResult) -> None:
-        """See `Printer`."""
+        """Print nothing."""
 
     def print_conclusion(self, results: Sequence[CheckResult]) -> None:
-        """See `Printer`."""
+        """Print nothing."""
 
 
 class FindingPrinter:
-    """Writes to one stream; what is too long for a line goes on below, indented."""
+    """Printer to a stream; on a terminal, long lines are wrapped and indented."""
 
     def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
-        """`names` are those of all checks that will come, for the width of their column."""
+        """Set up the layout; `names` are those of all checks, for the width of their column."""
         self._stream = stream
         encoding = (stream.encoding or "").lower().replace("-", "")
         self._symbols = SYMBOLS if encoding.startswith("utf") else PLAIN_SYMBOLS
         self._has_color = stream.isatty() and not os.environ.get("NO_COLOR")
         self._name_width = max(len(name) for name in (*names, NOT_CHECKED))
         self._skipped: list[CheckResult] = []
-        # A log is read in a window of any width: its lines are left whole.
+        # Lines of a log are not wrapped: its reader's window may have any width.
         columns = shutil.get_terminal_size().columns
         self._width = min(max(columns, MIN_WIDTH), MAX_WIDTH) if stream.isatty() else 0
 
     def print_heading(self, text: str) -> None:
-        """A line of its own, before the checks."""
+        """Print a heading before the checks."""
         self._write(f"{self._paint(text, BOLD)}\n")
 
     def print_result(self, result: CheckResult) -> None:
-        """One check; those that were skipped one after another share a line."""
+        """Print one check; successive skipped checks share a line."""
         if self._skipped and result.finding != self._skipped[0].finding:
             self._print_skipped()
         if result.finding.verdict is CheckVerdict.SKIPPED:
@@ -77,7 +77,7 @@ class FindingPrinter:
                 self._print_indented(" " * len(FIX_PREFIX) + line)
 
     def print_conclusion(self, results: Sequence[CheckResult]) -> None:
-        """What it all comes to."""
+        """Print the overall result."""
         if self._skipped:
             self._print_skipped()
         by_verdict = {kind: _names(results, kind) for kind in CheckVerdict}
@@ -85,13 +85,13 @@ class FindingPrinter:
         skipped = by_verdict[CheckVerdict.SKIPPED]
         if failures:
             rest = f", {len(skipped)} not checked" if skipped else ""
-            text = f"{len(failures)} failed ({', '.join(failures)}){rest}: mend that, run it again"
+            text = f"{len(failures)} failed ({', '.join(failures)}){rest}: fix this and re-run"
             self._write(f"\n{self._paint(text, RED)}")
         elif warnings:
-            text = f"it works; look at {', '.join(warnings)}"
+            text = f"it works, with warnings: {', '.join(warnings)}"
             self._write(f"\n{self._paint(text, YELLOW)}")
         else:
-            self._write(f"\n{self._paint('all is well', GREEN)}")
+            self._write(f"\n{self._paint('all checks passed', GREEN)}")
 
     def _print_skipped(self) -> None:
         names = ", ".join(result.name.replace("-", " ") for result in self._skipped)

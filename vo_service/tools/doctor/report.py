@@ -1,4 +1,4 @@
-"""Everything that a bug report needs, in one file: whole, or not there at all."""
+"""Bug report in one packed file, which is written completely or not at all."""
 
 import json
 import shutil
@@ -16,26 +16,26 @@ LOG_FILE = "log.txt"
 
 
 class BugReport:
-    """A folder that becomes one packed file beside it; use through `open_bug_report`."""
+    """Folder that is packed into one file; create it with `open_bug_report`."""
 
     def __init__(self, file: Path, folder: Path) -> None:
         self._file = file
-        self.folder = folder  # put whatever belongs into the report here
+        self.folder = folder  # files to pack go here
 
     def add_text(self, name: str, text: str) -> None:
-        """One more file. Raises OSError."""
+        """Add a text file. Raises OSError."""
         (self.folder / name).write_text(text)
 
     def add_json(self, name: str, content: object) -> None:
-        """One more file. Raises OSError."""
+        """Add a JSON file. Raises OSError."""
         self.add_text(name, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
     def add_copy(self, file: Path) -> None:
-        """A file of the user's, under its own name. Raises OSError."""
+        """Add a copy of a file under its own name. Raises OSError."""
         shutil.copyfile(file, self.folder / file.name)
 
     def pack(self) -> int:
-        """Write the file; its size in bytes. Raises OSError, and leaves nothing then."""
+        """Write the file and return its size, bytes. On OSError no file is left."""
         part = self._file.with_name(f".{self._file.name}.part")
         try:
             with tarfile.open(part, "w:gz", compresslevel=1) as archive:
@@ -50,23 +50,27 @@ class BugReport:
 
 @contextmanager
 def open_bug_report(file: Path) -> Iterator[BugReport]:
-    """A report whose log holds all that happens in the block, in detail.
+    """Open a report that holds a detailed log of the block.
 
-    Raises InputError if there can be no such file, UserFacingError if the disk refuses later.
+    Raises:
+        InputError: the file name is invalid, the file exists, or its folder is not writable.
+        UserFacingError: the disk fails in the block.
     """
     if not file.name.endswith(SUFFIX) or file.name == SUFFIX:
-        raise InputError(f"{file}: a report is a packed file; let its name end in {SUFFIX}")
+        raise InputError(f"{file}: the name of a report must end in {SUFFIX}")
     if file.exists():
-        raise InputError(f"{file}: is there already; name a new file, or remove it first")
+        raise InputError(f"{file}: already exists; name a new file, or remove it first")
     try:
         temporary = tempfile.TemporaryDirectory(prefix=".kinect-vo-report-", dir=file.parent)
     except OSError as error:
-        raise InputError(f"{file}: cannot be written there: {error.strerror}") from error
+        raise InputError(
+            f"{file}: cannot be written: {error.strerror}; name a writable folder"
+        ) from error
     with temporary as folder:
         try:
             with log_details_to(Path(folder) / LOG_FILE):
                 yield BugReport(file, Path(folder))
         except OSError as error:
             raise UserFacingError(
-                f"{file}: {error.strerror}; nothing was left behind; see to the disk and try again"
+                f"{file}: {error.strerror}; no file was written; check the disk and try again"
             ) from error

@@ -1,4 +1,4 @@
-"""What a report holds beside the findings: the computer, and what the camera sees."""
+"""Contents of a bug report besides the findings: versions, logs and frames of the camera."""
 
 from pathlib import Path
 
@@ -13,18 +13,16 @@ RECORDED_DURATION_S = 5.0
 
 
 def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:
-    """Add it all; what pictures there are, in words. Raises OSError."""
+    """Add the contents; returns a phrase about the recorded frames. Raises OSError."""
     report.add_json("versions.json", collect_versions())
     report.add_text("usb.txt", format_usb_listing(Path("/")))
     for name, text in read_journals().items():
         report.add_text(name, text)
-    # Depth is kept exactly; color is not, for the sake of a file that can be sent.
+    # Depth is lossless. Color is JPEG, so that the file is small enough to send.
     with TumWriter(report.folder / "frames", color_format=ColorFormat.JPEG) as writer:
-        watched = probe_stream(camera, RECORDED_DURATION_S, writer.write)
-    if watched.error:
-        report.add_text("frames/trouble.txt", f"{watched.error}\n")
+        sample = probe_stream(camera, RECORDED_DURATION_S, writer.write)
+    if sample.error:
+        report.add_text("frames/error.txt", f"{sample.error}\n")
     if not writer.written:
-        return "without pictures, as the camera sent none"
-    return (
-        f"with {writer.written} pictures of what the camera sees: look at them before you send it"
-    )
+        return "without images, because the camera sent none"
+    return f"with {writer.written} camera images: look at them before you send the report"

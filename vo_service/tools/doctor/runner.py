@@ -1,4 +1,4 @@
-"""Run checks in order; those that need a failed one are not run."""
+"""Run checks in order, without those that need a failed check."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -14,13 +14,13 @@ ShowBusy = Callable[[str], AbstractContextManager[object]]
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One check and what it found."""
+    """Name and finding of one check."""
 
     name: str
     finding: Finding
 
     def as_json(self) -> dict[str, object]:
-        """For --json; the keys stay."""
+        """Return the result for --json; the keys are stable."""
         finding = self.finding
         return {
             "name": self.name,
@@ -34,20 +34,26 @@ class CheckResult:
 def run_checks(
     checks: Sequence[Check], context: CheckContext, show_busy: ShowBusy
 ) -> Iterator[CheckResult]:
-    """Every check's result as soon as there is one.
+    """Yield the result of each check as soon as it is known.
 
-    `busy` shows what is being checked. Raises InputError for what the user gave.
+    Args:
+        checks: checks to run; each comes after those it needs.
+        context: data for the checks.
+        show_busy: shows the name of a check while it runs.
+
+    Raises:
+        InputError: the user's input is invalid.
     """
     blocked_by: dict[str, str] = {}
     for check in checks:
-        needed = next((blocked_by[name] for name in check.needs if name in blocked_by), "")
-        if needed:
-            finding = skipped(needed)
+        failed_check = next((blocked_by[name] for name in check.needs if name in blocked_by), "")
+        if failed_check:
+            finding = skipped(failed_check)
         else:
             with show_busy(check.name):
                 finding = _run_check(check, context)
         if finding.verdict in (CheckVerdict.FAIL, CheckVerdict.SKIPPED):
-            blocked_by[check.name] = needed or check.name
+            blocked_by[check.name] = failed_check or check.name
         _log.debug("%s: %s: %s", check.name, finding.verdict, finding.text)
         yield CheckResult(check.name, finding)
 
@@ -55,18 +61,18 @@ def run_checks(
 def _run_check(check: Check, context: CheckContext) -> Finding:
     try:
         return check.run(context)
-    except OSError as error:  # a file of the system that this user may not read, or that went away
+    except OSError as error:  # a system file is not readable or has disappeared
         return unknown(f"not known: {error}")
 
 
 def overall_verdict(results: Sequence[CheckResult]) -> CheckVerdict:
-    """Fail if any check failed."""
+    """Return FAIL if any check failed, else PASS."""
     has_failed = any(result.finding.verdict is CheckVerdict.FAIL for result in results)
     return CheckVerdict.FAIL if has_failed else CheckVerdict.PASS
 
 
 def diagnosis_as_json(source: str, results: Sequence[CheckResult]) -> dict[str, object]:
-    """The whole diagnosis; the keys stay."""
+    """Return all results for --json; the keys are stable."""
     return {
         "schema": 1,
         "camera": source,

@@ -1,4 +1,4 @@
-"""Open a camera, read its frames for some seconds, and keep what can be measured of them."""
+"""Open a camera, read frames for some seconds, and keep their measurements."""
 
 import logging
 import time
@@ -9,15 +9,15 @@ from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, RgbdCamera
 from drivers.core.errors import InputError, UserFacingError
 
 POLL_PERIOD_S = 0.1
-# A driver's process on a slow disk may take long to begin; no pause afterwards may be that long.
+# A driver's process may start slowly on a slow disk; later pauses must be shorter.
 MAX_START_S, MAX_PAUSE_S = 30.0, 5.0
-# A camera that says why it sends nothing may still come round by itself within this.
+# A camera that reports why it sends nothing may still recover within this time.
 RECOVERY_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True)
 class FrameSample:
-    """What is kept of a frame; see `RgbdFrame`."""
+    """Measurements of one frame; the fields are those of `RgbdFrame`."""
 
     seq: int
     stamp_s: float
@@ -29,11 +29,15 @@ class FrameSample:
 
 @dataclass(frozen=True)
 class StreamSample:
-    """What came.
+    """Frames and errors of a camera.
 
-    size           columns and rows of the images; None without a frame
-    first_frame_s  from `open` to the first frame; None without one
-    trouble        why nothing came, or why it stopped; "" where frames came to the end
+    Attributes:
+        samples: one per frame.
+        size: columns and rows of the images; None without a frame.
+        first_frame_s: time from `open` to the first frame; None without a frame.
+        counters: the camera's counters at the end.
+        intrinsics_source: where the intrinsics come from.
+        error: why no frame came, or why frames stopped; "" if they came to the end.
     """
 
     samples: tuple[FrameSample, ...] = ()
@@ -48,18 +52,24 @@ _log = logging.getLogger(__name__)
 
 
 class _StreamStoppedError(Exception):
-    """The camera has stopped, or never began; the text says why."""
+    """The camera sends no frames; the text gives the reason."""
 
 
 def probe_stream(
     camera: RgbdCamera, seconds: float, on_frame: Callable[[RgbdFrame], None]
 ) -> StreamSample:
-    """Open it, read for `seconds` after the first frame or to the end of a recording, close it.
+    """Open a camera, read frames and close it.
 
-    `keep` gets every frame. Raises InputError for what the user gave.
+    Args:
+        camera: closed camera.
+        seconds: time to read after the first frame; a recording may end earlier.
+        on_frame: is called with each frame.
+
+    Raises:
+        InputError: the user's input is invalid.
     """
     samples: list[FrameSample] = []
-    size, trouble = None, ""
+    size, error_text = None, ""
     begin_s = time.monotonic()
     try:
         camera.open()
@@ -70,7 +80,7 @@ def probe_stream(
     except (InputError, KeyboardInterrupt):
         raise
     except (UserFacingError, _StreamStoppedError) as error:
-        trouble = str(error)
+        error_text = str(error)
     finally:
         counters, intrinsics_source = camera.counters, camera.intrinsics_source
         camera.close()
@@ -80,54 +90,54 @@ def probe_stream(
         first_frame_s=samples[0].receive_time_s - begin_s if samples else None,
         counters=counters,
         intrinsics_source=intrinsics_source,
-        error=trouble,
+        error=error_text,
     )
 
 
 def _read_frames(camera: RgbdCamera, seconds: float) -> Iterator[RgbdFrame]:
-    """Frames until the time is up. Raises _TroubleError when they do not come or stop coming."""
-    silence = _FrameTimeout(camera)
+    """Yield frames until the time is up. Raises _StreamStoppedError if no frames arrive."""
+    timeout = _FrameTimeout(camera)
     end_s = float("inf")
     while time.monotonic() < end_s:
         try:
             frame = camera.read(POLL_PERIOD_S)
         except FrameTimeout:
-            silence.check()
+            timeout.check()
             continue
         except EndOfStream:
             return
-        silence.reset()
+        timeout.reset()
         end_s = min(end_s, time.monotonic() + seconds)
         yield frame
 
 
 class _FrameTimeout:
-    """How long nothing has come, and what the camera says about it."""
+    """Timeout for the next frame, shorter once the camera reports a reason."""
 
     def __init__(self, camera: RgbdCamera) -> None:
         self._camera = camera
         self._start(MAX_START_S)
 
     def reset(self) -> None:
-        """A frame came."""
+        """Restart after a frame."""
         self._start(MAX_PAUSE_S)
 
     def _start(self, max_wait_s: float) -> None:
-        self._longest_s = max_wait_s
+        self._max_wait_s = max_wait_s
         self._end_s = time.monotonic() + max_wait_s
         self._reason = ""
 
     def check(self) -> None:
-        """Nothing came. Raises _TroubleError if there is no hope."""
-        condition = self._camera.status
-        reason = condition.reason
+        """Raise _StreamStoppedError if the time is up."""
+        status = self._camera.status
+        reason = status.reason
         if reason and not self._reason:
-            # What comes later, such as "not there", is but a consequence.
+            # The first reason is the cause; later ones are its consequences.
             self._reason = reason
             self._end_s = min(self._end_s, time.monotonic() + RECOVERY_TIMEOUT_S)
-            _log.info("%s: %s", condition.state, reason)
+            _log.info("%s: %s", status.state, reason)
         if time.monotonic() > self._end_s:
-            raise _StreamStoppedError(self._reason or f"no frame within {self._longest_s:g} s")
+            raise _StreamStoppedError(self._reason or f"no frame within {self._max_wait_s:g} s")
 
 
 def _make_sample(frame: RgbdFrame) -> FrameSample:

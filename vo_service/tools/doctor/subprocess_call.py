@@ -1,7 +1,7 @@
-"""Call a function in a process of its own, where it may hang or crash without harm.
+"""Call a function in a subprocess, where it may hang or crash without harm.
 
-Run as ``python -m vo_service.tools.doctor.subprocess_call``: takes a pickled function on standard input, leaves
-its pickled result on standard output.
+``python -m vo_service.tools.doctor.subprocess_call`` reads a pickled function from standard input
+and writes its pickled result to standard output.
 """
 
 import os
@@ -18,13 +18,14 @@ T = TypeVar("T")
 
 
 def call_in_subprocess(function: Callable[[], T], timeout_s: float) -> T:
-    """The result of `function`, a picklable one.
+    """Return the result of a picklable function.
 
-    Raises UserFacingError if it raised that, crashed, or was killed after `limit_s`.
+    Raises:
+        UserFacingError: the function raised it, crashed, or was killed after `timeout_s`.
     """
     command = [sys.executable, "-P", "-m", "vo_service.tools.doctor.subprocess_call"]
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             command,
             input=pickle.dumps(function),
             capture_output=True,
@@ -33,28 +34,28 @@ def call_in_subprocess(function: Callable[[], T], timeout_s: float) -> T:
         )
     except subprocess.TimeoutExpired as error:
         raise UserFacingError(f"no answer within {timeout_s:g} s") from error
-    if done.returncode < 0:
-        raise UserFacingError(f"crashed with {signal.Signals(-done.returncode).name}")
-    if done.returncode > 0 or not done.stdout:
-        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-        raise UserFacingError(f"failed: {''.join(last)}")
-    result = pickle.loads(done.stdout)
+    if process.returncode < 0:
+        raise UserFacingError(f"crashed with {signal.Signals(-process.returncode).name}")
+    if process.returncode > 0 or not process.stdout:
+        last_line = process.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        raise UserFacingError(f"failed: {''.join(last_line)}")
+    result = pickle.loads(process.stdout)
     if isinstance(result, UserFacingError):
         raise result
     return cast("T", result)
 
 
 def _main() -> None:
-    """Body of the child."""
-    answer = os.dup(1)
-    os.dup2(2, 1)  # whatever a native library prints is no answer
+    """Run the function in the subprocess."""
+    output = os.dup(1)
+    os.dup2(2, 1)  # prints of native libraries must not mix with the result
     function: Callable[[], object] = pickle.load(sys.stdin.buffer)
     result: object
     try:
         result = function()
     except UserFacingError as error:
         result = error
-    with os.fdopen(answer, "wb") as file:
+    with os.fdopen(output, "wb") as file:
         pickle.dump(result, file)
 
 

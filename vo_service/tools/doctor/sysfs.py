@@ -1,4 +1,4 @@
-"""The kernel's view of the USB: ``/sys/bus/usb/devices``, or a folder laid out like it."""
+"""USB devices as the kernel lists them in ``/sys/bus/usb/devices``, or in a folder like it."""
 
 import re
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ _ROOT_HUB = re.compile(r"usb\d+")
 
 @dataclass(frozen=True)
 class KernelUsbDevice:
-    """One device; `path` has no symbolic link in it."""
+    """One USB device; `path` has no symbolic links."""
 
     path: Path
 
     def attribute(self, name: str) -> str:
-        """The text of an attribute; "" if it has none."""
+        """Return the text of an attribute, or "" if it does not exist."""
         try:
             return (self.path / name).read_text().strip()
         except OSError:
@@ -23,51 +23,51 @@ class KernelUsbDevice:
 
     @property
     def bus_and_address(self) -> tuple[str, str]:
-        """Bus and address, as the attributes hold them."""
+        """Bus and address as texts."""
         return self.attribute("busnum"), self.attribute("devnum")
 
     @property
     def controller(self) -> str:
-        """Name of the host controller, such as 0000:00:14.0; "" where the path does not tell."""
+        """Name of the host controller, such as 0000:00:14.0; "" if not known."""
         roots = [folder for folder in self.path.parents if _ROOT_HUB.fullmatch(folder.name)]
         return roots[0].parent.name if roots else ""
 
     @property
     def name(self) -> str:
-        """What it calls itself, and its ids."""
+        """Manufacturer, product and ids."""
         words = [self.attribute("manufacturer"), self.attribute("product")]
         ids = f"{self.attribute('idVendor')}:{self.attribute('idProduct')}"
         return " ".join(word for word in [*words, ids] if word)
 
     @property
     def is_hub(self) -> bool:
-        """True for a hub, also for the one inside the controller."""
+        """True for a hub, including the controller's root hub."""
         return self.attribute("bDeviceClass") == HUB_CLASS
 
     @property
     def interfaces(self) -> list[Path]:
-        """Its interfaces' folders."""
+        """Folders of its interfaces."""
         return sorted(self.path.glob(f"{self.path.name}:*"))
 
     @property
     def interface_classes(self) -> set[str]:
-        """Two hexadecimal digits each: 01 audio, 03 input, 08 storage, 0e video."""
+        """Interface classes, two hexadecimal digits: 01 audio, 03 input, 08 storage, 0e video."""
         return {_read_text(folder / "bInterfaceClass") for folder in self.interfaces}
 
     @property
     def drivers(self) -> list[str]:
-        """Kernel drivers of its interfaces; "usbfs" is a program that has claimed one."""
+        """Kernel drivers of its interfaces; "usbfs" means that a program has claimed one."""
         links = [folder / "driver" for folder in self.interfaces]
         return sorted({link.resolve().name for link in links if link.is_symlink()})
 
     @property
     def video_nodes(self) -> list[str]:
-        """Names in /dev that a webcam driver gave it."""
+        """Names of its webcam devices in /dev."""
         return sorted(path.name for path in self.path.glob("*/video4linux/video*"))
 
 
 def list_usb_devices(sys: Path) -> list[KernelUsbDevice]:
-    """Every device, hubs too; none where the kernel has no USB or does not show it."""
+    """List all devices and hubs; empty if the kernel lists no USB."""
     try:
         links = sorted((sys / "bus/usb/devices").iterdir())
     except OSError:

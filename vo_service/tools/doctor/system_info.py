@@ -1,4 +1,4 @@
-"""What a bug report tells of the computer: versions, the USB, the system's own log."""
+"""Information on the computer for a bug report: versions, USB devices, system logs."""
 
 import os
 import platform
@@ -23,7 +23,7 @@ PYTHON_PACKAGES = (
 )
 DEBIAN_PACKAGES = ("libfreenect0.5", "libopenni2-0", "libusb-1.0-0", "udev")
 COMMAND_TIMEOUT_S = 10.0
-# Of the system's log, the newest lines, where this user may read it.
+# The newest lines of the system's logs.
 JOURNAL_COMMANDS = {
     "journal.txt": ("journalctl", "--no-pager", "--lines=500", "--unit=kinect-vo*"),
     "kernel.txt": ("journalctl", "--no-pager", "--lines=300", "--dmesg"),
@@ -31,37 +31,37 @@ JOURNAL_COMMANDS = {
 
 
 def collect_versions() -> dict[str, str]:
-    """What runs here; "" for what is not installed."""
+    """Return names and versions of the installed software; "" if not installed."""
     python = {name: _python_package_version(name) for name in PYTHON_PACKAGES}
     debian = {name: _debian_package_version(name) for name in DEBIAN_PACKAGES}
     return python | debian | _system_versions()
 
 
 def format_usb_listing(root: Path) -> str:
-    """Every USB device as the kernel shows it, one a line; says so where it shows none."""
+    """Return one line per USB device that the kernel lists."""
     devices = list_usb_devices(root / "sys")
     if not devices:
-        return "the kernel shows no USB devices here\n"
+        return "the kernel lists no USB devices\n"
     return "".join(_format_usb_device(device) for device in devices)
 
 
 def read_journals() -> dict[str, str]:
-    """File names and texts of the system's log, as far as this user may read it."""
+    """Return file names and texts of the system's logs that this user may read."""
     texts = {name: run_and_capture(command) for name, command in JOURNAL_COMMANDS.items()}
     return {name: text for name, text in texts.items() if text}
 
 
 def run_and_capture(command: Sequence[str]) -> str:
-    """What a system command prints; "" where it is not there, fails or does not end."""
+    """Return the output of a command; "" if it is not installed, fails or does not end."""
     if shutil.which(command[0]) is None:
         return ""
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             command, capture_output=True, text=True, timeout=COMMAND_TIMEOUT_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired):
         return ""
-    return done.stdout if done.returncode == 0 else ""
+    return process.stdout if process.returncode == 0 else ""
 
 
 def _system_versions() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What libusb says of the sensors on the bus."""
+"""Sensors on the USB as libusb reports them."""
 
 import errno
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ USB_TIMEOUT_S = 15.0
 
 
 class OpenError(StrEnum):
-    """Why the camera cannot be had now."""
+    """Reason why the camera cannot be opened now."""
 
     NONE = "none"
     PERMISSION = "permission"
@@ -46,13 +46,20 @@ class UsbPart:
 
 @dataclass(frozen=True)
 class UsbSensor:
-    """A sensor as libusb sees it.
+    """A sensor as libusb reports it.
 
-    serial            "" where it cannot be read
-    speed_mbit_s      None where libusb does not tell
-    refusal           of the camera; its text is libusb's
-    kernel_driver     True if the kernel's own driver has the camera, None if that is not known
-    audio_interfaces  2 or more once the audio device has its firmware; None without that device
+    Attributes:
+        model: model of the sensor.
+        is_supported: whether a driver exists for it.
+        camera: its camera device.
+        others: its other USB devices.
+        where: bus and port, as text.
+        serial: serial number; "" if not readable.
+        speed_mbit_s: speed of the USB link; None if not known.
+        open_error: why the camera cannot be opened.
+        open_error_text: libusb's text for it.
+        has_kernel_driver: whether a kernel driver has the camera; None if not known.
+        audio_interfaces: 2 or more once the audio device has its firmware; None without the device.
     """
 
     model: SensorModel
@@ -69,29 +76,32 @@ class UsbSensor:
 
 
 def probe_usb() -> tuple[UsbSensor, ...]:
-    """Every sensor on the bus, found out in a child, as libusb may hang or crash.
+    """List the sensors on the bus, in a subprocess because libusb may hang or crash.
 
-    Raises UserFacingError if libusb is missing or does not work.
+    Raises:
+        UserFacingError: libusb is missing or does not work.
     """
     return call_in_subprocess(probe_usb_in_process, USB_TIMEOUT_S)
 
 
 def probe_usb_in_process() -> tuple[UsbSensor, ...]:
-    """The same, in this very process."""
+    """List the sensors on the bus, in this process."""
     return tuple(_probe_sensor(sensor) for sensor in find_connected_sensors())
 
 
 def _probe_sensor(sensor: ConnectedSensor) -> UsbSensor:
-    kernel_driver, refusal, text = _try_open(sensor.camera) if sensor.is_supported else _NOT_TRIED
+    kernel_driver, open_error, text = (
+        _try_open(sensor.camera) if sensor.is_supported else _NOT_TRIED
+    )
     return UsbSensor(
         model=sensor.model,
         is_supported=sensor.is_supported,
         camera=_make_part(sensor.camera),
         others=tuple(_make_part(part) for part in sensor.other_devices),
         where=sensor.camera.location,
-        serial=sensor.read_serial() if refusal is not OpenError.PERMISSION else "",
+        serial=sensor.read_serial() if open_error is not OpenError.PERMISSION else "",
         speed_mbit_s=sensor.camera.speed_mbit_s,
-        open_error=refusal,
+        open_error=open_error,
         open_error_text=text,
         has_kernel_driver=kernel_driver,
         audio_interfaces=_audio_interfaces(sensor),
@@ -107,7 +117,7 @@ def _make_part(part: UsbDevice) -> UsbPart:
 
 
 def _try_open(camera: UsbDevice) -> tuple[bool | None, OpenError, str]:
-    """Open and claim the camera for a moment. A kernel driver is let be: the stream detaches it."""
+    """Open, claim and release the camera. Leaves a kernel driver, which the stream detaches."""
     device = camera.handle
     try:
         if _has_kernel_driver(device):
@@ -115,8 +125,8 @@ def _try_open(camera: UsbDevice) -> tuple[bool | None, OpenError, str]:
         usb.util.claim_interface(device, VIDEO_INTERFACE)
         usb.util.release_interface(device, VIDEO_INTERFACE)
     except usb.core.USBError as error:
-        refusal = _OPEN_ERRORS.get(error.errno or 0, OpenError.OTHER)
-        return None, refusal, error.strerror or str(error)
+        open_error = _OPEN_ERRORS.get(error.errno or 0, OpenError.OTHER)
+        return None, open_error, error.strerror or str(error)
     finally:
         usb.util.dispose_resources(device)
     return False, OpenError.NONE, ""

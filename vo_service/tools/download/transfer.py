@@ -43,7 +43,6 @@ class _SafeRedirectHandler(urllib.request.HTTPRedirectHandler):
         self, req: urllib.request.Request, fp: IO[bytes], code: int, msg: str,
         headers: Message, newurl: str,
     ) -> urllib.request.Request | None:  # fmt: skip
-        """See `HTTPRedirectHandler`."""
         if req.type == "https" and not newurl.startswith("https:"):
             raise UserFacingError(
                 f"{req.full_url}: leads to {newurl}, without protection; give another source with "

@@ -1,4 +1,4 @@
-"""Keys that Zenoh takes, that nobody else can read, and that are never written over."""
+"""Keys and certificates for Zenoh: private, and never overwritten."""
 
 import re
 import stat
@@ -18,20 +18,20 @@ pytestmark = pytest.mark.subprocess
 
 @pytest.fixture(scope="module")
 def authority(tmp_path_factory: pytest.TempPathFactory) -> CertificateAuthority:
-    """With a server and a client; tests may add, under names of their own."""
+    """Authority with a server and a client; tests may add other names."""
     authority = CertificateAuthority(tmp_path_factory.mktemp("keys"))
     authority.issue_server_certificate(["robot1.local", "192.168.1.20", "::1"], 30)
     authority.issue_client_certificate("reader", 30)
     return authority
 
 
-def told(*arguments: str) -> str:
-    done = subprocess.run(["openssl", *arguments], capture_output=True, text=True, check=True)
-    return done.stdout
+def run_openssl(*arguments: str) -> str:
+    process = subprocess.run(["openssl", *arguments], capture_output=True, text=True, check=True)
+    return process.stdout
 
 
 def text_of(certificate: Path) -> str:
-    return told("x509", "-in", str(certificate), "-noout", "-text")
+    return run_openssl("x509", "-in", str(certificate), "-noout", "-text")
 
 
 def test_each_name_gets_the_three_files_to_copy(authority: CertificateAuthority) -> None:
@@ -43,10 +43,10 @@ def test_each_name_gets_the_three_files_to_copy(authority: CertificateAuthority)
         }
 
 
-def test_the_authority_vouches_for_them(authority: CertificateAuthority) -> None:
+def test_the_authority_verifies_them(authority: CertificateAuthority) -> None:
     for name in ("robot1.local", "reader"):
         certificate = authority.folder / name / "tls.pem"
-        told("verify", "-CAfile", str(authority.folder / "ca.pem"), str(certificate))
+        run_openssl("verify", "-CAfile", str(authority.folder / "ca.pem"), str(certificate))
 
 
 def test_a_server_is_known_by_all_its_names(authority: CertificateAuthority) -> None:
@@ -66,7 +66,9 @@ def test_a_client_is_known_by_its_common_name(authority: CertificateAuthority) -
 def test_keys_are_elliptic_and_in_pkcs8(authority: CertificateAuthority) -> None:
     key = (authority.folder / "reader" / "tls.key").read_text()
     assert key.startswith("-----BEGIN PRIVATE KEY-----")
-    assert "prime256v1" in told("ec", "-in", str(authority.folder / "reader/tls.key"), "-text")
+    assert "prime256v1" in run_openssl(
+        "ec", "-in", str(authority.folder / "reader/tls.key"), "-text"
+    )
 
 
 def test_nobody_else_can_read_them(tmp_path: Path) -> None:
@@ -79,15 +81,15 @@ def test_nobody_else_can_read_them(tmp_path: Path) -> None:
 def test_they_last_as_long_as_asked(authority: CertificateAuthority) -> None:
     folder = authority.issue_client_certificate("short", 1)
     certificate = str(folder / "tls.pem")
-    told("x509", "-in", certificate, "-noout", "-checkend", "3600")
+    run_openssl("x509", "-in", certificate, "-noout", "-checkend", "3600")
     with pytest.raises(subprocess.CalledProcessError):
-        told("x509", "-in", certificate, "-noout", "-checkend", str(25 * 3600))
+        run_openssl("x509", "-in", certificate, "-noout", "-checkend", str(25 * 3600))
 
 
-def test_a_key_is_never_written_over(authority: CertificateAuthority) -> None:
+def test_a_key_is_never_overwritten(authority: CertificateAuthority) -> None:
     key = authority.folder / "reader" / "tls.key"
     before = key.read_bytes()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         authority.issue_client_certificate("reader", 30)
     assert key.read_bytes() == before
 
@@ -113,7 +115,7 @@ def test_nothing_is_left_of_a_certificate_that_failed(tmp_path: Path) -> None:
     assert {file.name for file in authority.folder.iterdir()} == {"ca.key", "ca.pem", "reader"}
 
 
-def test_openssl_missing_is_said_with_the_way_to_get_it(
+def test_a_missing_openssl_is_reported_with_its_install_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))

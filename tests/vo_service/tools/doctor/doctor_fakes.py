@@ -1,4 +1,4 @@
-"""A machine, a sensor and a camera as the checks see them, made to measure."""
+"""Configurable computers, sensors and camera streams for tests of the checks."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ PERIOD_S = 1 / 30
 def make_sensor(
     model: SensorModel = SensorModel.K1414, address: int = 4, **facts: Any
 ) -> UsbSensor:
-    """A sensor on bus 1, where nothing is wrong but `facts`."""
+    """Make a sensor on bus 1 without faults, except for `facts`."""
     defaults: dict[str, Any] = {
         "is_supported": True,
         "camera": UsbPart("045e:02ae", UsbRole.CAMERA, 1, address),
@@ -30,8 +30,8 @@ def make_sensor(
 
 
 def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[FrameSample, ...]:
-    """Frames of a good camera; ``skew_s=lambda k: ...`` changes one thing of frame k."""
-    good: dict[str, Callable[[int], Any]] = {
+    """Make frames of a good camera; ``skew_s=lambda k: ...`` changes one field of frame k."""
+    defaults: dict[str, Callable[[int], Any]] = {
         "seq": lambda k: k,
         "stamp_s": lambda k: 100.0 + k * PERIOD_S,
         "receive_time_s": lambda k: 100.03 + k * PERIOD_S,
@@ -39,47 +39,47 @@ def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[Fram
         "skew_s": lambda k: 0.004,
         "gravity_m_s2": lambda k: (0.0, 9.81, 0.0),
     }
-    made = good | changes
+    fields = defaults | changes
     return tuple(
-        FrameSample(**{name: make(k) for name, make in made.items()}) for k in range(count)
+        FrameSample(**{name: field(k) for name, field in fields.items()}) for k in range(count)
     )
 
 
 def make_capture(
-    frames: Sequence[FrameSample] | None = None, trouble: str = "", **counters: int
+    frames: Sequence[FrameSample] | None = None, error: str = "", **counters: int
 ) -> StreamSample:
-    """What a good camera delivered, but for what is given."""
-    found = make_samples() if frames is None else tuple(frames)
+    """Make the stream sample of a good camera, except for the arguments."""
+    samples = make_samples() if frames is None else tuple(frames)
     return StreamSample(
-        samples=found,
-        size=(640, 480) if found else None,
-        first_frame_s=1.2 if found else None,
-        counters=CameraCounters(delivered=len(found), **counters),
+        samples=samples,
+        size=(640, 480) if samples else None,
+        first_frame_s=1.2 if samples else None,
+        counters=CameraCounters(delivered=len(samples), **counters),
         intrinsics_source="factory",
-        error=trouble,
+        error=error,
     )
 
 
 def make_context(
     sensors: Iterable[UsbSensor] = (),
-    seen: StreamSample | None = None,
+    stream: StreamSample | None = None,
     root: Path = Path("/nowhere"),
     source: str = "freenect",
 ) -> CheckContext:
-    """A machine with these sensors; its files are under `root`."""
-    there = tuple(sensors)
+    """Make a computer with these sensors; its files are under `root`."""
+    all_sensors = tuple(sensors)
     return CheckContext(
         SystemPaths(root),
         requested_sensor_for(source),
-        lambda: there,
-        lambda: seen or make_capture(),
+        lambda: all_sensors,
+        lambda: stream or make_capture(),
     )
 
 
 def make_usb_device(root: Path, path: str, busnum: int, devnum: int, **attributes: str) -> Path:
-    """A device in a folder laid out like /sys; the folder of the device.
+    """Make a device in a folder like /sys and return the device's folder.
 
-    `path` is from the controller on, such as "0000:00:14.0/usb1/1-2".
+    `path` starts at the controller, such as "0000:00:14.0/usb1/1-2".
     """
     folder = root / "sys/devices/pci0000:00" / path
     folder.mkdir(parents=True)
@@ -93,12 +93,12 @@ def make_usb_device(root: Path, path: str, busnum: int, devnum: int, **attribute
 
 
 def make_usb_interface(device: Path, number: int, interface_class: str, driver: str = "") -> Path:
-    """An interface of a device, bound to a kernel driver or to none; its folder."""
+    """Make an interface of a device, with or without a kernel driver, and return its folder."""
     folder = device / f"{device.name}:1.{number}"
     folder.mkdir()
     (folder / "bInterfaceClass").write_text(f"{interface_class}\n")
     if driver:
-        home = device / "drivers" / driver
-        home.mkdir(parents=True, exist_ok=True)
-        (folder / "driver").symlink_to(home)
+        driver_folder = device / "drivers" / driver
+        driver_folder.mkdir(parents=True, exist_ok=True)
+        (folder / "driver").symlink_to(driver_folder)
     return folder

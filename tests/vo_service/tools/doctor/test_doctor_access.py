@@ -1,4 +1,4 @@
-"""What the doctor says of permissions, drivers, other programs and firmware."""
+"""The checks of permissions, kernel drivers, other programs and firmware."""
 
 import os
 from pathlib import Path
@@ -23,8 +23,8 @@ FORBIDDEN = make_sensor(open_error=OpenError.PERMISSION, has_kernel_driver=None)
 WITHOUT_FIRMWARE = make_sensor(SensorModel.K1473, audio_interfaces=1)
 
 
-def process(root: Path, number: int, name: str, *open_files: str) -> None:
-    """A process in a folder laid out like /proc."""
+def make_process(root: Path, number: int, name: str, *open_files: str) -> None:
+    """Make a process in a folder like /proc."""
     folder = root / "proc" / str(number)
     (folder / "fd").mkdir(parents=True)
     (folder / "comm").write_text(f"{name.partition(' ')[0]}\n")
@@ -83,8 +83,8 @@ def test_a_program_that_has_claimed_the_camera_is_no_kernel_driver(tmp_path: Pat
 
 
 def test_the_program_that_has_the_camera_is_named(tmp_path: Path) -> None:
-    process(tmp_path, 812, "freenect-glview", "/dev/null", CAMERA_FILE)
-    process(tmp_path, 900, "bash", "/dev/null")
+    make_process(tmp_path, 812, "freenect-glview", "/dev/null", CAMERA_FILE)
+    make_process(tmp_path, 900, "bash", "/dev/null")
     finding = ExclusiveAccessCheck().run(
         make_context([make_sensor(open_error=OpenError.BUSY)], root=tmp_path)
     )
@@ -92,10 +92,10 @@ def test_the_program_that_has_the_camera_is_named(tmp_path: Path) -> None:
     assert finding.text == "freenect-glview (process 812) has the camera"
 
 
-def test_a_program_that_films_through_the_kernel_is_named(tmp_path: Path) -> None:
+def test_a_program_that_uses_the_webcam_device_is_named(tmp_path: Path) -> None:
     device = make_usb_device(tmp_path, "0000:00:14.0/usb1/1-2", 1, 4)
     (make_usb_interface(device, 0, "ff", "gspca_kinect") / "video4linux/video2").mkdir(parents=True)
-    process(tmp_path, 77, "cheese", "/dev/video2")
+    make_process(tmp_path, 77, "cheese", "/dev/video2")
     finding = ExclusiveAccessCheck().run(
         make_context([make_sensor(has_kernel_driver=True)], root=tmp_path)
     )
@@ -110,8 +110,8 @@ def test_a_program_that_only_root_may_see_is_another(tmp_path: Path) -> None:
     assert finding.text == "another program has the camera"
 
 
-def test_our_own_driver_is_known(tmp_path: Path) -> None:
-    process(tmp_path, 813, "python -m drivers.subprocess_camera.worker_main 7", CAMERA_FILE)
+def test_our_own_driver_is_named(tmp_path: Path) -> None:
+    make_process(tmp_path, 813, "python -m drivers.subprocess_camera.worker_main 7", CAMERA_FILE)
     finding = ExclusiveAccessCheck().run(
         make_context([make_sensor(open_error=OpenError.BUSY)], root=tmp_path)
     )
@@ -119,19 +119,19 @@ def test_our_own_driver_is_known(tmp_path: Path) -> None:
 
 
 def test_this_very_process_does_not_count(tmp_path: Path) -> None:
-    process(tmp_path, os.getpid(), "kinect-vo", CAMERA_FILE)
+    make_process(tmp_path, os.getpid(), "kinect-vo", CAMERA_FILE)
     assert (
         ExclusiveAccessCheck().run(make_context([make_sensor()], root=tmp_path)).verdict
         is CheckVerdict.PASS
     )
 
 
-def test_another_refusal_is_passed_on() -> None:
-    refusing = make_sensor(open_error=OpenError.OTHER, open_error_text="Input/Output Error")
-    finding = ExclusiveAccessCheck().run(make_context([refusing]))
+def test_another_open_error_is_reported() -> None:
+    sensor = make_sensor(open_error=OpenError.OTHER, open_error_text="Input/Output Error")
+    finding = ExclusiveAccessCheck().run(make_context([sensor]))
     assert (finding.verdict, finding.text) == (
         CheckVerdict.FAIL,
-        "it cannot be opened: Input/Output Error",
+        "the camera cannot be opened: Input/Output Error",
     )
 
 
@@ -144,21 +144,21 @@ def test_loaded_firmware_passes() -> None:
     assert FirmwareCheck().run(make_context([loaded])).text == "loaded"
 
 
-def test_missing_firmware_says_where_it_is_looked_for_and_what_works(tmp_path: Path) -> None:
+def test_missing_firmware_names_the_searched_folders_and_what_works(tmp_path: Path) -> None:
     finding = FirmwareCheck((tmp_path,)).run(make_context([WITHOUT_FIRMWARE]))
     assert finding.verdict is CheckVerdict.WARNING
     assert f"no audios.bin in {tmp_path}" in finding.text
-    assert finding.text.endswith("tilt, light and accelerometer do not work, pictures do")
+    assert finding.text.endswith("tilt, light and accelerometer do not work, images do")
 
 
-def test_firmware_that_is_there_but_not_loaded_is_said(tmp_path: Path) -> None:
+def test_firmware_that_exists_but_is_not_loaded_is_reported(tmp_path: Path) -> None:
     (tmp_path / "audios.bin").write_bytes(b"")
     finding = FirmwareCheck((tmp_path,)).run(make_context([WITHOUT_FIRMWARE]))
-    assert finding.text.startswith(f"not loaded, though {tmp_path / 'audios.bin'} is there")
+    assert finding.text.startswith(f"not loaded, although {tmp_path / 'audios.bin'} exists")
 
 
 @pytest.mark.parametrize("check", [PermissionCheck(), KernelDriverCheck(), ExclusiveAccessCheck()])
-def test_a_machine_that_shows_nothing_is_no_trouble(
+def test_a_computer_without_kernel_files_passes(
     check: PermissionCheck | KernelDriverCheck | ExclusiveAccessCheck,
 ) -> None:
     assert check.run(make_context([make_sensor()])).verdict is CheckVerdict.PASS

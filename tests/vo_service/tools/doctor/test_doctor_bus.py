@@ -1,4 +1,4 @@
-"""What the doctor says of the USB: the sensor, its speed, its neighbours."""
+"""The checks of the USB: the sensor, its speed and its neighbors."""
 
 from pathlib import Path
 
@@ -38,13 +38,13 @@ def test_nothing_on_the_bus_says_to_plug_it_in() -> None:
 def test_a_later_kinect_is_named_as_unsupported(model: SensorModel) -> None:
     finding = SensorPresenceCheck().run(make_context([make_sensor(model, is_supported=False)]))
     assert finding.verdict is CheckVerdict.FAIL
-    assert finding.text.startswith(f"{model}, bus 1 port 2.1: this model is not supported")
+    assert finding.text.startswith(f"{model}, bus 1 port 2.1: unsupported model")
 
 
 def test_another_kind_of_sensor_is_named() -> None:
     finding = SensorPresenceCheck().run(make_context([make_sensor(SensorModel.CARMINE)]))
     assert finding.verdict is CheckVerdict.FAIL
-    assert "PrimeSense Carmine 1.09, bus 1 port 2.1, which is another kind" in finding.text
+    assert "PrimeSense Carmine 1.09, bus 1 port 2.1 is another kind" in finding.text
 
 
 def test_another_serial_is_named() -> None:
@@ -52,7 +52,7 @@ def test_another_serial_is_named() -> None:
         make_context([make_sensor(serial="B2")], source="freenect:A1")
     )
     assert finding.verdict is CheckVerdict.FAIL
-    assert "none has the serial A1; there is Kinect 1414, bus 1 port 2.1, serial B2" in finding.text
+    assert "A1; connected: Kinect 1414, bus 1 port 2.1, serial B2" in finding.text
 
 
 def test_a_serial_that_cannot_be_read_may_be_the_one() -> None:
@@ -62,12 +62,14 @@ def test_a_serial_that_cannot_be_read_may_be_the_one() -> None:
     )
 
 
-def test_a_usb_that_cannot_be_looked_at_is_said() -> None:
-    def look() -> tuple[UsbSensor, ...]:
+def test_a_usb_that_cannot_be_listed_is_reported() -> None:
+    def raise_error() -> tuple[UsbSensor, ...]:
         raise UserFacingError("no answer within 15 s")
 
-    machine = CheckContext(SystemPaths(), requested_sensor_for("freenect"), look, make_capture)
-    assert "no answer within 15 s" in SensorPresenceCheck().run(machine).text
+    context = CheckContext(
+        SystemPaths(), requested_sensor_for("freenect"), raise_error, make_capture
+    )
+    assert "no answer within 15 s" in SensorPresenceCheck().run(context).text
 
 
 def test_full_speed_is_too_slow() -> None:
@@ -75,19 +77,19 @@ def test_full_speed_is_too_slow() -> None:
     assert (finding.verdict, finding.text) == (CheckVerdict.FAIL, "12 Mbit/s; the sensor needs 480")
 
 
-def test_the_kernel_tells_the_speed_where_libusb_does_not(tmp_path: Path) -> None:
+def test_the_kernel_gives_the_speed_if_libusb_does_not(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4, speed="480")
     finding = UsbSpeedCheck().run(make_context([make_sensor(speed_mbit_s=None)], root=tmp_path))
     assert (finding.verdict, finding.text) == (CheckVerdict.PASS, "480 Mbit/s")
 
 
-def test_where_nobody_tells_speed_and_controller_are_not_known() -> None:
-    machine = make_context([make_sensor(speed_mbit_s=None)])
-    assert UsbSpeedCheck().run(machine).verdict is CheckVerdict.UNKNOWN
-    assert ControllerCheck().run(machine).verdict is CheckVerdict.UNKNOWN
+def test_without_information_speed_and_controller_are_not_known() -> None:
+    context = make_context([make_sensor(speed_mbit_s=None)])
+    assert UsbSpeedCheck().run(context).verdict is CheckVerdict.UNKNOWN
+    assert ControllerCheck().run(context).verdict is CheckVerdict.UNKNOWN
 
 
-def test_the_sensors_own_parts_and_hubs_are_no_neighbours(tmp_path: Path) -> None:
+def test_the_sensors_own_parts_and_hubs_are_no_neighbors(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1", 1, 1, bDeviceClass="09")
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-3", 1, 5)
@@ -107,7 +109,7 @@ def test_a_webcam_at_the_same_controller_is_a_warning(tmp_path: Path) -> None:
     assert "also serves C270 0000:0000" in finding.text
 
 
-def test_a_mouse_at_the_same_controller_is_none(tmp_path: Path) -> None:
+def test_a_mouse_at_the_same_controller_passes(tmp_path: Path) -> None:
     make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-2", 1, 4)
     mouse = make_usb_device(tmp_path, f"{CONTROLLER}/usb1/1-4", 1, 9, product="Mouse")
     make_usb_interface(mouse, 0, "03")

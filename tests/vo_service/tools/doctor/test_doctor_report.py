@@ -1,4 +1,4 @@
-"""The packed report: whole, or not there."""
+"""The packed report is complete or does not exist."""
 
 import logging
 import tarfile
@@ -16,21 +16,21 @@ from vo_service.tools.doctor.system_info import (
 )
 
 
-def members(file: Path) -> set[str]:
-    """Names in a packed file."""
+def member_names(file: Path) -> set[str]:
+    """Return the names in a packed file."""
     with tarfile.open(file) as archive:
         return set(archive.getnames())
 
 
 def text_of(file: Path, name: str) -> str:
-    """One member."""
+    """Return the text of one member."""
     with tarfile.open(file) as archive:
         opened = archive.extractfile(name)
         assert opened is not None
         return opened.read().decode()
 
 
-def test_a_report_holds_what_was_put_in_and_says_its_size(tmp_path: Path) -> None:
+def test_a_report_holds_the_added_files_and_returns_its_size(tmp_path: Path) -> None:
     file = tmp_path / "kinect.tar.gz"
     (tmp_path / "my.toml").write_text("schema = 1\n")
     with open_bug_report(file) as report:
@@ -38,7 +38,7 @@ def test_a_report_holds_what_was_put_in_and_says_its_size(tmp_path: Path) -> Non
         report.add_copy(tmp_path / "my.toml")
         size = report.pack()
     assert size == file.stat().st_size
-    assert {"kinect/doctor.json", "kinect/log.txt", "kinect/my.toml"} <= members(file)
+    assert {"kinect/doctor.json", "kinect/log.txt", "kinect/my.toml"} <= member_names(file)
     assert text_of(file, "kinect/my.toml") == "schema = 1\n"
 
 
@@ -63,7 +63,7 @@ def test_the_log_is_detailed_in_the_report_alone(
 
 
 def test_a_report_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
-    with pytest.raises(UserFacingError, match="nothing was left behind"), \
+    with pytest.raises(UserFacingError, match="no file was written"), \
             open_bug_report(tmp_path / "kinect.tar.gz"):  # fmt: skip
         raise OSError(28, "No space left on device")
     assert list(tmp_path.iterdir()) == []
@@ -76,26 +76,24 @@ def test_an_interrupted_report_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "complaint"),
+    ("name", "message"),
     [
         ("kinect.zip", "end in .tar.gz"),
-        ("there.tar.gz", "is there already"),
-        ("nowhere/kinect.tar.gz", "cannot be written there"),
+        ("there.tar.gz", "already exists"),
+        ("nowhere/kinect.tar.gz", "cannot be written"),
     ],
 )
-def test_a_file_that_cannot_be_is_refused_at_once(
-    tmp_path: Path, name: str, complaint: str
-) -> None:
+def test_an_invalid_file_is_rejected_at_once(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "there.tar.gz").write_text("")
-    with pytest.raises(InputError, match=complaint), open_bug_report(tmp_path / name):
+    with pytest.raises(InputError, match=message), open_bug_report(tmp_path / name):
         pass
 
 
 @pytest.mark.subprocess
-def test_the_versions_name_what_matters() -> None:
-    found = collect_versions()
-    assert {"kinect-vo", "python", "os", "kernel", "numpy", "libfreenect0.5"} <= found.keys()
-    assert found["numpy"]
+def test_the_versions_include_python_the_system_and_libraries() -> None:
+    versions = collect_versions()
+    assert {"kinect-vo", "python", "os", "kernel", "numpy", "libfreenect0.5"} <= versions.keys()
+    assert versions["numpy"]
 
 
 def test_the_usb_listing_has_speed_controller_and_driver(tmp_path: Path) -> None:
@@ -109,11 +107,11 @@ def test_the_usb_listing_has_speed_controller_and_driver(tmp_path: Path) -> None
     assert line.endswith("drivers gspca_kinect\n")
 
 
-def test_a_kernel_without_usb_is_said(tmp_path: Path) -> None:
-    assert format_usb_listing(tmp_path) == "the kernel shows no USB devices here\n"
+def test_a_kernel_without_usb_is_reported(tmp_path: Path) -> None:
+    assert format_usb_listing(tmp_path) == "the kernel lists no USB devices\n"
 
 
 @pytest.mark.subprocess
-def test_a_command_that_is_not_there_says_nothing() -> None:
+def test_a_missing_or_failing_command_has_no_output() -> None:
     assert run_and_capture(["no-such-command-here"]) == ""
     assert run_and_capture(["false"]) == ""

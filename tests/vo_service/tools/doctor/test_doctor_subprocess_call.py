@@ -1,4 +1,4 @@
-"""Functions in a process of their own."""
+"""Functions that are called in a subprocess."""
 
 import ctypes
 import os
@@ -13,43 +13,43 @@ from vo_service.tools.doctor.subprocess_call import call_in_subprocess
 
 pytestmark = pytest.mark.subprocess
 
-PLENTY_S = 100.0
+LONG_S = 100.0
 
 
 def test_the_result_comes_back() -> None:
-    assert call_in_subprocess(partial(divmod, 17, 5), PLENTY_S) == (3, 2)
+    assert call_in_subprocess(partial(divmod, 17, 5), LONG_S) == (3, 2)
 
 
 def test_it_is_another_process() -> None:
-    assert call_in_subprocess(os.getppid, PLENTY_S) == os.getpid()
+    assert call_in_subprocess(os.getppid, LONG_S) == os.getpid()
 
 
 def test_a_crash_is_named() -> None:
     with pytest.raises(UserFacingError, match="crashed with SIGSEGV"):
-        call_in_subprocess(partial(ctypes.string_at, 0), PLENTY_S)
+        call_in_subprocess(partial(ctypes.string_at, 0), LONG_S)
 
 
-def test_a_hang_is_ended() -> None:
+def test_a_hanging_function_is_killed() -> None:
     with pytest.raises(UserFacingError, match=r"no answer within 0\.5 s"):
         call_in_subprocess(partial(time.sleep, 600), 0.5)
 
 
-def test_an_error_is_told_in_one_line() -> None:
+def test_an_error_is_reported_in_one_line() -> None:
     with pytest.raises(UserFacingError, match="failed: ZeroDivisionError"):
-        call_in_subprocess(partial(divmod, 1, 0), PLENTY_S)
+        call_in_subprocess(partial(divmod, 1, 0), LONG_S)
 
 
-def test_what_a_library_prints_is_not_taken_for_the_answer() -> None:
-    assert call_in_subprocess(partial(os.write, 1, b"noise"), PLENTY_S) == 5
+def test_prints_of_a_library_do_not_mix_with_the_result() -> None:
+    assert call_in_subprocess(partial(os.write, 1, b"noise"), LONG_S) == 5
 
 
 def test_the_file_that_was_really_loaded_is_named() -> None:
-    (found,) = call_in_subprocess(partial(load_libraries, ["libc.so.6"]), PLENTY_S)
-    assert os.path.basename(found.file).startswith("libc.so")  # noqa: PTH119 (the name alone)
-    assert found.error == ""
+    (library,) = call_in_subprocess(partial(load_libraries, ["libc.so.6"]), LONG_S)
+    assert os.path.basename(library.file).startswith("libc.so")  # noqa: PTH119 (the name alone)
+    assert library.error == ""
 
 
-def test_a_library_that_is_not_there_is_said() -> None:
-    (found,) = call_in_subprocess(partial(load_libraries, ["libnosuch.so.1"]), PLENTY_S)
-    assert found.file == ""
-    assert "libnosuch.so.1" in found.error
+def test_a_missing_library_is_reported() -> None:
+    (library,) = call_in_subprocess(partial(load_libraries, ["libnosuch.so.1"]), LONG_S)
+    assert library.file == ""
+    assert "libnosuch.so.1" in library.error

@@ -15,7 +15,6 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def make_tree(root: Path, patch: pytest.MonkeyPatch) -> Path:
-    """See `tree`."""
     patch.setattr(program, "runtime_distributions", lambda: [distribution("kinect-vo")])
     patch.setattr(program, "_check_that_it_runs", lambda folder: None)
     (root / "etc").mkdir(parents=True)

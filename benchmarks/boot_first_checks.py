@@ -43,7 +43,7 @@ def check_install(computer: BootedComputer) -> str:
         check=True,
     )
     taken_s = time.monotonic() - begin_s
-    assert "kinect.toml: kept as it is" in said
+    assert "kinect.toml: kept unchanged" in said
     assert computer.unit_property("ActiveState") == "active"
     assert computer.unit_property("NRestarts") == "0", "it was started more than once"
     compiled = [e["MESSAGE"] for e in computer.journal_entries() if "are ready" in e["MESSAGE"]]

@@ -228,7 +228,7 @@ MISTAKES = {
     "no lists": ([".", "--depth"], "rgb.txt: no such file"),
     "no folder for it": ([".", "--output", "gone/camera.toml"], "there is no folder gone"),
     "a folder": ([".", "--output", "."], ".: is a folder"),
-    "picture": ([".", "--picture", "coverage.gif"], "a picture is .png or .svg"),
+    "picture": ([".", "--picture", "coverage.gif"], "the file name must end in .png or .svg"),
     "board": ([".", "--board", "checkers:8x8"], "--board checkers:8x8: is no board"),
     "nothing to keep": ([".", "--keep", "views"], "--keep keeps what a camera shows"),
     "nothing to watch": ([".", "--rerun", "serve"], "--rerun shows what a camera sees"),

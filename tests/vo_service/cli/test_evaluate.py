@@ -112,4 +112,4 @@ def test_a_picture_that_cannot_be_written_is_one_clear_line(
         capfd, "evaluate", half, recording, "--picture", tmp_path / "gone" / "walk.png"
     )
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
-    assert "cannot write the picture" in outcome.err
+    assert "cannot write the figure" in outcome.err

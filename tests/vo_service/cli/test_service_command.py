@@ -66,7 +66,7 @@ def test_the_owners_configuration_stays_and_an_old_unit_does_not(
     (tree / CONFIG).write_text('schema = 1\n[camera]\nsource = "synthetic"\n')
     (tree / "etc/systemd/system" / UNITS[0]).write_text("# of an older version\n")
     outcome = service("install")
-    assert f"{tree / CONFIG}: kept as it is" in outcome.out
+    assert f"{tree / CONFIG}: kept unchanged" in outcome.out
     assert "synthetic" in (tree / CONFIG).read_text()
     assert (tree / "etc/systemd/system" / UNITS[0]).read_text() == read_service_file(UNITS[0])
 

@@ -1,7 +1,7 @@
-"""Unpacking an archive from a stranger: all of it, nothing but files, and all in one folder.
+"""Safe unpacking of an untrusted archive: only files and folders, all below one folder.
 
-Stricter than the data filter of Python's tarfile (which the oldest Python supported lacks): what
-that one would set right or follow, such as links, is refused, for a recording has none.
+This is stricter than the data filter of Python's tarfile, which the oldest supported Python lacks.
+Links, which that filter corrects or follows, are rejected, because a recording has none.
 """
 
 import gzip
@@ -15,36 +15,36 @@ from drivers.core.errors import UserFacingError
 from vo_service.tools.download.partial_file import disk_error
 
 CHUNK_BYTES = 1 << 16
-# Images hardly shrink; these bounds are for archives that are meant to fill the disk.
+# Images hardly compress; these limits stop archives that are made to fill the disk.
 MAX_MEMBERS = 50_000
 MAX_EXPANSION_RATIO = 5
 MIN_SIZE_LIMIT_BYTES = 64 << 20
 MAX_NAME_BYTES = 255
-# What tarfile, gzip and zlib raise for what is not whole or makes no sense.
+# Errors of tarfile, gzip and zlib for incomplete or invalid data.
 DAMAGE_ERRORS = (
     EOFError, zlib.error, tarfile.TarError, gzip.BadGzipFile,
     ValueError, LookupError, ArithmeticError, RecursionError,
 )  # fmt: skip
-UnpackProgress = Callable[[int, int | None], None]  # bytes of the archive read, bytes in all
+UnpackProgress = Callable[[int, int | None], None]  # bytes of the archive read, bytes in total
 
 
 class DamagedArchiveError(UserFacingError):
-    """It is not whole, or no archive at all: another copy may be."""
+    """The archive is incomplete or not an archive. Another download may be good."""
 
 
 class UnsafeArchiveError(UserFacingError):
-    """It holds what a recording does not: another copy will, too."""
+    """The archive has unsafe contents. Another download will have them, too."""
 
 
 class _CheckedHeader(tarfile.TarInfo):
-    """A member's header; a size below zero is refused as it is read, from any kind of header.
+    """Header of a member. Any kind of header with a negative size is rejected when it is read.
 
-    Some versions of tarfile go back by such a size, for ever; others call the archive damaged.
+    Some versions of tarfile seek back by such a size in an endless loop.
     """
 
     @property
     def size(self) -> int:
-        """Bytes of the member."""
+        """Size of the member, bytes."""
         return self._size
 
     @size.setter
@@ -55,7 +55,11 @@ class _CheckedHeader(tarfile.TarInfo):
 
 
 class _BoundedGzip(gzip.GzipFile):
-    """A stream with an end. `last` is what was read last: zeros mark the end of an archive."""
+    """Decompressed stream of limited size.
+
+    Attributes:
+        last_read: the data of the last read; zeros mark the end of an archive.
+    """
 
     def __init__(self, file: IO[bytes], max_bytes: int) -> None:
         super().__init__(fileobj=file, mode="rb")
@@ -63,7 +67,7 @@ class _BoundedGzip(gzip.GzipFile):
         self.last_read = b""
 
     def read(self, size: int | None = -1) -> bytes:
-        """At most `CHUNK_BYTES` at once: what tarfile reads in one piece, it keeps in memory."""
+        """Read at most `CHUNK_BYTES`, because tarfile keeps each piece in memory."""
         if size is None or not 0 <= size <= CHUNK_BYTES:
             raise UnsafeArchiveError(f"a header of {size} bytes")
         self.last_read = super().read(size)
@@ -73,10 +77,12 @@ class _BoundedGzip(gzip.GzipFile):
 
 
 def unpack(archive: Path, folder: Path, on_progress: UnpackProgress) -> None:
-    """Unpack a .tgz into a new `folder`.
+    """Unpack a .tgz into a new `folder`. After an error, unpacked files are left there.
 
-    Raises DamagedArchiveError, UnsafeArchiveError or UserFacingError (such as: the disk is full);
-    what has been unpacked by then is left there.
+    Raises:
+        DamagedArchiveError: the archive is incomplete or invalid.
+        UnsafeArchiveError: the archive has unsafe contents.
+        UserFacingError: the disk is full or not writable.
     """
     size = archive.stat().st_size
     try:
@@ -92,14 +98,14 @@ def unpack(archive: Path, folder: Path, on_progress: UnpackProgress) -> None:
         raise disk_error(folder.parent, error) from error
 
 
-def _unpack_all(stream: _BoundedGzip, folder: Path, tick: Callable[[], None]) -> None:
+def _unpack_all(stream: _BoundedGzip, folder: Path, on_chunk: Callable[[], None]) -> None:
     with tarfile.open(fileobj=stream, mode="r:", tarinfo=_CheckedHeader) as tar:
         for count, member in enumerate(tar):
             if count == MAX_MEMBERS:
                 raise UnsafeArchiveError(f"more than {MAX_MEMBERS} files")
-            _unpack_one(tar, member, folder, tick)
-    # A header that makes no sense ends tarfile's loop as the end itself does; then reading on to
-    # the end of the stream also has its checksum compared.
+            _unpack_one(tar, member, folder, on_chunk)
+    # An invalid header ends tarfile's loop like the end of the archive. Zeros mark the true end;
+    # reading to the end of the stream verifies its checksum.
     while not any(stream.last_read):
         if not stream.read(CHUNK_BYTES):
             return
@@ -107,7 +113,7 @@ def _unpack_all(stream: _BoundedGzip, folder: Path, tick: Callable[[], None]) ->
 
 
 def _unpack_one(
-    tar: tarfile.TarFile, member: tarfile.TarInfo, folder: Path, tick: Callable[[], None]
+    tar: tarfile.TarFile, member: tarfile.TarInfo, folder: Path, on_chunk: Callable[[], None]
 ) -> None:
     path = folder / safe_path(member.name)
     if member.type == tarfile.DIRTYPE:
@@ -117,15 +123,15 @@ def _unpack_one(
         raise UnsafeArchiveError(f"{member.name!r}, which is neither a file nor a folder")
     path.parent.mkdir(parents=True, exist_ok=True)
     source = tar.extractfile(member)
-    assert source is not None  # it is a file
+    assert source is not None  # a regular file, as checked above
     with source, path.open("xb") as target:
         while data := source.read(CHUNK_BYTES):
             target.write(data)
-            tick()
+            on_chunk()
 
 
 def safe_path(name: str) -> PurePosixPath:
-    """A member's path, which lies below the folder. Raises UnsafeArchiveError."""
+    """Return a member's path below the folder. Raises UnsafeArchiveError if it lies outside."""
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts:
         raise UnsafeArchiveError(f"{name!r}, which lies outside its folder")

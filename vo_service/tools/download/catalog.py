@@ -1,8 +1,7 @@
-"""The sequences of the TUM RGB-D benchmark by their short names.
+"""Catalog of the sequences of the TUM RGB-D benchmark.
 
-Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012. Lengths and
-sizes only tell a reader what to expect; sizes are those of archives that somebody has measured, the
-others follow from the length.
+Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012. Lengths and sizes
+are for information only; some sizes are measured, the others are estimated from the length.
 """
 
 import difflib
@@ -64,7 +63,7 @@ fr3/walking_rpy 31 510
 fr3/walking_static 25 420
 fr3/walking_xyz 29 480
 """
-# Those that have a twin without ground truth, for the benchmark's own evaluation online.
+# Sequences with a validation variant without ground truth, for the benchmark's online evaluation.
 _WITH_VALIDATION = {
     "1": "360 desk desk2 plant room rpy xyz",
     "2": "360_hemisphere 360_kidnap desk desk_with_person pioneer_360 rpy xyz",
@@ -74,13 +73,13 @@ _WITH_VALIDATION = {
     "structure_notexture_far structure_notexture_near structure_texture_far "
     "structure_texture_near walking_halfsphere walking_rpy walking_static walking_xyz",
 }
-# fr1/xyz, freiburg1_xyz, rgbd_dataset_freiburg1_xyz and rgbd_dataset_freiburg1_xyz.tgz are one.
+# Spellings of fr1/xyz: freiburg1_xyz, rgbd_dataset_freiburg1_xyz, rgbd_dataset_freiburg1_xyz.tgz.
 _NAME_PATTERN = re.compile(r"(?:rgbd_dataset_)?(?:fr|freiburg)([123])[/_](\w+?)(?:\.tgz)?/?")
 
 
 @dataclass(frozen=True)
 class BenchmarkSequence:
-    """A sequence of the camera freiburg1, 2 or 3; None for a length or size that is not known."""
+    """Sequence of the camera freiburg1, 2 or 3; None for an unknown length or size."""
 
     camera: str
     title: str
@@ -89,21 +88,21 @@ class BenchmarkSequence:
 
     @property
     def name(self) -> str:
-        """What the command takes, such as fr1/xyz."""
+        """Name for the command, such as fr1/xyz."""
         return f"fr{self.camera}/{self.title}"
 
     @property
     def folder(self) -> str:
-        """The folder's own name, by which its camera is known."""
+        """Name of its folder, which also identifies its camera."""
         return f"rgbd_dataset_freiburg{self.camera}_{self.title}"
 
     @property
     def has_ground_truth(self) -> bool:
-        """Whether a ground truth comes with it."""
+        """Whether it has a ground truth."""
         return not self.title.endswith(VALIDATION_SUFFIX)
 
     def url(self, source: str) -> str:
-        """Where its archive is below `source`, which is laid out as the benchmark's own host."""
+        """Return the address of its archive below `source`, a mirror of the benchmark's host."""
         return f"{source.rstrip('/')}/freiburg{self.camera}/{self.folder}.tgz"
 
 
@@ -123,12 +122,14 @@ SEQUENCES = (
 
 
 def find_sequence(name: str) -> BenchmarkSequence:
-    """The sequence of that name, in any usual spelling. Raises InputError with names near it."""
+    """Return a sequence by name, in any common spelling. Raises InputError with similar names."""
     spelling = _NAME_PATTERN.fullmatch(name.lower())
-    wanted = f"fr{spelling[1]}/{spelling[2]}" if spelling else name.lower()
+    short_name = f"fr{spelling[1]}/{spelling[2]}" if spelling else name.lower()
     by_name = {sequence.name: sequence for sequence in SEQUENCES}
-    if wanted in by_name:
-        return by_name[wanted]
-    near = difflib.get_close_matches(wanted, by_name, n=3, cutoff=0.5)
-    meant = f"did you mean {' or '.join(near)}? " if near else ""
-    raise InputError(f"no sequence {name!r}; {meant}`kinect-vo download --list` shows them all")
+    if short_name in by_name:
+        return by_name[short_name]
+    similar = difflib.get_close_matches(short_name, by_name, n=3, cutoff=0.5)
+    suggestion = f"did you mean {' or '.join(similar)}? " if similar else ""
+    raise InputError(
+        f"no sequence {name!r}; {suggestion}`kinect-vo download --list` shows them all"
+    )

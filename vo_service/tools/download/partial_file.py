@@ -1,4 +1,4 @@
-"""The beginning of a file that is on its way, kept so that the rest can follow at any time."""
+"""Partial download of a file, which can be resumed at any time."""
 
 import fcntl
 import json
@@ -13,11 +13,11 @@ from drivers.core.files import atomic_write, free_disk_bytes, is_disk_full
 
 
 def disk_error(folder: Path, error: OSError) -> UserFacingError:
-    """What a failure to write below `folder` means for a person."""
+    """Return a user-facing error for a failure to write below `folder`."""
     if is_disk_full(error):
         return UserFacingError(
-            f"{folder}: the disk is full; free some space and give the same command again: "
-            "what has come is kept"
+            f"{folder}: the disk is full; free some space and run the same command again; "
+            "the partial download is kept"
         )
     return UserFacingError(
         f"{folder}: cannot be written: {error.strerror}; name another folder with --output"
@@ -25,13 +25,13 @@ def disk_error(folder: Path, error: OSError) -> UserFacingError:
 
 
 class PartialFile:
-    """A locked file that only grows, and beside it a note of what it is the beginning of.
+    """Locked file that only grows, with a metadata file beside it.
 
-    The origin is a pair: the address, and the server's mark for this very version of the file.
+    The metadata are the address and the server's validator of this version of the file.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open or create it. Raises UserFacingError if it cannot be, or another process has it."""
+        """Open or create the file. Raises UserFacingError on failure or if it is locked."""
         self.path = path
         self._metadata_path = path.with_name(f"{path.name}.json")
         try:
@@ -48,19 +48,19 @@ class PartialFile:
 
     @property
     def size(self) -> int:
-        """Bytes that are there."""
+        """Size, bytes."""
         return os.fstat(self._file.fileno()).st_size
 
     def validator(self, url: str) -> str:
-        """The version of `url` that this is the beginning of; empty if it is of none."""
+        """Return the validator of the partial download of `url`; empty if it is not from there."""
         with suppress(OSError, ValueError, KeyError, TypeError):
-            note = json.loads(self._metadata_path.read_text())
-            if note["url"] == url and self.size:
-                return str(note["mark"])
+            metadata = json.loads(self._metadata_path.read_text())
+            if metadata["url"] == url and self.size:
+                return str(metadata["mark"])
         return ""
 
     def restart(self, url: str, validator: str) -> None:
-        """Start again from nothing. Raises UserFacingError."""
+        """Truncate the file and store new metadata. Raises UserFacingError."""
         try:
             self._file.truncate(0)
             atomic_write(self._metadata_path, json.dumps({"url": url, "mark": validator}).encode())
@@ -68,7 +68,7 @@ class PartialFile:
             raise disk_error(self.path.parent, error) from error
 
     def append(self, data: bytes) -> None:
-        """Add to its end. Raises UserFacingError; as much as there was room for is then there."""
+        """Append data. Raises UserFacingError after writing as much as possible."""
         rest = memoryview(data)
         try:
             while rest:
@@ -77,7 +77,7 @@ class PartialFile:
             raise disk_error(self.path.parent, error) from error
 
     def require_free_space(self, size: int) -> None:
-        """Raise UserFacingError unless the disk has room for so many bytes more."""
+        """Raise UserFacingError unless the disk has room for `size` more bytes."""
         free = free_disk_bytes(self.path.parent)
         if free < size:
             raise UserFacingError(
@@ -86,7 +86,7 @@ class PartialFile:
             )
 
     def discard(self) -> None:
-        """Remove it, and the note."""
+        """Remove the file and its metadata."""
         self.path.unlink(missing_ok=True)
         self._metadata_path.unlink(missing_ok=True)
 

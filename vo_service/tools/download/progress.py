@@ -1,4 +1,4 @@
-"""How far a download is, for a person at a terminal; silence in a log."""
+"""Progress of a download on a terminal; nothing in a log."""
 
 import time
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from vo_service.terminal import REDRAW_S, Terminal
 
 
 class DownloadProgress:
-    """Draws one line for each sequence, at most ten times a second."""
+    """Progress line of one sequence, drawn at most ten times a second."""
 
     def __init__(
         self, terminal: Terminal, name: str, clock: Callable[[], float] = time.monotonic
@@ -17,8 +17,8 @@ class DownloadProgress:
         self._drawn_s = 0.0
 
     def show_transfer(self, done: int, total: int | None) -> None:
-        """So many bytes have come, of so many where that is known."""
-        if self._begin_bytes < 0:  # what was there before does not count as speed
+        """Show the transferred bytes, of the total if it is known."""
+        if self._begin_bytes < 0:  # data from an earlier download does not count as speed
             self._begin_s, self._begin_bytes = self._clock(), done
         elapsed_s = max(self._clock() - self._begin_s, 1e-3)
         rate = max(done - self._begin_bytes, 0) / elapsed_s
@@ -31,7 +31,7 @@ class DownloadProgress:
         self._draw(text)
 
     def show_unpacking(self, done: int, total: int | None) -> None:
-        """So many bytes of the archive have been unpacked."""
+        """Show the fraction of the archive that has been unpacked."""
         self._draw(f"unpacking ({done / total:.0%})" if total else "unpacking")
 
     def _draw(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""One sequence: brought here, checked, unpacked beside its place, then put there in one step."""
+"""Download of one sequence: fetch, check, unpack beside the target, then rename in one step."""
 
 import hashlib
 import shutil
@@ -17,11 +17,12 @@ from vo_service.tools.download.transfer import fetch_with_retries
 
 @dataclass(frozen=True)
 class DownloadRequest:
-    """What is wanted.
+    """Settings of a download.
 
-    output  the folder that the sequences' own folders go into
-    source  address that stands for the benchmark's host
-    sha256  what the archive's digest must be, in hexadecimal; empty for any
+    Attributes:
+        output: folder for the sequences' folders.
+        source: address of the benchmark's host or of a mirror.
+        sha256: required digest of the archive, hexadecimal; empty for any.
     """
 
     output: Path
@@ -30,82 +31,85 @@ class DownloadRequest:
 
 
 def sequence_folder(sequence: BenchmarkSequence, request: DownloadRequest) -> Path:
-    """The folder that the sequence has, or will have."""
+    """Return the folder of the downloaded sequence."""
     return request.output / sequence.folder
 
 
 def download_sequence(
     sequence: BenchmarkSequence, request: DownloadRequest, progress: DownloadProgress
 ) -> Path:
-    """The sequence's folder, which appears under its name only when whole.
+    """Download a sequence and return its folder, which appears only when it is complete.
 
-    One that is there already is left as it is. Whenever this is ended, what has come is kept for
-    the next time, unless it has proved to be of no use. Raises UserFacingError.
+    An existing folder is not changed. A partial download is kept for the next time, unless the
+    archive is unusable.
+
+    Raises:
+        UserFacingError: the download fails.
     """
-    place = sequence_folder(sequence, request)
+    folder = sequence_folder(sequence, request)
     create_output_folder(request.output)
     with PartialFile(request.output / f".{sequence.folder}.tgz.part") as part:
-        if not place.exists():
+        if not folder.exists():
             url = sequence.url(request.source)
             fetch_with_retries(url, part, progress.show_transfer)
             try:
                 _check_digest(part.path, request.sha256)
-                _unpack_into(place, part.path, progress)
+                _unpack_into(folder, part.path, progress)
             except (DamagedArchiveError, UnsafeArchiveError) as error:
                 part.discard()
                 raise _unusable_archive_error(url, error) from error
         part.discard()
-    return place
+    return folder
 
 
 def _check_digest(archive: Path, sha256: str) -> None:
     if not sha256:
         return
     with archive.open("rb") as file:
-        found = hashlib.file_digest(file, "sha256").hexdigest()
-    if found != sha256.lower():
-        raise DamagedArchiveError(f"its SHA-256 is {found}")
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    if digest != sha256.lower():
+        raise DamagedArchiveError(f"its SHA-256 is {digest}")
 
 
 def _unpack_into(folder: Path, archive: Path, progress: DownloadProgress) -> None:
-    """Unpack, see that it can be replayed, and only then give it its name."""
-    beside = folder.with_name(f".{folder.name}.unpacking")
-    shutil.rmtree(beside, ignore_errors=True)  # of one that was killed
+    """Unpack into a temporary folder, check that it can be replayed, then rename it to `folder`."""
+    temporary = folder.with_name(f".{folder.name}.unpacking")
+    shutil.rmtree(temporary, ignore_errors=True)  # left by a killed process
     try:
-        unpack(archive, beside, progress.show_unpacking)
-        # Its camera is known by its name, whatever the archive calls it.
-        recording = _find_recording(beside).rename(beside / folder.name)
+        unpack(archive, temporary, progress.show_unpacking)
+        # The camera follows from the folder's name, so the archive's own name is replaced.
+        recording = _find_recording(temporary).rename(temporary / folder.name)
         _check_recording(recording)
         recording.rename(folder)
     except OSError as error:
         raise disk_error(folder.parent, error) from error
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _find_recording(folder: Path) -> Path:
-    """The one recording that was unpacked. Raises UnsafeArchiveError if there is none, or more."""
-    found = [lists.parent for lists in sorted(folder.glob("*/rgb.txt"))]
-    if len(found) != 1:
-        raise UnsafeArchiveError(f"{len(found) or 'no'} recordings in TUM format")
-    return found[0]
+    """Return the unpacked recording. Raises UnsafeArchiveError unless there is exactly one."""
+    recordings = [index_file.parent for index_file in sorted(folder.glob("*/rgb.txt"))]
+    if len(recordings) != 1:
+        raise UnsafeArchiveError(f"{len(recordings) or 'no'} recordings in TUM format")
+    return recordings[0]
 
 
 def _check_recording(recording: Path) -> None:
     try:
         open_tum_folder(recording, None)
     except InputError as error:
-        told = str(error).replace(str(recording), recording.name)
-        raise UnsafeArchiveError(f"nothing that can be replayed ({told})") from error
+        message = str(error).replace(str(recording), recording.name)
+        raise UnsafeArchiveError(f"no recording that can be replayed ({message})") from error
 
 
 def _unusable_archive_error(url: str, error: UserFacingError) -> UserFacingError:
     if isinstance(error, DamagedArchiveError):
         return UserFacingError(
-            f"{url}: the archive is damaged ({error}) and has been removed; give the same command "
-            "again, or another source with --mirror"
+            f"{url}: the archive is damaged ({error}) and has been removed; run the same command "
+            "again, or use another source with --mirror"
         )
     return UserFacingError(
-        f"{url}: the archive is refused and has been removed: it holds {error}; give another "
+        f"{url}: the archive is unsafe and has been removed: it contains {error}; use another "
         "source with --mirror"
     )

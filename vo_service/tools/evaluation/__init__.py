@@ -1,4 +1,4 @@
-"""How good a trajectory is: ATE, RPE, coverage, pictures."""
+"""Accuracy of trajectories: ATE, RPE, coverage and figures."""
 
 from vo_service.tools.evaluation.report import Evaluation, evaluate
 

@@ -1,6 +1,6 @@
-"""Whether errors are as large as the covariance that was told with them: no larger, no smaller.
+"""Consistency of motion errors with their estimated covariances.
 
-The normalised estimation error squared of Bar-Shalom, Li and Kirubarajan, "Estimation with
+The normalized estimation error squared (NEES) of Bar-Shalom, Li and Kirubarajan, "Estimation with
 Applications to Tracking and Navigation" (2001), Section 5.4.
 """
 
@@ -12,18 +12,19 @@ import numpy as np
 from drivers.core.geometry import Array, inverse, so3_log
 
 DEGREES_OF_FREEDOM = 6
-# 95 % of chi squared of six degrees of freedom lie below this.
+# 95 % quantile of chi squared with six degrees of freedom.
 CHI2_95_PERCENT = 12.592
 
 
 @dataclass(frozen=True)
 class NeesStatistics:
-    """Of many motions and their covariances.
+    """NEES of many motions.
 
-    count    how many
-    mean     normalised square of the error, mean over all, for each freedom: 1 is exact, more is
-             too sure, less is too careful
-    within   share whose 95 % ellipsoid holds the truth
+    Attributes:
+        count: number of motions.
+        mean_per_dof: mean NEES per degree of freedom. 1 is consistent, more is overconfident,
+            less is too conservative.
+        fraction_within_95: fraction of motions whose 95 % ellipsoid holds the truth.
     """
 
     count: int
@@ -32,23 +33,23 @@ class NeesStatistics:
 
 
 def motion_error(T_true: Array, T_estimated: Array) -> Array:
-    """(6,) how far a 4x4 motion is off, in the axes of its end: translation m, rotation rad."""
-    off = inverse(T_true) @ T_estimated
-    return np.concatenate([off[:3, 3], so3_log(off[:3, :3])])
+    """Return the error (6,) of a 4x4 motion in its end frame: translation m, rotation rad."""
+    T_error = inverse(T_true) @ T_estimated
+    return np.concatenate([T_error[:3, 3], so3_log(T_error[:3, :3])])
 
 
 def nees(error: Array, covariance: Array) -> float:
-    """Of an error (6,) and its covariance (6, 6): x^T C^-1 x."""
+    """Return the NEES x^T C^-1 x of an error x (6,) with covariance C (6, 6)."""
     return float(error @ np.linalg.solve(covariance, error))
 
 
 def summarize_nees(nees_values: Sequence[float]) -> NeesStatistics | None:
-    """The figures of many; None of none."""
+    """Return the statistics of many NEES values, or None without a value."""
     if not nees_values:
         return None
-    squares = np.array(nees_values)
+    values = np.array(nees_values)
     return NeesStatistics(
-        count=len(squares),
-        mean_per_dof=float(squares.mean()) / DEGREES_OF_FREEDOM,
-        fraction_within_95=float(np.mean(squares <= CHI2_95_PERCENT)),
+        count=len(values),
+        mean_per_dof=float(values.mean()) / DEGREES_OF_FREEDOM,
+        fraction_within_95=float(np.mean(values <= CHI2_95_PERCENT)),
     )

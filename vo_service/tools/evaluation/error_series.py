@@ -1,4 +1,4 @@
-"""The errors pose by pose, as they are drawn over the frames."""
+"""Errors per pose, for plots over the frames."""
 
 from dataclasses import dataclass
 
@@ -17,9 +17,10 @@ from vo_service.tools.evaluation.metrics import (
 class ErrorSeries:
     """Errors of M matched poses.
 
-    stamps_s     (M,) of the poses
-    global_m     (M,) distance from the truth with the first matched poses joined
-    steps        (M - 1,) error of each motion from one pose to the next
+    Attributes:
+        stamps_s: (M,) stamps of the poses.
+        global_error_m: (M,) distance from the truth after alignment of the first matched poses.
+        step_errors: (M - 1,) error of each motion from one pose to the next.
     """
 
     stamps_s: Array
@@ -28,7 +29,7 @@ class ErrorSeries:
 
 
 def error_series(matched: MatchedPoses) -> ErrorSeries:
-    """What the mean global error is the mean of, and the RPE of one frame the RMS of."""
+    """Return the errors behind the mean global error (mean) and the RPE of one frame (RMS)."""
     return ErrorSeries(
         matched.stamps_s,
         position_errors_m(matched, first_pose_alignment(matched)),

@@ -1,4 +1,4 @@
-"""A picture of a trajectory beside its ground truth: from above, from the side, error over time."""
+"""Figure of a trajectory and its ground truth: top view, side view, error over time."""
 
 import io
 from pathlib import Path
@@ -13,27 +13,29 @@ from drivers.core.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory
 from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import best_alignment, position_errors_m
 
-if TYPE_CHECKING:  # drawn with rarely, and slow to import
+if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FORMATS = (".png", ".svg")
-# A line is broken where poses are further apart than this many usual steps.
+# A line is interrupted where poses are further apart than this many median steps.
 MIN_GAP_STEPS = 3.0
 GROUND_TRUTH_STYLE: dict[str, Any] = {"color": "0.55", "linewidth": 2.5, "label": "ground truth"}
 TRAJECTORY_STYLE: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.2, "label": "trajectory"}
 
 
 def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str) -> None:
-    """Draw both after the best rigid alignment, in metres, and write a PNG or SVG by the suffix.
+    """Draw both after the best rigid alignment, in meters, and write a PNG or SVG by the suffix.
 
-    The axes are those of the first true camera: right, forward, up.
+    The axes are those of the first true camera: right, forward, up. No partial file is left.
 
-    Raises InputError for any other suffix, if fewer than 3 poses have ground truth within 20 ms or
-    if the file cannot be created; UserFacingError if the disk is full. No half of a file is left.
+    Raises:
+        InputError: another suffix, fewer than 3 poses with ground truth within 20 ms, or a file
+            that cannot be created.
+        UserFacingError: the disk is full.
     """
     if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
+        raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")
     figure = draw_plot(trajectory, truth, title)
     image = io.BytesIO()
     figure.savefig(image, format=path.suffix.lower().removeprefix("."))
@@ -41,13 +43,12 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
         atomic_write(path, image.getvalue())
     except OSError as error:
         raise (UserFacingError if is_disk_full(error) else InputError)(
-            f"{path}: cannot write the picture: {error.strerror}; name a folder that can be "
-            "written to"
+            f"{path}: cannot write the figure: {error.strerror}; name a writable folder"
         ) from error
 
 
 def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure":
-    """The picture as a matplotlib figure, drawn without pyplot: no global state, no window."""
+    """Draw the matplotlib figure without pyplot: no global state, no window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -61,8 +62,8 @@ def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure"
     label_axes(plots["A"], "from above", "right (m)", "forward (m)")
     label_axes(plots["B"], "from the right", "forward (m)", "up (m)")
     label_axes(plots["E"], "position error after alignment", "time (s)", "error (m)")
-    seen = crop_trajectory(truth, *matched.stamps_s[[0, -1]])
-    draw_trajectory(plots, seen, T_first_truth, GROUND_TRUTH_STYLE)
+    truth_during_run = crop_trajectory(truth, *matched.stamps_s[[0, -1]])
+    draw_trajectory(plots, truth_during_run, T_first_truth, GROUND_TRUTH_STYLE)
     draw_trajectory(plots, trajectory, T_first_truth @ T_truth_world, TRAJECTORY_STYLE)
     for view in (plots["A"], plots["B"]):
         view.set_aspect("equal", adjustable="datalim")
@@ -75,7 +76,7 @@ def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure"
 
 
 def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
-    """A title, what the axes are, and a grid."""
+    """Set the title, the axis labels and a grid."""
     plot.set_title(title)
     plot.set_xlabel(x)
     plot.set_ylabel(y)
@@ -85,7 +86,7 @@ def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
 def draw_trajectory(
     plots: "dict[str, Axes]", poses: Trajectory, T_first_world: Array, style: dict[str, Any]
 ) -> None:
-    """Draw into both views; T_first_world maps to the axes of the first true camera."""
+    """Draw into both views; T_first_world transforms to the first true camera."""
     positions_m = transform_points(T_first_world, poses.T_world_camera[:, :3, 3])
     right_m, down_m, forward_m = insert_nan_at_gaps(poses.stamps_s, positions_m).T
     plots["A"].plot(right_m, forward_m, **style)
@@ -93,7 +94,7 @@ def draw_trajectory(
 
 
 def crop_trajectory(poses: Trajectory, begin_s: float, end_s: float) -> Trajectory:
-    """Those of the truth while a trajectory lasts: motion capture may have started long before."""
+    """Return the poses between two stamps; motion capture may start long before the trajectory."""
     during = (poses.stamps_s >= begin_s - MAX_STAMP_DIFFERENCE_S) & (
         poses.stamps_s <= end_s + MAX_STAMP_DIFFERENCE_S
     )
@@ -101,7 +102,7 @@ def crop_trajectory(poses: Trajectory, begin_s: float, end_s: float) -> Trajecto
 
 
 def insert_nan_at_gaps(stamps_s: Array, columns: Array) -> Array:
-    """`columns` (N, k) with a row of NaN wherever poses are missing: no line is drawn there."""
+    """Return `columns` (N, k) with a row of NaN at each gap, so that no line is drawn there."""
     if len(stamps_s) < 2:
         return columns
     steps_s = np.diff(stamps_s)

@@ -1,4 +1,4 @@
-"""One trajectory against its ground truth: every figure of it, for scripts and for people."""
+"""Evaluation of one trajectory against its ground truth: all metrics, as JSON and as a table."""
 
 from dataclasses import asdict, dataclass
 
@@ -21,13 +21,16 @@ from vo_service.tools.evaluation.metrics import (
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What `evaluate` found. None: could not be computed, the trajectory does not hold enough.
+    """Result of `evaluate`; None means that the trajectory is too short for this metric.
 
-    ate_*                  distance from the truth after the best rigid alignment
-    mean_global_error_m    mean distance from the truth with the first matched poses joined
-    rpe_frame_*, rpe_1s_*  root mean square of the relative error, frame to frame and over 1 s
-    coverage               0 to 1: poses with truth, of the frames with truth
-    poses, matched         poses of the trajectory, and pairs of poses compared
+    Attributes:
+        ate_*: distance from the truth after the best rigid alignment.
+        mean_global_error_m: mean distance from the truth after alignment of the first poses.
+        rpe_frame_*: root mean square of the relative error from frame to frame.
+        rpe_1s_*: the same over one second.
+        coverage: fraction of the frames with truth that have a pose, 0 to 1.
+        poses: number of poses of the trajectory.
+        matched: number of poses with ground truth.
     """
 
     ate_rmse_m: float
@@ -44,11 +47,11 @@ class Evaluation:
     matched: int
 
     def as_json(self) -> dict[str, float | None]:
-        """One flat object, keyed as the fields."""
+        """Return one flat object with the fields as keys."""
         return asdict(self)
 
     def rows(self) -> list[tuple[str, str]]:
-        """Label and value of each line of the table; "-" for what could not be computed."""
+        """Return label and value of each table row; "-" for None."""
         return [
             ("ATE, RMSE", format_mm(self.ate_rmse_m)),
             ("ATE, mean", format_mm(self.ate_mean_m)),
@@ -66,18 +69,22 @@ class Evaluation:
         ]
 
     def as_table(self) -> str:
-        """Aligned text for a terminal, without a newline at its end."""
+        """Return aligned text for a terminal, without a final newline."""
         return format_columns(self.rows())
 
 
 def evaluate(
     trajectory: Trajectory, truth: Trajectory, frame_stamps_s: Array | None = None
 ) -> Evaluation:
-    """Compare a trajectory with the ground truth, each in a world of its own.
+    """Compare a trajectory with the ground truth, each in its own world frame.
 
-    frame_stamps_s  (F,) rising stamps of all frames delivered, for the coverage; see `coverage`
+    Args:
+        trajectory: estimated poses.
+        truth: true poses.
+        frame_stamps_s: (F,) ascending stamps of all delivered frames; see `coverage`.
 
-    Raises InputError if fewer than 3 poses have ground truth within 20 ms.
+    Raises:
+        InputError: fewer than 3 poses have ground truth within 20 ms.
     """
     matched = associate(trajectory, truth)
     errors_m = position_errors_m(matched, best_alignment(matched))

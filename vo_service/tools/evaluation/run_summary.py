@@ -1,4 +1,4 @@
-"""The figures at the end of a run: for scripts as JSON, for people as a table."""
+"""Summary at the end of a run, as JSON and as a table."""
 
 import logging
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from vo_service.tools.evaluation import Evaluation, evaluate
 
 logger = logging.getLogger(__name__)
 
-# Keys that are there, and null, where there is no ground truth to evaluate with.
+# These keys are null without a ground truth.
 EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What a run did, and how good its trajectory is where the truth is known."""
+    """Statistics of a run, and the evaluation of its trajectory if the truth is known."""
 
     statistics: ServiceStatistics
     counters: CameraCounters
@@ -37,15 +37,24 @@ class RunSummary:
         frames_s: Array,
         loop_closure: "LoopClosureSummary | None" = None,
     ) -> Self:
-        """Evaluate the trajectory, if there is a truth and enough of both; frames_s as there."""
+        """Evaluate the trajectory if possible and return the summary.
+
+        Args:
+            statistics: statistics of the service.
+            counters: counters of the camera.
+            trajectory: estimated poses.
+            ground_truth: true poses; None if not known.
+            frames_s: (F,) stamps of all delivered frames.
+            loop_closure: results of loop closure; None if disabled.
+        """
         evaluation = evaluate_if_possible(trajectory, ground_truth, frames_s)
         return cls(statistics, counters, evaluation, loop_closure)
 
     def as_json(self) -> dict[str, Any]:
-        """One flat object; null for what could not be computed."""
+        """Return one flat object; null for values that cannot be computed."""
         statistics, counters = self.statistics, self.counters
         rolling = statistics.compute_rolling()
-        judged = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
+        metrics = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
         return {
             "frames": statistics.frames,
             "failed": statistics.failed,
@@ -55,16 +64,16 @@ class RunSummary:
             "latency_p50_ms": round(rolling.latency_p50_ms, 3),
             "latency_p99_ms": round(rolling.latency_p99_ms, 3),
             "cpu_ms_per_frame": round(statistics.cpu_ms_per_frame, 3),
-            "stage_ms": {name: round(spent, 3) for name, spent in statistics.stage_ms.items()},
-            **judged,
+            "stage_ms": {name: round(ms, 3) for name, ms in statistics.stage_ms.items()},
+            **metrics,
             **(self.loop_closure.as_json() if self.loop_closure else {}),
         }
 
     def as_table(self) -> str:
-        """Aligned text for a terminal."""
+        """Return aligned text for a terminal."""
         statistics, counters = self.statistics, self.counters
         rolling = statistics.compute_rolling()
-        stages = ", ".join(f"{name} {spent:.2f}" for name, spent in statistics.stage_ms.items())
+        stages = ", ".join(f"{name} {ms:.2f}" for name, ms in statistics.stage_ms.items())
         rows = [
             ("frames", f"{statistics.frames:6d}"),
             ("failed", f"{statistics.failed:6d}"),
@@ -84,10 +93,12 @@ class RunSummary:
 
 @dataclass(frozen=True)
 class LoopClosureSummary:
-    """What the places that were known again have changed.
+    """Results of loop closure.
 
-    places, loops  that there are in the end
-    evaluation     of the corrected trajectory; None without a truth
+    Attributes:
+        places: number of map keyframes at the end.
+        loops: number of loop closures at the end.
+        evaluation: metrics of the optimized trajectory; None without a truth.
     """
 
     places: int
@@ -95,7 +106,7 @@ class LoopClosureSummary:
     evaluation: Evaluation | None
 
     def as_json(self) -> dict[str, Any]:
-        """Keys beside those of the summary."""
+        """Return the additional keys of the summary."""
         ate_m = self.evaluation.ate_rmse_m if self.evaluation else None
         global_m = self.evaluation.mean_global_error_m if self.evaluation else None
         return {
@@ -106,19 +117,19 @@ class LoopClosureSummary:
         }
 
     def rows(self) -> list[tuple[str, str]]:
-        """Lines of the table."""
+        """Return the additional table rows."""
         rows = [("keyframes, loop closures", f"{self.places:6d}, {self.loops}")]
         if self.evaluation is not None:
-            corrected = self.evaluation
-            rows.append(("optimized ATE, RMSE", format_mm(corrected.ate_rmse_m)))
-            rows.append(("optimized global error", format_mm(corrected.mean_global_error_m)))
+            optimized = self.evaluation
+            rows.append(("optimized ATE, RMSE", format_mm(optimized.ate_rmse_m)))
+            rows.append(("optimized global error", format_mm(optimized.mean_global_error_m)))
         return rows
 
 
 def evaluate_if_possible(
     trajectory: Trajectory, ground_truth: Trajectory | None, frames_s: Array
 ) -> Evaluation | None:
-    """How good a trajectory is, if there is a truth and enough of both."""
+    """Evaluate a trajectory; None without a truth or with too few matched poses."""
     if ground_truth is None or not len(trajectory):
         return None
     try:

@@ -1,1 +1,1 @@
-"""Installing the program, its systemd units and its udev rules."""
+"""Installation of the program, its systemd units and its udev rules."""

@@ -1,4 +1,4 @@
-"""Which installed packages the program consists of, and their files."""
+"""Installed packages of the program, and their files."""
 
 import re
 from collections.abc import Iterator
@@ -10,39 +10,41 @@ from drivers.core.errors import UserFacingError
 from drivers.core.paths import SOURCE_PACKAGES
 
 DISTRIBUTION_NAME = "kinect-vo"
-# Of a checkout: they point back to it.
+# These files of a checkout point back to it.
 CHECKOUT_METADATA_FILES = ("direct_url.json", "uv_build.json", "uv_cache.json")
 
 
 def runtime_distributions() -> list[Distribution]:
-    """kinect-vo and everything that it needs, with the extras that are installed, by name."""
-    found: dict[str, Distribution] = {}
-    waiting = [DISTRIBUTION_NAME]
-    while waiting:
-        name = _normalize_name(waiting.pop())
-        if name in found:
+    """Return kinect-vo and its installed requirements, with extras, in order of name."""
+    by_name: dict[str, Distribution] = {}
+    pending = [DISTRIBUTION_NAME]
+    while pending:
+        name = _normalize_name(pending.pop())
+        if name in by_name:
             continue
         try:
-            found[name] = distribution(name)
-        except PackageNotFoundError:  # for another platform, or an extra that was left out
+            by_name[name] = distribution(name)
+        except PackageNotFoundError:  # for another platform, or an extra that is not installed
             continue
-        waiting += _requirement_names(found[name], with_extras=name == DISTRIBUTION_NAME)
-    return [found[name] for name in sorted(found)]
+        pending += _requirement_names(by_name[name], with_extras=name == DISTRIBUTION_NAME)
+    return [by_name[name] for name in sorted(by_name)]
 
 
 def list_files(package_distribution: Distribution) -> Iterator[tuple[Path, Path]]:
-    """(where a file is, where it belongs below site-packages), compiled Python left out.
+    """Yield (path of a file, its path below site-packages) of a package.
 
-    Scripts are left out too: they name the Python of the folder that they were installed in.
-    Raises UserFacingError for a package whose files are not listed.
+    Compiled Python is left out, as are scripts, which name the Python of their own environment.
+
+    Raises:
+        UserFacingError: the package does not list its files.
     """
     if package_distribution.name == DISTRIBUTION_NAME:
         yield from _list_own_files(package_distribution)
         return
     if package_distribution.files is None:
         raise UserFacingError(
-            f"{package_distribution.name}: its files are not listed, so it cannot be copied; set up the "
-            "checkout with scripts/setup.sh and install from there"
+            f"{package_distribution.name}: cannot be copied, because it does not list its files; "
+            "set up the checkout with scripts/setup.sh and install from there"
         )
     for file in package_distribution.files:
         if ".." not in file.parts and file.suffix != ".pyc":
@@ -50,7 +52,7 @@ def list_files(package_distribution: Distribution) -> Iterator[tuple[Path, Path]
 
 
 def _list_own_files(package: Distribution) -> Iterator[tuple[Path, Path]]:
-    """The packages from where they are, which may be a checkout, and what `pip` knows of them."""
+    """Yield our packages' files, which may be in a checkout, and pip's metadata of them."""
     source = Path(vo_service.__file__).parents[1]
     for name in SOURCE_PACKAGES:
         for path in sorted((source / name).rglob("*")):
@@ -62,7 +64,7 @@ def _list_own_files(package: Distribution) -> Iterator[tuple[Path, Path]]:
 
 
 def _requirement_names(package: Distribution, *, with_extras: bool) -> list[str]:
-    """Names of what it needs; of a condition other than an extra, being installed is the proof."""
+    """Return names of the requirements; other conditions than extras are not evaluated."""
     names = []
     for requirement in package.requires or ():
         name, _, marker = requirement.partition(";")

@@ -1,4 +1,4 @@
-"""Installing the service and taking it away, each step told in a line."""
+"""Installation and removal of the service, with one line of output per step."""
 
 import shutil
 from collections.abc import Callable, Iterable
@@ -24,12 +24,12 @@ from vo_service.tools.install.unit import (
 
 PrintLine = Callable[[str], None]
 
-# With DynamicUser a folder lies below `private`, and a link to it where one would look.
+# With DynamicUser, a folder is below `private`, and the usual path is a link to it.
 DATA_FOLDERS = ("var/lib/private", "var/lib", "var/cache/private", "var/cache")
 
 
 class Installer:
-    """Installs into the file system below `root`; may be used again at any time."""
+    """Installer into the file system below `root`; can be run again at any time."""
 
     def __init__(
         self, root: Path, systemd: Systemd | OfflineSystemd, print_line: PrintLine
@@ -37,9 +37,16 @@ class Installer:
         self._root, self._systemd, self._print_line = root, systemd, print_line
 
     def install(self, unit: ServiceUnit, *, enable: bool, network_tls: bool) -> None:
-        """Install everything for `unit`, and start it if asked to.
+        """Install everything for `unit`.
 
-        Raises UserFacingError, before anything is changed where that can be known; OSError.
+        Args:
+            unit: the service.
+            enable: whether to start it now and at boot.
+            network_tls: whether to install the drop-in that opens the network with TLS.
+
+        Raises:
+            UserFacingError: a precondition fails, if possible before any change.
+            OSError: a file cannot be written.
         """
         self._check_preconditions(unit)
         changed = self._install_program()
@@ -59,7 +66,7 @@ class Installer:
             self._print_line(f"start it with: systemctl enable --now {unit.unit_name}")
 
     def _check_preconditions(self, unit: ServiceUnit) -> None:
-        """Raise UserFacingError for what would keep the service from starting."""
+        """Raise UserFacingError if the service could not start."""
         config = self._root / unit.config
         if config.exists():
             read_config(config)
@@ -68,34 +75,34 @@ class Installer:
             line.startswith(f"{udev.GROUP}:") for line in groups.read_text().splitlines()
         ):
             raise UserFacingError(
-                f"{groups}: there is no group {udev.GROUP}, to which the sensors belong; make it "
-                f"with: groupadd --system {udev.GROUP}"
+                f"{groups}: the group {udev.GROUP} of the sensors does not exist; create it with: "
+                f"groupadd --system {udev.GROUP}"
             )
 
     def _install_program(self) -> bool:
-        def tell(step: str) -> None:
+        def print_step(step: str) -> None:
             self._print_line(f"{self._root / PROGRAM_FOLDER}: {step} ...")
 
-        return self._report_written(PROGRAM_FOLDER, install_program(self._root, tell))
+        return self._report_written(PROGRAM_FOLDER, install_program(self._root, print_step))
 
     def _write_file(self, path: Path, text: str) -> bool:
         return self._report_written(path, write_file(self._root / path, text))
 
     def _write_config(self, unit: ServiceUnit) -> None:
-        """What an owner has written is never touched."""
+        """Write the default configuration unless the owner has one."""
         path = self._root / unit.config
         if path.exists():
-            self._print_line(f"{path}: kept as it is")
+            self._print_line(f"{path}: kept unchanged")
         else:
             self._write_file(unit.config, read_service_file("kinect.toml"))
 
     def _report_written(self, path: Path, is_new: bool) -> bool:
-        self._print_line(f"{self._root / path}: {'written' if is_new else 'was there already'}")
+        self._print_line(f"{self._root / path}: {'written' if is_new else 'already installed'}")
         return is_new
 
 
 class Uninstaller:
-    """Takes away what `Installer` wrote below `root`."""
+    """Remover of the files that `Installer` wrote below `root`."""
 
     def __init__(
         self, root: Path, systemd: Systemd | OfflineSystemd, print_line: PrintLine
@@ -103,9 +110,14 @@ class Uninstaller:
         self._root, self._systemd, self._print_line = root, systemd, print_line
 
     def uninstall(self, *, purge: bool) -> None:
-        """Stop it and remove it; with `purge` also the configuration and all that it has written.
+        """Stop and remove the service.
 
-        Raises UserFacingError, OSError.
+        Args:
+            purge: whether to delete the configuration and all data, too.
+
+        Raises:
+            UserFacingError: systemd fails.
+            OSError: a file cannot be removed.
         """
         self._systemd.disable_all(self._root)
         drop_ins = sorted((self._root / UNIT_FOLDER).glob(f"kinect-vo*.service.d/{DROP_IN}"))
@@ -122,18 +134,18 @@ class Uninstaller:
             self._delete_data()
         elif (self._root / CONFIG_FOLDER).exists():
             self._print_line(
-                f"{self._root / CONFIG_FOLDER}: kept, with what is in /var; see --purge"
+                f"{self._root / CONFIG_FOLDER}: kept, as the data in /var; see --purge"
             )
         self._report_removed(self._root / PROGRAM_FOLDER, remove_program(self._root))
 
     def _delete_data(self) -> None:
-        written = [
+        data_folders = [
             path
             for folder in DATA_FOLDERS
             for pattern in ("kinect-vo", "kinect-vo-*")
             for path in sorted((self._root / folder).glob(pattern))
         ]
-        for path in [self._root / CONFIG_FOLDER, *written]:
+        for path in [self._root / CONFIG_FOLDER, *data_folders]:
             if path.is_symlink():
                 path.unlink()
             elif path.is_dir():
@@ -146,4 +158,4 @@ class Uninstaller:
         return [self._root / path for path in paths]
 
     def _report_removed(self, path: Path, is_removed: bool) -> None:
-        self._print_line(f"{path}: {'removed' if is_removed else 'was not there'}")
+        self._print_line(f"{path}: {'removed' if is_removed else 'not installed'}")

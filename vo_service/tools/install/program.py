@@ -1,7 +1,7 @@
-"""The program where a service may read it: a virtual environment of its own below /opt.
+"""Copy of the program for the service: a virtual environment below /opt.
 
-A service without a user of its own (DynamicUser, ProtectHome) sees neither /root nor /home, where
-checkouts are. Nothing is downloaded: what runs this is what is copied.
+A service with DynamicUser and ProtectHome sees neither /root nor /home, where checkouts are.
+Nothing is downloaded: the running program is copied.
 """
 
 import compileall
@@ -23,7 +23,7 @@ from vo_service.tools.install.distributions import (
 PROGRAM_FOLDER = Path("opt/kinect-vo")
 SCRIPT_PATH = PROGRAM_FOLDER / "bin" / "kinect-vo"
 DIGEST_FILE = "installed.txt"
-# Hidden from the service, or its own there: see the unit.
+# The unit hides these folders from the service or replaces them.
 HIDDEN_FOLDERS = tuple(Path(name) for name in ("/home", "/root", "/run/user", "/tmp", "/var/tmp"))
 CHECK_TIMEOUT_S = 120.0
 
@@ -36,24 +36,34 @@ main()
 
 
 def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
-    """Copy what runs now to `root`/opt/kinect-vo; False if that is what is there.
+    """Copy the running program to `root`/opt/kinect-vo.
 
-    The old one stays until the new one is complete and has run once. `tell` hears of the steps.
-    Raises UserFacingError where the service could not run it; OSError.
+    An old copy stays until the new one is complete and has run once.
+
+    Args:
+        root: root of the file system.
+        on_progress: is called with the name of each step.
+
+    Returns:
+        False if the same program is already installed.
+
+    Raises:
+        UserFacingError: the service could not run the copy.
+        OSError: a file cannot be written.
     """
     target = root / PROGRAM_FOLDER
     if Path(sys.prefix).resolve() == target.resolve():
         return False
     python = _check_python()
     files = [pair for package in runtime_distributions() for pair in list_files(package)]
-    mark = _files_digest(files)
-    if (target / DIGEST_FILE).is_file() and (target / DIGEST_FILE).read_text() == mark:
+    digest = _files_digest(files)
+    if (target / DIGEST_FILE).is_file() and (target / DIGEST_FILE).read_text() == digest:
         return False
     new = target.with_name(f".{target.name}.new")
     shutil.rmtree(new, ignore_errors=True)
     try:
         _create_environment(new, python, files, on_progress)
-        (new / DIGEST_FILE).write_text(mark)
+        (new / DIGEST_FILE).write_text(digest)
         _check_that_it_runs(new)
     except BaseException:
         shutil.rmtree(new, ignore_errors=True)
@@ -63,7 +73,7 @@ def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
 
 
 def remove_program(root: Path) -> bool:
-    """Remove it; False if it was not there. Raises OSError."""
+    """Remove the copy; returns False if there is none. Raises OSError."""
     target = root / PROGRAM_FOLDER
     if not target.exists():
         return False
@@ -72,31 +82,31 @@ def remove_program(root: Path) -> bool:
 
 
 def _check_python() -> Path:
-    """The Python below the environment that runs now. Raises UserFacingError."""
+    """Return the base Python. Raises UserFacingError if a service cannot run it."""
     python = Path(os.path.realpath(sys.executable))
     hidden = [folder for folder in HIDDEN_FOLDERS if python.is_relative_to(folder)]
-    closed = [folder for folder in python.parents if not folder.stat().st_mode & 0o001]
-    if hidden or closed:
+    inaccessible = [folder for folder in python.parents if not folder.stat().st_mode & 0o001]
+    if hidden or inaccessible:
         raise UserFacingError(
-            f"{python}: a service cannot run a Python below {(hidden + closed)[0]}; set up the "
-            "checkout with Debian's: KINECT_VO_PYTHON=/usr/bin/python3 scripts/setup.sh"
+            f"{python}: a service cannot run a Python below {(hidden + inaccessible)[0]}; set up "
+            "the checkout with Debian's: KINECT_VO_PYTHON=/usr/bin/python3 scripts/setup.sh"
         )
     return python
 
 
 def _files_digest(files: list[tuple[Path, Path]]) -> str:
-    """What was copied, in one line: other files or another Python give another."""
+    """Return a digest line that changes with any file and with the Python version."""
     digest = hashlib.sha256(sys.version.encode())
-    for source, place in files:
+    for source, relative_path in files:
         state = source.stat()
-        digest.update(f"{place} {state.st_size} {state.st_mtime_ns}\n".encode())
+        digest.update(f"{relative_path} {state.st_size} {state.st_mtime_ns}\n".encode())
     return f"{DISTRIBUTION_NAME} {digest.hexdigest()}\n"
 
 
 def _create_environment(
     folder: Path, python: Path, files: list[tuple[Path, Path]], on_progress: Callable[[str], None]
 ) -> None:
-    """A virtual environment (PEP 405) with these files."""
+    """Create a virtual environment (PEP 405) with these files."""
     binaries = folder / "bin"
     binaries.mkdir(parents=True)
     for name in ("python", "python3"):
@@ -107,15 +117,17 @@ def _create_environment(
     )
     packages = folder / "lib" / f"python{version}" / "site-packages"
     on_progress("copying")
-    for source, place in files:
-        _copy_file(source, packages / place)
+    for source, relative_path in files:
+        _copy_file(source, packages / relative_path)
     script = binaries / SCRIPT_PATH.name
     script.write_text(_SCRIPT_TEMPLATE.format(python=PROGRAM_FOLDER / "bin" / "python3"))
     script.chmod(0o755)
-    # The service may not write there, so it could never keep what Python compiles.
+    # The service cannot write there, so Python could not store compiled files later.
     on_progress("compiling")
-    at = str(Path("/") / PROGRAM_FOLDER / packages.relative_to(folder))
-    compileall.compile_dir(packages, quiet=2, stripdir=str(packages), prependdir=at, workers=0)
+    installed_path = str(Path("/") / PROGRAM_FOLDER / packages.relative_to(folder))
+    compileall.compile_dir(
+        packages, quiet=2, stripdir=str(packages), prependdir=installed_path, workers=0
+    )
 
 
 def _copy_file(source: Path, target: Path) -> None:
@@ -127,25 +139,25 @@ def _copy_file(source: Path, target: Path) -> None:
 
 
 def _check_that_it_runs(folder: Path) -> None:
-    """Raises UserFacingError unless the copy can load all that the service needs."""
+    """Raise UserFacingError unless the copy runs."""
     command = [str(folder / "bin" / "python3"), "-I", str(folder / "bin" / SCRIPT_PATH.name)]
-    done = subprocess.run(
+    process = subprocess.run(
         [*command, "run", "--help"],
         capture_output=True,
         text=True,
         timeout=CHECK_TIMEOUT_S,
         check=False,
     )
-    if done.returncode != 0:
-        last = (done.stderr.strip().splitlines() or ["no word"])[-1]
+    if process.returncode != 0:
+        last_line = (process.stderr.strip().splitlines() or ["no output"])[-1]
         raise UserFacingError(
-            f"the copy in {folder} does not run ({last}); set up the checkout anew with "
+            f"the copy in {folder} does not run ({last_line}); set up the checkout again with "
             "scripts/setup.sh and install again"
         )
 
 
 def _replace_folder(new: Path, target: Path) -> None:
-    """Put the new one in the place of the old one."""
+    """Replace the old folder with the new one."""
     old = target.with_name(f".{target.name}.old")
     shutil.rmtree(old, ignore_errors=True)
     if target.exists():

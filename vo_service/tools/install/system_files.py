@@ -1,4 +1,4 @@
-"""Files of the system, written whole or not at all, and only where they differ."""
+"""System files, written atomically and only if they differ."""
 
 import os
 import sys
@@ -10,18 +10,18 @@ from drivers.core.errors import UserFacingError
 
 @dataclass(frozen=True)
 class SystemFile:
-    """A file to install; `path` is relative to the root of the file system."""
+    """File to install; `path` is relative to the root of the file system."""
 
     path: Path
     text: str
 
 
 def write_file(path: Path, text: str) -> bool:
-    """Write a file that everybody may read; False if that is what it holds. Raises OSError."""
+    """Write a world-readable file; returns False if it already has this text. Raises OSError."""
     if path.is_file() and not path.is_symlink() and path.read_text() == text:
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")  # no system program reads such a name
+    part = path.with_name(f".{path.name}.part")  # system programs ignore such names
     try:
         part.write_text(text)
         part.chmod(0o644)
@@ -33,7 +33,7 @@ def write_file(path: Path, text: str) -> bool:
 
 
 def remove_file(path: Path) -> bool:
-    """Remove a file; False if there was none. Raises OSError."""
+    """Remove a file; returns False if it does not exist. Raises OSError."""
     try:
         path.unlink()
     except FileNotFoundError:
@@ -42,16 +42,16 @@ def remove_file(path: Path) -> bool:
 
 
 def write_error(path: Path, error: OSError, root: Path, *command: str) -> UserFacingError:
-    """What to tell a user of a file that could not be changed by a kinect-vo command."""
+    """Return a user-facing error for a file that a kinect-vo command could not change."""
     if isinstance(error, PermissionError) and os.geteuid() != 0:
         tree = [] if root == Path("/") else ["--root", str(root)]
         return UserFacingError(
             f"{path}: only root may change this; run: {format_sudo_command(*command, *tree)}"
         )
-    return UserFacingError(f"{path}: {error.strerror}; see to that and run it again")
+    return UserFacingError(f"{path}: {error.strerror}; fix this and re-run")
 
 
 def format_sudo_command(*arguments: str) -> str:
-    """What a user types to run a kinect-vo command as root, whose PATH may be another."""
+    """Return the command line to run kinect-vo as root, whose PATH may differ."""
     script = Path(sys.executable).with_name("kinect-vo")
     return " ".join(["sudo", str(script) if script.exists() else "kinect-vo", *arguments])

@@ -1,4 +1,4 @@
-"""The two system files that let a sensor be opened without root, made from the table of USB ids."""
+"""System files that let users open a sensor without root, from the table of USB ids."""
 
 from pathlib import Path
 
@@ -7,9 +7,9 @@ from vo_service.tools.install.run_command import run_command
 from vo_service.tools.install.system_files import SystemFile, remove_file, write_error, write_file
 
 GROUP = "plugdev"
-KERNEL_DRIVER = "gspca_kinect"  # makes a webcam of a Kinect, and so holds its camera
-# Debian's 60-libopenni2-0.rules opens some of these ids to everybody, and with ":=", which no later
-# file can change. Only a file that comes before it and itself says ":=" can keep them closed.
+KERNEL_DRIVER = "gspca_kinect"  # webcam driver, which would hold the Kinect's camera
+# Debian's 60-libopenni2-0.rules opens some of these ids to everybody with ":=", which later files
+# cannot change. Only an earlier file with ":=" can restrict them.
 RULES_FILE = Path("etc/udev/rules.d/59-kinect-vo.rules")
 MODPROBE_FILE = Path("etc/modprobe.d/kinect-vo.conf")
 
@@ -36,7 +36,7 @@ def list_system_files() -> tuple[SystemFile, ...]:
 
 
 def format_rules() -> str:
-    """One rule for every id of every sensor that can be driven."""
+    """Return the udev rules: one per USB id of each supported sensor."""
     rules = "".join(_format_rule(line) for line in SUPPORTED_IDS)
     return f'{_RULES_HEADING}{rules}LABEL="kinect_vo_end"\n'
 
@@ -51,9 +51,10 @@ def _format_rule(line: UsbId) -> str:
 
 
 def install(root: Path) -> list[Path]:
-    """Write what differs, whole or not at all; the paths of what was written.
+    """Write the files that differ and return their paths.
 
-    Raises UserFacingError, with the command to run instead, where this user may not.
+    Raises:
+        UserFacingError: a file cannot be written. It names the command for root if needed.
     """
     written = []
     for file in list_system_files():
@@ -67,7 +68,7 @@ def install(root: Path) -> list[Path]:
 
 
 def uninstall(root: Path) -> list[Path]:
-    """Remove the files; the paths of what was there. Raises as `install`."""
+    """Remove the files and return the paths of those that existed. Raises as `install`."""
     removed = []
     for file in list_system_files():
         path = root / file.path
@@ -80,11 +81,11 @@ def uninstall(root: Path) -> list[Path]:
 
 
 def apply_rules() -> str:
-    """Have udev read its rules again and unload the webcam driver; "" or what did not work."""
-    complaints = [run_command("udevadm", "control", "--reload")]
+    """Reload udev's rules and unload the webcam driver; returns the errors, or ""."""
+    errors = [run_command("udevadm", "control", "--reload")]
     if _is_loaded(KERNEL_DRIVER):
-        complaints.append(run_command("modprobe", "--remove", KERNEL_DRIVER))
-    return "; ".join(complaint for complaint in complaints if complaint)
+        errors.append(run_command("modprobe", "--remove", KERNEL_DRIVER))
+    return "; ".join(error for error in errors if error)
 
 
 def _is_loaded(module: str) -> bool:

@@ -1,4 +1,4 @@
-"""The units, the first configuration, and the command's name: all that is written beside /opt."""
+"""The systemd units, the default configuration and the link to the command."""
 
 import os
 import re
@@ -19,9 +19,10 @@ DROP_IN = "network-tls.conf"
 
 @dataclass(frozen=True)
 class ServiceUnit:
-    """A service of this computer: ``kinect-vo``, or ``kinect-vo@NAME`` with keys of its own.
+    """Service of this computer: ``kinect-vo``, or ``kinect-vo@NAME`` with its own Zenoh keys.
 
-    Raises InputError for a name that is no single word.
+    Raises:
+        InputError: the name is not a single word.
     """
 
     name: str = ""
@@ -34,32 +35,32 @@ class ServiceUnit:
 
     @property
     def unit_name(self) -> str:
-        """As systemd calls it."""
+        """Name for systemd."""
         return f"kinect-vo@{self.name}.service" if self.name else "kinect-vo.service"
 
     @property
     def config(self) -> Path:
-        """Its configuration, below the root."""
+        """Path of its configuration, relative to the root."""
         return CONFIG_FOLDER / f"{self.name or 'kinect'}.toml"
 
     @property
     def drop_in(self) -> Path:
-        """Where the drop-in that opens the network goes, below the root."""
+        """Path of the drop-in that opens the network, relative to the root."""
         return UNIT_FOLDER / f"{self.unit_name}.d" / DROP_IN
 
 
 def list_unit_files() -> tuple[SystemFile, ...]:
-    """The units."""
+    """Return the unit files."""
     return tuple(SystemFile(UNIT_FOLDER / name, read_service_file(name)) for name in UNITS)
 
 
 def read_service_file(name: str) -> str:
-    """One of the files that come with the program."""
+    """Return the text of a file that comes with the program."""
     return (SERVICE_FILES / name).read_text(encoding="utf-8")
 
 
 def link_command(root: Path) -> bool:
-    """Have ``kinect-vo`` found by everybody; False if it is, or is another's. Raises OSError."""
+    """Link ``kinect-vo`` into the PATH; returns False if the name exists. Raises OSError."""
     link = root / COMMAND_LINK
     if os.path.lexists(link):
         return False
@@ -69,7 +70,7 @@ def link_command(root: Path) -> bool:
 
 
 def unlink_command(root: Path) -> bool:
-    """Take that away; False if it is not ours. Raises OSError."""
+    """Remove the link; returns False if it is not ours. Raises OSError."""
     link = root / COMMAND_LINK
     if not link.is_symlink() or link.readlink() != Path("/") / SCRIPT_PATH:
         return False

@@ -1,4 +1,4 @@
-"""A benchmark of one small recording, on a server of our own."""
+"""Local server with one small recording of the benchmark."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -17,13 +17,13 @@ FOLDER = "rgbd_dataset_freiburg1_xyz"
 
 @pytest.fixture(scope="session")
 def archive(recording: Path) -> bytes:
-    """A recording as the benchmark packs it."""
+    """Recording as an archive of the benchmark."""
     return pack_folder(recording, FOLDER)
 
 
 @pytest.fixture(autouse=True)
-def direct_and_quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No proxy between the test and its server, and no pause between two attempts."""
+def no_proxy_or_delays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Use no proxy, and no delay between two attempts."""
     monkeypatch.setenv("no_proxy", "*")
     monkeypatch.setattr(transfer, "RETRY_DELAYS_S", (0.0, 0.0))
 
@@ -41,10 +41,10 @@ def output(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def download(server: WebServer, output: Path, capfd: pytest.CaptureFixture[str]) -> Download:
-    """The command, as a user gives it."""
+    """The download command of a user."""
     return partial(run_in_process, capfd, "download", "--mirror", server.url, "--output", output)
 
 
 def hidden_files(output: Path) -> list[str]:
-    """What lies about in the output folder besides sequences."""
+    """Return the names of hidden files in the output folder."""
     return sorted(path.name for path in output.iterdir() if path.name.startswith("."))

@@ -12,11 +12,11 @@ from vo_service.tools.download.catalog import BENCHMARK_URL, SEQUENCES, find_seq
     ["fr1/xyz", "freiburg1/xyz", "fr1_xyz", "FR1/XYZ", "freiburg1_xyz", "fr1/xyz/",
      "rgbd_dataset_freiburg1_xyz", "rgbd_dataset_freiburg1_xyz.tgz"],
 )  # fmt: skip
-def test_a_name_may_be_spelt_in_any_usual_way(name: str) -> None:
+def test_a_name_may_have_any_common_spelling(name: str) -> None:
     assert find_sequence(name).name == "fr1/xyz"
 
 
-def test_each_name_finds_its_sequence_whose_folder_tells_its_camera(tmp_path: Path) -> None:
+def test_each_name_finds_its_sequence_and_its_folder_the_camera(tmp_path: Path) -> None:
     assert len(SEQUENCES) == len({sequence.name for sequence in SEQUENCES}) == 80
     for sequence in SEQUENCES:
         assert find_sequence(sequence.name) is find_sequence(sequence.folder) is sequence
@@ -24,7 +24,7 @@ def test_each_name_finds_its_sequence_whose_folder_tells_its_camera(tmp_path: Pa
         assert known is TUM_CALIBRATIONS[sequence.camera]
 
 
-def test_an_address_is_laid_out_as_the_benchmarks() -> None:
+def test_addresses_have_the_layout_of_the_benchmarks_host() -> None:
     path = "freiburg2/rgbd_dataset_freiburg2_desk.tgz"
     assert (
         find_sequence("fr2/desk").url(BENCHMARK_URL)
@@ -33,17 +33,17 @@ def test_an_address_is_laid_out_as_the_benchmarks() -> None:
     assert find_sequence("fr2/desk").url("http://mirror/tum/") == f"http://mirror/tum/{path}"
 
 
-def test_only_the_validation_files_lack_a_ground_truth() -> None:
+def test_only_the_validation_files_have_no_ground_truth() -> None:
     assert sum(sequence.has_ground_truth for sequence in SEQUENCES) == 47
     assert not find_sequence("fr3/walking_xyz_validation").has_ground_truth
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [("fr1/tedy", "did you mean fr1/teddy"), ("teddy", "did you mean fr3/teddy or fr1/teddy"),
      ("fr4/desk", "did you mean fr"), ("??", "no sequence '??'; `kinect-vo")],
 )  # fmt: skip
-def test_an_unknown_name_gets_those_near_it(name: str, told: str) -> None:
+def test_an_unknown_name_gets_similar_names(name: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         find_sequence(name)
-    assert told in str(caught.value)
+    assert message in str(caught.value)

@@ -1,4 +1,4 @@
-"""``download``: what a user gets, whatever the server does."""
+"""The command ``download``."""
 
 import io
 import shutil
@@ -33,15 +33,15 @@ def test_a_sequence_is_in_its_folder_and_can_be_replayed(
     assert len(open_tum_folder(output / FOLDER, None).frames.pairs) == FRAMES
 
 
-def test_one_that_is_there_already_is_left_alone(download: Download, server: WebServer) -> None:
+def test_an_existing_sequence_does_not_change(download: Download, server: WebServer) -> None:
     first = download(NAME)
     again = download(NAME, NAME)
     assert (again.code, again.out) == (0, first.out * 2)
     assert again.err.count(f"kinect-vo: info: {NAME}: there already; to have it anew, remove") == 2
-    assert len(server.asked) == 1
+    assert len(server.ranges) == 1
 
 
-def test_a_full_disk_keeps_what_has_come(
+def test_a_full_disk_keeps_the_partial_download(
     download: Download, server: WebServer, output: Path
 ) -> None:
     with limit_file_size(1000):
@@ -49,10 +49,10 @@ def test_a_full_disk_keeps_what_has_come(
     assert outcome.code == 1
     assert f"{output}: the disk is full" in outcome.err
     assert download(NAME).code == 0
-    assert server.asked == ["", "bytes=1000-"]
+    assert server.ranges == ["", "bytes=1000-"]
 
 
-def test_a_disk_without_room_for_it_is_told_before_it_comes(
+def test_missing_disk_space_is_reported_before_the_transfer(
     download: Download, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def usage(path: Path) -> SimpleNamespace:
@@ -64,93 +64,93 @@ def test_a_disk_without_room_for_it_is_told_before_it_comes(
     assert "GB are needed and 0.00 GB are free" in outcome.err
 
 
-def test_a_folder_that_cannot_be_made_is_told(
+def test_a_folder_that_cannot_be_created_is_reported(
     download: Download, server: WebServer, output: Path
 ) -> None:
     output.write_text("a file")
     outcome = download(NAME)
-    assert (outcome.code, server.asked) == (2, [])
+    assert (outcome.code, server.ranges) == (2, [])
     assert f"{output}: cannot be created: File exists; name another with --output" in outcome.err
 
 
-def test_two_at_once_do_not_mix(download: Download, server: WebServer, output: Path) -> None:
+def test_a_second_download_at_the_same_time_is_rejected(
+    download: Download, server: WebServer, output: Path
+) -> None:
     output.mkdir()
     with partial_file.PartialFile(output / f".{FOLDER}.tgz.part"):
         outcome = download(NAME)
     assert "another kinect-vo is downloading it" in outcome.err
-    assert server.asked == []
+    assert server.ranges == []
 
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interruption_is_at_once_and_keeps_what_has_come(
+def test_an_interruption_keeps_the_partial_download(
     server: WebServer, output: Path, number: signal.Signals, code: int
 ) -> None:
-    def slow(request: RequestHandler) -> None:
+    def answer_slowly(request: RequestHandler) -> None:
         request.start_response(200, Content_Length=len(server.content), ETag=server.etag)
         request.send_body(server.content[:1000])
         request.rfile.read(1)
 
-    server.answers = [slow]
+    server.answers = [answer_slowly]
     command = [*KINECT_VO, "download", NAME, "--mirror", server.url, "--output", str(output)]
     with ForkedProcess(command, stderr=subprocess.PIPE, text=True) as process:
         part = output / f".{FOLDER}.tgz.part"
         wait_until(lambda: part.exists() and part.stat().st_size == 1000)
         process.send_signal(number)
-        _, said = process.communicate()
-    assert (process.returncode, said.count("\n")) == (code, 1)
-    assert "interrupted; what has come is kept" in said
+        _, message = process.communicate()
+    assert (process.returncode, message.count("\n")) == (code, 1)
+    assert "interrupted; what has come is kept" in message
 
 
-def test_what_a_killed_one_was_unpacking_is_cleared_away(download: Download, output: Path) -> None:
-    remains = output / f".{FOLDER}.unpacking"
-    remains.mkdir(parents=True)
-    (remains / "half").write_text("a file")
+def test_remains_of_a_killed_process_are_removed(download: Download, output: Path) -> None:
+    temporary = output / f".{FOLDER}.unpacking"
+    temporary.mkdir(parents=True)
+    (temporary / "half").write_text("a file")
     assert download(NAME).code == 0
     assert hidden_files(output) == []
 
 
-def test_nothing_is_asked_of_anybody_for_a_name_that_is_wrong(
-    download: Download, server: WebServer, output: Path
-) -> None:
+def test_a_wrong_name_sends_no_request(download: Download, server: WebServer, output: Path) -> None:
     outcome = download(NAME, "fr1/tedy")
-    assert (outcome.code, server.asked, output.exists()) == (2, [], False)
+    assert (outcome.code, server.ranges, output.exists()) == (2, [], False)
     assert "no sequence 'fr1/tedy'; did you mean fr1/teddy" in outcome.err
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("arguments", "message"),
     [((), "which sequence?"), ((NAME, "fr1/rpy", "--sha256", "a" * 64), "one by one"),
      ((NAME, "--mirror", "ftp://host/"), "is no address"),
      ((NAME, "--sha256", "abc"), "64 digits")],
 )  # fmt: skip
-def test_what_makes_no_sense_is_told(
-    download: Download, server: WebServer, given: tuple[str, ...], told: str
+def test_invalid_arguments_are_reported(
+    download: Download, server: WebServer, arguments: tuple[str, ...], message: str
 ) -> None:
-    outcome = download(*given)
-    assert (outcome.code, outcome.err.count("\n"), server.asked) == (2, 1, [])
-    assert told in outcome.err
+    outcome = download(*arguments)
+    assert (outcome.code, outcome.err.count("\n"), server.ranges) == (2, 1, [])
+    assert message in outcome.err
 
 
-def test_the_list_names_every_sequence_and_asks_nobody(
+def test_the_list_names_every_sequence_and_sends_no_request(
     download: Download, server: WebServer
 ) -> None:
     outcome = download("--list")
     assert len(outcome.out.splitlines()) == 1 + 47 + 33
     assert "fr1/floor " in outcome.out
-    assert server.asked == []
+    assert server.ranges == []
 
 
-class _Screen(io.StringIO):
+class _FakeTerminal(io.StringIO):
     def isatty(self) -> bool:
         return True
 
 
-def test_a_person_sees_how_far_it_is_and_how_long_it_takes() -> None:
-    screen, now_s = _Screen(), iter([0.0, 10.0, 10.0, 10.0, 20.0, 20.0, 30.0, 30.0])
-    meter = DownloadProgress(Terminal(screen), NAME, lambda: next(now_s))
-    meter.show_transfer(100_000_000, 400_000_000)
-    meter.show_transfer(200_000_000, 400_000_000)
+def test_progress_shows_rate_and_remaining_time() -> None:
+    screen, now_s = _FakeTerminal(), iter([0.0, 10.0, 10.0, 10.0, 20.0, 20.0, 30.0, 30.0])
+    progress = DownloadProgress(Terminal(screen), NAME, lambda: next(now_s))
+    progress.show_transfer(100_000_000, 400_000_000)
+    progress.show_transfer(200_000_000, 400_000_000)
     assert "fr1/xyz: 200 of 400 MB (50%), 10.0 MB/s, 20 s left" in screen.getvalue()
-    meter.show_unpacking(100, 400)
+    progress.show_unpacking(100, 400)
     assert screen.getvalue().endswith("fr1/xyz: unpacking (25%)")

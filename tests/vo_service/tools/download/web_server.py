@@ -1,4 +1,4 @@
-"""A file server on this computer that does, answer by answer, what it is told to."""
+"""Local file server with configurable answers."""
 
 import io
 import tarfile
@@ -12,15 +12,18 @@ ETAG = '"first"'
 
 
 class WebServer:
-    """Serves `content` at every address. `answers` come first, one for each request.
+    """State of a server that serves `content` at every address.
 
-    `asked` is the Range of each request, empty without one.
+    Attributes:
+        answers: answers to the next requests; later requests get the content.
+        ranges: Range header of each request, empty without one.
+        paths: path of each request.
     """
 
     def __init__(self, url: str, content: bytes) -> None:
         self.url, self.content, self.etag = url, content, ETAG
         self.answers: list[Answer] = []
-        self.asked: list[str] = []
+        self.ranges: list[str] = []
         self.paths: list[str] = []
 
 
@@ -28,7 +31,7 @@ class RequestHandler(BaseHTTPRequestHandler):
     site: WebServer
 
     def do_GET(self) -> None:
-        self.site.asked.append(self.headers.get("Range", ""))
+        self.site.ranges.append(self.headers.get("Range", ""))
         self.site.paths.append(self.path)
         answer = self.site.answers.pop(0) if self.site.answers else serve_ranges
         answer(self)
@@ -51,7 +54,7 @@ Answer = Callable[[RequestHandler], None]
 
 
 def serve_ranges(request: RequestHandler) -> None:
-    """As a good server does: ranges of the same version, else all of it."""
+    """Serve as a good server does: ranges of the same version, else the whole file."""
     site, content = request.site, request.site.content
     first = 0
     if request.headers.get("If-Range") == site.etag:
@@ -69,13 +72,13 @@ def serve_ranges(request: RequestHandler) -> None:
 
 
 def serve_without_ranges(request: RequestHandler) -> None:
-    """All of it, whatever was asked; no mark of a version."""
+    """Serve the whole file for any request, without a validator."""
     request.start_response(200, Content_Length=len(request.site.content))
     request.send_body(request.site.content)
 
 
 def cut_off(after: int) -> Answer:
-    """The beginning of what was asked, then the connection ends."""
+    """Answer with the first bytes of the requested range, then close the connection."""
 
     def answer(request: RequestHandler) -> None:
         content = request.site.content
@@ -92,7 +95,7 @@ def cut_off(after: int) -> Answer:
 
 
 def wrong_length(length: int) -> Answer:
-    """All of it, under another length."""
+    """Answer with the whole file and another length."""
 
     def answer(request: RequestHandler) -> None:
         request.start_response(200, Content_Length=length, ETag=request.site.etag)
@@ -102,7 +105,7 @@ def wrong_length(length: int) -> Answer:
 
 
 def chunked(after: int) -> Answer:
-    """Without a length, in chunks; cut off in the middle of one."""
+    """Answer in chunks without a length, cut off in the middle of a chunk."""
 
     def answer(request: RequestHandler) -> None:
         request.start_response(200, Transfer_Encoding="chunked")
@@ -112,12 +115,12 @@ def chunked(after: int) -> Answer:
 
 
 def status_only(code: int, **headers: object) -> Answer:
-    """An error, or a redirection."""
+    """Answer with an error or a redirection."""
     return lambda request: request.start_response(code, Content_Length=0, **headers)
 
 
 def serve_wrong_range(request: RequestHandler) -> None:
-    """A part of the file that nobody asked for."""
+    """Serve a range that was not requested."""
     size = len(request.site.content)
     request.start_response(206, Content_Range=f"bytes 7-{size - 1}/{size}", Content_Length=size - 7)
     request.send_body(request.site.content[7:])
@@ -125,7 +128,7 @@ def serve_wrong_range(request: RequestHandler) -> None:
 
 @contextmanager
 def running_server(content: bytes) -> Iterator[WebServer]:
-    """A server on a free port of 127.0.0.1."""
+    """Run a server on a free port of 127.0.0.1."""
     handler = type(
         "SiteRequest", (RequestHandler,), {"protocol_version": "HTTP/1.1", "timeout": 20}
     )
@@ -143,7 +146,7 @@ def running_server(content: bytes) -> Iterator[WebServer]:
 
 
 def pack_folder(folder: Path, name: str) -> bytes:
-    """A folder as a .tgz, under another name."""
+    """Pack a folder as a .tgz, under another name."""
     data = io.BytesIO()
     with tarfile.open(fileobj=data, mode="w:gz", compresslevel=1) as tar:
         tar.add(folder, name)
@@ -151,7 +154,7 @@ def pack_folder(folder: Path, name: str) -> bytes:
 
 
 def make_tgz(*members: tuple[tarfile.TarInfo, bytes]) -> bytes:
-    """A .tgz of these very members."""
+    """Make a .tgz of these members."""
     data = io.BytesIO()
     with tarfile.open(fileobj=data, mode="w:gz", compresslevel=1) as tar:
         for member, content in members:
@@ -166,7 +169,7 @@ def make_file_member(name: str, content: bytes = b"x") -> tuple[tarfile.TarInfo,
 
 
 def make_special_member(name: str, kind: bytes, target: str = "") -> tuple[tarfile.TarInfo, bytes]:
-    """A link, a device, a folder."""
+    """Make a member such as a link, a device or a folder."""
     member = tarfile.TarInfo(name)
     member.type, member.linkname = kind, target
     return member, b""

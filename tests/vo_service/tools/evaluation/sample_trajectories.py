@@ -1,4 +1,4 @@
-"""Trajectories for tests of the figures: random ones, and ones simple enough to work by hand."""
+"""Trajectories for tests of the metrics: random ones, and simple ones to check by hand."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from vo_service.tools.evaluation.association import MatchedPoses
 
 
 def poses_at(stamps_s: list[float]) -> Trajectory:
-    """Poses of no interest at these stamps."""
+    """Make identity poses at these stamps."""
     return Trajectory(np.array(stamps_s), np.tile(np.eye(4), (len(stamps_s), 1, 1)))
 
 
 def moving_along_x(x_m: list[float], turn_deg: list[float] | None = None) -> Array:
-    """Poses along the x axis, turned about it."""
+    """Make poses along the x axis, rotated about it."""
     turns_rad = np.radians(np.zeros(len(x_m)) if turn_deg is None else turn_deg)
     return np.array(
         [
@@ -30,7 +30,7 @@ def match_poses(
 
 
 def random_walk(rng: np.random.Generator, stamps_s: Array) -> Trajectory:
-    """A hand that wanders: 3 cm and 0.03 rad from one pose to the next."""
+    """Make a random walk: 3 cm and 0.03 rad from one pose to the next."""
     T = rigid_transform(so3_exp(rng.normal(0, 1, 3)), rng.normal(0, 3, 3))
     poses = []
     for _ in stamps_s:
@@ -43,7 +43,7 @@ def random_walk(rng: np.random.Generator, stamps_s: Array) -> Trajectory:
 def noisy_copy(
     rng: np.random.Generator, truth: Trajectory, stamps_s: Array, other_world: Array
 ) -> Trajectory:
-    """What an odometry might say at these stamps: the nearest truth, with noise of 1 cm."""
+    """Make an estimated trajectory at these stamps: the nearest true poses with 1 cm of noise."""
     nearest = np.abs(truth.stamps_s - stamps_s[:, None]).argmin(axis=1)
     noise = [
         rigid_transform(so3_exp(rng.normal(0, 0.01, 3)), rng.normal(0, 0.01, 3)) for _ in stamps_s

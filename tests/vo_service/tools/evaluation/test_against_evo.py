@@ -1,4 +1,4 @@
-"""The figures against evo's (github.com/MichaelGrupp/evo), to far below 1e-6."""
+"""The metrics agree with evo's (github.com/MichaelGrupp/evo) to 1e-9."""
 
 from pathlib import Path
 
@@ -13,16 +13,16 @@ from tests.vo_service.tools.evaluation.sample_trajectories import noisy_copy, ra
 from vo_service.tools.evaluation import evaluate
 
 OTHER_WORLD = rigid_transform(so3_exp([-0.7, 0.4, 2.5]), [1.0, -2.0, 0.5])
-T0_S = 1305031449.1  # as large as real stamps, so that their rounding takes part
+T0_S = 1305031449.1  # as large as real stamps, to include their rounding
 
 
-def for_evo(poses: Trajectory) -> PoseTrajectory3D:
+def to_evo(poses: Trajectory) -> PoseTrajectory3D:
     return PoseTrajectory3D(poses_se3=list(poses.T_world_camera), timestamps=poses.stamps_s)
 
 
-def figures_of_evo(trajectory: Trajectory, truth: Trajectory) -> dict[str, float]:
+def evaluate_with_evo(trajectory: Trajectory, truth: Trajectory) -> dict[str, float]:
     reference, estimate = sync.associate_trajectories(
-        for_evo(truth), for_evo(trajectory), max_diff=0.02
+        to_evo(truth), to_evo(trajectory), max_diff=0.02
     )
     relative = {}
     for name, relation in (
@@ -35,20 +35,20 @@ def figures_of_evo(trajectory: Trajectory, truth: Trajectory) -> dict[str, float
     estimate.align(reference)
     ate = metrics.APE(metrics.PoseRelation.translation_part)
     ate.process_data((reference, estimate))
-    found = ate.get_all_statistics()
-    absolute = {f"ate_{name}_m": found[name] for name in ("rmse", "mean", "median", "max")}
+    statistics = ate.get_all_statistics()
+    absolute = {f"ate_{name}_m": statistics[name] for name in ("rmse", "mean", "median", "max")}
     return absolute | relative | {"matched": reference.num_poses}
 
 
 def assert_agreement(trajectory: Trajectory, truth: Trajectory) -> None:
     ours = evaluate(trajectory, truth).as_json()
-    theirs = figures_of_evo(trajectory, truth)
-    assert {name: ours[name] for name in theirs} == pytest.approx(theirs, rel=0, abs=1e-9)
-    assert theirs["ate_rmse_m"] > 1e-3  # there was something to agree on
+    expected = evaluate_with_evo(trajectory, truth)
+    assert {name: ours[name] for name in expected} == pytest.approx(expected, rel=0, abs=1e-9)
+    assert expected["ate_rmse_m"] > 1e-3  # the errors are not zero
 
 
-def jittered(rng: np.random.Generator, count: int, rate_hz: float) -> Array:
-    """Stamps that are never quite regular, with every tenth pose missing and one long gap."""
+def jittered_stamps(rng: np.random.Generator, count: int, rate_hz: float) -> Array:
+    """Make irregular stamps with a tenth of the poses missing and one long gap."""
     stamps_s = T0_S + np.arange(count) / rate_hz + rng.uniform(-0.3, 0.3, count) / rate_hz
     missing = (rng.random(count) < 0.1) | (np.arange(count) // 20 == 3)
     return np.asarray(stamps_s[~missing].round(6))
@@ -58,8 +58,8 @@ def jittered(rng: np.random.Generator, count: int, rate_hz: float) -> Array:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_random_walks(truth_hz: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    truth = random_walk(rng, jittered(rng, int(6 * truth_hz), truth_hz))
-    stamps_s = jittered(rng, 180, 30.0)
+    truth = random_walk(rng, jittered_stamps(rng, int(6 * truth_hz), truth_hz))
+    stamps_s = jittered_stamps(rng, 180, 30.0)
     assert_agreement(noisy_copy(rng, truth, stamps_s, OTHER_WORLD), truth)
 
 
@@ -71,7 +71,7 @@ def test_trajectories_that_begin_before_or_end_after_their_truth(shift_s: float)
 
 
 @pytest.mark.parametrize("name", ["fr1_desk", "fr1_rpy", "fr1_xyz"])
-def test_motion_capture_of_a_real_hand(recordings: Path, name: str) -> None:
+def test_motion_capture_of_a_handheld_camera(recordings: Path, name: str) -> None:
     rng = np.random.default_rng(3)
     truth = read_trajectory(recordings / "mocap" / f"{name}-groundtruth.txt")
     stamps_s = np.arange(truth.stamps_s[0] - 1.0, truth.stamps_s[-1] + 1.0, 1 / 30)

@@ -1,4 +1,4 @@
-"""Which pose belongs to which, and what share of the frames has one."""
+"""Association of poses with the truth, and coverage of the frames."""
 
 import numpy as np
 import pytest
@@ -16,17 +16,17 @@ stamps = st.lists(st.integers(0, 2000), min_size=1, max_size=30, unique=True).ma
 
 
 @given(stamps, stamps)
-def test_the_nearest_is_what_a_search_of_all_finds(
+def test_the_nearest_is_that_of_an_exhaustive_search(
     stamps_s: np.ndarray, wanted_s: np.ndarray
 ) -> None:
-    found = nearest_indices(stamps_s, wanted_s)
+    nearest = nearest_indices(stamps_s, wanted_s)
     distances_s = np.abs(stamps_s[None] - wanted_s[:, None])
     assert np.allclose(
-        np.abs(stamps_s[found] - wanted_s), distances_s.min(axis=1), rtol=0, atol=1e-12
+        np.abs(stamps_s[nearest] - wanted_s), distances_s.min(axis=1), rtol=0, atol=1e-12
     )
 
 
-def test_of_two_as_near_the_earlier_is_taken() -> None:
+def test_of_two_equally_near_stamps_the_earlier_is_taken() -> None:
     assert nearest_indices(np.array([0.0, 1.0, 2.0]), np.array([0.5, 1.5])).tolist() == [0, 1]
 
 
@@ -46,22 +46,22 @@ def test_each_truth_takes_the_nearest_pose_where_there_are_fewer_truths() -> Non
     assert len(pairs.T_truth_camera) == 3
 
 
-def test_too_few_pairs_are_one_clear_line() -> None:
+def test_too_few_pairs_are_one_line() -> None:
     with pytest.raises(InputError) as caught:
         associate(poses_at([0.0, 1.0, 2.0, 3.0]), poses_at([0.0, 1.0, 2.5, 3.5, 10.0]))
     assert str(caught.value) == (
         "2 of 4 poses have ground truth within 20 ms, 3 are needed "
-        "(trajectory 0.000..3.000 s, truth 0.000..10.000 s): "
-        "give the truth of the same recording, on the same clock"
+        "(trajectory 0.000..3.000 s, truth 0.000..10.000 s); "
+        "use the truth of the same recording, on the same clock"
     )
 
 
-def test_no_overlap_at_all_is_told_in_the_same_way() -> None:
+def test_no_overlap_gives_the_same_error() -> None:
     with pytest.raises(InputError, match=r"^0 of 3 poses .* \(trajectory 0.000..2.000 s, truth 50"):
         associate(poses_at([0.0, 1.0, 2.0]), poses_at([50.0, 51.0, 52.0, 53.0]))
 
 
-def test_an_empty_trajectory_is_told_in_the_same_way() -> None:
+def test_an_empty_trajectory_gives_the_same_error() -> None:
     with pytest.raises(InputError, match=r"^0 of 0 poses .* \(trajectory empty, truth 0.000"):
         associate(poses_at([]), poses_at([0.0, 1.0, 2.0]))
 
@@ -81,14 +81,14 @@ def test_coverage_is_the_same_however_dense_the_truth() -> None:
         assert coverage(poses_s, truth_s, frames_s) == pytest.approx(87 / 90, abs=0.002)
 
 
-def test_truth_at_the_stamp_of_every_pose_stands_for_the_frames() -> None:
+def test_truth_at_the_stamp_of_every_pose_counts_as_the_frames() -> None:
     truth_s = np.arange(30) / 30
     assert coverage(np.round(truth_s[::2], 4), truth_s, None) == 0.5
 
 
-def test_motion_capture_alone_leaves_the_coverage_open() -> None:
+def test_motion_capture_alone_gives_no_coverage() -> None:
     assert coverage(np.arange(30) / 30 + 0.002, np.arange(100) / 100, None) is None
 
 
-def test_frames_without_any_truth_leave_the_coverage_open() -> None:
+def test_frames_without_any_truth_give_no_coverage() -> None:
     assert coverage(np.arange(5.0), np.arange(5.0), np.arange(100.0, 105.0)) is None

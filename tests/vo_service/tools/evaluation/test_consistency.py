@@ -5,7 +5,7 @@ from drivers.core.geometry import Array, rigid_transform, so3_exp
 from vo_service.tools.evaluation.consistency import motion_error, nees, summarize_nees
 
 
-def drawn(covariance: Array, count: int) -> list[Array]:
+def sample_errors(covariance: Array, count: int) -> list[Array]:
     return list(np.random.default_rng(3).multivariate_normal(np.zeros(6), covariance, count))
 
 
@@ -14,26 +14,28 @@ SIGMAS = np.diag([1e-3, 2e-3, 3e-3, 1e-4, 2e-4, 3e-4])
 
 def test_errors_drawn_from_their_covariance_are_consistent() -> None:
     covariance = SIGMAS @ SIGMAS
-    found = summarize_nees([nees(x, covariance) for x in drawn(covariance, 4000)])
-    assert found is not None
-    assert found.count == 4000
-    assert found.mean_per_dof == pytest.approx(1.0, abs=0.05)
-    assert found.fraction_within_95 == pytest.approx(0.95, abs=0.015)
+    statistics = summarize_nees([nees(x, covariance) for x in sample_errors(covariance, 4000)])
+    assert statistics is not None
+    assert statistics.count == 4000
+    assert statistics.mean_per_dof == pytest.approx(1.0, abs=0.05)
+    assert statistics.fraction_within_95 == pytest.approx(0.95, abs=0.015)
 
 
-def test_who_is_twice_too_sure_has_four_times_the_square() -> None:
-    told = SIGMAS @ SIGMAS / 4.0
-    found = summarize_nees([nees(x, told) for x in drawn(4.0 * told, 4000)])
-    assert found is not None
-    assert found.mean_per_dof == pytest.approx(4.0, abs=0.2)
-    assert found.fraction_within_95 < 0.5
+def test_half_the_true_standard_deviation_gives_four_times_the_nees() -> None:
+    covariance = SIGMAS @ SIGMAS / 4.0
+    statistics = summarize_nees(
+        [nees(x, covariance) for x in sample_errors(4.0 * covariance, 4000)]
+    )
+    assert statistics is not None
+    assert statistics.mean_per_dof == pytest.approx(4.0, abs=0.2)
+    assert statistics.fraction_within_95 < 0.5
 
 
-def test_of_no_motions_there_is_nothing_to_say() -> None:
+def test_no_motions_give_no_statistics() -> None:
     assert summarize_nees([]) is None
 
 
-def test_a_motion_told_too_long_is_off_in_the_axes_of_its_end() -> None:
+def test_a_motion_error_is_in_the_end_frame() -> None:
     quarter_turn = so3_exp([0.0, 0.0, np.pi / 2])
     error = motion_error(
         rigid_transform(quarter_turn, [1.0, 0.0, 0.0]),

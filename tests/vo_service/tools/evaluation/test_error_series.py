@@ -1,4 +1,4 @@
-"""The errors that are drawn are those that the figures are made of."""
+"""The error series agrees with the metrics."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,13 @@ from vo_service.tools.evaluation.error_series import error_series
 from vo_service.tools.evaluation.metrics import rms
 
 
-def test_their_means_are_the_figures_of_the_evaluation() -> None:
+def test_their_means_are_the_metrics_of_the_evaluation() -> None:
     rng = np.random.default_rng(3)
     truth = random_walk(rng, np.arange(60) / 30)
     trajectory = noisy_copy(rng, truth, truth.stamps_s[::2], np.eye(4))
-    series, figures = error_series(associate(trajectory, truth)), evaluate(trajectory, truth)
+    series, evaluation = error_series(associate(trajectory, truth)), evaluate(trajectory, truth)
     assert (len(series.global_error_m), len(series.step_errors.translation_m)) == (30, 29)
-    assert np.mean(series.global_error_m) == pytest.approx(figures.mean_global_error_m)
+    assert np.mean(series.global_error_m) == pytest.approx(evaluation.mean_global_error_m)
     assert series.global_error_m[0] == pytest.approx(0.0, abs=1e-12)
-    assert rms(series.step_errors.translation_m) == pytest.approx(figures.rpe_frame_m)
-    assert rms(series.step_errors.rotation_deg) == pytest.approx(figures.rpe_frame_deg)
+    assert rms(series.step_errors.translation_m) == pytest.approx(evaluation.rpe_frame_m)
+    assert rms(series.step_errors.rotation_deg) == pytest.approx(evaluation.rpe_frame_deg)

@@ -1,4 +1,4 @@
-"""The picture of a trajectory beside its truth, drawn by the real matplotlib."""
+"""The figure of a trajectory and its truth, drawn by matplotlib."""
 
 import errno
 import subprocess
@@ -15,7 +15,7 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.trajectory import Trajectory
 from tests.vo_service.tools.evaluation.sample_trajectories import random_walk
-from vo_service.tools.evaluation import plot as picture
+from vo_service.tools.evaluation import plot as plot_module
 from vo_service.tools.evaluation.plot import draw_plot, write_plot
 
 OTHER_WORLD = rigid_transform(so3_exp([1.0, -2.0, 0.5]), [4.0, 5.0, -6.0])
@@ -28,9 +28,9 @@ def truth() -> Trajectory:
 
 @pytest.fixture
 def trajectory(truth: Trajectory) -> Trajectory:
-    """The truth seen from another world, with frames 20 to 29 lost."""
-    seen = np.r_[0:20, 30:60]
-    return Trajectory(truth.stamps_s[seen], OTHER_WORLD @ truth.T_world_camera[seen])
+    """The truth in another world frame, without frames 20 to 29."""
+    tracked = np.r_[0:20, 30:60]
+    return Trajectory(truth.stamps_s[tracked], OTHER_WORLD @ truth.T_world_camera[tracked])
 
 
 def line(figure: Figure, plot: int, number: int) -> Array:
@@ -41,13 +41,13 @@ def without_gaps(points: Array) -> Array:
     return points[np.isfinite(points[:, 0])]
 
 
-def test_a_trajectory_from_another_world_lies_on_the_truth(
+def test_a_trajectory_from_another_world_is_aligned_with_the_truth(
     trajectory: Trajectory, truth: Trajectory
 ) -> None:
     figure = draw_plot(trajectory, truth, "walk")
-    seen = np.r_[0:20, 30:60]
+    tracked = np.r_[0:20, 30:60]
     for view in (0, 1):
-        assert np.allclose(without_gaps(line(figure, view, 1)), line(figure, view, 0)[seen])
+        assert np.allclose(without_gaps(line(figure, view, 1)), line(figure, view, 0)[tracked])
     assert np.allclose(without_gaps(line(figure, 2, 0))[:, 1], 0.0)
 
 
@@ -75,7 +75,7 @@ def test_truth_before_and_after_the_trajectory_is_left_out(truth: Trajectory) ->
     assert len(line(draw_plot(short, truth, "short"), 0, 0)) == 10
 
 
-def test_both_views_show_metres_to_one_scale_with_a_legend(
+def test_both_views_show_meters_to_one_scale_with_a_legend(
     trajectory: Trajectory, truth: Trajectory
 ) -> None:
     above, side, errors = draw_plot(trajectory, truth, "my walk").axes
@@ -89,7 +89,7 @@ def test_both_views_show_metres_to_one_scale_with_a_legend(
 
 
 @pytest.mark.slow
-def test_the_suffix_says_png_or_svg(
+def test_the_suffix_selects_png_or_svg(
     tmp_path: Path, trajectory: Trajectory, truth: Trajectory
 ) -> None:
     write_plot(tmp_path / "walk.PNG", trajectory, truth, "walk")
@@ -102,28 +102,28 @@ def test_the_suffix_says_png_or_svg(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.PNG", "walk.svg"]
 
 
-def test_another_suffix_is_refused(
+def test_another_suffix_is_rejected(
     tmp_path: Path, trajectory: Trajectory, truth: Trajectory
 ) -> None:
-    with pytest.raises(InputError, match=r"walk.jpg: a picture is .png or .svg"):
+    with pytest.raises(InputError, match=r"walk.jpg: the file name must end in .png or .svg"):
         write_plot(tmp_path / "walk.jpg", trajectory, truth, "walk")
 
 
-def test_a_place_that_cannot_be_written_to_is_told(
+def test_a_missing_folder_is_reported(
     tmp_path: Path, trajectory: Trajectory, truth: Trajectory
 ) -> None:
-    with pytest.raises(InputError, match=r"gone/walk.png: cannot write the picture: No such"):
+    with pytest.raises(InputError, match=r"gone/walk.png: cannot write the figure: No such"):
         write_plot(tmp_path / "gone" / "walk.png", trajectory, truth, "walk")
 
 
-def test_a_full_disk_is_no_mistake_of_the_user(
+def test_a_full_disk_is_not_an_input_error(
     tmp_path: Path, trajectory: Trajectory, truth: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(path: Path, data: bytes) -> None:
+    def raise_disk_full(path: Path, data: bytes) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(picture, "atomic_write", full)
-    with pytest.raises(UserFacingError, match=r"walk.png: cannot write the picture: No") as caught:
+    monkeypatch.setattr(plot_module, "atomic_write", raise_disk_full)
+    with pytest.raises(UserFacingError, match=r"walk.png: cannot write the figure: No") as caught:
         write_plot(tmp_path / "walk.png", trajectory, truth, "walk")
     assert caught.value.exit_code == 1
 

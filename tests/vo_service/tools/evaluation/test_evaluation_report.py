@@ -1,4 +1,4 @@
-"""What `evaluate` says, to scripts and to people."""
+"""The result of `evaluate` as JSON and as a table."""
 
 import dataclasses
 import json
@@ -15,15 +15,15 @@ OTHER_WORLD = rigid_transform(so3_exp([0.1, 0.2, 0.3]), [1.0, 1.0, 1.0])
 
 
 def walk(seconds: float) -> tuple[Trajectory, Trajectory]:
-    """A trajectory that goes one in ten too far, and the truth, 10 poses a second."""
+    """Make a trajectory with 10 % too much motion, and the truth, with 10 poses a second."""
     stamps_s = np.arange(round(10 * seconds) + 1) / 10
     truth = Trajectory(stamps_s, moving_along_x(list(stamps_s)))
     return Trajectory(stamps_s, OTHER_WORLD @ moving_along_x(list(1.1 * stamps_s))), truth
 
 
-def test_every_figure_of_a_simple_walk() -> None:
+def test_every_metric_of_a_simple_walk() -> None:
     trajectory, truth = walk(seconds=2.0)
-    # After alignment the middles coincide: errors are 0.1 |t - 1|, the mean over 21 poses 1.1 / 21.
+    # After alignment the centers coincide: errors are 0.1 |t - 1|, the mean over 21 poses 1.1 / 21.
     expected = Evaluation(
         ate_rmse_m=np.sqrt(2 * 0.01 * 3.85 / 21),
         ate_mean_m=1.1 / 21,
@@ -43,21 +43,21 @@ def test_every_figure_of_a_simple_walk() -> None:
     )
 
 
-def test_frames_that_are_given_decide_the_coverage() -> None:
+def test_given_frames_determine_the_coverage() -> None:
     trajectory, truth = walk(seconds=2.0)
     every_other = Trajectory(trajectory.stamps_s[::2], trajectory.T_world_camera[::2])
     assert evaluate(every_other, truth, frame_stamps_s=truth.stamps_s).coverage == 11 / 21
     assert evaluate(every_other, truth, frame_stamps_s=every_other.stamps_s).coverage == 1.0
 
 
-def test_a_short_trajectory_has_null_for_what_takes_a_second() -> None:
-    figures = json.loads(json.dumps(evaluate(*walk(seconds=0.5)).as_json()))
-    assert figures["rpe_1s_m"] is None
-    assert figures["rpe_1s_deg"] is None
-    assert figures["rpe_frame_m"] == pytest.approx(0.01)
+def test_a_short_trajectory_has_null_for_one_second_errors() -> None:
+    metrics = json.loads(json.dumps(evaluate(*walk(seconds=0.5)).as_json()))
+    assert metrics["rpe_1s_m"] is None
+    assert metrics["rpe_1s_deg"] is None
+    assert metrics["rpe_frame_m"] == pytest.approx(0.01)
 
 
-def test_the_table_is_aligned_and_shows_a_dash_for_what_is_not_known() -> None:
+def test_the_table_is_aligned_and_shows_a_dash_for_none() -> None:
     evaluation = dataclasses.replace(
         evaluate(*walk(seconds=0.5)), ate_rmse_m=0.01234, rpe_frame_deg=1.5, coverage=None
     )
@@ -71,5 +71,5 @@ def test_the_table_is_aligned_and_shows_a_dash_for_what_is_not_known() -> None:
     ]
 
 
-def test_all_frames_followed_is_a_hundred_per_cent() -> None:
+def test_full_coverage_is_a_hundred_percent() -> None:
     assert "coverage               100.0 %" in evaluate(*walk(seconds=0.5)).as_table()

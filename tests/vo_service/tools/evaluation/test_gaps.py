@@ -1,4 +1,4 @@
-"""Pauses in a recording, and how an odometry comes across them."""
+"""Gaps in a recording, and how an odometry crosses them."""
 
 import numpy as np
 import pytest
@@ -14,59 +14,59 @@ GAP = Gap(0.2, 1.2)
 @pytest.mark.parametrize(
     ("steps_s", "lengths_s"),
     [
-        ([0.03] * 5 + [0.19] + [0.03] * 5, []),  # more than three usual steps, but short
+        ([0.03] * 5 + [0.19] + [0.03] * 5, []),  # more than three median steps, but short
         ([0.03] * 5 + [0.21] + [0.03] * 5, [0.21]),
-        ([0.1] * 5 + [0.29] + [0.1] * 5, []),  # long, but less than three usual steps
+        ([0.1] * 5 + [0.29] + [0.1] * 5, []),  # long, but less than three median steps
         ([0.1] * 5 + [0.31, 0.1, 2.0], [0.31, 2.0]),
         ([], []),
     ],
 )
-def test_a_pause_is_longer_than_usual_and_than_a_fifth_of_a_second(
+def test_a_gap_is_longer_than_median_steps_and_than_a_fifth_of_a_second(
     steps_s: list[float], lengths_s: list[float]
 ) -> None:
     stamps_s = 100.0 + np.cumsum([0.0, *steps_s])
     assert [gap.length_s for gap in find_gaps(stamps_s)] == pytest.approx(lengths_s)
 
 
-def test_a_recording_of_no_frames_has_no_pause() -> None:
+def test_a_recording_without_frames_has_no_gap() -> None:
     assert find_gaps(np.empty(0)) == []
 
 
-def test_a_pause_is_known_by_the_frames_beside_it() -> None:
+def test_a_gap_has_the_stamps_of_the_frames_beside_it() -> None:
     assert find_gaps(STAMPS_S) == [GAP]
 
 
 @pytest.mark.parametrize(
-    ("good", "epochs", "told"),
+    ("good", "epochs", "text"),
     [
-        ("gggggg", "000000", "followed on"),
-        ("ggg-gg", "000000", "lost 1 frame, then found again"),
+        ("gggggg", "000000", "kept tracking"),
+        ("ggg-gg", "000000", "lost 1 frame, then recovered"),
         ("ggg--g", "000001", "lost 2 frames, then a new epoch"),
         ("gggggg", "000111", "new epoch at once"),
         ("ggg---", "000000", "lost to the end (3 frames)"),
-        ("gg-ggg", "000000", "lost already before it; followed on"),
-        ("gg----", "000000", "lost already before it; lost to the end (3 frames)"),
+        ("gg-ggg", "000000", "already lost before it; kept tracking"),
+        ("gg----", "000000", "already lost before it; lost to the end (3 frames)"),
     ],
 )
-def test_what_was_done_across_is_told_in_words(good: str, epochs: str, told: str) -> None:
+def test_the_outcome_of_a_gap_as_text(good: str, epochs: str, text: str) -> None:
     is_good = np.array([letter == "g" for letter in good])
-    assert str(classify_gap(GAP, STAMPS_S, is_good, np.array([int(e) for e in epochs]))) == told
+    assert str(classify_gap(GAP, STAMPS_S, is_good, np.array([int(e) for e in epochs]))) == text
 
 
-def test_frames_that_could_not_be_read_are_no_frames() -> None:
-    read = [0, 1, 4, 5]  # neither of the two beside the pause
-    crossing = classify_gap(GAP, STAMPS_S[read], np.full(4, True), np.zeros(4, np.int64))
-    assert str(crossing) == "followed on"
+def test_unreadable_frames_do_not_count() -> None:
+    read = [0, 1, 4, 5]  # without the two beside the gap
+    outcome = classify_gap(GAP, STAMPS_S[read], np.full(4, True), np.zeros(4, np.int64))
+    assert str(outcome) == "kept tracking"
 
 
 TRUTH_X_M = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]
-WALK_X_M = [0.0, 0.1, 0.2, 0.31, 0.41, 0.51]  # 1 cm too far across the pause
+WALK_X_M = [0.0, 0.1, 0.2, 0.31, 0.41, 0.51]  # 1 cm too far across the gap
 
 
-def test_the_error_across_is_that_of_the_motion_from_the_last_pose_to_the_next() -> None:
-    seen = [0, 1, 2, 4, 5]  # the first after the pause is lost
-    walk, truth = moving_along_x(WALK_X_M)[seen], moving_along_x(TRUTH_X_M)[seen]
-    poses = match_poses(list(STAMPS_S[seen]), walk, truth)
+def test_the_error_across_a_gap_is_that_of_the_motion_between_its_poses() -> None:
+    tracked = [0, 1, 2, 4, 5]  # the first after the gap is lost
+    walk, truth = moving_along_x(WALK_X_M)[tracked], moving_along_x(TRUTH_X_M)[tracked]
+    poses = match_poses(list(STAMPS_S[tracked]), walk, truth)
     error = gap_error(poses, GAP)
     assert error is not None
     assert error.translation_m == pytest.approx([0.01])
@@ -75,11 +75,11 @@ def test_the_error_across_is_that_of_the_motion_from_the_last_pose_to_the_next()
     assert is_across.tolist() == [False, False, True, False]
 
 
-@pytest.mark.parametrize("seen", [[0, 1, 2], [3, 4, 5]])
-def test_there_is_none_where_one_side_has_no_pose(seen: list[int]) -> None:
-    at = np.array(seen)
+@pytest.mark.parametrize("tracked", [[0, 1, 2], [3, 4, 5]])
+def test_there_is_no_error_if_one_side_has_no_pose(tracked: list[int]) -> None:
+    indices = np.array(tracked)
     poses = match_poses(
-        list(STAMPS_S[at]), moving_along_x([0.0, 0.1, 0.2]), moving_along_x([0.0, 0.1, 0.2])
+        list(STAMPS_S[indices]), moving_along_x([0.0, 0.1, 0.2]), moving_along_x([0.0, 0.1, 0.2])
     )
     assert gap_error(poses, GAP) is None
     assert not spans_gap(poses, consecutive_pairs(poses), [GAP]).any()

@@ -1,4 +1,4 @@
-"""The figures, on motions whose errors can be worked out by hand."""
+"""The metrics of motions whose errors can be calculated by hand."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_another_world_is_no_error() -> None:
 
 
 def test_scale_is_an_error() -> None:
-    # Centred, the truth is at -2, 0, 2 and a trajectory of half the size at -1, 0, 1.
+    # Centered, the truth is at -2, 0, 2 and a trajectory of half the size at -1, 0, 1.
     pairs = match_poses(
         [0, 1, 2], OTHER_WORLD @ moving_along_x([0, 1, 2]), moving_along_x([0, 2, 4])
     )
@@ -57,12 +57,12 @@ def test_standing_still_or_going_straight_can_be_aligned(x_m: list[float]) -> No
     assert position_errors_m(pairs, best_alignment(pairs)) == pytest.approx(np.zeros(3), abs=1e-12)
 
 
-def test_joining_the_first_poses_turns_a_wrong_heading_into_an_error() -> None:
-    # The trajectory believes that it looks along x; it walks where it should, but 90 degrees off.
+def test_first_pose_alignment_turns_a_wrong_heading_into_an_error() -> None:
+    # The positions are right, but the heading is 90 degrees off.
     truth = moving_along_x([0, 1, 2])
     heading = rigid_transform(so3_exp([0, 0, np.pi / 2]), [0, 0, 0])
-    believed = truth @ heading
-    pairs = match_poses([0, 1, 2], believed, truth)
+    estimated = truth @ heading
+    pairs = match_poses([0, 1, 2], estimated, truth)
     expected_m = [0, np.sqrt(2), 2 * np.sqrt(2)]
     assert position_errors_m(pairs, first_pose_alignment(pairs)) == pytest.approx(expected_m)
 
@@ -106,18 +106,18 @@ def test_at_thirty_a_second_every_pair_is_thirty_poses_long() -> None:
     assert one_second_pairs(stamps_s) == [(k, k + 30) for k in range(40)]
 
 
-def test_at_a_low_rate_the_nearest_pose_will_do() -> None:
+def test_at_a_low_rate_the_nearest_pose_is_taken() -> None:
     stamps_s = [k * 4 / 30 for k in range(12)]  # 7 steps are 0.933 s, 8 are 1.067 s
-    found = one_second_pairs(stamps_s)
-    assert [i for i, _ in found] == [0, 1, 2, 3]
-    assert {j - i for i, j in found} <= {7, 8}
+    pairs = one_second_pairs(stamps_s)
+    assert [i for i, _ in pairs] == [0, 1, 2, 3]
+    assert {j - i for i, j in pairs} <= {7, 8}
 
 
 def test_a_gap_where_the_later_pose_should_be_leaves_the_pair_out() -> None:
     assert one_second_pairs([0, 0.5, 1.2, 1.5, 2.2]) == [(1, 3), (2, 4)]
 
 
-def test_less_than_a_second_has_no_pair_and_no_figure() -> None:
+def test_less_than_a_second_has_no_pair_and_no_metric() -> None:
     assert one_second_pairs([0, 0.3, 0.6, 0.95]) == []
     assert rms(np.array([])) is None
 
@@ -131,7 +131,7 @@ def test_the_error_over_a_second_by_hand() -> None:
     assert rms(errors.rotation_deg) == pytest.approx(12.9099445)
 
 
-def test_drift_of_one_in_ten_is_a_tenth_of_a_metre_a_second() -> None:
+def test_drift_of_ten_percent_is_a_tenth_of_a_meter_a_second() -> None:
     stamps_s = [k / 30 for k in range(90)]
     truth, trajectory = moving_along_x(stamps_s), moving_along_x([1.1 * t for t in stamps_s])
     pairs = match_poses(stamps_s, trajectory, truth)

@@ -1,4 +1,4 @@
-"""The figures at the end of a run."""
+"""The summary at the end of a run."""
 
 import json
 import threading
@@ -28,17 +28,17 @@ from vo_service.tools.evaluation.run_summary import (
 STAMPS_S = np.arange(40) / 30
 PATH = np.array([rigid_transform(np.eye(3), [0.01 * k, 0.0, 0.02 * k]) for k in range(40)])
 TRUTH = Trajectory(STAMPS_S, PATH)
-WITHOUT = RunSummary(ServiceStatistics(FakeClock()), CameraCounters(), None)
+EMPTY_SUMMARY = RunSummary(ServiceStatistics(FakeClock()), CameraCounters(), None)
 
 
-def of(trajectory: Trajectory, truth: Trajectory | None = TRUTH) -> RunSummary:
+def summarize(trajectory: Trajectory, truth: Trajectory | None = TRUTH) -> RunSummary:
     return RunSummary.from_run(
         ServiceStatistics(FakeClock()), CameraCounters(), trajectory, truth, STAMPS_S
     )
 
 
-def test_the_names_that_others_script_against_are_there() -> None:
-    assert set(WITHOUT.as_json()) >= {
+def test_the_public_keys_exist() -> None:
+    assert set(EMPTY_SUMMARY.as_json()) >= {
         *("frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame"),
         *("ate_rmse_m", "mean_global_error_m", "rpe_frame_m", "rpe_frame_deg"),
         *("rpe_1s_m", "rpe_1s_deg"),
@@ -46,37 +46,37 @@ def test_the_names_that_others_script_against_are_there() -> None:
 
 
 def test_with_and_without_truth_the_keys_are_the_same_and_json_takes_the_values() -> None:
-    with_truth = of(TRUTH).as_json()
-    assert list(WITHOUT.as_json()) == list(with_truth)
+    with_truth = summarize(TRUTH).as_json()
+    assert list(EMPTY_SUMMARY.as_json()) == list(with_truth)
     assert json.loads(json.dumps(with_truth, allow_nan=False)) == with_truth
 
 
 def test_a_perfect_trajectory_has_no_error() -> None:
-    figures = of(TRUTH).as_json()
-    assert figures["coverage"] == 1.0
+    metrics = summarize(TRUTH).as_json()
+    assert metrics["coverage"] == 1.0
     for key in ("ate_rmse_m", "mean_global_error_m", "rpe_frame_m", "rpe_1s_m", "rpe_1s_deg"):
-        assert figures[key] == pytest.approx(0.0, abs=1e-6)
+        assert metrics[key] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_failed_frames_lower_the_coverage() -> None:
     half = Trajectory(STAMPS_S[:20], PATH[:20])
-    assert of(half).as_json()["coverage"] == 0.5
+    assert summarize(half).as_json()["coverage"] == 0.5
 
 
 def test_without_a_pose_or_a_truth_there_is_nothing_to_evaluate(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    nothing = Trajectory(np.empty(0), np.empty((0, 4, 4)))
-    assert of(nothing).evaluation is None
-    assert of(TRUTH, truth=None).evaluation is None
+    empty = Trajectory(np.empty(0), np.empty((0, 4, 4)))
+    assert summarize(empty).evaluation is None
+    assert summarize(TRUTH, truth=None).evaluation is None
     assert caplog.records == []
 
 
 def test_a_truth_of_another_time_is_reported_and_leaves_the_other_figures(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    elsewhere = Trajectory(STAMPS_S + 1e6, PATH)
-    assert of(TRUTH, elsewhere).as_json()["ate_rmse_m"] is None
+    other_truth = Trajectory(STAMPS_S + 1e6, PATH)
+    assert summarize(TRUTH, other_truth).as_json()["ate_rmse_m"] is None
     assert [record.levelname for record in caplog.records] == ["WARNING"]
 
 
@@ -87,17 +87,17 @@ def test_skipped_counts_unreadable_and_stale_frames_failed_the_lost_ones() -> No
             SinglePassSource(camera), [], [good_estimate(np.eye(4)), failed_estimate()]
         )
         service.run(threading.Event())
-    figures = RunSummary(service.statistics, CameraCounters(skipped=3, dropped=5), None).as_json()
-    counts = [figures[key] for key in ("frames", "failed", "skipped", "dropped")]
+    metrics = RunSummary(service.statistics, CameraCounters(skipped=3, dropped=5), None).as_json()
+    counts = [metrics[key] for key in ("frames", "failed", "skipped", "dropped")]
     assert counts == [2, 1, 1 + 3, 5]
 
 
-def test_the_table_has_a_line_a_figure() -> None:
-    assert len(WITHOUT.as_table().splitlines()) == 7
-    assert len(of(TRUTH).as_table().splitlines()) == 7 + 10
+def test_the_table_has_a_line_for_each_metric() -> None:
+    assert len(EMPTY_SUMMARY.as_table().splitlines()) == 7
+    assert len(summarize(TRUTH).as_table().splitlines()) == 7 + 10
 
 
-LOOPS_KEYS = (
+LOOP_CLOSURE_KEYS = (
     "map_keyframes",
     "loop_closures",
     "optimized_ate_rmse_m",
@@ -106,29 +106,29 @@ LOOPS_KEYS = (
 DRIFTING = Trajectory(STAMPS_S, PATH @ PATH)
 
 
-def test_with_loops_there_are_keys_more_and_the_others_stay() -> None:
-    with_loops = LoopClosureSummary(12, 5, evaluate_if_possible(TRUTH, TRUTH, STAMPS_S))
+def test_loop_closure_adds_keys() -> None:
+    loop_closure = LoopClosureSummary(12, 5, evaluate_if_possible(TRUTH, TRUTH, STAMPS_S))
     plain, summary = (
         RunSummary.from_run(
-            ServiceStatistics(FakeClock()), CameraCounters(), DRIFTING, TRUTH, STAMPS_S, loops
+            ServiceStatistics(FakeClock()), CameraCounters(), DRIFTING, TRUTH, STAMPS_S, option
         )
-        for loops in (None, with_loops)
+        for option in (None, loop_closure)
     )
-    figures = summary.as_json()
-    assert {key: figures.pop(key) for key in LOOPS_KEYS} == {
+    metrics = summary.as_json()
+    assert {key: metrics.pop(key) for key in LOOP_CLOSURE_KEYS} == {
         "map_keyframes": 12,
         "loop_closures": 5,
         "optimized_ate_rmse_m": pytest.approx(0.0, abs=1e-6),
         "optimized_mean_global_error_m": pytest.approx(0.0, abs=1e-6),
     }
-    assert figures == plain.as_json()
-    assert figures["ate_rmse_m"] > 0.01
-    *lines, loops, _, _ = (line.split() for line in summary.as_table().splitlines())
+    assert metrics == plain.as_json()
+    assert metrics["ate_rmse_m"] > 0.01
+    *lines, last_row, _, _ = (line.split() for line in summary.as_table().splitlines())
     assert lines == [line.split() for line in plain.as_table().splitlines()]
-    assert loops == ["keyframes,", "loop", "closures", "12,", "5"]
+    assert last_row == ["keyframes,", "loop", "closures", "12,", "5"]
 
 
-def test_without_truth_loops_are_counted_and_their_errors_null() -> None:
-    with_loops = LoopClosureSummary(12, 5, None)
-    assert list(with_loops.as_json().values()) == [12, 5, None, None]
-    assert [label for label, _ in with_loops.rows()] == ["keyframes, loop closures"]
+def test_without_truth_loop_closures_are_counted_and_errors_are_null() -> None:
+    loop_closure = LoopClosureSummary(12, 5, None)
+    assert list(loop_closure.as_json().values()) == [12, 5, None, None]
+    assert [label for label, _ in loop_closure.rows()] == ["keyframes, loop closures"]

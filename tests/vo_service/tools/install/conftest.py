@@ -1,4 +1,4 @@
-"""A tree to install into, and a program of a few megabytes: without the libraries it needs."""
+"""Tree to install into, and a small program without the libraries it needs."""
 
 from importlib.metadata import distribution
 from pathlib import Path
@@ -10,7 +10,7 @@ from vo_service.tools.install import program
 
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The root of another computer's file system; nobody tries to run the copied program."""
+    """Root of another computer's file system; the copied program is not run."""
     return make_tree(tmp_path / "tree", monkeypatch)
 
 

@@ -1,4 +1,4 @@
-"""The program's copy: whole, readable, without a way back to the checkout, and replaced at once."""
+"""The copy of the program: complete, readable, independent of the checkout."""
 
 import subprocess
 import sys
@@ -18,27 +18,27 @@ pytestmark = pytest.mark.subprocess
 CHECKOUT = Path(__file__).parents[4]
 
 
-def installed(tree: Path) -> bool:
-    """Install, telling nobody."""
+def install_quietly(tree: Path) -> bool:
+    """Install without output."""
     return install_program(tree, lambda step: None)
 
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A tree with a copy of the program; leave it as it is."""
+    """Tree with a copy of the program; tests must not change it."""
     with pytest.MonkeyPatch.context() as patch:
         tree = make_tree(tmp_path_factory.mktemp("copy") / "tree", patch)
-        assert installed(tree)
+        assert install_quietly(tree)
     return tree
 
 
 @pytest.fixture
 def small_program(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A small package in place of the program."""
+    """Replace the program by a small package."""
     monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("pyusb")])
 
 
-def test_what_the_service_needs_is_copied_and_what_only_tests_need_is_not() -> None:
+def test_packages_of_the_service_are_copied_and_those_of_tests_are_not() -> None:
     names = {package.name.lower() for package in runtime_distributions()}
     assert names >= {"kinect-vo", "numpy", "numba", "llvmlite", "eclipse-zenoh", "pyusb"}
     assert names.isdisjoint({"pytest", "mypy", "ruff", "hypothesis", "rosbags"})
@@ -49,21 +49,24 @@ def test_every_file_is_there_and_stays_below_site_packages(name: str) -> None:
     files = list(list_files(distribution(name)))
     assert len(files) > 5
     assert all(source.is_file() for source, _ in files)
-    assert not [place for _, place in files if place.is_absolute() or ".." in place.parts]
+    assert not [path for _, path in files if path.is_absolute() or ".." in path.parts]
 
 
-def test_the_copy_is_the_program_and_leads_to_no_checkout(copy: Path) -> None:
-    script = "import vo_service.tools.install.unit as u; print(u.__file__, len(u.read_service_file(u.DROP_IN)))"
+def test_the_copy_is_the_program_and_does_not_refer_to_the_checkout(copy: Path) -> None:
+    script = (
+        "import vo_service.tools.install.unit as u; "
+        "print(u.__file__, len(u.read_service_file(u.DROP_IN)))"
+    )
     command = [str(copy / PROGRAM_FOLDER / "bin" / "python3"), "-I", "-c", script]
-    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
-    assert said.startswith(f"{copy / PROGRAM_FOLDER}/")
-    # Our own files are the checkout's, which may lie in a folder that they speak of.
+    output = subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
+    assert output.startswith(f"{copy / PROGRAM_FOLDER}/")
+    # Our own files may mention the folder of the checkout.
     others = [p for p in (copy / PROGRAM_FOLDER).rglob("*") if "vo_service" not in p.parts]
     texts = [p for p in others if p.is_file() and p.suffix != ".pyc"]
     assert not [path for path in texts if str(CHECKOUT).encode() in path.read_bytes()]
 
 
-def test_everybody_may_read_and_run_it(copy: Path) -> None:
+def test_everybody_can_read_and_run_it(copy: Path) -> None:
     modes = [path.stat().st_mode for path in (copy / PROGRAM_FOLDER).rglob("*")]
     assert all(mode & 0o004 for mode in modes)
     script = copy / PROGRAM_FOLDER / "bin" / "kinect-vo"
@@ -71,7 +74,7 @@ def test_everybody_may_read_and_run_it(copy: Path) -> None:
     assert script.read_text().startswith("#!/opt/kinect-vo/bin/python3\n")
 
 
-def test_python_finds_its_compiled_files_and_compiles_none_anew(copy: Path) -> None:
+def test_the_compiled_files_are_valid(copy: Path) -> None:
     source = next((copy / PROGRAM_FOLDER).rglob("drivers/core/errors.py"))
     compiled = next((source.parent / "__pycache__").glob("errors.*.pyc")).read_bytes()
     assert int.from_bytes(compiled[8:12], "little") == int(source.stat().st_mtime)
@@ -81,37 +84,37 @@ def test_python_finds_its_compiled_files_and_compiles_none_anew(copy: Path) -> N
 def test_the_same_program_is_not_copied_again(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = list(list_files(distribution("pyusb")))
     monkeypatch.setattr(program, "list_files", lambda package: iter(files))
-    assert installed(tree)
-    assert not installed(tree)
+    assert install_quietly(tree)
+    assert not install_quietly(tree)
     files.pop()
-    assert installed(tree)
+    assert install_quietly(tree)
 
 
 @pytest.mark.usefixtures("small_program")
-def test_a_copy_that_does_not_run_leaves_the_old_one(
+def test_a_copy_that_does_not_run_keeps_the_old_one(
     tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    installed(tree)
+    install_quietly(tree)
     (tree / PROGRAM_FOLDER / "installed.txt").write_text("an older one")
     monkeypatch.undo()
     monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("kinect-vo")])
     with pytest.raises(UserFacingError, match=r"does not run .*Error"):
-        installed(tree)
+        install_quietly(tree)
     assert (tree / PROGRAM_FOLDER / "installed.txt").read_text() == "an older one"
     assert [path.name for path in (tree / "opt").iterdir()] == ["kinect-vo"]
 
 
-def test_a_python_that_the_service_cannot_see_is_refused(
+def test_a_python_that_the_service_cannot_see_is_rejected(
     tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(program, "HIDDEN_FOLDERS", (Path(sys.executable).resolve().parent,))
     with pytest.raises(UserFacingError, match="a service cannot run a Python below"):
-        installed(tree)
+        install_quietly(tree)
     assert not (tree / "opt").exists()
 
 
 @pytest.mark.usefixtures("small_program")
-def test_removing_it_may_be_repeated(tree: Path) -> None:
-    installed(tree)
+def test_removal_can_be_repeated(tree: Path) -> None:
+    install_quietly(tree)
     assert remove_program(tree)
     assert not remove_program(tree)

@@ -1,4 +1,4 @@
-"""The installed rules, judged by systemd's own udevadm on a camera that is only made up."""
+"""The installed rules, checked by systemd's udevadm with a simulated camera."""
 
 import os
 import re
@@ -19,9 +19,9 @@ from vo_service.tools.install.udev import (
     uninstall,
 )
 
-# A tree of its own for udevadm: /sys has one camera, the rules are ours and one of Debian's kind.
-# $1 holds our rules file and the other's, $2 $3 are the ids of the camera.
-LOOK = """
+# Run udevadm in its own tree: /sys has one camera. $1 is the folder with the rules files,
+# $2 and $3 are the ids of the camera.
+UDEVADM_SCRIPT = """
 set -e
 mount -t tmpfs none /sys; mount -t tmpfs none /run
 device=/sys/devices/pci0000:00/usb1/1-1
@@ -39,26 +39,26 @@ SUBSYSTEM=="usb", ATTR{idVendor}=="1d27", MODE:="0666", GROUP:="video"
 """
 
 
-def judgement(folder: Path, vendor: int, product: int) -> list[str]:
-    """What udevadm says of a device: the modes that rules gave it, and `uaccess` if it has that."""
+def apply_rules(folder: Path, vendor: int, product: int) -> list[str]:
+    """Return the modes that the rules set for a device, and `uaccess` if they tag it."""
     require_program("udevadm", "udev")
     require_program("unshare", "util-linux")
     if subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode:
-        pytest.skip("this system lets nobody have a mount namespace of his own")
+        pytest.skip("this system does not allow new mount namespaces")
     command = [
         "unshare",
         "-rm",
         "sh",
         "-c",
-        LOOK,
+        UDEVADM_SCRIPT,
         "sh",
         str(folder),
         f"{vendor:04x}",
         f"{product:04x}",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return ["".join(found) for found in re.findall(r"MODE (\d+)|RUN '(uaccess)'", done.stdout)]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert process.returncode == 0, process.stdout + process.stderr
+    return ["".join(groups) for groups in re.findall(r"MODE (\d+)|RUN '(uaccess)'", process.stdout)]
 
 
 @pytest.mark.parametrize("line", SUPPORTED_IDS, ids=lambda line: line.text)
@@ -71,26 +71,26 @@ def test_every_sensor_has_its_rule(line: UsbId) -> None:
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize(("vendor", "product"), [(0x045E, 0x02AE), (0x1D27, 0x0609)])
-def test_our_rules_win_over_those_that_open_the_camera_to_everybody(
+def test_our_rules_override_rules_that_open_the_camera_to_everybody(
     tmp_path: Path, vendor: int, product: int
 ) -> None:
     (tmp_path / "60-libopenni2-0.rules").write_text(OPEN_TO_ALL)
     (tmp_path / RULES_FILE.name).write_text(format_rules())
-    said = judgement(tmp_path, vendor, product)
-    assert said[-2:] == ["0660", "uaccess"]
-    assert "0666" not in said
+    modes = apply_rules(tmp_path, vendor, product)
+    assert modes[-2:] == ["0660", "uaccess"]
+    assert "0666" not in modes
 
 
 @pytest.mark.subprocess
 def test_without_our_rules_the_camera_is_open_to_everybody(tmp_path: Path) -> None:
     (tmp_path / "60-libopenni2-0.rules").write_text(OPEN_TO_ALL)
-    assert judgement(tmp_path, 0x045E, 0x02AE)[-1] == "0666"
+    assert apply_rules(tmp_path, 0x045E, 0x02AE)[-1] == "0666"
 
 
 @pytest.mark.subprocess
-def test_other_devices_are_left_alone(tmp_path: Path) -> None:
+def test_other_devices_do_not_match(tmp_path: Path) -> None:
     (tmp_path / RULES_FILE.name).write_text(format_rules())
-    assert "0660" not in judgement(tmp_path, 0x046D, 0x0825)
+    assert "0660" not in apply_rules(tmp_path, 0x046D, 0x0825)
 
 
 def test_installing_twice_writes_once(tmp_path: Path) -> None:
@@ -116,13 +116,13 @@ def test_an_old_file_is_replaced(tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / RULES_FILE).parent.iterdir()] == [RULES_FILE.name]
 
 
-def test_uninstalling_removes_both_and_may_be_repeated(tmp_path: Path) -> None:
+def test_uninstalling_removes_both_and_can_be_repeated(tmp_path: Path) -> None:
     written = install(tmp_path)
     assert uninstall(tmp_path) == written
     assert uninstall(tmp_path) == []
 
 
-def test_a_user_is_told_the_command_for_root(
+def test_the_error_names_the_command_for_root(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(path: Path, text: str) -> bool:
@@ -135,7 +135,7 @@ def test_a_user_is_told_the_command_for_root(
         install(tmp_path)
 
 
-def test_a_tree_that_is_a_file_is_one_line(tmp_path: Path) -> None:
+def test_a_tree_that_is_a_file_is_reported(tmp_path: Path) -> None:
     (tmp_path / "etc").write_text("")
     with pytest.raises(UserFacingError, match="Not a directory"):
         install(tmp_path)

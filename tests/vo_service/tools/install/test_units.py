@@ -1,4 +1,4 @@
-"""The units, as systemd's own tools judge them."""
+"""The systemd units, checked by systemd-analyze."""
 
 import re
 import subprocess
@@ -18,12 +18,12 @@ from vo_service.tools.install.unit import (
     read_service_file,
 )
 
-MOST_EXPOSURE = 1.6
+MAX_EXPOSURE = 1.6
 
 
-def analyzed(*arguments: str) -> str:
-    """What systemd-analyze says, complaints too."""
-    done = subprocess.run(
+def analyze(*arguments: str) -> str:
+    """Return the output of systemd-analyze, with its errors."""
+    process = subprocess.run(
         [require_program("systemd-analyze", "systemd"), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -31,11 +31,11 @@ def analyzed(*arguments: str) -> str:
         timeout=100,
         check=False,
     )
-    return done.stdout
+    return process.stdout
 
 
-def placed(folder: Path) -> Path:
-    """The units with a program that is there, and the drop-in, as they would be installed."""
+def install_units(folder: Path) -> Path:
+    """Install the units, with an existing program, and the drop-in."""
     for name in UNITS:
         (folder / name).write_text(read_service_file(name).replace(f"/{SCRIPT_PATH}", "/bin/true"))
     drop_in = folder / f"{UNITS[0]}.d" / DROP_IN
@@ -45,7 +45,7 @@ def placed(folder: Path) -> Path:
 
 
 def lines_of(name: str) -> list[str]:
-    """What a unit says, without remarks."""
+    """Return the lines of a unit without comments."""
     return [
         line for line in read_service_file(name).splitlines() if line and not line.startswith("#")
     ]
@@ -53,24 +53,24 @@ def lines_of(name: str) -> list[str]:
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize("name", UNITS)
-def test_systemd_has_nothing_to_say_against_a_unit(tmp_path: Path, name: str) -> None:
-    assert analyzed("verify", str(placed(tmp_path) / name)) == ""
+def test_systemd_accepts_each_unit(tmp_path: Path, name: str) -> None:
+    assert analyze("verify", str(install_units(tmp_path) / name)) == ""
 
 
 @pytest.mark.subprocess
-def test_systemd_would_say_so_if_a_key_were_wrong(tmp_path: Path) -> None:
-    unit = placed(tmp_path) / UNITS[0]
+def test_systemd_reports_a_wrong_key(tmp_path: Path) -> None:
+    unit = install_units(tmp_path) / UNITS[0]
     unit.write_text(unit.read_text().replace("WatchdogSec=", "WatchdogSek="))
-    assert "WatchdogSek" in analyzed("verify", str(unit))
+    assert "WatchdogSek" in analyze("verify", str(unit))
 
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize("name", UNITS)
-def test_a_unit_is_little_exposed(tmp_path: Path, name: str) -> None:
-    said = analyzed("security", "--offline=true", str(placed(tmp_path) / name))
-    found = re.search(r"Overall exposure level for \S+: ([\d.]+)", said)
-    assert found is not None, said
-    assert float(found[1]) <= MOST_EXPOSURE
+def test_a_unit_has_low_exposure(tmp_path: Path, name: str) -> None:
+    output = analyze("security", "--offline=true", str(install_units(tmp_path) / name))
+    match = re.search(r"Overall exposure level for \S+: ([\d.]+)", output)
+    assert match is not None, output
+    assert float(match[1]) <= MAX_EXPOSURE
 
 
 def test_the_named_unit_differs_only_by_its_name() -> None:
@@ -85,35 +85,33 @@ def test_the_named_unit_differs_only_by_its_name() -> None:
         assert without_name.replace("%i.toml", "kinect.toml") == plain
 
 
-def test_the_rehearsal_is_confined_like_the_service_but_without_devices() -> None:
+def test_the_replay_unit_is_sandboxed_like_the_service_but_without_devices() -> None:
     begin = "DynamicUser=yes"
-    service, rehearsal = lines_of(UNITS[0]), lines_of(UNITS[2])
-    confined = [line.replace("-replay-%i", "") for line in rehearsal[rehearsal.index(begin) :]]
-    missing = [line for line in service[service.index(begin) :] if line not in confined]
+    service, replay = lines_of(UNITS[0]), lines_of(UNITS[2])
+    sandbox_lines = [line.replace("-replay-%i", "") for line in replay[replay.index(begin) :]]
+    missing = [line for line in service[service.index(begin) :] if line not in sandbox_lines]
     devices = ["SupplementaryGroups=plugdev", "DeviceAllow=char-usb_device rw"]
     assert missing == [*devices, "[Install]", "WantedBy=multi-user.target"]
 
 
-def test_the_tls_drop_in_hands_over_the_keys_that_the_profile_names() -> None:
+def test_the_tls_drop_in_passes_the_keys_that_the_profile_names() -> None:
     profile = (Path(__file__).parents[4] / "config" / "zenoh" / "robot-tls.json5").read_text()
-    handed = [
-        line.split("=")[1].split(":")[0] for line in lines_of(DROP_IN) if "Credential" in line
-    ]
-    assert handed == ["ca.pem", "tls.pem", "tls.key"]
-    assert all(f'"{name}"' in profile for name in handed)
+    names = [line.split("=")[1].split(":")[0] for line in lines_of(DROP_IN) if "Credential" in line]
+    assert names == ["ca.pem", "tls.pem", "tls.key"]
+    assert all(f'"{name}"' in profile for name in names)
 
 
-def test_the_first_configuration_is_right() -> None:
+def test_the_default_configuration_is_valid() -> None:
     config = read_config(SERVICE_FILES / "kinect.toml")
     assert config.camera.source == "freenect"
 
 
-def test_a_checkout_shows_the_units_where_one_looks_for_them() -> None:
+def test_the_checkout_links_to_the_units() -> None:
     assert (Path(__file__).parents[4] / "systemd").resolve() == SERVICE_FILES
 
 
 @pytest.mark.parametrize("name", ["a b", "../x", "front/left", "-x", "%i", "x" * 65])
-def test_a_name_that_systemd_would_not_take_as_it_is_is_refused(name: str) -> None:
+def test_an_invalid_unit_name_is_rejected(name: str) -> None:
     with pytest.raises(InputError, match="--name"):
         ServiceUnit(name)
 

@@ -24,7 +24,7 @@ from vo_service.tools.calibration.result import CalibrationResult
 from vo_service.tools.calibration.solver import solve_calibration
 
 NAME = "calibrate"
-HELP = "make a camera file from views of a printed chessboard, or measure a sensor's timing"
+HELP = "make a camera file from views of a printed board, or measure a sensor's timing"
 EPILOG = """\
 examples:
   kinect-vo calibrate --board chessboard:9x6 --square 0.025 --print-board board.pdf
@@ -34,15 +34,15 @@ examples:
   kinect-vo calibrate --timing --camera freenect --camera-file camera.toml
   kinect-vo calibrate --timing recordings/shaken
 
-Print the board, glue it to something flat, measure a square, and show it to the camera: near and
-far, in every corner of the image, tilted each way, and still for a moment each time. With a camera
-it ends by itself once the views are enough; Ctrl-C uses what there is.
+Print the board, glue it to a flat plate and measure a square. Show the board to the camera: near
+and far, in every corner of the image, tilted each way. Hold it still for a moment each time. With a
+camera the command ends once it has enough views; Ctrl-C uses the views so far.
 
---timing needs no board: shake the camera briskly to and fro, for a minute, near things with a
-pattern. It puts readout_s and depth_offset_s into the camera file and leaves all else as it is.
+--timing needs no board: shake the camera quickly for a minute, close to textured objects. It writes
+readout_s and depth_offset_s into the camera file and changes nothing else.
 
-The camera file goes where --output says, else where the configuration's camera.file says, else to
-camera.toml here; one that is there already is kept as camera.toml.bak.
+The camera file is written to --output, else to camera.file of the configuration, else to
+./camera.toml. An existing file is kept as camera.toml.bak.
 """
 DEFAULT_OUTPUT = Path("camera.toml")
 _log = logging.getLogger(__name__)

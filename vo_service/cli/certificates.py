@@ -16,14 +16,13 @@ examples:
                                                   a router and its robots (fleet-router.json5)
   kinect-vo certificates keys --reader tablet     one more, later: the same folder signs again
 
-FOLDER becomes a small authority: ca.key signs, ca.pem proves it. For each name there is a folder
-with the three files to copy: ca.pem, tls.pem, tls.key. No key is ever written over. What a reader
-and an operator may do stands in the Zenoh configuration, by these names; docs/security.md says how.
+FOLDER becomes a certificate authority: ca.key signs, ca.pem verifies. Each name gets a folder with
+the three files to copy: ca.pem, tls.pem, tls.key. Keys are never overwritten. The Zenoh
+configuration says what each name may do; see docs/security.md.
 
-For a test network: the authority's key lies in the folder without a password, lasts
-{AUTHORITY_DAYS // 365} years, and nothing can be revoked but by taking a name out of the
-configuration. A company's own authority serves as well: EC keys in PKCS#8, the host names in
-subjectAltName.
+This is for a test network: the key of the authority has no password and is valid for
+{AUTHORITY_DAYS // 365} years. To revoke a certificate, remove its name from the configuration. A
+company's own authority works as well: EC keys in PKCS#8, host names in subjectAltName.
 """
 
 

@@ -9,7 +9,7 @@ from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.client.client import REPLY_TIMEOUT_S
 
 NAME = "command"
-HELP = "ask a running kinect-vo to reset, pause, tilt, record or save"
+HELP = "send a command to a running kinect-vo: reset, pause, tilt, record or save"
 EPILOG = """\
 examples:
   kinect-vo command reset
@@ -21,8 +21,8 @@ examples:
   kinect-vo command save-incident
   kinect-vo command save-map name=kitchen
 
-A value is JSON, or else text. The answer is one JSON object on standard output. What the service
-refuses or cannot do is told in one line.
+A value is JSON or plain text. The reply is one JSON object on standard output. If the service
+refuses a command, an error message says why.
 """
 # Of these the sender is the cause.
 _CALLER_ERRORS = ("bad-request", "unknown-command")

@@ -17,9 +17,9 @@ examples:
   kinect-vo config check /etc/kinect-vo/kinect.toml
   kinect-vo config reference | less
 
-A mistake is named with its file, line and key; the exit code is then 2. What the file names is
-checked too, without opening anything: the camera file, Rerun's targets, Zenoh's endpoints, and the
-Zenoh configuration with its keys and rules.
+An error names its file, line and key; the exit code is then 2. The check includes the files and
+addresses that the configuration names, without opening them: the camera file, Rerun targets, Zenoh
+endpoints, and the Zenoh configuration with its keys and rules.
 """
 
 

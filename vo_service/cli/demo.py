@@ -32,17 +32,16 @@ from vo_service.tools.evaluation.plot import write_plot
 from vo_service.tools.evaluation.run_summary import RunSummary
 
 NAME = "demo"
-HELP = "see it work: 20 seconds of the virtual Kinect, then a table and a picture"
+HELP = "run the odometry on the virtual Kinect for 20 seconds and show the results"
 EPILOG = """\
 examples:
   kinect-vo demo
   kinect-vo demo --seconds 5 --output /tmp/demo
 
-Plays a room at 30 frames a second while it is rendered: in slow motion where this computer renders
-more slowly. The frames are kept for the next time. Poses go out over Zenoh on this computer alone:
-kinect-vo listen prints them. Where the default port is taken, by a service for instance, they go
-out on a free one: printed. OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with
-Rerun, demo.rrd.
+Plays a virtual room at 30 frames a second while it is rendered, in slow motion on a slow computer.
+The frames are cached for the next time. Poses are published over Zenoh on this computer only;
+kinect-vo listen prints them. If the default port is taken, a free one is used and printed. OUTPUT
+receives trajectory.txt, groundtruth.txt, trajectory.png and, with Rerun, demo.rrd.
 """
 
 

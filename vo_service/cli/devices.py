@@ -12,13 +12,13 @@ from vo_service.tools.doctor.device_listing import (
 from vo_service.tools.doctor.usb_probe import probe_usb
 
 NAME = "devices"
-HELP = "list the sensors that are plugged in, with the --camera of each"
+HELP = "list the connected sensors, with the --camera value of each"
 EPILOG = """\
 examples:
   kinect-vo devices
   kinect-vo devices --json | jq -r '.devices[].camera'
 
-A sensor that is known but cannot be driven, such as a Kinect v2, is listed as not supported.
+A sensor without a driver, such as a Kinect v2, is listed as not supported.
 """
 NO_SENSOR_MESSAGE = """\
 no sensor on the USB: plug one in, with its own power supply where it has one;

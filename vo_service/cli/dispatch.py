@@ -42,13 +42,13 @@ COMMANDS = (
 
 EPILOG = """\
 examples:
-  kinect-vo demo                                        see it work, without a camera
+  kinect-vo demo                                        try it without a camera
   kinect-vo replay recordings/desk --trajectory desk.txt
   kinect-vo run --camera synthetic                      as a service, until Ctrl-C
-  kinect-vo listen                                      its poses, in another terminal
+  kinect-vo listen                                      prints its poses, in another terminal
 
-exit codes: 0 done; 1 failed while running; 2 something given is wrong (an argument, a file, a
-key); 130 or 143 stopped by Ctrl-C or SIGTERM, everything up to there is kept.
+exit codes: 0 success; 1 failed while running; 2 wrong input (an argument, a file, a key); 130 or
+143 stopped by Ctrl-C or SIGTERM, with the results so far.
 """
 
 

@@ -25,7 +25,7 @@ from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import probe_usb
 
 NAME = "doctor"
-HELP = "check the sensor on this computer: one line for each thing, with what to do about it"
+HELP = "check the sensor and this computer, and say how to fix what is wrong"
 EPILOG = """\
 examples:
   kinect-vo doctor
@@ -33,14 +33,14 @@ examples:
   kinect-vo doctor --report kinect.tar.gz               for a bug report
   kinect-vo doctor --json | jq '.checks[] | select(.verdict == "fail")'
 
-Each check is marked: a tick or + is well, ! works but not all of it, a cross or x has failed,
-? this computer or camera does not tell, - not checked because another has failed. Without --camera
-and --config it looks for a Kinect.
+Marks: a tick or + passed, ! passed with a warning, a cross or x failed, ? unknown on this computer
+or camera, - skipped because another check failed. Without --camera and --config the command looks
+for a Kinect.
 
-A report holds the log, versions, the USB devices, the configuration file, the findings, and five
-seconds of what the camera sees.
+A report contains the log, versions, the USB devices, the configuration file, the findings and five
+seconds of frames.
 
-exit codes: 0 nothing has failed; 1 something has; 2 something given is wrong.
+exit codes: 0 no check failed; 1 a check failed; 2 wrong input.
 """
 DEFAULT_SECONDS = 5.0
 

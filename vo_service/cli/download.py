@@ -31,9 +31,9 @@ examples:
   kinect-vo download fr1/floor fr1/teddy --output ~/recordings
   kinect-vo download fr1/xyz --mirror http://fileserver/tum
 
-Each sequence is checked, unpacked and then put into its own folder below FOLDER; that folder's
-path is printed on standard output. A sequence that is there already is left as it is. What was
-interrupted resumes when the same command is given again.
+Each sequence is verified and unpacked into its own folder below FOLDER; the path of that folder is
+printed on standard output. A sequence that exists already is not downloaded again. The same command
+resumes an interrupted download.
 
 This command contacts only {BENCHMARK_URL.split("/")[2]} or the mirror. Terms of the
 benchmark: CC BY 4.0; cite Sturm et al., IROS 2012.

@@ -25,11 +25,11 @@ Both files hold lines of: stamp tx ty tz qx qy qz qw. Poses are paired by the ne
 within 20 ms. ATE: distances after the best rigid alignment, without scale. Mean global error:
 distances with the first poses joined. RPE: root mean square over one frame and over one second.
 
-Coverage: poses with truth, of the frames with truth. The frames are those listed beside the ground
-truth (rgb.txt and depth.txt, or associations.txt). Where there is no list, a ground truth that has
-a pose at the stamp of every pose counts as one a frame; any other leaves the coverage open.
+Coverage: poses with ground truth, divided by frames with ground truth. The frames are those listed
+beside the ground truth (rgb.txt and depth.txt, or associations.txt). Without a list, a ground truth
+with a pose at the stamp of every pose counts as one per frame; otherwise the coverage is unknown.
 
-What cannot be computed is "-" in the table and null in JSON.
+A metric that cannot be computed is "-" in the table and null in JSON.
 """
 # What `replay` prints under the same keys, and two files of poses cannot tell.
 REPLAY_ONLY_KEYS = ("failed", "skipped", "stage_ms", "cpu_ms_per_frame")

@@ -28,9 +28,8 @@ examples:
   kinect-vo listen --prefix robot1 --connect tcp/192.168.1.20:7450
   kinect-vo listen --prefix robot1 --config-file reader-tls.json5
 
-A line is: stamp x y z qx qy qz qw state. What is not a pose goes to stderr: changes of the status,
-and where odom lies in the map when that is corrected. A publisher that stops is waited for, as is
-one that has not started yet. Ctrl-C ends.
+A line is: stamp x y z qx qy qz qw state. Changes of the status and of the map->odom transform go to
+stderr. The command waits for a publisher that has not started or has stopped. Ctrl-C ends it.
 """
 
 # How long a publisher that is already there may take to say so.

@@ -38,8 +38,8 @@ examples:
   kinect-vo record --camera freenect recordings/desk
   kinect-vo record --camera tum:recordings/desk --jpeg desk-small
 
-The folder can be replayed at once, and whenever the recording is cut off: an image is listed only
-when it is there. PNG keeps every bit, so a replay gives the same trajectory as the camera did.
+The folder can be replayed at any time, also after a crash: an image is listed only once it is
+complete. PNG is lossless, so a replay gives the same trajectory as the camera did.
 """
 POLL_PERIOD_S = 0.25
 # Without a frame for this long, the camera is not waited for any more: a room takes long to paint

@@ -17,10 +17,10 @@ HELP = "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM"
 EPILOG = """\
 examples:
   kinect-vo router /etc/kinect-vo/fleet-router.json5
-  kinect-vo router fleet-router.json5 --verbose      says who connects and who leaves
+  kinect-vo router fleet-router.json5 --verbose      logs connections
 
 FILE is a Zenoh configuration, such as config/zenoh/fleet-router.json5. Zenoh's own router, zenohd,
-takes the same file: zenohd -c fleet-router.json5, in the folder that holds the file and its keys.
+reads the same file: zenohd -c fleet-router.json5, in the folder of the file and its keys.
 """
 
 _POLL_PERIOD_S = 0.2

@@ -55,11 +55,11 @@ examples:
   kinect-vo run --camera tum:recordings/desk --rerun serve
   kinect-vo run --config /etc/kinect-vo/kinect.toml
 
-A camera that goes away is waited for: the status then says no_camera, and why. So it does when a
-recording has ended. A port that is taken and a router that is away are waited for too. SIGHUP reads
-the file of --config again; without one it ends the service, as a terminal that is closed does. A
-trajectory that is there already is kept as FILE-0001, FILE-0002 and so on. Ctrl-C and SIGTERM are
-the way to end it, within 5 seconds, with exit code 0.
+If the camera disconnects, the service waits for it and reports no_camera with the reason; also when
+a recording has ended. It also waits for a port that is taken and for a router that is away. SIGHUP
+reloads the file of --config; without --config it ends the service, as closing the terminal does. An
+existing trajectory file is kept as FILE-0001, FILE-0002 and so on. Ctrl-C or SIGTERM ends the
+service within 5 seconds, with exit code 0.
 """
 # From being asked to end until the process is gone.
 MAX_SHUTDOWN_S = 4.5

@@ -11,19 +11,19 @@ from vo_service.tools.install.systemd import OfflineSystemd, Systemd
 from vo_service.tools.install.unit import DROP_IN, UNITS, ServiceUnit, read_service_file
 
 NAME = "service"
-HELP = "install this program as a systemd service, or take it away"
+HELP = "install this program as a systemd service, or uninstall it"
 EPILOG = """\
 examples:
   kinect-vo service show kinect-vo.service                print a file
-  sudo .venv/bin/kinect-vo service install --enable       and it runs, now and after a restart
+  sudo .venv/bin/kinect-vo service install --enable       also start it, now and at boot
   sudo .venv/bin/kinect-vo service install --name front   kinect-vo@front, with keys front/...
-  sudo kinect-vo service uninstall                        the configuration and incidents stay
-  sudo kinect-vo service uninstall --purge                they go as well
+  sudo kinect-vo service uninstall                        keeps the configuration and incidents
+  sudo kinect-vo service uninstall --purge                removes them too
 
-`install` copies the program that runs it, with all that it needs, to /opt/kinect-vo: a service sees
-neither /root nor /home. It downloads nothing. It writes the units, the udev rules, the command
-/usr/local/bin/kinect-vo and, only where there is none, /etc/kinect-vo/kinect.toml. Run again from a
-newer checkout, it brings the service up to date and starts it anew.
+`install` copies this program with its dependencies to /opt/kinect-vo, because a service cannot read
+/root or /home. It downloads nothing. It writes the units, the udev rules, the command
+/usr/local/bin/kinect-vo and, if missing, /etc/kinect-vo/kinect.toml. Run again from a newer
+checkout, it updates and restarts the service.
 """
 
 

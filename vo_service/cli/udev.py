@@ -10,16 +10,16 @@ NAME = "udev"
 HELP = "install, show or remove the rules that let a sensor be opened without root"
 EPILOG = """\
 examples:
-  kinect-vo udev show                 what would be written
+  kinect-vo udev show                 prints the files
   sudo kinect-vo udev install         then unplug the sensor and plug it in again
   kinect-vo udev install --root DIR   into another tree, for a package; nothing is reloaded
 
-Two files: /etc/udev/rules.d/59-kinect-vo.rules, by which each sensor belongs to the group plugdev
-and to whoever sits at the computer (mode 0660, uaccess), and /etc/modprobe.d/kinect-vo.conf, which
-keeps the kernel's webcam driver gspca_kinect away. It may be run again at any time.
+Two files are written. /etc/udev/rules.d/59-kinect-vo.rules gives each sensor to the group plugdev
+and to the user at the computer (mode 0660, uaccess). /etc/modprobe.d/kinect-vo.conf blocks the
+kernel's webcam driver gspca_kinect. The command may be run again at any time.
 
-Debian's libfreenect0.5 and libopenni2-0 bring rules by which every user may open some of these
-sensors (mode 0666). Ours come first and are final, so they win; without ours, theirs hold.
+The rules of Debian's libfreenect0.5 and libopenni2-0 let every user open some of these sensors
+(mode 0666). Our rules are read first and are final, so they take precedence.
 """
 
 

@@ -11,14 +11,14 @@ from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 
 NAME = "warm-up"
-HELP = "compile the numeric kernels and keep them, so that the next start is quick"
+HELP = "compile and cache the numeric kernels, so that the next start is quick"
 EPILOG = """\
 examples:
   kinect-vo warm-up                     as the user who will run kinect-vo
 
-The kernels are kept in the cache folder: $CACHE_DIRECTORY (systemd), else
-$XDG_CACHE_HOME/kinect-vo, else ~/.cache/kinect-vo. $NUMBA_CACHE_DIR names another. Where set-up has
-compiled them already, they are copied from there.
+The kernels are cached in $CACHE_DIRECTORY (systemd), else in $XDG_CACHE_HOME/kinect-vo, else in
+~/.cache/kinect-vo. $NUMBA_CACHE_DIR names another folder. Kernels that set-up has compiled are
+copied from there.
 """
 
 

@@ -21,15 +21,13 @@ class Led(StrEnum):
 class SensorConfig:
     """Settings of a real sensor, applied whenever it is opened."""
 
-    auto_exposure: bool = config_field(True, "false keeps the exposure that it has")
-    auto_white_balance: bool = config_field(True, "false keeps the white balance that it has")
-    mirror: bool = config_field(
-        False, "left and right swapped, for a camera that looks into a mirror"
-    )
-    led: Led = config_field(Led.GREEN, "the light while it is open")
+    auto_exposure: bool = config_field(True, "false keeps the current exposure")
+    auto_white_balance: bool = config_field(True, "false keeps the current white balance")
+    mirror: bool = config_field(False, "swap left and right, for a camera that looks into a mirror")
+    led: Led = config_field(Led.GREEN, "LED while the sensor is open")
     tilt_deg: float | None = config_field(
         None,
-        "tilt of the head against the horizon; unset = left as it is",
+        "tilt of the head against the horizon; unset = unchanged",
         minimum=-31.0,
         maximum=31.0,
     )

@@ -73,7 +73,7 @@ class KinectMotorUnit:
         self._stop = threading.Event()
         self._read_device(INITIAL_READINGS)
         self._thread = threading.Thread(
-            target=self._run, args=(self._stop,), name="kinect-base", daemon=True
+            target=self._run, args=(self._stop,), name="kinect-motor-unit", daemon=True
         )
         self._thread.start()
 

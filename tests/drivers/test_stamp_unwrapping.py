@@ -87,7 +87,7 @@ def test_a_first_frame_that_came_late_is_made_good_without_going_back() -> None:
 
 
 @pytest.mark.parametrize("device_jump_s", [0.0, -400.0, 1000.0])
-def test_after_a_long_gap_the_clocks_are_compared_anew(device_jump_s: float) -> None:
+def test_after_a_long_gap_the_clocks_are_compared_again(device_jump_s: float) -> None:
     host = HostClockSync(READOUT_S)
     host.to_host_s(1000.0, 500.0)
     assert host.to_host_s(1000.0 + device_jump_s + 60.0, 567.0) == pytest.approx(567.0 - READOUT_S)

@@ -38,32 +38,32 @@ def test_without_distortion_images_pass_untouched() -> None:
 def test_depth_is_the_nearest_pixel_s_own_reading_or_none() -> None:
     depth = np.random.default_rng(0).integers(1, 65536, (480, 640), dtype=np.uint16)
     for distortion in (FREIBURG1, PINCUSHION):
-        found = make_undistorter(CAMERA, distortion).undistort_depth(depth)
+        undistorted = make_undistorter(CAMERA, distortion).undistort_depth(depth)
         pixels = source_pixels(distortion)
         u, v = np.rint(pixels).astype(int).transpose(2, 0, 1)
         inside = (u >= 0) & (u < 640) & (v >= 0) & (v < 480)
         expected = np.where(inside, depth[v.clip(0, 479), u.clip(0, 639)], 0)
         sure = far_from_ties(pixels)
-        np.testing.assert_array_equal(found[sure], expected[sure])
+        np.testing.assert_array_equal(undistorted[sure], expected[sure])
 
 
 def test_depth_is_never_blended_across_an_edge() -> None:
     depth = np.full((480, 640), 5000, np.uint16)
     depth[:, 320:] = 20000
     depth[200:280, 100:200] = 0
-    found = make_undistorter(CAMERA, FREIBURG1).undistort_depth(depth)
-    assert set(np.unique(found)) == {0, 5000, 20000}
+    undistorted = make_undistorter(CAMERA, FREIBURG1).undistort_depth(depth)
+    assert set(np.unique(undistorted)) == {0, 5000, 20000}
 
 
 def test_color_is_bilinear() -> None:
     v, u = np.mgrid[0:480, 0:640]
     ramp = np.dstack([u / 4, v / 4, (u + v) / 8]).round().astype(np.uint8)
-    found = make_undistorter(CAMERA, FREIBURG1).undistort_color(ramp)
+    undistorted = make_undistorter(CAMERA, FREIBURG1).undistort_color(ramp)
     pixels = source_pixels(FREIBURG1)
     u, v = pixels.transpose(2, 0, 1)
     inside = (u > 1) & (u < 638) & (v > 1) & (v < 478)
     expected = np.dstack([u / 4, v / 4, (u + v) / 8])
-    assert np.abs(found - expected)[inside].max() < 1.6
+    assert np.abs(undistorted - expected)[inside].max() < 1.6
 
 
 def test_pixels_from_outside_are_black_and_without_reading() -> None:
@@ -81,6 +81,8 @@ def test_a_straight_line_seen_through_the_lens_is_straight_again() -> None:
     image = np.zeros((480, 640, 3), np.uint8)
     for u, v in seen.reshape(-1, 2):
         cv2.circle(image, (round(u * 16), round(v * 16)), 48, (255, 255, 255), -1, cv2.LINE_AA, 4)
-    found = make_undistorter(CAMERA, BARREL).undistort_color(image)[..., 0].astype(float)
-    rows = (found * np.arange(480)[:, None]).sum(axis=0)[20:621:20] / found.sum(axis=0)[20:621:20]
+    undistorted = make_undistorter(CAMERA, BARREL).undistort_color(image)[..., 0].astype(float)
+    rows = (undistorted * np.arange(480)[:, None]).sum(axis=0)[20:621:20] / undistorted.sum(axis=0)[
+        20:621:20
+    ]
     assert np.abs(rows - 100.0).max() < 0.3

@@ -147,10 +147,10 @@ def test_a_key_given_twice_is_refused() -> None:
     assert complaint("width = 4\nwidth = 5").startswith("room.toml:3: not TOML: ")
 
 
-@pytest.mark.parametrize("found", ["2", "0", "true", '"1"', "1.0"])
-def test_another_schema_is_refused_saying_what_to_do(found: str) -> None:
+@pytest.mark.parametrize("version", ["2", "0", "true", '"1"', "1.0"])
+def test_another_schema_is_refused_saying_what_to_do(version: str) -> None:
     with pytest.raises(InputError, match=r"room\.toml:2: key `schema`: version .* install the kin"):
-        parse_toml(f"\nschema = {found}\nwidth = 4", "room.toml", Room)
+        parse_toml(f"\nschema = {version}\nwidth = 4", "room.toml", Room)
 
 
 def test_a_file_without_a_schema_is_refused() -> None:

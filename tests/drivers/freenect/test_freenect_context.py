@@ -35,6 +35,6 @@ def test_what_a_callback_raises_comes_out_of_the_event_loop() -> None:
         context.process_events(TimeValue(0, 0))
 
 
-def test_a_machine_without_usb_is_told_apart() -> None:
+def test_a_machine_without_usb_is_an_error() -> None:
     with pytest.raises(CameraError, match="/dev/bus/usb"):
         FreenectContext(library(init=-99), LibfreenectLog())

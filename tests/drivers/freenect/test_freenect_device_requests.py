@@ -1,4 +1,4 @@
-"""Tilt and light, from a command to the wire and through everything that may come between."""
+"""Tilt and LED requests, from a command to the simulated Kinect, through all faults."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.drivers.freenect.replugging import kinect_in_subprocess
 from tests.resource_leaks import child_pids
-from tests.simulators.kinect_simulator import KinectLed as PlayedLed
+from tests.simulators.kinect_simulator import KinectLed as SimulatedLed
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 
@@ -24,8 +24,8 @@ pytestmark = pytest.mark.subprocess
 
 
 @pytest.fixture
-def isolated(kinect: KinectSimulator) -> Iterator[SubprocessCamera]:
-    """Streaming, from a head that moves at once."""
+def camera(kinect: KinectSimulator) -> Iterator[SubprocessCamera]:
+    """A streaming camera with a fast motor."""
     kinect.tilt_deg_per_s = 1000
     with kinect_in_subprocess() as camera:
         camera.read(DEFAULT_TIMEOUT_S)
@@ -33,51 +33,51 @@ def isolated(kinect: KinectSimulator) -> Iterator[SubprocessCamera]:
         yield camera
 
 
-def wait_for_base(kinect: KinectSimulator, tilt_deg: int, led: PlayedLed) -> None:
+def wait_for_motor_unit(kinect: KinectSimulator, tilt_deg: int, led: SimulatedLed) -> None:
     wait_until(
         lambda: (kinect.tilt_deg, kinect.led) == (tilt_deg, led),
         f"for {tilt_deg} degrees and {led}: {kinect.tilt_deg}, {kinect.led}",
     )
 
 
-def test_head_and_light_follow(isolated: SubprocessCamera, kinect: KinectSimulator) -> None:
-    isolated.set_tilt_deg(14.0)
-    isolated.set_led(Led.BLINK_RED_YELLOW)
-    wait_for_base(kinect, 14, PlayedLed.BLINK_RED_YELLOW)
-    isolated.set_tilt_deg(-31.0)
-    wait_for_base(kinect, -31, PlayedLed.BLINK_RED_YELLOW)
-    isolated.read(DEFAULT_TIMEOUT_S)
+def test_head_and_led_follow(camera: SubprocessCamera, kinect: KinectSimulator) -> None:
+    camera.set_tilt_deg(14.0)
+    camera.set_led(Led.BLINK_RED_YELLOW)
+    wait_for_motor_unit(kinect, 14, SimulatedLed.BLINK_RED_YELLOW)
+    camera.set_tilt_deg(-31.0)
+    wait_for_motor_unit(kinect, -31, SimulatedLed.BLINK_RED_YELLOW)
+    camera.read(DEFAULT_TIMEOUT_S)
 
 
 def test_a_kinect_that_was_unplugged_does_it_again(
-    isolated: SubprocessCamera, kinect: KinectSimulator
+    camera: SubprocessCamera, kinect: KinectSimulator
 ) -> None:
-    isolated.set_led(Led.YELLOW)
-    isolated.set_tilt_deg(9.0)
-    wait_for_base(kinect, 9, PlayedLed.YELLOW)
+    camera.set_led(Led.YELLOW)
+    camera.set_tilt_deg(9.0)
+    wait_for_motor_unit(kinect, 9, SimulatedLed.YELLOW)
     kinect.unplug()
-    wait_until(lambda: isolated.status.state is CameraState.ABSENT)
+    wait_until(lambda: camera.status.state is CameraState.ABSENT)
     with pytest.raises(CameraError, match="freenect: not open now"):
-        isolated.set_led(Led.RED)
+        camera.set_led(Led.RED)
     kinect.plug()
-    wait_for_base(kinect, 9, PlayedLed.RED)
+    wait_for_motor_unit(kinect, 9, SimulatedLed.RED)
 
 
 def test_a_driver_that_was_killed_does_it_again(
-    isolated: SubprocessCamera, kinect: KinectSimulator
+    camera: SubprocessCamera, kinect: KinectSimulator
 ) -> None:
-    isolated.set_led(Led.RED)
-    wait_for_base(kinect, 0, PlayedLed.RED)
+    camera.set_led(Led.RED)
+    wait_for_motor_unit(kinect, 0, SimulatedLed.RED)
     (driver,) = child_pids()
     os.kill(driver, signal.SIGKILL)
-    wait_until(lambda: isolated.status.state is not CameraState.STREAMING)
-    wait_until(lambda: isolated.status.state is CameraState.STREAMING)
-    # The next driver opened the base, and would have made the light green as its settings say.
-    wait_for_base(kinect, 0, PlayedLed.RED)
+    wait_until(lambda: camera.status.state is not CameraState.STREAMING)
+    wait_until(lambda: camera.status.state is CameraState.STREAMING)
+    # The next worker opened the motor unit, whose settings alone would make the LED green.
+    wait_for_motor_unit(kinect, 0, SimulatedLed.RED)
 
 
 def away(camera: FreenectCamera, tilt_deg: float) -> bool:
-    """Ask, and tell whether nobody was there to do it."""
+    """Request a tilt; return whether the motor was not connected."""
     try:
         camera.set_tilt_deg(tilt_deg)
     except CameraError as error:
@@ -85,24 +85,24 @@ def away(camera: FreenectCamera, tilt_deg: float) -> bool:
     return False
 
 
-def test_what_was_asked_for_outlives_the_settings_and_a_base_that_was_away(
+def test_what_was_asked_for_outlives_the_settings_and_a_motor_unit_that_was_away(
     kinect: KinectSimulator, make_camera: MakeCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kinect_motor_unit, "RECONNECT_PERIOD_S", 0.05)
     kinect.tilt_deg_per_s = 1000
     settings = SensorConfig(led=Led.YELLOW, tilt_deg=4.0)
-    with make_camera(settings=settings, base=KinectMotorUnit()) as camera:
-        wait_for_base(kinect, 4, PlayedLed.YELLOW)
+    with make_camera(settings=settings, motor_unit=KinectMotorUnit()) as camera:
+        wait_for_motor_unit(kinect, 4, SimulatedLed.YELLOW)
         camera.set_led(Led.GREEN)
         kinect.unplug()
         wait_until(lambda: away(camera, 7.0))
         kinect.plug()
-        wait_for_base(kinect, 7, PlayedLed.GREEN)
+        wait_for_motor_unit(kinect, 7, SimulatedLed.GREEN)
         camera.open()
-        wait_for_base(kinect, 7, PlayedLed.GREEN)
+        wait_for_motor_unit(kinect, 7, SimulatedLed.GREEN)
 
 
-def test_a_camera_without_a_base_has_neither(bare_camera: FreenectCamera) -> None:
+def test_a_camera_without_a_motor_unit_has_neither(bare_camera: FreenectCamera) -> None:
     with pytest.raises(CameraError, match="freenect: it has no motor"):
         bare_camera.set_tilt_deg(1.0)
     with pytest.raises(CameraError, match="freenect: it has no LED"):
@@ -111,5 +111,5 @@ def test_a_camera_without_a_base_has_neither(bare_camera: FreenectCamera) -> Non
 
 @pytest.fixture
 def bare_camera(make_camera: MakeCamera) -> FreenectCamera:
-    """A camera without a base; it need not be open."""
+    """A camera without a motor unit; it need not be open."""
     return make_camera()

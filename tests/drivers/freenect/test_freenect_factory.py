@@ -12,7 +12,7 @@ from tests.simulators import kinect_faults
 from tests.simulators.kinect_simulator import KinectSimulator
 
 
-def test_a_kinect_comes_with_its_base(kinect: KinectSimulator) -> None:
+def test_a_kinect_comes_with_its_motor_unit(kinect: KinectSimulator) -> None:
     kinect.set_accelerometer(0, 819, 0)
     settings = SensorConfig(led=Led.RED, tilt_deg=10.0)
     recipe = pickle.loads(pickle.dumps(partial(make_kinect_camera, kinect.serial, settings, None)))

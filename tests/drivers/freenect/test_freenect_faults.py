@@ -127,7 +127,7 @@ def test_unplugged_is_lost_and_plugged_in_again_it_streams(
 
 
 @pytest.mark.parametrize("stream", list(KinectStream))
-def test_a_stream_that_stops_is_noticed(
+def test_a_stream_that_stops_is_reported(
     stream: KinectStream, kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
@@ -140,7 +140,7 @@ def test_a_stream_that_stops_is_noticed(
     assert f"sent no {stream.name.lower()} image for 1 s" in str(error)
 
 
-def test_a_stream_that_never_begins_is_noticed(
+def test_a_stream_that_never_begins_is_reported(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     kinect.stall(True, KinectStream.COLOR)

@@ -50,7 +50,7 @@ def test_the_filter_keeps_the_measured_and_makes_0_of_all_else() -> None:
     )
 
 
-def test_a_kinects_own_table_is_told_apart_as_its_formula_says(
+def test_a_kinects_own_table_is_split_at_the_pole_of_its_formula(
     simulate_kinect: SimulateKinect, make_camera: MakeCamera
 ) -> None:
     plug_in(simulate_kinect, registration=FACTORY)

@@ -1,4 +1,4 @@
-"""The base beside the camera: what frames get of it, and what happens when it goes."""
+"""The motor unit: gravity, settings, and faults and reconnection of its device."""
 
 import logging
 import threading
@@ -13,7 +13,7 @@ from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
 from drivers.kinect_usb.motor_unit import MotorDevice, MotorUnit, MotorUnitReading, NullMotorUnit
 from drivers.sensor_config import Led, SensorConfig
 from tests.resource_leaks import resources_in_use
-from tests.simulators.kinect_simulator import KinectLed as PlayedLed
+from tests.simulators.kinect_simulator import KinectLed as SimulatedLed
 from tests.simulators.kinect_simulator import KinectModel, KinectSimulator
 from tests.waiting import wait_until
 
@@ -27,163 +27,171 @@ def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 @pytest.fixture
-def looks() -> list[str]:
-    """One for each time that the base has looked for its device."""
+def serials() -> list[str]:
+    """The serial number of each attempt to open the device."""
     return []
 
 
 @pytest.fixture
-def base(monkeypatch: pytest.MonkeyPatch, looks: list[str]) -> Iterator[KinectMotorUnit]:
-    """One that looks for what is gone without waiting for long."""
+def motor_unit(monkeypatch: pytest.MonkeyPatch, serials: list[str]) -> Iterator[KinectMotorUnit]:
+    """A motor unit that reconnects after a short delay."""
     monkeypatch.setattr(kinect_motor_unit, "RECONNECT_PERIOD_S", 0.05)
     monkeypatch.setattr(kinect_motor_unit, "READ_PERIOD_S", 0.02)
 
-    def look(serial: str) -> MotorDevice:
-        looks.append(serial)
+    def open_device(serial: str) -> MotorDevice:
+        serials.append(serial)
         return kinect_motor_unit.open_motor_device(serial)
 
-    base = KinectMotorUnit(look)
-    yield base
-    base.close()
+    motor_unit = KinectMotorUnit(open_device)
+    yield motor_unit
+    motor_unit.close()
 
 
 @pytest.mark.parametrize("model", list(KinectModel))
 def test_gravity_is_there_as_soon_as_it_is_open(
-    plug_in: PlugIn, base: KinectMotorUnit, model: KinectModel
+    plug_in: PlugIn, motor_unit: KinectMotorUnit, model: KinectModel
 ) -> None:
     plug_in(model=model)
-    base.open("")
-    assert base.gravity_m_s2 == LEVEL
+    motor_unit.open("")
+    assert motor_unit.gravity_m_s2 == LEVEL
 
 
-def test_gravity_follows_the_head(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+def test_gravity_follows_the_head(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
-    base.open("")
+    motor_unit.open("")
     kinect.set_accelerometer(0, 700, -425)
     looking_down = pytest.approx((0.0, 8.38, 5.09), abs=0.01)
-    wait_until(lambda: base.gravity_m_s2 == looking_down)
+    wait_until(lambda: motor_unit.gravity_m_s2 == looking_down)
 
 
-def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     plug_in().set_accelerometer(-200, 790, 0)
-    base.open("")
-    to_the_left = base.gravity_m_s2
-    base.apply(SensorConfig(mirror=True))
+    motor_unit.open("")
+    to_the_left = motor_unit.gravity_m_s2
+    motor_unit.apply(SensorConfig(mirror=True))
     assert to_the_left == pytest.approx((-2.39, 9.46, 0.0), abs=0.01)
-    assert base.gravity_m_s2 == pytest.approx((2.39, 9.46, 0.0), abs=0.01)
+    assert motor_unit.gravity_m_s2 == pytest.approx((2.39, 9.46, 0.0), abs=0.01)
 
 
-def test_settings_reach_the_light_and_the_head(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+def test_settings_reach_the_led_and_the_head(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
-    base.open("")
-    base.apply(SETTINGS)
-    assert (kinect.led, kinect.tilt_deg) == (PlayedLed.RED, 10)
+    motor_unit.open("")
+    motor_unit.apply(SETTINGS)
+    assert (kinect.led, kinect.tilt_deg) == (SimulatedLed.RED, 10)
 
 
 def test_a_tilt_that_is_not_set_leaves_the_head_alone(
-    plug_in: PlugIn, base: KinectMotorUnit
+    plug_in: PlugIn, motor_unit: KinectMotorUnit
 ) -> None:
     kinect = plug_in()
-    base.open("")
-    base.set_tilt_deg(-8.0)
-    base.apply(SensorConfig())
-    assert (kinect.led, kinect.tilt_deg) == (PlayedLed.GREEN, -8)
+    motor_unit.open("")
+    motor_unit.set_tilt_deg(-8.0)
+    motor_unit.apply(SensorConfig())
+    assert (kinect.led, kinect.tilt_deg) == (SimulatedLed.GREEN, -8)
 
 
-def test_closing_switches_the_light_off_and_leaves_nothing(
-    plug_in: PlugIn, base: KinectMotorUnit
+def test_closing_switches_the_led_off_and_leaves_nothing(
+    plug_in: PlugIn, motor_unit: KinectMotorUnit
 ) -> None:
     kinect = plug_in()
     threads = threading.active_count()
-    base.open("")
-    base.apply(SETTINGS)
-    base.close()
-    base.close()
-    assert (kinect.led, kinect.open_handles) == (PlayedLed.OFF, 0)
+    motor_unit.open("")
+    motor_unit.apply(SETTINGS)
+    motor_unit.close()
+    motor_unit.close()
+    assert (kinect.led, kinect.open_handles) == (SimulatedLed.OFF, 0)
     assert threading.active_count() == threads
-    assert base.gravity_m_s2 is None
+    assert motor_unit.gravity_m_s2 is None
 
 
-def test_two_hundred_times_leave_nothing_behind(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+def test_two_hundred_times_leave_nothing_behind(
+    plug_in: PlugIn, motor_unit: KinectMotorUnit
+) -> None:
     kinect = plug_in()
-    base.open("")
-    base.close()
+    motor_unit.open("")
+    motor_unit.close()
     before = resources_in_use()
     for _ in range(200):
-        base.open("")
+        motor_unit.open("")
         kinect.unplug()
-        base.close()
+        motor_unit.close()
         kinect.plug()
     assert resources_in_use() <= before
     assert kinect.open_handles == 0
 
 
-def test_a_base_that_only_measured_leaves_the_light_as_it_was(
-    plug_in: PlugIn, base: KinectMotorUnit
+def test_a_motor_unit_that_only_measured_leaves_the_led_as_it_was(
+    plug_in: PlugIn, motor_unit: KinectMotorUnit
 ) -> None:
     kinect = plug_in()
-    base.open("")
-    base.close()
-    assert kinect.led == PlayedLed.BLINK_GREEN
+    motor_unit.open("")
+    motor_unit.close()
+    assert kinect.led == SimulatedLed.BLINK_GREEN
 
 
 @pytest.mark.parametrize("model", list(KinectModel))
-def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_set_up_anew(
-    plug_in: PlugIn, base: KinectMotorUnit, model: KinectModel, caplog: pytest.LogCaptureFixture
+def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_configured_again(
+    plug_in: PlugIn,
+    motor_unit: KinectMotorUnit,
+    model: KinectModel,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     kinect = plug_in(model=model)
-    base.open("")
-    base.apply(SETTINGS)
+    motor_unit.open("")
+    motor_unit.apply(SETTINGS)
     kinect.unplug()
-    wait_until(lambda: base.gravity_m_s2 is None)
+    wait_until(lambda: motor_unit.gravity_m_s2 is None)
     wait_until(lambda: len(warnings(caplog)) > 0)
     kinect.plug()
-    wait_until(lambda: base.gravity_m_s2 == LEVEL)
-    assert kinect.led == PlayedLed.RED
-    (told,) = warnings(caplog)
-    assert told.endswith("unplugged; plug it in again")
+    wait_until(lambda: motor_unit.gravity_m_s2 == LEVEL)
+    assert kinect.led == SimulatedLed.RED
+    (warning,) = warnings(caplog)
+    assert warning.endswith("unplugged; plug it in again")
 
 
-def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
     kinect.unplug()
-    base.open("")
-    base.apply(SETTINGS)
-    assert base.gravity_m_s2 is None
+    motor_unit.open("")
+    motor_unit.apply(SETTINGS)
+    assert motor_unit.gravity_m_s2 is None
     kinect.plug()
-    wait_until(lambda: base.gravity_m_s2 == LEVEL)
-    assert kinect.led == PlayedLed.RED
+    wait_until(lambda: motor_unit.gravity_m_s2 == LEVEL)
+    assert kinect.led == SimulatedLed.RED
 
 
 def test_without_permission_it_is_quiet_and_says_so_once(
-    plug_in: PlugIn, base: KinectMotorUnit, caplog: pytest.LogCaptureFixture, looks: list[str]
+    plug_in: PlugIn,
+    motor_unit: KinectMotorUnit,
+    caplog: pytest.LogCaptureFixture,
+    serials: list[str],
 ) -> None:
     plug_in().deny_access()
-    base.open("")
-    base.apply(SETTINGS)
-    wait_until(lambda: len(looks) > 5)
-    assert base.gravity_m_s2 is None
+    motor_unit.open("")
+    motor_unit.apply(SETTINGS)
+    wait_until(lambda: len(serials) > 5)
+    assert motor_unit.gravity_m_s2 is None
     assert [text.partition(";")[0] for text in warnings(caplog)] == [
         "Kinect 1414 motor: no permission"
     ]
 
 
 def test_firmware_that_comes_later_brings_gravity(
-    plug_in: PlugIn, base: KinectMotorUnit, caplog: pytest.LogCaptureFixture
+    plug_in: PlugIn, motor_unit: KinectMotorUnit, caplog: pytest.LogCaptureFixture
 ) -> None:
     kinect = plug_in(model=KinectModel.K1473)
     kinect.set_firmware_loaded(False)
-    base.open("")
-    assert base.gravity_m_s2 is None
+    motor_unit.open("")
+    assert motor_unit.gravity_m_s2 is None
     kinect.set_firmware_loaded(True)
-    wait_until(lambda: base.gravity_m_s2 == LEVEL)
+    wait_until(lambda: motor_unit.gravity_m_s2 == LEVEL)
     assert len(warnings(caplog)) == 1
 
 
 @pytest.mark.parametrize("counts", [(0, 0, 0), (0, 400, 0)])
-def test_readings_that_are_no_gravity_are_none_and_said_once(
+def test_readings_that_are_no_gravity_are_none_and_logged_once(
     plug_in: PlugIn,
-    base: KinectMotorUnit,
+    motor_unit: KinectMotorUnit,
     caplog: pytest.LogCaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
     counts: tuple[int, int, int],
@@ -191,48 +199,54 @@ def test_readings_that_are_no_gravity_are_none_and_said_once(
     readings: list[MotorUnitReading] = []
     read = Kinect1414Motor.read
 
-    def remembered(motor: Kinect1414Motor) -> MotorUnitReading:
+    def recording_read(motor: Kinect1414Motor) -> MotorUnitReading:
         readings.append(read(motor))
         return readings[-1]
 
-    monkeypatch.setattr(Kinect1414Motor, "read", remembered)
+    monkeypatch.setattr(Kinect1414Motor, "read", recording_read)
     plug_in().set_accelerometer(*counts)
-    base.open("")
+    motor_unit.open("")
     wait_until(lambda: len(readings) > 2 * kinect_motor_unit.INITIAL_READINGS)
-    assert base.gravity_m_s2 is None
+    assert motor_unit.gravity_m_s2 is None
     assert warnings(caplog) == [
         "Kinect 1414 motor: measures no gravity; the first camera pose counts as level"
     ]
 
 
-def test_commands_say_when_there_is_nobody_to_obey(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+def test_commands_fail_without_a_device(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     plug_in().unplug()
-    base.open("")
-    for command in (lambda: base.set_led(Led.RED), lambda: base.set_tilt_deg(3.0), base.read):
+    motor_unit.open("")
+    for command in (
+        lambda: motor_unit.set_led(Led.RED),
+        lambda: motor_unit.set_tilt_deg(3.0),
+        motor_unit.read,
+    ):
         with pytest.raises(CameraError, match="not connected now"):
             command()
 
 
-def test_the_tilt_can_be_asked_for(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+def test_the_tilt_can_be_asked_for(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     plug_in(model=KinectModel.K4W).tilt_deg_per_s = 1000
-    base.open("")
-    base.set_tilt_deg(-12.0)
-    wait_until(lambda: base.read().tilt_deg == -12.0)
+    motor_unit.open("")
+    motor_unit.set_tilt_deg(-12.0)
+    wait_until(lambda: motor_unit.read().tilt_deg == -12.0)
 
 
-def test_a_machine_without_libusb_has_no_base_either(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_machine_without_libusb_has_no_motor_unit_either(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     def no_libusb(serial: str) -> None:
         raise UserFacingError("libusb-1.0.so.0 is not installed")
 
-    base = KinectMotorUnit(no_libusb)  # type: ignore[arg-type]
-    base.open("")
-    base.close()
+    motor_unit = KinectMotorUnit(no_libusb)  # type: ignore[arg-type]
+    motor_unit.open("")
+    motor_unit.close()
     assert warnings(caplog) == ["libusb-1.0.so.0 is not installed"]
 
 
-def test_a_camera_without_a_base_has_no_gravity() -> None:
-    base: MotorUnit = NullMotorUnit()
-    base.open("A1")
-    base.apply(SensorConfig())
-    base.close()
-    assert base.gravity_m_s2 is None
+def test_a_camera_without_a_motor_unit_has_no_gravity() -> None:
+    motor_unit: MotorUnit = NullMotorUnit()
+    motor_unit.open("A1")
+    motor_unit.apply(SensorConfig())
+    motor_unit.close()
+    assert motor_unit.gravity_m_s2 is None

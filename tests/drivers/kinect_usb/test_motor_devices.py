@@ -49,7 +49,7 @@ def test_a_tilt_that_is_no_number_never_reaches_the_motor(kinect: KinectSimulato
 
 
 @pytest.mark.parametrize("led", list(Led))
-def test_the_light_is_as_asked_or_the_nearest_there_is(kinect: KinectSimulator, led: Led) -> None:
+def test_the_led_is_as_asked_or_the_nearest_there_is(kinect: KinectSimulator, led: Led) -> None:
     with opened() as device:
         device.set_led(led)
     shown = {
@@ -68,9 +68,9 @@ def test_the_light_is_as_asked_or_the_nearest_there_is(kinect: KinectSimulator, 
 def test_gravity_is_read_in_camera_axes(kinect: KinectSimulator) -> None:
     kinect.set_accelerometer(-100, 700, -400)
     with opened() as device:
-        found = device.read().gravity_m_s2
+        gravity = device.read().gravity_m_s2
     per_count = G / COUNTS_PER_G
-    assert found == pytest.approx((-100 * per_count, 700 * per_count, 400 * per_count))
+    assert gravity == pytest.approx((-100 * per_count, 700 * per_count, 400 * per_count))
 
 
 def test_three_zeros_are_no_data(kinect: KinectSimulator) -> None:
@@ -79,7 +79,7 @@ def test_three_zeros_are_no_data(kinect: KinectSimulator) -> None:
         assert device.read().gravity_m_s2 is None
 
 
-def test_the_tilt_is_told_when_the_head_has_come_to_rest(kinect: KinectSimulator) -> None:
+def test_the_tilt_is_reported_when_the_head_has_come_to_rest(kinect: KinectSimulator) -> None:
     kinect.tilt_deg_per_s = 1000
     with opened() as device:
         device.set_tilt_deg(-20.0)

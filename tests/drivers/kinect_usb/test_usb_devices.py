@@ -26,15 +26,15 @@ def part(vendor: int, product: int, bus: int, *ports: int) -> UsbDevice:
 
 
 @pytest.mark.parametrize(
-    ("model", "label", "base"),
+    ("model", "label", "motor_role"),
     [
         (KinectModel.K1414, Label.K1414, UsbRole.MOTOR),
         (KinectModel.K1473, Label.K1473, UsbRole.AUDIO),
         (KinectModel.K4W, Label.K4W, UsbRole.AUDIO),
     ],
 )
-def test_each_model_is_told_with_its_place_and_its_parts(
-    plug_in: PlugIn, model: KinectModel, label: Label, base: UsbRole
+def test_each_model_is_reported_with_its_place_and_its_parts(
+    plug_in: PlugIn, model: KinectModel, label: Label, motor_role: UsbRole
 ) -> None:
     plug_in(model=model, serial="A22598769002345A")
     (sensor,) = find_connected_sensors()
@@ -42,7 +42,7 @@ def test_each_model_is_told_with_its_place_and_its_parts(
     assert sensor.is_supported
     assert sensor.camera.speed_mbit_s == 480.0
     assert sensor.motor_device is not None
-    assert (sensor.motor_device.id.role, sensor.motor_device.model) == (base, label)
+    assert (sensor.motor_device.id.role, sensor.motor_device.model) == (motor_role, label)
     assert sensor.read_serial() == "A22598769002345A"
 
 
@@ -58,7 +58,7 @@ def test_without_permission_it_is_seen_but_its_serial_number_is_not(plug_in: Plu
     assert (sensor.model, sensor.read_serial()) == (Label.K1414, "")
 
 
-def test_a_slow_port_is_told(plug_in: PlugIn) -> None:
+def test_a_slow_port_is_reported(plug_in: PlugIn) -> None:
     plug_in().set_full_speed_bus()
     assert find_connected_sensors()[0].camera.speed_mbit_s == 12.0
 
@@ -94,11 +94,11 @@ def test_parts_belong_to_the_camera_on_the_same_hub() -> None:
     assert [sensor.motor_device for sensor in sensors] == [here[1], there[1], other_bus[1]]
 
 
-def test_an_xtion_has_no_base_and_a_kinect_v2_is_not_supported() -> None:
+def test_an_xtion_has_no_motor_unit_and_a_kinect_v2_is_not_supported() -> None:
     xtion, second = group_by_sensor([part(0x1D27, 0x0600, 1, 4), part(0x045E, 0x02C4, 4, 1)])
     assert (xtion.motor_device, xtion.is_supported) == (None, True)
     assert (second.name, second.is_supported) == ("Kinect v2 (bus 4 port 1)", False)
 
 
-def test_a_place_is_told_without_ports_too() -> None:
+def test_a_place_is_reported_without_ports_too() -> None:
     assert part(0x1D27, 0x0600, 3).location == "bus 3 device 9"

@@ -29,7 +29,7 @@ def test_ids_read_as_lsusb_writes_them() -> None:
         (0x045E, 0x02AE, SensorModel.K1414),
         (0x045E, 0x02BF, SensorModel.K4W),
         (0x1D27, 0x0609, SensorModel.CARMINE),
-        (0x1D27, 0x9999, SensorModel.PRIMESENSE),  # any product of theirs is a camera
+        (0x1D27, 0x9999, SensorModel.PRIMESENSE),  # any other product is a camera
         (0x045E, 0x02C4, SensorModel.KINECT_V2),
         (0x045E, 0x097C, SensorModel.AZURE),
     ],

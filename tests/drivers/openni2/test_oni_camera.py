@@ -192,7 +192,7 @@ def test_depth_camera_of_its_own_is_registered_in_software(
         np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
 
 
-def test_closes_in_the_middle_and_begins_anew(small_oni: Path, camera_file: Path) -> None:
+def test_closes_in_the_middle_and_starts_again(small_oni: Path, camera_file: Path) -> None:
     camera = OniCamera(small_oni, camera_file)
     for _ in range(2):
         camera.open()

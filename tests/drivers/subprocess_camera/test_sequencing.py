@@ -1,4 +1,4 @@
-"""Numbers and stamps over restarts, and how long to wait between attempts."""
+"""Sequence numbers and stamps across restarts, and the delays between retries."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from drivers.camera import Clock, PlaybackMode
 from drivers.core.process.backoff import ExponentialBackoff
-from drivers.subprocess_camera.sequencing import make_sequencer
 from drivers.subprocess_camera.timeouts import Timeouts
+from drivers.subprocess_camera.sequencing import make_sequencer
 from tests.drivers.subprocess_camera.scripted_cameras import make_pattern_frame
 
 FRAME = make_pattern_frame(0, 0.0)
@@ -20,30 +20,32 @@ LIVE = Clock.MONOTONIC, PlaybackMode.REALTIME
 def test_numbers_and_stamps_of_a_live_camera_rise_whatever_it_does(
     given_frames: list[tuple[int, float]],
 ) -> None:
-    order = make_sequencer(*LIVE)
-    found = [order(replace(FRAME, seq=seq, stamp_s=stamp_s)) for seq, stamp_s in given_frames]
-    delivered = [frame for frame in found if frame is not None]
+    sequencer = make_sequencer(*LIVE)
+    results = [sequencer(replace(FRAME, seq=seq, stamp_s=stamp_s)) for seq, stamp_s in given_frames]
+    delivered = [frame for frame in results if frame is not None]
     assert all(a.seq < b.seq and a.stamp_s < b.stamp_s for a, b in pairwise(delivered))
     assert {frame.stamp_s for frame in delivered} <= {stamp_s for _, stamp_s in given_frames}
 
 
-def test_a_gap_stays_a_gap_and_a_camera_that_counts_anew_goes_on_from_the_last_number() -> None:
-    order = make_sequencer(*LIVE)
+def test_a_gap_stays_a_gap_and_a_camera_that_restarts_its_count_goes_on_from_the_last_number() -> (
+    None
+):
+    sequencer = make_sequencer(*LIVE)
     seqs = [4, 5, 9, 0, 1, 5, 0]
-    found = [order(replace(FRAME, seq=seq, stamp_s=float(k))) for k, seq in enumerate(seqs)]
-    assert [frame and frame.seq for frame in found] == [4, 5, 9, 10, 11, 15, 16]
+    results = [sequencer(replace(FRAME, seq=seq, stamp_s=float(k))) for k, seq in enumerate(seqs)]
+    assert [frame and frame.seq for frame in results] == [4, 5, 9, 10, 11, 15, 16]
 
 
 def test_a_recording_keeps_its_numbers_and_stamps() -> None:
-    for pace in PlaybackMode:
-        order = make_sequencer(Clock.RECORDED, pace)
+    for playback_mode in PlaybackMode:
+        sequencer = make_sequencer(Clock.RECORDED, playback_mode)
         for seq, stamp_s in ((7, 3.0), (2, 1.0)):
-            frame = order(replace(FRAME, seq=seq, stamp_s=stamp_s))
+            frame = sequencer(replace(FRAME, seq=seq, stamp_s=stamp_s))
             assert frame is not None
             assert (frame.seq, frame.stamp_s) == (seq, stamp_s)
 
 
-def test_the_waits_grow_to_their_limit_and_begin_anew_after_success() -> None:
+def test_the_waits_grow_to_their_limit_and_start_again_after_success() -> None:
     back_off = ExponentialBackoff(Timeouts().initial_retry_s, Timeouts().max_retry_s)
     assert [back_off.next_s() for _ in range(6)] == [0.2, 0.4, 0.8, 1.5, 1.5, 1.5]
     back_off.reset()

@@ -218,7 +218,7 @@ def test_in_realtime_frames_that_a_late_reader_missed_are_counted(
         assert camera.counters.dropped >= gaps > 0
 
 
-def test_a_process_that_cannot_be_started_is_said_and_tried_again(
+def test_a_process_that_cannot_be_started_is_reported_and_retried(
     make_subprocess_camera: MakeSubprocessCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = resources_in_use()

@@ -100,7 +100,7 @@ def test_open_says_what_is_wrong_and_leaves_nothing(
         ("unplugged in read", "the puppet was unplugged"),
     ],
 )
-def test_a_recording_that_breaks_off_is_not_begun_anew(
+def test_a_recording_that_breaks_off_is_not_restarted(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, message: str
 ) -> None:
     with make_subprocess_camera(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=1000) as camera:

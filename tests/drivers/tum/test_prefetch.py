@@ -51,7 +51,7 @@ def test_lockstep_holds_the_decoder_back_until_there_is_room(make_frame: FrameMa
 
 
 @pytest.mark.parametrize("buffer", [LockstepBuffer(), RealtimeBuffer(TENTHS)], ids=type)
-def test_a_reader_is_told_that_there_is_no_frame_yet(
+def test_a_reader_is_reported_that_there_is_no_frame_yet(
     buffer: LockstepBuffer | RealtimeBuffer,
 ) -> None:
     with pytest.raises(FrameTimeout):

@@ -112,7 +112,10 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
         replace_line("groundtruth.txt", 4, "0.066667 nan 0 0 0 0 0 1"),
         "groundtruth.txt:4: a value is not finite",
     ),
-    "unsorted truth": (swap_truth, "groundtruth.txt:3: stamp 0.333333 does not come after"),
+    "unsorted truth": (
+        swap_truth,
+        "groundtruth.txt:3: stamp 0.333333 is not after the previous one",
+    ),
 }
 
 

@@ -1,1 +1,1 @@
-"""The method, pure: frames in, estimates out. No file, no clock, no thread."""
+"""Odometry methods. They are pure: frames in, estimates out; no files, no threads."""

@@ -1,11 +1,11 @@
-"""Which directions of motion the planes in view settle, and which they leave open.
+"""Degeneracy analysis: which directions of motion the view constrains.
 
-A plane holds a camera in three of six directions; before a single wall, ICP slides. What the
-normals say of each direction is therefore compared with what their noise alone would say: where the
-two are alike, the direction is not known. Two quadratic forms are compared, so that no choice of
-units between metres and radians enters, nor of origin. After Zhang, Kaess and Singh, "On Degeneracy
-of Optimization-based State Estimation Problems" (ICRA 2016), who look at the eigenvalues of the
-information matrix, and Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm"
+A plane constrains three of six degrees of freedom; before a single wall, ICP slides. The
+information of each direction is compared with the information that noise alone would give: if both
+are alike, the direction is unconstrained. The ratio of the two quadratic forms depends neither on
+the units of translation and rotation nor on the origin. After Zhang, Kaess and Singh, "On
+Degeneracy of Optimization-based State Estimation Problems" (ICRA 2016), who look at the eigenvalues
+of the information matrix, and Gelfand et al., "Geometrically Stable Sampling for the ICP Algorithm"
 (3DIM 2003).
 """
 
@@ -16,18 +16,19 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, skew_matrix
 
-# A direction is known if the planes say so many times more of it than their noise would. Measured:
-# 5 and less before a floor with a Kinect's noise and steps of depth, 27 and more where the camera
-# was held fast; in between it crept along in one direction.
+# Smallest ratio of information to that of noise of a constrained direction. Measured: at most 5
+# before a floor with a Kinect's noise and depth quantization, at least 27 in well constrained
+# views; in between the pose crept along one direction.
 MIN_OBSERVABILITY = 12.0
 
 
 @dataclass(frozen=True)
 class DegeneracyAnalysis:
-    """Six directions of motion, (translation m, rotation rad), from the least known one on.
+    """Six directions of motion, (translation m, rotation rad), the least constrained one first.
 
-    clarity  (6,) rising: how many times more than their noise the planes say of each
-    axes     (6, 6), a column for each
+    Attributes:
+        observability: (6,) ascending: ratio of a direction's information to that of noise.
+        axes: (6, 6), a column for each direction.
     """
 
     observability: Array
@@ -35,19 +36,19 @@ class DegeneracyAnalysis:
 
     @property
     def is_observable(self) -> NDArray[np.bool_]:
-        """(6,) along which axes a step may be taken."""
+        """(6,) which directions are constrained."""
         return self.observability >= MIN_OBSERVABILITY
 
     @property
     def observable_axes(self) -> Array:
-        """(6, K) those axes."""
+        """(6, K) the constrained directions."""
         return self.axes[:, self.is_observable]
 
     @property
     def noise_suppression(self) -> Array:
-        """(6, 6), W: of an information J of motions, W^T J W leaves out what is but noise.
+        """(6, 6) W such that W^T J W removes the share of noise from an information matrix J.
 
-        Of a direction's information this is one part in its clarity, and no more than all.
+        In each direction this share is 1 / observability, at most 1.
         """
         shares = 1.0 - 1.0 / np.maximum(self.observability, 1.0)
         W: Array = (self.axes * np.sqrt(shares)) @ np.linalg.inv(self.axes)
@@ -55,20 +56,22 @@ class DegeneracyAnalysis:
 
 
 def analyze_degeneracy(information: Array, noise_information: Array) -> DegeneracyAnalysis:
-    """Compare two 6x6 information matrices: of the planes, and of the noise of their normals."""
+    """Compare two 6x6 information matrices: of the view, and of its noise."""
     noise, axes = np.linalg.eigh(noise_information)
     if noise[-1] <= 0.0:
         return DegeneracyAnalysis(np.zeros(6), np.eye(6))
     whitening = axes / np.sqrt(np.maximum(noise, 1e-9 * noise[-1]))
-    clarity, turned = np.linalg.eigh(whitening.T @ information @ whitening)
-    return DegeneracyAnalysis(clarity, whitening @ turned)
+    observability, rotation = np.linalg.eigh(whitening.T @ information @ whitening)
+    return DegeneracyAnalysis(observability, whitening @ rotation)
 
 
 def point_information(moments: Array) -> Array:
-    """6x6 information of points that are held in all three directions of space.
+    """6x6 information of points that are constrained in all three directions of space.
 
-    With J = (1, -[p]x) for a small motion (translation, rotation) of a point p, sum w J^T J.
-    moments  (4, 4), sum w q q^T with q = (p, 1)
+    It is sum w J^T J with J = (1, -[p]x) for a small motion (translation, rotation) of a point p.
+
+    Args:
+        moments: (4, 4), sum w q q^T with q = (p, 1).
     """
     G = np.empty((6, 6))
     second, first, zeroth = moments[:3, :3], moments[:3, 3], moments[3, 3]

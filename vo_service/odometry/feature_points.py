@@ -1,4 +1,4 @@
-"""From features to points in space: the depth under each feature, where it can be trusted."""
+"""Back-projection of features to 3-D points, where their depth is reliable."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,23 @@ from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
 from vo_service.odometry.gray_frame import GrayFrame
 from vo_service.odometry.surf import Features
 
-# A surface is fitted over a square of (2 RADIUS + 1)^2 pixels ...
+# A plane is fitted over a square of (2 RADIUS + 1)^2 pixels.
 PLANE_RADIUS_PX = 4
-# ... whose readings lie within this much of the middle's in 1/z: beyond is another surface,
+# Pixels that differ by more from the center in 1/z belong to another surface.
 MAX_STEP_PER_M = 0.02
-# ... and which covers at least this share of the square.
+# The plane covers at least this share of the square.
 MIN_PLANE_SUPPORT = 0.6
 
 
 @dataclass(frozen=True)
 class FeaturePoints:
-    """Points in the camera's axes, one a feature, and how far off they are.
+    """3-D points of features in the camera's axes.
 
-    position_m      (N, 3); rows without depth are zero
-    has_depth       (N,) bool
-    sigma_across_m  (N,) standard deviation across the viewing ray
-    sigma_along_m   (N,) standard deviation along it
+    Attributes:
+        position_m: (N, 3); rows without depth are zero.
+        has_depth: (N,) bool.
+        sigma_across_m: (N,) standard deviation across the viewing ray.
+        sigma_along_m: (N,) standard deviation along it.
     """
 
     position_m: Array
@@ -38,10 +39,13 @@ class FeaturePoints:
 
 @dataclass(frozen=True)
 class PointPairs:
-    """The same features seen twice, as points in the camera's and the reference's axes.
+    """3-D points of matched features.
 
-    P_camera, P_reference           (M, 3)
-    sigma_across_m, sigma_along_m   (M,) standard deviations of their difference
+    Attributes:
+        P_camera: (M, 3) in the camera's axes.
+        P_reference: (M, 3) in the reference's axes.
+        sigma_across_m: (M,) standard deviation of their difference across the viewing ray.
+        sigma_along_m: (M,) standard deviation of their difference along it.
     """
 
     P_camera: Array
@@ -57,7 +61,7 @@ def backproject_features(features: Features, frame: RgbdFrame | GrayFrame) -> Fe
     """Back-project features through the depth image (pinhole model).
 
     The depth is that of a plane fitted in 1/z around the feature, which averages the sensor's
-    noise. A feature without a reading, or on a depth edge, becomes no point.
+    noise. A feature without depth, or on a depth edge, gets no point.
     """
     camera = frame.camera
     inverse_depth = fit_inverse_depth(frame.depth_m, features.position_px)
@@ -77,7 +81,7 @@ def backproject_features(features: Features, frame: RgbdFrame | GrayFrame) -> Fe
 def pair_points(
     points: FeaturePoints, reference: FeaturePoints, pairs: NDArray[np.int64]
 ) -> PointPairs:
-    """The points of matched features (M, 2), all of which have depth."""
+    """Pair the points of matched features (M, 2), all of which have depth."""
     i, j = pairs[:, 0], pairs[:, 1]
     return PointPairs(
         P_camera=points.position_m[i],
@@ -91,9 +95,9 @@ def pair_points(
 def fit_inverse_depth(
     depth_m: NDArray[np.float32], position_px: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Inverse depth (N,) in 1/m at each position, 0 where there is none to trust."""
+    """Inverse depth (N,) in 1/m at each position, 0 where it is not reliable."""
     height, width = depth_m.shape
-    found = np.zeros(len(position_px))
+    inverse_depth_per_m = np.zeros(len(position_px))
     for n in range(len(position_px)):
         x, y = float(position_px[n, 0]), float(position_px[n, 1])
         column, row = int(x + 0.5), int(y + 0.5)
@@ -101,17 +105,17 @@ def fit_inverse_depth(
             PLANE_RADIUS_PX <= column < width - PLANE_RADIUS_PX
             and PLANE_RADIUS_PX <= row < height - PLANE_RADIUS_PX
         ):
-            found[n] = _fit_plane(depth_m, column, row, x - column, y - row)
-    return found
+            inverse_depth_per_m[n] = _fit_plane(depth_m, column, row, x - column, y - row)
+    return inverse_depth_per_m
 
 
 @inline_kernel
 def _fit_plane(depth_m: NDArray[np.float32], column: int, row: int, dx: float, dy: float) -> float:
     """1/z at (column + dx, row + dy) of the plane 1/z = a + b u + c v around a pixel, or 0."""
-    middle = depth_m[row, column]
-    if middle <= 0:
+    center = depth_m[row, column]
+    if center <= 0:
         return 0.0
-    w0 = 1.0 / middle
+    w0 = 1.0 / center
     n = su = sv = suu = suv = svv = sw = suw = svw = 0.0
     for v in range(-PLANE_RADIUS_PX, PLANE_RADIUS_PX + 1):
         for u in range(-PLANE_RADIUS_PX, PLANE_RADIUS_PX + 1):
@@ -120,7 +124,7 @@ def _fit_plane(depth_m: NDArray[np.float32], column: int, row: int, dx: float, d
                 continue
             w = 1.0 / z - w0
             if abs(w) > MAX_STEP_PER_M:
-                # Right beside the feature, a jump means that its depth is anybody's guess.
+                # A depth edge at the feature itself makes its depth ambiguous.
                 if abs(u) <= 1 and abs(v) <= 1:
                     return 0.0
                 continue

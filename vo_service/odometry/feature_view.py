@@ -1,4 +1,4 @@
-"""A frame as the next ones need it: its features, and the points in space under them."""
+"""Features of a frame and their 3-D points, as kept for matching with later frames."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,13 @@ from vo_service.types import TrackingDebug
 
 @dataclass(frozen=True)
 class FeatureView:
-    """What is kept of a frame.
+    """Features of a frame with their 3-D points.
 
-    features  where they are in the image, and what they look like
-    points    the same features in space, in the camera's axes
-    camera    intrinsics of the image
-    stamp_s   of the frame
+    Attributes:
+        features: Positions in the image and descriptors.
+        points: The same features as 3-D points in the camera's axes.
+        camera: Intrinsics of the image.
+        stamp_s: Of the frame.
     """
 
     features: Features
@@ -31,7 +32,7 @@ class FeatureView:
 def select_pairs_with_depth(
     view: FeatureView, reference: FeatureView, pairs: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Those pairs (M, 2) of features, of the view and of its reference, that both have depth."""
+    """Select the pairs (M, 2) of features of a view and its reference that both have depth."""
     return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
 
 
@@ -41,7 +42,7 @@ def make_tracking_debug(
     matches: NDArray[np.int64],
     motion: RigidMotionEstimate,
 ) -> TrackingDebug:
-    """What a viewer can draw of matches (M, 2) and the motion found by them."""
+    """Make the debug data of matches (M, 2) and the motion estimated from them."""
     return TrackingDebug(
         keypoints_px=view.features.position_px,
         matches_px=view.features.position_px[matches[:, 0]],

@@ -1,4 +1,4 @@
-"""A frame without its color: what a keyframe keeps of it."""
+"""A frame without its color, as keyframes keep it."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -11,11 +11,14 @@ from drivers.camera import PinholeCamera, RgbdFrame
 
 @dataclass(frozen=True)
 class GrayFrame:
-    """What features are found in and located with: a third of a frame's memory.
+    """Brightness and depth of a frame, for features; it needs a third of the frame's memory.
 
-    gray          (height, width) uint8 brightness
-    depth_raw     (height, width) uint16 as the sensor gave it, 0 = no reading
-    depth_factor  value of `depth_raw` per metre
+    Attributes:
+        gray: (height, width) uint8 brightness.
+        depth_raw: (height, width) uint16 as given by the sensor, 0 = no reading.
+        depth_factor: Value of `depth_raw` per meter.
+        camera: Intrinsics of both images.
+        stamp_s: Of the frame.
     """
 
     gray: NDArray[np.uint8]
@@ -26,10 +29,10 @@ class GrayFrame:
 
     @classmethod
     def of(cls, frame: "RgbdFrame | GrayFrame") -> Self:
-        """Share the images of `frame`, but for its color."""
+        """Share the images of `frame`, except its color."""
         return cls(frame.gray, frame.depth_raw, frame.depth_factor, frame.camera, frame.stamp_s)
 
     @property
     def depth_m(self) -> NDArray[np.float32]:
-        """(height, width) float32 metres; 0 = no reading. Not kept: it is needed once."""
+        """(height, width) float32 meters; 0 = no reading. Not cached: it is needed once."""
         return self.depth_raw * np.float32(1.0 / self.depth_factor)

@@ -1,4 +1,4 @@
-"""Which features of two images are the same: nearest descriptor, ratio test, mutual check."""
+"""Feature matching of two images: nearest descriptor, ratio test, mutual check."""
 
 from typing import Protocol
 
@@ -9,10 +9,11 @@ from drivers.core.jit import kernel
 
 
 class HasDescriptors(Protocol):
-    """What features are matched by.
+    """Features that can be matched.
 
-    sign        (N,) of the Laplacian: +1 dark blob, -1 bright blob
-    descriptor  (N, 64) float32 whole numbers
+    Attributes:
+        sign: (N,) of the Laplacian: +1 dark blob, -1 bright blob.
+        descriptor: (N, 64) float32 whole numbers.
     """
 
     @property
@@ -25,10 +26,10 @@ class HasDescriptors(Protocol):
 def match_features(
     query: HasDescriptors, reference: HasDescriptors, ratio: float
 ) -> NDArray[np.int64]:
-    """Pairs (M, 2) of indices into `query` and `reference`, by index of the query.
+    """Match features: pairs (M, 2) of indices into `query` and `reference`, sorted by query.
 
-    A pair is kept if the second nearest descriptor is further by 1/ratio (Lowe 2004, Section 7.1)
-    and if each is the other's nearest. Bright and dark blobs are never compared (Bay et al. 2008,
+    A pair needs a second nearest descriptor further by 1/ratio (Lowe 2004, Section 7.1), and each
+    has to be the other's nearest. Bright and dark blobs are never compared (Bay et al. 2008,
     Section 4.3).
     """
     blocks = [np.empty((0, 2), np.int64)]
@@ -47,15 +48,15 @@ def match_features(
 def match_descriptors(
     query: NDArray[np.float32], reference: NDArray[np.float32], ratio: float
 ) -> NDArray[np.int64]:
-    """Pairs (M, 2) of rows of `query` (N, D) and `reference` (K, D), float32 whole numbers.
+    """Match descriptors: pairs (M, 2) of rows of `query` (N, D) and `reference` (K, D).
 
-    Whole numbers make every dot product exact, so any BLAS and any thread count agree.
+    They are float32 whole numbers: every dot product is exact with any BLAS and thread count.
     """
-    closeness = _similarity(query, reference)
-    best, second, nearest = find_best_two(closeness)
+    similarity = _similarity(query, reference)
+    best, second, nearest = find_best_two(similarity)
     queries = np.flatnonzero(best > ratio**2 * second.astype(np.float64))
     references = nearest[queries]
-    is_mutual = closeness.argmax(axis=1)[references] == queries
+    is_mutual = similarity.argmax(axis=1)[references] == queries
     return np.column_stack([queries[is_mutual], references[is_mutual]]).astype(np.int64)
 
 
@@ -77,7 +78,7 @@ def find_best_two(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
     """Per column of a (K, N) table: largest value, second largest, and row of the largest.
 
-    Runs down all columns at once, so that it vectorises.
+    Runs down all columns at once, so that it vectorizes.
     """
     rows, columns = similarity.shape
     best = np.full(columns, np.float32(-np.inf), np.float32)
@@ -86,9 +87,9 @@ def find_best_two(
     for r in range(rows):
         row = similarity[r]
         for c in range(columns):
-            value, leader = row[c], best[c]
-            runner_up = leader if value > leader else value
+            value, largest = row[c], best[c]
+            runner_up = largest if value > largest else value
             second[c] = runner_up if runner_up > second[c] else second[c]
-            nearest[c] = np.int32(r) if value > leader else nearest[c]
-            best[c] = value if value > leader else leader
+            nearest[c] = np.int32(r) if value > largest else nearest[c]
+            best[c] = value if value > largest else largest
     return best, second, nearest

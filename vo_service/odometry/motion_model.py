@@ -1,4 +1,4 @@
-"""Where the camera ought to be now, if it moves on as it did: constant velocity."""
+"""Prediction of the camera's motion at constant velocity."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,24 +7,24 @@ import numpy as np
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp, so3_log
 
-# The velocity is the mean over so many motions: one alone is noisy, many are out of date.
+# The velocity is the mean over this many motions: one alone is noisy, more are out of date.
 MAX_MOTIONS = 3
-# A longer time between two good frames says little of the velocity at its end, and further
-# ahead than this nothing can be told.
+# Longest time between two good frames that gives a velocity, and longest time of a prediction.
 MAX_STEP_S = 0.2
-# A camera on a robot or in a hand is not faster; what was measured beyond that is cut down to it.
+# A camera on a robot or in a hand is not faster; larger velocities are clipped.
 MAX_SPEED_M_S, MAX_TURN_RATE_RAD_S = 2.0, 4.0
-# How far off the prediction may be, as an angle at the camera: at once, and by an unforeseen
-# acceleration (of a hand: 5 rad/s^2 of turning, and 10 m/s^2 of things 2 m away).
+# Error of the prediction as an angle at the camera: at once, and by an unknown acceleration (of a
+# hand: 5 rad/s^2 in rotation, and 10 m/s^2 for points 2 m away).
 MIN_SPREAD_RAD, ACCELERATION_RAD_S2 = 0.04, 10.0
 
 
 @dataclass(frozen=True)
 class MotionPrediction:
-    """A motion that is expected.
+    """A predicted motion.
 
-    T_reference_camera  4x4
-    spread_rad          angle by which the direction to a point may differ from what is expected
+    Attributes:
+        T_reference_camera: 4x4.
+        spread_rad: Angle by which the direction to a point may differ from the predicted one.
     """
 
     T_reference_camera: Array
@@ -32,19 +32,19 @@ class MotionPrediction:
 
 
 class ConstantVelocityModel:
-    """The velocity over the last good motions, carried on."""
+    """Motion model of constant velocity, from the last good motions."""
 
     def __init__(self) -> None:
         self._stamp_s = -np.inf
         self._steps: deque[tuple[Array, float]] = deque(maxlen=MAX_MOTIONS)
 
     def reset(self, stamp_s: float) -> None:
-        """The first view of a chain: nothing is known of the velocity."""
+        """Start a chain of frames with unknown velocity."""
         self._stamp_s = stamp_s
         self._steps.clear()
 
     def add(self, T_reference_camera: Array, stamp_s: float) -> None:
-        """A good motion since the last good frame. Stamps that repeat or go back begin anew."""
+        """Add a motion since the last good frame. A stamp that does not increase resets it."""
         duration_s = stamp_s - self._stamp_s
         self._stamp_s = stamp_s
         if 0.0 < duration_s <= MAX_STEP_S:
@@ -53,7 +53,7 @@ class ConstantVelocityModel:
             self._steps.clear()
 
     def predict(self, stamp_s: float) -> MotionPrediction | None:
-        """The motion from the last good frame to a stamp; None where it cannot be told."""
+        """Predict the motion from the last good frame to a stamp; None if it is unknown."""
         ahead_s = stamp_s - self._stamp_s
         if not self._steps or not 0.0 < ahead_s <= MAX_STEP_S:
             return None

@@ -1,4 +1,4 @@
-"""From RANSAC's consensus to the final motion: fit the inliers, choose them anew, fit again."""
+"""Refinement of RANSAC's consensus: fit the inliers, select them again, fit again."""
 
 from dataclasses import dataclass
 
@@ -10,17 +10,18 @@ from vo_service.odometry.feature_points import PointPairs
 from vo_service.odometry.ransac import Consensus, find_inliers, inverse_gate
 from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
 
-# Times that the inliers are chosen anew; after that they hardly change.
+# Number of selections of the inliers; after that they hardly change.
 ITERATIONS = 3
 
 
 @dataclass(frozen=True)
 class RigidMotionEstimate:
-    """The motion of the camera since the reference frame.
+    """Motion of the camera since the reference frame.
 
-    T_reference_camera  4x4
-    inlier              (N,) bool, pairs that agree with it
-    covariance          6x6, (translation m, rotation rad) as a small motion in the camera's axes
+    Attributes:
+        T_reference_camera: 4x4.
+        inlier: (N,) bool, pairs that agree with it.
+        covariance: 6x6, (translation m, rotation rad) as a small motion in the camera's axes.
     """
 
     T_reference_camera: Array
@@ -29,7 +30,7 @@ class RigidMotionEstimate:
 
 
 def refine_rigid_motion(consensus: Consensus, pairs: PointPairs) -> RigidMotionEstimate:
-    """Least-squares motion of the inliers; fewer than 3 inliers are no motion."""
+    """Fit the least-squares motion of the inliers; identity with fewer than 3 inliers."""
     w = pair_weights(pairs)
     gate = inverse_gate(pairs)
     T, inlier = consensus.T_reference_camera, consensus.inlier
@@ -44,11 +45,11 @@ def refine_rigid_motion(consensus: Consensus, pairs: PointPairs) -> RigidMotionE
 
 
 def pair_weights(pairs: PointPairs) -> Array:
-    """(N,) weights of the fit: the inverse variance of the distance between two readings."""
+    """(N,) weights of the fit: the inverse variance of the distance between two points."""
     weights: Array = 1.0 / (pairs.sigma_along_m**2 + 2 * pairs.sigma_across_m**2)
     return weights
 
 
 def _sigma_m(pairs: PointPairs) -> Array:
-    """(N, 3) standard deviations along x, y and z of the camera; the ray is taken as along z."""
+    """(N, 3) standard deviations along x, y and z of the camera, with the ray along z."""
     return np.column_stack([pairs.sigma_across_m, pairs.sigma_across_m, pairs.sigma_along_m])

@@ -1,4 +1,4 @@
-"""A plane through the readings around a pixel: over it, 1/z is linear in the pixel."""
+"""Plane fit to the depth around a pixel: on a plane, 1/z is linear in the pixel."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +16,32 @@ def fit_plane(
     max_step_per_m: float,
     min_support: float,
 ) -> tuple[float, float, float, float]:
-    """Fit 1/z = w + wu du + wv dv around a pixel: w, wu, wv (1/m) and the mean square left over.
+    """Fit a plane 1/z = w + wu du + wv dv around a pixel.
 
-    Over (2 radius + 1)^2 readings, every `step` pixels, all of which are inside of the image. Those
-    further than `max_step_per_m` from the middle's are of another surface; the others are at least
-    the share `min_support`. All is zero where there is no plane.
+    Args:
+        inverse_depth: (H, W), 1/m; 0 = no reading.
+        column: Center of the square, which lies inside of the image.
+        row: See column.
+        radius: The square has (2 radius + 1)^2 samples.
+        step: Distance of the samples, pixels.
+        max_step_per_m: Samples that differ by more from the center belong to another surface.
+        min_support: Smallest share of the samples on the plane.
+
+    Returns:
+        w, wu, wv (1/m) and the mean squared residual; all 0 if there is no plane.
     """
     none = (0.0, 0.0, 0.0, 0.0)
-    middle = float(inverse_depth[row, column])
-    if middle <= 0.0:
+    center = float(inverse_depth[row, column])
+    if center <= 0.0:
         return none
     n = su = sv = suu = suv = svv = sw = suw = svw = sww = 0.0
     for j in range(-radius, radius + 1):
         dv = j * step
         for i in range(-radius, radius + 1):
             du = i * step
-            reading = float(inverse_depth[row + dv, column + du])
-            w = reading - middle
-            if reading <= 0.0 or abs(w) > max_step_per_m:
+            sample = float(inverse_depth[row + dv, column + du])
+            w = sample - center
+            if sample <= 0.0 or abs(w) > max_step_per_m:
                 continue
             n += 1.0
             su += du
@@ -57,4 +65,4 @@ def fit_plane(
     wu = (cuw * cvv - cvw * cuv) / det
     wv = (cvw * cuu - cuw * cuv) / det
     squared = sww - n * mw * mw - wu * cuw - wv * cvw
-    return middle + mw - wu * mu - wv * mv, wu, wv, squared / n
+    return center + mw - wu * mu - wv * mv, wu, wv, squared / n

@@ -1,4 +1,4 @@
-"""Where the time goes, stage by stage. The odometry names its stages; the caller brings a clock."""
+"""Timing of an odometry's stages. The odometry names its stages; the caller provides the clock."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class StageTimer(Protocol):
-    """Measures the stages of one frame: ``with stopwatch.stage("surf"): ...``."""
+    """Timer of the stages of one frame: ``with timer.stage("surf"): ...``."""
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Time one named stage."""
@@ -15,7 +15,7 @@ class StageTimer(Protocol):
 
 
 class NullStageTimer:
-    """Measures nothing: the odometry alone has no clock."""
+    """Timer that measures nothing."""
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Do nothing."""
@@ -23,7 +23,7 @@ class NullStageTimer:
 
 
 class CpuStageTimer:
-    """Adds up the processor time of this thread by stage, for one frame at a time."""
+    """Timer that sums this thread's processor time by stage."""
 
     def __init__(self) -> None:
         self._stages_ms: dict[str, float] = {}
@@ -31,14 +31,14 @@ class CpuStageTimer:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time one named stage."""
-        begin_s = time.thread_time()
+        start_s = time.thread_time()
         try:
             yield
         finally:
-            spent_ms = (time.thread_time() - begin_s) * 1e3
-            self._stages_ms[name] = self._stages_ms.get(name, 0.0) + spent_ms
+            elapsed_ms = (time.thread_time() - start_s) * 1e3
+            self._stages_ms[name] = self._stages_ms.get(name, 0.0) + elapsed_ms
 
     def take_stage_ms(self) -> Mapping[str, float]:
-        """Milliseconds by stage since the last call."""
+        """Return and reset the milliseconds by stage."""
         stages_ms, self._stages_ms = self._stages_ms, {}
         return stages_ms

@@ -1,4 +1,4 @@
-"""RANSAC on pairs of points in space (Fischler and Bolles 1981).
+"""RANSAC on pairs of 3-D points (Fischler and Bolles 1981).
 
 Three pairs give a motion; the motion that most pairs agree with, within the sensor's noise, wins.
 """
@@ -12,13 +12,13 @@ from drivers.core.geometry import Array, transform_points
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.feature_points import PointPairs
 
-# A pair agrees if its distance, in standard deviations of the two readings, is below this.
+# A pair agrees if its distance, in standard deviations of the two points, is below this.
 GATE_SIGMAS = 3.0
-# What the noise model leaves out: rolling shutter, color and depth not taken at once.
+# Errors beyond the noise model: rolling shutter, and color and depth at different times.
 MODEL_ERROR_M = 0.002
-# The search stops when the chance of having missed a better motion is below this.
+# The search stops when the probability of having missed a better motion is below this.
 MISS_PROBABILITY = 1e-4
-# Three points closer together than this say too little about the rotation.
+# Points closer together than this constrain the rotation too little.
 MIN_SIDE_M = 0.05
 
 
@@ -26,8 +26,9 @@ MIN_SIDE_M = 0.05
 class Consensus:
     """The motion that most pairs agree with.
 
-    T_reference_camera  4x4
-    inlier              (N,) bool
+    Attributes:
+        T_reference_camera: 4x4.
+        inlier: (N,) bool.
     """
 
     T_reference_camera: Array
@@ -35,9 +36,14 @@ class Consensus:
 
 
 def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consensus:
-    """Best motion of max_hypotheses or fewer.
+    """Find the motion that most pairs agree with.
 
-    With fewer than 3 pairs, or no three that fit together, no pair is an inlier.
+    With fewer than 3 pairs, or without a valid hypothesis, no pair is an inlier.
+
+    Args:
+        pairs: The matched points.
+        max_hypotheses: Largest number of hypotheses; fewer if the inlier share is high.
+        seed: Of the random numbers.
     """
     gate = inverse_gate(pairs)
     T, score = find_best_hypothesis(
@@ -48,7 +54,7 @@ def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consens
         np.uint32(seed),
     )
     if score == 0.0:
-        # Pairs that agree with standing still by chance are no consensus.
+        # Without a hypothesis, pairs that agree with the identity are no consensus.
         return Consensus(T, np.zeros(len(pairs), np.bool_))
     return Consensus(T, find_inliers(T, pairs, gate))
 
@@ -56,7 +62,7 @@ def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consens
 def inverse_gate(pairs: PointPairs) -> Array:
     """(N, 2): 1 / largest distance of an inlier, across the viewing ray and along it, in 1/m.
 
-    One distance for all pairs would be too wide near the camera and too narrow far from it.
+    One gate for all pairs would be too wide near the camera and too narrow far from it.
     """
     sigma_m = np.column_stack([pairs.sigma_across_m, pairs.sigma_along_m])
     gate: Array = 1.0 / (GATE_SIGMAS * sigma_m + MODEL_ERROR_M)
@@ -76,7 +82,7 @@ def find_inliers(T_reference_camera: Array, pairs: PointPairs, gate: Array) -> N
 def find_best_hypothesis(
     P: Array, Q: Array, inverse_gate: Array, max_hypotheses: int, seed: np.uint32
 ) -> tuple[Array, float]:
-    """4x4 motion with the highest score, and the score; P, Q (3, N), inverse_gate (2, N).
+    """Find the 4x4 motion with the highest score; P, Q (3, N), inverse_gate (2, N).
 
     The score of a pair falls from 1 to 0 at the gate (MSAC, Torr and Zisserman 2000). Without any
     hypothesis it is 0 and the motion the identity.
@@ -106,10 +112,10 @@ def find_best_hypothesis(
         if score > best_score:
             best_score = score
             best[:] = T
-            all_three = (inliers / n) ** 3
-            if all_three >= 1.0:
+            all_inlier_probability = (inliers / n) ** 3
+            if all_inlier_probability >= 1.0:
                 break
-            needed = np.log(MISS_PROBABILITY) / np.log(1.0 - all_three)
+            needed = np.log(MISS_PROBABILITY) / np.log(1.0 - all_inlier_probability)
             hypotheses = min(max_hypotheses, int(needed) + 1)
     return best, best_score
 
@@ -125,7 +131,7 @@ def _next_random(state: np.uint32) -> np.uint32:
 
 @inline_kernel
 def _has_same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: int) -> bool:
-    """A rigid motion keeps the sides of the triangle; sides too short say nothing of rotation."""
+    """Whether both triangles have equal sides, none of them too short."""
     corners = (i, j, k, i)
     for side in range(3):
         a, b = corners[side], corners[side + 1]
@@ -158,7 +164,7 @@ def _score_hypothesis(P: Array, Q: Array, inverse_gate: Array, T: Array) -> tupl
 
 @inline_kernel
 def _fit_triangles(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool:
-    """Motion of three pairs, without an SVD: plane to plane, then the angle within the plane.
+    """Fit a motion to three pairs without an SVD: plane to plane, then the angle in the plane.
 
     Writes the least-squares motion of the triangles into T; False if one is a line.
     """
@@ -166,7 +172,7 @@ def _fit_triangles(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool
     q_axes, q_mean, q_ok = _triangle_axes(Q, i, j, k)
     if not (p_ok and q_ok):
         return False
-    # In the triangle's own plane (axes 0 and 1) what is left is a rotation by one angle.
+    # In the triangle's own plane (axes 0 and 1) a rotation by one angle remains.
     c = s = 0.0
     for n in (i, j, k):
         pu = pv = qu = qv = 0.0

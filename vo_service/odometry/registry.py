@@ -1,6 +1,6 @@
-"""The odometry methods by name: the one place where a new estimator is listed.
+"""Registry of the odometry methods by name. A new method is added here.
 
-A method is imported when it is made: its kernels are slow to load, and most commands need none.
+A method is imported when it is created: its kernels are slow to load, and most commands need none.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,14 +15,14 @@ DEFAULT_METHOD = "direct"
 
 @dataclass(frozen=True)
 class FeatureConfig:
-    """What the methods that use features share."""
+    """Settings of the features, for all methods that use them."""
 
     count: int = 1000
     upright: bool = False
 
 
 def _make_surf(features: FeatureConfig, timer: StageTimer) -> Odometry:
-    """The paper's method."""
+    """Frame to frame by SURF features."""
     from vo_service.odometry.surf import SurfExtractor
     from vo_service.odometry.surf.odometry import SurfOdometry
 
@@ -30,7 +30,7 @@ def _make_surf(features: FeatureConfig, timer: StageTimer) -> Odometry:
 
 
 def _make_direct(features: FeatureConfig, timer: StageTimer) -> Odometry:
-    """Brightness and depth against keyframes; features where that fails."""
+    """Brightness and depth against keyframes; SURF features for recovery."""
     from vo_service.odometry.direct.odometry import DirectOdometry
     from vo_service.odometry.surf import SurfExtractor
 
@@ -38,14 +38,14 @@ def _make_direct(features: FeatureConfig, timer: StageTimer) -> Odometry:
 
 
 def _make_icp(_features: FeatureConfig, timer: StageTimer) -> Odometry:
-    """Depth alone, point to plane."""
+    """Depth only, point-to-plane ICP."""
     from vo_service.odometry.icp.odometry import IcpOdometry
 
     return IcpOdometry(timer=timer)
 
 
 def _make_sfm(features: FeatureConfig, timer: StageTimer) -> Odometry:
-    """Color alone; the first scale is that of the first depth."""
+    """Color only; the initial scale is from the first depth image."""
     from vo_service.odometry.sfm.odometry import SfmOdometry
     from vo_service.odometry.surf import SurfExtractor
 
@@ -59,5 +59,5 @@ METHODS: Mapping[str, Callable[[FeatureConfig, StageTimer], Odometry]] = {
     "direct": _make_direct,
 }
 
-# Milliseconds of processor time a frame that stages may take, of methods that have such budgets.
+# Processor time per frame of the stages in milliseconds, for methods with a budget.
 STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {"direct": STAGE_BUDGET_MS}

@@ -1,8 +1,7 @@
-"""After a loss, a new beginning counts only where no place is known again.
+"""Relocalization: after a loss the pose is recovered from the map, if possible.
 
-An odometry that has lost its way begins anew: it then knows how it moves, but not where it is. As
-long as there is hope that a place is known again, its pose counts as lost; after that, it is where
-the old pose was held, in a new epoch.
+A lost odometry resets: it tracks the motion again, but its pose in the world is unknown. During the
+search the pose counts as lost. Without success a new epoch starts at the last pose.
 """
 
 from collections.abc import Sequence
@@ -15,24 +14,24 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, orthonormalize, poses_close
 from vo_service.types import Estimate, Odometry
 
-# So many frames with a motion are looked at before hope is given up: a second.
+# The search ends after this many tracked frames: a second.
 MAX_SEARCH_FRAMES = 30
-# Of these, every so manieth is shown to the finder.
+# Every 3rd frame is sent to the relocalizer.
 QUERY_INTERVAL_FRAMES = 3
-# No camera goes faster, and a little more: an answer that is further from the last good pose is of
-# another place that looks the same.
+# A result further from the last good pose than this speed and margin allow is of a similar place.
 MAX_SPEED_M_S, POSITION_MARGIN_M = 1.5, 0.5
-# Two answers agree if they put the camera at the same place to within this.
+# Two results agree if their poses differ by no more than this.
 MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD = 0.05, 0.035
 
 
 @dataclass(frozen=True)
 class RelocalizationResult:
-    """Where a frame was taken.
+    """Pose of a frame by the map.
 
-    seq             of the frame
-    T_world_camera  4x4, in the world that the poses before the loss were in
-    covariance      6x6 of it: (translation m, rotation rad), as a small motion in the camera's axes
+    Attributes:
+        seq: Sequence number of the frame.
+        T_world_camera: 4x4 pose, in the world frame of the poses before the loss.
+        covariance: 6x6: (translation m, rotation rad), as a small motion in the camera's axes.
     """
 
     seq: int
@@ -40,36 +39,37 @@ class RelocalizationResult:
     covariance: Array
 
     def transform_to(self, T_other_world: Array) -> "RelocalizationResult":
-        """The same in another world; 4x4 from this one to that."""
+        """Transform the result to another world frame by T_other_world (4x4)."""
         return replace(self, T_world_camera=T_other_world @ self.T_world_camera)
 
 
 class Relocalizer(Protocol):
-    """Knows the places that the camera has seen. None of its methods blocks for long."""
+    """Finds the pose of a frame by a map of keyframes. Its methods do not block."""
 
     @property
     def has_map(self) -> bool:
-        """Whether there is any hope."""
+        """Whether there is a map to search."""
         ...
 
     def query(self, frame: RgbdFrame) -> None:
-        """Ask where this frame was taken."""
+        """Request the pose of a frame."""
         ...
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
-        """What has been found since the last call; frames that show no known place are not in."""
+        """Results since the last call; unrecognized frames give none."""
         ...
 
 
 @dataclass
 class _RelocalizationSearch:
-    """What is known since tracking began anew.
+    """State of the search since the odometry was reset.
 
-    T_world_last  4x4, the last good pose
-    frames_left   of the patience
-    asked         of each frame that was asked about, by its number: 4x4 pose in the odometry's new
-                  world, and how far it can be from the last good one, metres
-    found         (4x4 T_world_inner, covariance) that each answer leads to
+    Attributes:
+        T_world_last: 4x4, the last good pose.
+        frames_left: Until the search ends.
+        queries: By the sequence number of each queried frame: its 4x4 pose in the odometry's new
+            world frame, and its largest distance from the last good pose, m.
+        candidates: (4x4 T_world_inner, covariance) by each result.
     """
 
     T_world_last: Array
@@ -78,22 +78,27 @@ class _RelocalizationSearch:
     candidates: list[tuple[Array, Array]] = field(default_factory=list)
 
     def add_result(self, result: RelocalizationResult) -> tuple[Array, Array] | None:
-        """The link between the worlds, once two answers agree about it."""
-        T_inner_camera, farthest_m = self.queries.pop(result.seq, (np.eye(4), -1.0))
-        way_m = np.linalg.norm(result.T_world_camera[:3, 3] - self.T_world_last[:3, 3])
-        if way_m > farthest_m:  # also: asked before tracking began anew once more
+        """Add a result; return T_world_inner and its covariance once two results agree."""
+        T_inner_camera, max_distance_m = self.queries.pop(result.seq, (np.eye(4), -1.0))
+        distance_m = np.linalg.norm(result.T_world_camera[:3, 3] - self.T_world_last[:3, 3])
+        if distance_m > max_distance_m:  # also if the query is of an earlier search
             return None
-        link = orthonormalize(result.T_world_camera @ inverse(T_inner_camera))
+        T_world_inner = orthonormalize(result.T_world_camera @ inverse(T_inner_camera))
         is_agreed = any(
-            poses_close(link, other, MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD)
+            poses_close(T_world_inner, other, MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD)
             for other, _ in self.candidates
         )
-        self.candidates.append((link, result.covariance))
+        self.candidates.append((T_world_inner, result.covariance))
         return self.candidates[-1] if is_agreed else None
 
 
 class RelocalizingOdometry:
-    """Another odometry, which comes back to its world where it sees a place of it again."""
+    """Wrapper of an odometry that relocalizes it after a loss.
+
+    Args:
+        odometry: The odometry to wrap.
+        relocalizer: Finds poses in the map.
+    """
 
     def __init__(self, odometry: Odometry, relocalizer: Relocalizer) -> None:
         self._odometry = odometry
@@ -104,12 +109,12 @@ class RelocalizingOdometry:
         self._T_world_reference = np.eye(4)
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """As `Odometry`; after a loss not ok until it is known where the camera is."""
+        """Estimate the pose as `Odometry`; after a loss not ok until the search has ended."""
         estimate = self._odometry.estimate(frame)
         if estimate.is_reset and (self._search is not None or self._relocalizer.has_map):
-            # Where it was begun anew before, the patience goes on, not the answers.
-            left = MAX_SEARCH_FRAMES if self._search is None else self._search.frames_left
-            self._search = _RelocalizationSearch(self._T_world_camera, left)
+            # A reset during a search keeps its remaining time, but drops its results.
+            frames_left = MAX_SEARCH_FRAMES if self._search is None else self._search.frames_left
+            self._search = _RelocalizationSearch(self._T_world_camera, frames_left)
         if self._search is None:
             return self._to_world(frame, estimate)
         return self._continue_search(frame, estimate, self._search)
@@ -117,37 +122,40 @@ class RelocalizingOdometry:
     def _continue_search(
         self, frame: RgbdFrame, estimate: Estimate, search: _RelocalizationSearch
     ) -> Estimate:
-        """Ask, listen, and come back, or give up."""
+        """Send queries and take results; relocalize, or end the search."""
         if not estimate.ok:
             return self._report_lost(estimate, estimate.reason)
         if search.frames_left % QUERY_INTERVAL_FRAMES == 0:
-            farthest_m = POSITION_MARGIN_M + MAX_SPEED_M_S * (frame.stamp_s - self._stamp_s)
-            search.queries[frame.seq] = estimate.T_world_camera, farthest_m
+            max_distance_m = POSITION_MARGIN_M + MAX_SPEED_M_S * (frame.stamp_s - self._stamp_s)
+            search.queries[frame.seq] = estimate.T_world_camera, max_distance_m
             self._relocalizer.query(frame)
-        for located in self._relocalizer.poll_results():
-            link = search.add_result(located)
-            if link is not None:
+        for result in self._relocalizer.poll_results():
+            agreed = search.add_result(result)
+            if agreed is not None:
                 self._search = None
-                self._T_world_inner, covariance = link
-                back = replace(estimate, is_reset=False, covariance=covariance)
-                return self._to_world(frame, back)
+                self._T_world_inner, covariance = agreed
+                relocalized = replace(estimate, is_reset=False, covariance=covariance)
+                return self._to_world(frame, relocalized)
         search.frames_left -= 1
         if search.frames_left <= 0:
             self._search = None
             return self._to_world(frame, replace(estimate, is_reset=True))
-        return self._report_lost(estimate, "looking for a place that was seen before")
+        return self._report_lost(estimate, "relocalizing")
 
     def _report_lost(self, estimate: Estimate, reason: str) -> Estimate:
-        """No pose for now: the last good one is held."""
-        held = self._T_world_camera.copy()
-        zeros = np.zeros((6, 6))
+        """Return an estimate without success, at the last good pose."""
         return replace(
-            estimate, ok=False, reason=reason, is_reset=False,
-            T_world_camera=held, T_reference_camera=np.eye(4), covariance=zeros,
-        )  # fmt: skip
+            estimate,
+            ok=False,
+            reason=reason,
+            is_reset=False,
+            T_world_camera=self._T_world_camera.copy(),
+            T_reference_camera=np.eye(4),
+            covariance=np.zeros((6, 6)),
+        )
 
     def _to_world(self, frame: RgbdFrame, estimate: Estimate) -> Estimate:
-        """The same, in the world of the first frame, and counted from what was told before."""
+        """Transform an estimate to the world frame, and to the last reference in it."""
         T_world_camera = self._T_world_inner @ estimate.T_world_camera
         T_reference_camera = inverse(self._T_world_reference) @ T_world_camera
         if estimate.ok:

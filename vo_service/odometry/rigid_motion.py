@@ -10,7 +10,7 @@ from drivers.core.geometry import Array, rigid_transform
 
 
 def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:
-    """4x4 transform T that minimises sum w_i |T p_i - q_i|^2; 3 points or more, not on a line."""
+    """4x4 transform T that minimizes sum w_i |T p_i - q_i|^2; 3 points or more, not on a line."""
     p_mean, q_mean = weighted_centroid(P, w), weighted_centroid(Q, w)
     X, Y = center_points(P, p_mean), center_points(Q, q_mean)
     S = cross_covariance(X, Y, w)
@@ -26,7 +26,7 @@ def weighted_centroid(P: Array, w: Array) -> Array:
 
 
 def center_points(P: Array, centroid: Array) -> Array:
-    """Step 2: the centred vectors, x_i = p_i - centroid."""
+    """Step 2: the centered vectors, x_i = p_i - centroid."""
     return P - centroid
 
 
@@ -37,11 +37,11 @@ def cross_covariance(X: Array, Y: Array, w: Array) -> Array:
 
 
 def rotation_from_covariance(S: Array) -> Array:
-    """Step 4: with S = U D V^T, R = V diag(1, 1, det(V U^T)) U^T; the last factor bars mirrors."""
+    """Step 4: with S = U D V^T, R = V diag(1, 1, det(V U^T)) U^T, which is no reflection."""
     U, _, Vt = np.linalg.svd(S)
     V = Vt.T
-    mirror = 1.0 if np.linalg.det(V @ U.T) >= 0 else -1.0
-    R: Array = V @ np.diag([1.0, 1.0, mirror]) @ U.T
+    sign = 1.0 if np.linalg.det(V @ U.T) >= 0 else -1.0
+    R: Array = V @ np.diag([1.0, 1.0, sign]) @ U.T
     return R
 
 
@@ -51,23 +51,27 @@ def translation_between(p_mean: Array, q_mean: Array, R: Array) -> Array:
 
 
 def motion_covariance(P: Array, w: Array, sigma_m: Array) -> Array:
-    """6x6 covariance of a fitted motion, (translation, rotation) in the axes of P.
+    """6x6 covariance of a fitted motion, (translation m, rotation rad) in the axes of P.
 
-    P (N, 3), w (N,) as given to the fit; sigma_m (N, 3) standard deviations of T p_i - q_i in the
-    axes of P. First order: the fit solves H xi = sum w_i J_i^T r_i with H = sum w_i J_i^T J_i, so
-    cov(xi) = H^-1 M H^-1 with M = sum w_i^2 J_i^T diag(sigma_i^2) J_i. A direction that the points
-    say nothing about (all on a line) gets a metre and a radian, not infinity.
+    First order: the fit solves H xi = sum w_i J_i^T r_i with H = sum w_i J_i^T J_i, so
+    cov(xi) = H^-1 M H^-1 with M = sum w_i^2 J_i^T diag(sigma_i^2) J_i.
+    An unconstrained direction (all points on a line) gets a meter and a radian, not infinity.
+
+    Args:
+        P: (N, 3) as given to the fit.
+        w: (N,) as given to the fit.
+        sigma_m: (N, 3) standard deviations of T p_i - q_i in the axes of P.
     """
     J = _motion_jacobian(P)
-    root = (J * np.sqrt(w)[:, None, None]).reshape(-1, 6)
+    weighted = (J * np.sqrt(w)[:, None, None]).reshape(-1, 6)
     noise = (J * (w[:, None] * sigma_m)[:, :, None]).reshape(-1, 6)
-    H_inverse = np.linalg.inv(root.T @ root + np.eye(6))
+    H_inverse = np.linalg.inv(weighted.T @ weighted + np.eye(6))
     covariance: Array = H_inverse @ (noise.T @ noise + np.eye(6)) @ H_inverse
     return 0.5 * (covariance + covariance.T)
 
 
 def _motion_jacobian(P: Array) -> Array:
-    """(N, 3, 6): how a point moves with a small motion (rho, phi): rho + phi x p."""
+    """(N, 3, 6) Jacobian of a point by a small motion (rho, phi): rho + phi x p."""
     x, y, z = P.T
     J = np.zeros((len(P), 3, 6))
     J[:, :, :3] = np.eye(3)

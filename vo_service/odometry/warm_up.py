@@ -1,4 +1,4 @@
-"""Compile the numeric kernels, or load them from the cache, before the first frame needs them."""
+"""Warm-up: compile the kernels, or load them from the cache, before the first frame."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -12,46 +12,51 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from vo_service.odometry.registry import METHODS, FeatureConfig
 from vo_service.types import Odometry
 
-# Large enough for every filter and every octave to have work to do.
+# Large enough for every filter and every octave.
 IMAGE_SIZE_PX = 256
 
 
 class StageReporter:
-    """A stopwatch that only tells which stage has begun."""
+    """Stage timer that only reports each stage's name."""
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Tell the stage's name."""
+        """Report the stage's name."""
         self._report(name)
         yield
 
 
 def warm_up(method: str, report_stage: Callable[[str], None]) -> float:
-    """Run a method on a few made-up frames; returns the seconds that took.
+    """Run a method on a few generated frames, which compiles its kernels for any image size.
 
-    `tell` gets the name of each stage as it begins. Compiled for any image size at once.
+    Args:
+        method: Name of the method.
+        report_stage: Called with the name of each stage when it starts.
+
+    Returns:
+        The elapsed seconds.
     """
-    begin_s = time.monotonic()
+    start_s = time.monotonic()
     run_warm_up_frames(lambda: METHODS[method](FeatureConfig(), StageReporter(report_stage)))
-    return time.monotonic() - begin_s
+    return time.monotonic() - start_s
 
 
 def run_warm_up_frames(make_odometry: Callable[[], Odometry]) -> None:
-    """Let odometries that are not used otherwise see made-up frames."""
-    for film in (_make_corner_frames(), _make_wall_frames()):
+    """Run new odometries on generated frames."""
+    for frames in (_make_corner_frames(), _make_wall_frames()):
         odometry = make_odometry()
-        for frame in film:
+        for frame in frames:
             odometry.estimate(frame)
 
 
 def _make_corner_frames() -> Iterator[RgbdFrame]:
-    """A cloth of blobs over a corner, a little moved from frame to frame; then one quite different.
+    """A texture that moves over a corner; in the last frame another texture.
 
-    Before that, most of the cloth has come nearer: that is parallax for those who need it.
-    With the last one tracking is lost, so that what is only needed then is run as well.
+    From the fourth frame on most of the texture moves further, which gives parallax. In the last
+    frame tracking is lost, so that the recovery runs as well.
     """
     for number, seed in enumerate((0, 0, 0, 0, 0, 1)):
         yield _make_frame(
@@ -62,14 +67,14 @@ def _make_corner_frames() -> Iterator[RgbdFrame]:
 
 
 def _make_wall_frames() -> Iterator[RgbdFrame]:
-    """A cloth on a wall, first slowly, then at once by more than a quarter of the view.
+    """A texture that moves on a wall, first slowly, then by more than a quarter of the view.
 
-    What that needs is run as well: finding the camera again, and what a keyframe that goes out of
-    view asks for. Its rows are of different times, though hardly.
+    This runs the recovery and the selection of a new keyframe. The rows have slightly different
+    times, so that the code for rolling shutters runs.
     """
     wall = np.full((IMAGE_SIZE_PX, IMAGE_SIZE_PX), 2000, np.uint16)
-    for number, moved_px in enumerate((0, 2, 72)):
-        frame = _make_frame(number, np.roll(_make_texture(0), moved_px, axis=1), wall)
+    for number, shift_px in enumerate((0, 2, 72)):
+        frame = _make_frame(number, np.roll(_make_texture(0), shift_px, axis=1), wall)
         yield replace(frame, readout_s=1e-6)
 
 
@@ -90,17 +95,17 @@ def _make_frame(
 
 
 def _shift_texture(texture: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
-    """The cloth by as many pixels, and from the fourth frame on its lower part much further."""
-    moved = np.roll(texture, number, axis=1)
+    """Shift the texture by `number` pixels, and from the fourth frame on its lower part further."""
+    shifted = np.roll(texture, number, axis=1)
     if number > 2:
-        moved[IMAGE_SIZE_PX // 3 :] = np.roll(
-            moved[IMAGE_SIZE_PX // 3 :], IMAGE_SIZE_PX // 5, axis=1
+        shifted[IMAGE_SIZE_PX // 3 :] = np.roll(
+            shifted[IMAGE_SIZE_PX // 3 :], IMAGE_SIZE_PX // 5, axis=1
         )
-    return moved
+    return shifted
 
 
 def _make_corner_depth(depth_raw: int) -> NDArray[np.uint16]:
-    """Three walls that meet in the middle, where the depth is greatest: they hold a camera fast."""
+    """Three walls that meet in the center; they constrain all degrees of freedom."""
     v, u = np.mgrid[:IMAGE_SIZE_PX, :IMAGE_SIZE_PX] - IMAGE_SIZE_PX // 2
     nearer = np.maximum.reduce([v, -v // 2 + u, -v // 2 - u])
     corner: NDArray[np.uint16] = (depth_raw - 3 * nearer).astype(np.uint16)
@@ -111,5 +116,5 @@ def _make_texture(seed: int) -> NDArray[np.uint8]:
     coarse = np.random.default_rng(seed).integers(
         0, 256, (IMAGE_SIZE_PX // 8, IMAGE_SIZE_PX // 8), np.uint8
     )
-    cloth = np.kron(coarse, np.ones((8, 8), np.uint8))
-    return np.repeat(cloth[:, :, None], 3, axis=2)
+    texture = np.kron(coarse, np.ones((8, 8), np.uint8))
+    return np.repeat(texture[:, :, None], 3, axis=2)

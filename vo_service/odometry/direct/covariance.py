@@ -94,7 +94,7 @@ def estimate_uncertainty(
     Args:
         points: (N, COLUMNS) of the keyframe for each level.
         images: The frame.
-        alignment: The alignment of joint_covariance.
+        alignment: The alignment of the frame with the points.
         prior: The prior of its motion.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
     """

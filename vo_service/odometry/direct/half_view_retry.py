@@ -60,7 +60,7 @@ def retry_without_half(
 def _align_without(
     masked_columns: slice, result: TrackingResult, images: ImagePyramid, motion_state: MotionState
 ) -> DirectAlignment:
-    """Align with half of the view, then with all regions that residual_model this motion."""
+    """Align with half of the view, then with all regions that fit this motion."""
     points, prior = result.keyframe.points, result.prior
     weights = uniform_weights()
     weights.reshape(2, CELL_ROWS, CELL_COLUMNS)[:, :, masked_columns] = 0.0

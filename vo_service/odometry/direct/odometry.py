@@ -44,14 +44,14 @@ from vo_service.types import Estimate, TrackingDebug
 
 @dataclass(frozen=True)
 class DirectTrack:
-    """State of the tracking up to the last tracked frame.
+    """State of the tracking up to the last good frame.
 
     Attributes:
         keyframe: The active keyframe.
-        motion_state: Pose and velocity at the last tracked frame.
+        motion_state: Pose and velocity at the last good frame.
         T_world_reference: 4x4 pose of the frame since which the keyframe is active.
         is_first: Whether the keyframe is the first frame, so that the velocity is unknown.
-        last_frame: The last tracked frame; None at the first one.
+        last_frame: The last good frame; None at the first one.
         initial_observability: Of the keyframe's first view, see `MotionUncertainty`; None before.
     """
 
@@ -74,7 +74,7 @@ class DirectTrack:
 class DirectOdometry:
     """Odometry that aligns frames with a keyframe, as long as most of it is in view.
 
-    The world frame is the first tracked camera pose. A frame that fails is skipped.
+    The world frame is the first good camera pose. A frame that fails is skipped.
 
     Args:
         extractor: Features for the recovery; a default one if None.

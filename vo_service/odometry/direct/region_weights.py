@@ -30,7 +30,7 @@ MIN_CELL_SAMPLES = 10
 def weigh_regions(
     points: Array, samples: Array, residual_model: Array, base_weights: Array
 ) -> Array:
-    """(2, CELLS) weights: the base weights, factor where a cell fits worse than max_mean cells do.
+    """(2, CELLS) weights: the base weights, lowered where a cell fits worse than most cells do.
 
     Robust statistics handle single outliers. A moving object gives many samples that agree with
     each other, so it has to be detected as a region.

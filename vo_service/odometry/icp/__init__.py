@@ -1,7 +1,7 @@
-"""ICP on depth alone, point to plane.
+"""Point-to-plane ICP on depth only.
 
-Reads in order: `pyramid` (the depth image in three sizes), `planes` (the reference's surfaces),
-`residuals` (how far off a frame's readings are), `directions` (which motions these settle),
-`alignment` (the motion that mends them), `confidence` (whether to believe it, and how far), `track`
-(the reference and the last good frame), `drawing` (what a viewer can show of it).
+Reading order: `depth_pyramid` (the depth image in three sizes), `planes` (planes of the reference),
+`residuals` (distances of a frame's surfaces from them), `alignment` (the motion that minimizes
+them), `quality` (validity and covariance), `track` (the reference and the last good frame),
+`odometry`, and `visualization` (debug data for a viewer).
 """

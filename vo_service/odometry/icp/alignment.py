@@ -1,4 +1,4 @@
-"""The motion that lays a reference's planes on a frame's surfaces: Gauss-Newton, coarse to fine."""
+"""Alignment of a reference's planes with a frame's surfaces: Gauss-Newton, coarse to fine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,43 +19,44 @@ from vo_service.odometry.icp.residuals import accumulate_normal_equations, robus
 
 PlanePyramid = Sequence[Array]
 
-# The levels to pass through where the motion is well foreseen, and where it is not.
+# Levels for a well predicted motion, and for any other.
 FINE_ONLY, COARSE_TO_FINE = (0,), (2, 1, 0)
-# By level, fine to coarse: steps at most, and a step, in metres and radians, that is the last one.
+# By level, fine to coarse: largest number of steps; a smaller step (m and rad) is the last one.
 MAX_STEPS = (15, 10, 10)
 MIN_STEP_SIZES = (1e-4, 5e-4, 1e-3)
-# By level, in 1/m: residuals beyond which a plane is left out, and the spread of the others, which
-# is found with the motion. It begins at the most, so that what is far off has a say; were it not
-# kept from falling much below the noise, the first surfaces that fit would hold the rest off.
+# By level, in 1/m: the gate of a residual, and the range of its sigma, which is estimated with the
+# motion. Sigma starts at the maximum, so that large residuals count. The minimum is near the noise;
+# below it the first surfaces that fit would suppress the others.
 GATES_PER_M = (0.2, 0.2, 0.2)
 MAX_SIGMAS_PER_M = (1e-2, 1e-2, 2e-2)
 MIN_SIGMAS_PER_M = (1e-3, 2e-3, 4e-3)
-# How far from its start a motion may be found; a corner of a room looks like the next one.
+# Largest correction of the initial guess; corners of a room look alike.
 MAX_CORRECTION_M, MAX_CORRECTION_RAD = 0.5, 0.5
-# Noise of a plane's slopes on the finest level, in 1/m a pixel: the sensor's steps of depth. Times
-# the focal length and the plane's distance it is that of the normal. Coarser planes have less, but
-# more of them bend: they are trusted no further.
+# Noise of a plane's slopes on the finest level, in 1/m per pixel: the sensor's depth quantization.
+# Times the focal length and the plane's distance it is that of the normal. Coarser planes have less
+# noise, but more of them are bent, so the same value is used.
 SLOPE_NOISE = 1e-4
-# One motion fits clearly better than another if its cost is this share of the other's or less.
+# One motion fits clearly better than another if its cost is less than this share of the other's.
 MAX_BETTER_COST_RATIO = 0.9
-# Fewer planes with a reading are no ground for a step.
+# Fewest planes in the gate for a step.
 MIN_PLANES = 50
 
 
 @dataclass(frozen=True)
 class IcpAlignment:
-    """Where the planes came to lie, judged on the finest level.
+    """Alignment of the planes with a frame, evaluated on the finest level.
 
-    T_camera_reference  4x4
-    has_settled         whether the last step was as small as it is to be, not far from the start
-    planes              how many there are
-    read                how many of them come to lie on readings
-    seen                how many of these are near enough to be of the same surface
-    agreeing            how many are off by no more than noise
-    sigma               spread of the residuals of those seen, 1/m; never less than the usual
-    information         6x6, of a small motion (translation m, rotation rad) of the reference's
-                        points in its own axes, for residuals of unit spread
-    directions          which directions of that motion it settles
+    Attributes:
+        T_camera_reference: 4x4.
+        has_converged: Whether the last step was small, and the motion is near the initial guess.
+        num_planes: Number of planes.
+        num_with_reading: Planes that project to a depth reading.
+        num_in_gate: Of these, planes near enough to be of the same surface.
+        num_inliers: Planes with a residual within the noise.
+        sigma: Of the residuals in the gate, 1/m; at least the minimum.
+        information: 6x6 of a small motion (translation m, rotation rad) of the reference's points
+            in its own axes, for residuals of sigma 1.
+        degeneracy: Which directions of that motion are constrained.
     """
 
     T_camera_reference: Array
@@ -75,19 +76,22 @@ def align(
     initial_guesses: Sequence[Array],
     levels: Sequence[int],
 ) -> IcpAlignment:
-    """Lay planes, an array for each level, on a frame's surfaces.
+    """Align planes with a frame's surfaces.
 
-    starts  4x4 motions T_camera_reference; it begins at the first, unless another clearly fits
-            better
-    levels  the levels to pass through, the last of which is the finest, 0
+    Args:
+        planes: (N, 7) for each level, see `find_planes`.
+        view: The frame.
+        initial_guesses: 4x4 motions T_camera_reference; the first one is refined, unless another
+            fits clearly better.
+        levels: Levels in their order; the last one is the finest, 0.
     """
-    T = start = _select_best_motion(planes, view, initial_guesses, level=1)
-    sigma, has_settled = MIN_SIGMAS_PER_M[0], False
+    T = initial = _select_best_motion(planes, view, initial_guesses, level=1)
+    sigma, has_converged = MIN_SIGMAS_PER_M[0], False
     for level in levels:
-        there, sigma, has_settled = _solve_level(planes, view, T, level)
-        T = _select_best_motion(planes, view, (T, there), level) if level else there
-    has_settled = has_settled and _is_near_guess(T, start)
-    return evaluate_alignment(planes, view, orthonormalize(T), sigma, has_settled)
+        solved, sigma, has_converged = _solve_level(planes, view, T, level)
+        T = _select_best_motion(planes, view, (T, solved), level) if level else solved
+    has_converged = has_converged and _is_near_guess(T, initial)
+    return evaluate_alignment(planes, view, orthonormalize(T), sigma, has_converged)
 
 
 def evaluate_alignment(
@@ -97,7 +101,7 @@ def evaluate_alignment(
     sigma: float = MIN_SIGMAS_PER_M[0],
     has_converged: bool = True,
 ) -> IcpAlignment:
-    """How well the planes lie where they are, given the spread to expect."""
+    """Evaluate the alignment at a given motion, with the expected sigma of the residuals."""
     H, _, moments, counts = _build_normal_equations(
         planes, view, T_camera_reference, sigma, level=0
     )
@@ -117,14 +121,14 @@ def evaluate_alignment(
 def _select_best_motion(
     planes: PlanePyramid, view: DepthPyramid, motions: Sequence[Array], level: int
 ) -> Array:
-    """The motion that fits best; the first, if none is better by a tenth."""
-    misfits = [_mean_cost(planes, view, T, level) for T in motions]
-    best = int(np.argmin(misfits))
-    return motions[best] if misfits[best] < MAX_BETTER_COST_RATIO * misfits[0] else motions[0]
+    """The motion that fits best; the first one unless another is clearly better."""
+    costs = [_mean_cost(planes, view, T, level) for T in motions]
+    best = int(np.argmin(costs))
+    return motions[best] if costs[best] < MAX_BETTER_COST_RATIO * costs[0] else motions[0]
 
 
 def _mean_cost(planes: PlanePyramid, view: DepthPyramid, T: Array, level: int) -> float:
-    """Mean robust cost; where fewer than half of the planes are in view, the others count too."""
+    """Mean robust cost; if fewer than half of the planes are in view, missing ones count."""
     sigma, gate = MIN_SIGMAS_PER_M[level], GATES_PER_M[level]
     counts = _build_normal_equations(planes, view, T, sigma, level)[3]
     missing = max(0.0, len(planes[level]) / 2 - counts[0])
@@ -135,7 +139,7 @@ def _mean_cost(planes: PlanePyramid, view: DepthPyramid, T: Array, level: int) -
 def _solve_level(
     planes: PlanePyramid, view: DepthPyramid, T: Array, level: int
 ) -> tuple[Array, float, bool]:
-    """Gauss-Newton on one level: the motion, the spread, and whether the steps came to an end."""
+    """Gauss-Newton on one level: the motion, the sigma, and whether it converged."""
     sigma = MAX_SIGMAS_PER_M[level]
     for _ in range(MAX_STEPS[level]):
         H, g, moments, counts = _build_normal_equations(planes, view, T, sigma, level)
@@ -144,7 +148,7 @@ def _solve_level(
         sigma = float(
             np.clip(_residual_sigma(counts), MIN_SIGMAS_PER_M[level], MAX_SIGMAS_PER_M[level])
         )
-        # No step goes where the planes say no more than their noise.
+        # No step is taken along unconstrained directions.
         V = analyze_degeneracy(H, point_information(moments)).observable_axes
         step = -V @ np.linalg.solve(V.T @ H @ V, V.T @ g)
         T = T @ rigid_transform(so3_exp(step[3:]), step[:3])
@@ -154,7 +158,7 @@ def _solve_level(
 
 
 def _residual_sigma(counts: Array) -> float:
-    """Root of the mean w r^2: the sigma of Student's t, where it no longer changes."""
+    """Root of the mean w r^2: sigma of Student's t at its fixed point."""
     return float(np.sqrt(counts[3] / max(counts[1], 1.0)))
 
 
@@ -169,8 +173,10 @@ def _build_normal_equations(
     )
 
 
-def _is_near_guess(T: Array, start: Array) -> bool:
-    """Whether a motion is near enough to its start to be the one looked for: rooms look alike."""
-    way = inverse(start) @ T
-    turn_rad = rotation_angle_rad(way[:3, :3])
-    return bool(np.linalg.norm(way[:3, 3]) < MAX_CORRECTION_M and turn_rad < MAX_CORRECTION_RAD)
+def _is_near_guess(T: Array, initial: Array) -> bool:
+    """Whether a motion is near its initial guess."""
+    correction = inverse(initial) @ T
+    angle_rad = rotation_angle_rad(correction[:3, :3])
+    return bool(
+        np.linalg.norm(correction[:3, 3]) < MAX_CORRECTION_M and angle_rad < MAX_CORRECTION_RAD
+    )

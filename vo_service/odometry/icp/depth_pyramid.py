@@ -1,7 +1,7 @@
-"""The depth image as a pyramid of inverse depth, 1/z.
+"""Pyramid of inverse depth, 1/z.
 
 The Kinect measures disparity, so the noise of 1/z is the same near and far; and over a plane 1/z is
-linear in the pixel, so that the mean of neighbours lies on the plane, which a mean of z does not.
+linear in the pixel, so that the mean of neighbors lies on the plane, unlike a mean of z.
 """
 
 from dataclasses import dataclass
@@ -14,17 +14,18 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.jit import inline_kernel, kernel
 
 NUM_LEVELS = 3
-# Readings further apart than this in 1/m are of two surfaces; the nearer one counts.
+# Readings that differ by more (1/m) are of two surfaces; the nearer one is used.
 MAX_STEP_PER_M = 0.02
 
 
 @dataclass(frozen=True)
 class DepthLevel:
-    """One size of the image.
+    """One level of the pyramid.
 
-    inverse_depth  (H, W) float32, 1/m; 0 = no reading
-    camera         intrinsics of this size
-    scale          pixels of the whole image along one pixel of this
+    Attributes:
+        inverse_depth: (H, W) float32, 1/m; 0 = no reading.
+        camera: Intrinsics of this size.
+        scale: Size of a pixel in pixels of the whole image.
     """
 
     inverse_depth: NDArray[np.float32]
@@ -39,14 +40,14 @@ class DepthLevel:
 
 @dataclass(frozen=True)
 class DepthPyramid:
-    """What the estimator reads of a frame: levels from fine to coarse, and the frame's stamp."""
+    """Levels of a frame from fine to coarse, and its stamp."""
 
     levels: tuple[DepthLevel, ...]
     stamp_s: float
 
 
 def build_depth_pyramid(frame: RgbdFrame) -> DepthPyramid:
-    """Levels of a half, a quarter and an eighth of the frame's size."""
+    """Build levels of 1/2, 1/4 and 1/8 of the frame's size."""
     camera = _halve_intrinsics(frame.camera)
     inverse_depth = invert_and_halve_depth(frame.depth_m)
     levels = [DepthLevel(inverse_depth, camera, 2)]
@@ -57,7 +58,7 @@ def build_depth_pyramid(frame: RgbdFrame) -> DepthPyramid:
 
 
 def _halve_intrinsics(camera: PinholeCamera) -> PinholeCamera:
-    """Intrinsics of an image of half the size; the centre of the first pixel stays (0, 0)."""
+    """Intrinsics of an image of half the size; the center of the first pixel stays (0, 0)."""
     return PinholeCamera(
         camera.width // 2,
         camera.height // 2,
@@ -89,7 +90,7 @@ def invert_and_halve_depth(depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @kernel
 def halve_inverse_depth(inverse_depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """An image of half the size (H // 2, W // 2)."""
+    """Halve an image of inverse depth, to (H // 2, W // 2)."""
     height, width = inverse_depth.shape[0] // 2, inverse_depth.shape[1] // 2
     halved = np.empty((height, width), np.float32)
     for v in range(height):
@@ -105,7 +106,7 @@ def halve_inverse_depth(inverse_depth: NDArray[np.float32]) -> NDArray[np.float3
 def _mean_of_nearest_surface(
     a: np.float32, b: np.float32, c: np.float32, d: np.float32
 ) -> np.float32:
-    """Mean of those readings that are of the nearest surface; 0 of none."""
+    """Mean of the readings of the nearest surface; 0 without a reading."""
     lowest = max(max(a, b), max(c, d)) - np.float32(MAX_STEP_PER_M)
     lowest = max(lowest, np.float32(1e-6))
     total = np.float32(0.0)

@@ -1,7 +1,7 @@
-"""Odometry on depth alone: point-to-plane ICP with projective association.
+"""Odometry by depth only: point-to-plane ICP with projective association.
 
 Chen and Medioni (1991) for the distance, Besl and McKay (1992) for the iteration, Rusinkiewicz and
-Levoy (2001) for the choice of points and the projection. It needs shape, and no light.
+Levoy (2001) for the sampling of points and the projection. It needs shape, and no light.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,10 +28,14 @@ from vo_service.types import Estimate, TrackingDebug
 
 
 class IcpOdometry:
-    """Frames are laid on a reference, which stays until a quarter of it is out of sight.
+    """Odometry that aligns frames with a reference, until a quarter of it is out of view.
 
-    So the pose of a camera that stands still does not drift. A frame that fails is left out of the
-    chain. World is the first good camera.
+    So the pose of a camera at rest does not drift. A frame that fails is skipped. The world frame
+    is the first good camera pose.
+
+    Args:
+        parameters: Default ones if None.
+        timer: Times the stages; not timed if None.
     """
 
     def __init__(
@@ -45,27 +49,24 @@ class IcpOdometry:
         self._failures = 0
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Where the camera is, from this frame and the reference."""
-        # The depth image in three sizes, as 1/z.
+        """Estimate the camera's pose by aligning this frame with the reference."""
         with self._timer.stage("pyramid"):
             view = build_depth_pyramid(frame)
         if self._track is None:
             return self._start(view, is_reset=False)
-        # The reference's planes, laid on this frame's surfaces.
         with self._timer.stage("align"):
             track = self._track
-            found = align(track.planes, view, self._initial_guesses(track, view), FINE_ONLY)
-        # Does it fit, and does the shape in view hold the camera in all six directions?
-        if rejection_reason(found):
+            alignment = align(track.planes, view, self._initial_guesses(track, view), FINE_ONLY)
+        # The alignment is valid if it fits and all six degrees of freedom are constrained.
+        if rejection_reason(alignment):
             with self._timer.stage("again"):
-                track, found = self._retry(track, view, found)
-        if rejection_reason(found):
-            return self._fail(view, track, found)
-        # Concatenation.
-        return self._advance(view, track, found)
+                track, alignment = self._retry(track, view, alignment)
+        if rejection_reason(alignment):
+            return self._fail(view, track, alignment)
+        return self._advance(view, track, alignment)
 
     def _initial_guesses(self, track: IcpTrack, view: DepthPyramid) -> Sequence[Array]:
-        """Where the reference may be: as the motion goes on, or as for the last good frame."""
+        """4x4 T_camera_reference by the predicted motion, and that of the last good frame."""
         prediction = self._model.predict(view.stamp_s)
         if prediction is None:
             return [track.T_camera_reference]
@@ -75,37 +76,37 @@ class IcpOdometry:
     def _retry(
         self, track: IcpTrack, view: DepthPyramid, alignment: IcpAlignment
     ) -> tuple[IcpTrack, IcpAlignment]:
-        """The first of some more tries that is beyond doubt; else the track and what was found."""
-        for another, again in self._retries(track, view):
-            if not rejection_reason(again):
-                return another, again
+        """Return the first valid retry; else the track and the alignment."""
+        for retry_track, retry in self._retries(track, view):
+            if not rejection_reason(retry):
+                return retry_track, retry
         return track, alignment
 
     def _retries(
         self, track: IcpTrack, view: DepthPyramid
     ) -> Iterator[tuple[IcpTrack, IcpAlignment]]:
-        """From coarse to fine; then with the last good frame as the reference: it sees more."""
+        """Yield alignments from coarse to fine, then with the last good frame as the reference."""
         yield track, align(track.planes, view, self._initial_guesses(track, view), COARSE_TO_FINE)
         newer = start_track(track.last_frame, self._parameters.max_planes)
-        starts = self._initial_guesses(newer, view)
-        yield newer, align(newer.planes, view, starts, FINE_ONLY)
-        yield newer, align(newer.planes, view, starts, COARSE_TO_FINE)
+        initial_guesses = self._initial_guesses(newer, view)
+        yield newer, align(newer.planes, view, initial_guesses, FINE_ONLY)
+        yield newer, align(newer.planes, view, initial_guesses, COARSE_TO_FINE)
 
     def _start(self, view: DepthPyramid, is_reset: bool) -> Estimate:
-        """Make this view the first of a chain, if its shape can be found again."""
+        """Make this view the first of a chain, if others can be aligned with it."""
         with self._timer.stage("planes"):
             track = start_track(view, self._parameters.max_planes)
-        itself = evaluate_alignment(track.planes, view, np.eye(4))
-        evidence = TrackingDebug(keypoints_px=project_planes(track.planes, view))
-        if reason := rejection_reason(itself):
-            return self._make_estimate(f"cannot start: {reason}", evidence)
+        self_alignment = evaluate_alignment(track.planes, view, np.eye(4))
+        debug = TrackingDebug(keypoints_px=project_planes(track.planes, view))
+        if reason := rejection_reason(self_alignment):
+            return self._make_estimate(f"cannot start: {reason}", debug)
         self._model.reset(view.stamp_s)
         self._track = track
         self._failures = 0
-        return self._make_estimate("", evidence, is_reset=is_reset)
+        return self._make_estimate("", debug, is_reset=is_reset)
 
     def _fail(self, view: DepthPyramid, track: IcpTrack, alignment: IcpAlignment) -> Estimate:
-        """Hold the pose; after too many failures give the reference up."""
+        """Keep the pose; after too many failures drop the reference and start again."""
         self._failures += 1
         if self._failures > self._parameters.max_failures:
             return self._start(view, is_reset=True)
@@ -114,18 +115,18 @@ class IcpOdometry:
         )
 
     def _advance(self, view: DepthPyramid, track: IcpTrack, alignment: IcpAlignment) -> Estimate:
-        """Go on from here; where little is left of the reference, this frame is the next one."""
-        evidence = make_tracking_debug(track.planes, view, alignment)
-        after = track.advance(view, alignment)
-        T_last_camera, covariance = track.relative_motion(after)
+        """Take over the alignment; the frame may become the next reference."""
+        debug = make_tracking_debug(track.planes, view, alignment)
+        next_track = track.advance(view, alignment)
+        T_last_camera, covariance = track.relative_motion(next_track)
         self._T_world_camera = self._T_world_camera @ T_last_camera
         self._model.add(T_last_camera, view.stamp_s)
         self._failures = 0
         if needs_new_reference(alignment):
             with self._timer.stage("planes"):
-                after = start_track(view, self._parameters.max_planes)
-        self._track = after
-        return self._make_estimate("", evidence, T_last_camera, covariance)
+                next_track = start_track(view, self._parameters.max_planes)
+        self._track = next_track
+        return self._make_estimate("", debug, T_last_camera, covariance)
 
     def _make_estimate(
         self,

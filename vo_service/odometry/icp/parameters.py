@@ -1,11 +1,11 @@
-"""What can be set of ICP."""
+"""Parameters of the ICP odometry."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class IcpParameters:
-    """How much is looked at, and what happens when frames fail."""
+    """Number of planes, and handling of failures."""
 
-    max_planes: int = 4000  # of a reference, at most, on each level
-    max_failures: int = 30  # frames in a row; then the pose is held and tracking starts afresh
+    max_planes: int = 4000  # of a reference on each level
+    max_failures: int = 30  # consecutive frames; then tracking restarts at the last pose

@@ -1,4 +1,4 @@
-"""Small planes on the surfaces of a depth image, and a choice of them that faces all ways."""
+"""Planes fitted to a depth image, sampled so that all directions of normals are present."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,28 +8,31 @@ from drivers.core.jit import kernel
 from vo_service.odometry.icp.depth_pyramid import DepthLevel
 from vo_service.odometry.plane_fit import fit_plane
 
-# A plane is fitted over a square of (2 RADIUS + 1)^2 pixels, ...
+# A plane is fitted over a square of (2 RADIUS + 1)^2 pixels.
 PLANE_RADIUS_PX = 3
-# ... around every so-manieth pixel across and down, ...
+# Distance of the squares' centers.
 GRID_STEP_PX = 3
-# ... over readings that lie within this much of the middle's in 1/z: beyond is another surface.
+# Readings that differ by more from the center in 1/z belong to another surface.
 MAX_STEP_PER_M = 0.03
-# They cover at least this share of the square, ...
+# Smallest share of the square on the plane.
 MIN_PLANE_SUPPORT = 0.6
-# ... and lie this near to the plane, root mean square in 1/m, at half the sensor's size: thrice
-# the noise. Smaller images, whose readings are means of more, have less noise.
+# Largest root mean square residual in 1/m, at half the sensor's size: three times the noise.
+# Smaller images average more readings and have less noise.
 MAX_RMS_PER_M = 4e-3
-# A surface seen nearly edge-on has no reliable plane: smallest cosine of the angle to the ray.
+# Smallest cosine of the angle between normal and ray: at grazing angles a plane is not reliable.
 MIN_COSINE = 0.15
 # Columns of a plane: its point (x, y, z), its normal (away from the camera), and its distance.
 NUM_COLUMNS = 7
 
 
 def find_planes(level: DepthLevel, max_planes: int) -> Array:
-    """(N, 7) planes in the camera's axes: point x, y, z (m), unit normal, distance n.p (m).
+    """Find at most `max_planes` planes in a depth image.
 
-    Of all that are found, at most `budget`, chosen so that rare directions of normals are not
-    lost among common ones: normal-space sampling (Rusinkiewicz and Levoy 2001, Section 3.2).
+    They are sampled by their normals, so that rare directions are kept: normal-space sampling
+    (Rusinkiewicz and Levoy 2001, Section 3.2).
+
+    Returns:
+        (N, 7) in the camera's axes: point x, y, z (m), unit normal, distance n.p (m).
     """
     max_rms_per_m = MAX_RMS_PER_M * np.sqrt(2.0 / level.scale)
     planes = fit_planes(level.inverse_depth, level.intrinsics, float(max_rms_per_m))
@@ -37,17 +40,22 @@ def find_planes(level: DepthLevel, max_planes: int) -> Array:
 
 
 def normal_bins(planes: Array) -> NDArray[np.int64]:
-    """(N,) in which of 18 ranges each normal lies: 25 degrees off the ray wide, 60 around it."""
-    aside = np.clip(np.degrees(np.arccos(np.clip(planes[:, 5], -1.0, 1.0))) // 25, 0, 2)
-    around = np.clip(np.degrees(np.arctan2(planes[:, 4], planes[:, 3]) + np.pi) // 60, 0, 5)
-    bins: NDArray[np.int64] = (6 * aside + around).astype(np.int64)
+    """(N,) which of 18 bins each normal lies in: 25 degrees off the axis, 60 around it."""
+    off_axis = np.clip(np.degrees(np.arccos(np.clip(planes[:, 5], -1.0, 1.0))) // 25, 0, 2)
+    around_axis = np.clip(np.degrees(np.arctan2(planes[:, 4], planes[:, 3]) + np.pi) // 60, 0, 5)
+    bins: NDArray[np.int64] = (6 * off_axis + around_axis).astype(np.int64)
     return bins
 
 
 def sample_balanced(bins: NDArray[np.int64], max_members: int) -> NDArray[np.int64]:
-    """Rising indices of at most `budget` members: all of small bins, evenly spread ones of large.
+    """Sample at most `max_members`: all of small bins, an even selection of large ones.
 
-    bins  (N,) the bin that each member lies in
+    Args:
+        bins: (N,) the bin of each member.
+        max_members: Largest number of members.
+
+    Returns:
+        Ascending indices of the members.
     """
     if len(bins) <= max_members:
         return np.arange(len(bins))
@@ -58,7 +66,7 @@ def sample_balanced(bins: NDArray[np.int64], max_members: int) -> NDArray[np.int
 
 
 def _find_cap(counts: NDArray[np.int64], max_members: int) -> int:
-    """The most that each bin may give so that all give no more than `budget`."""
+    """Largest number per bin so that the total is at most `max_members`."""
     caps = np.arange(1, max_members + 1)
     totals = np.minimum(counts[:, None], caps).sum(axis=0)
     return int(np.searchsorted(totals, max_members, side="right"))
@@ -76,9 +84,9 @@ def fit_planes(
     """(N, 7) planes on a grid over an image; see `find_planes`. intrinsics: fx, fy, cx, cy."""
     height, width = inverse_depth.shape
     fx, fy, cx, cy = intrinsics
-    most = (height // GRID_STEP_PX + 1) * (width // GRID_STEP_PX + 1)
-    planes = np.empty((most, NUM_COLUMNS))
-    found = 0
+    max_planes = (height // GRID_STEP_PX + 1) * (width // GRID_STEP_PX + 1)
+    planes = np.empty((max_planes, NUM_COLUMNS))
+    count = 0
     for v in range(PLANE_RADIUS_PX, height - PLANE_RADIUS_PX, GRID_STEP_PX):
         for u in range(PLANE_RADIUS_PX, width - PLANE_RADIUS_PX, GRID_STEP_PX):
             w, wu, wv, squared = fit_plane(
@@ -93,6 +101,6 @@ def fit_planes(
             x, y, z = (u - cx) / (fx * w), (v - cy) / (fy * w), 1.0 / w
             if distance < MIN_COSINE * np.sqrt(x * x + y * y + z * z):
                 continue
-            planes[found] = (x, y, z, a * distance, b * distance, c * distance, distance)
-            found += 1
-    return planes[:found]
+            planes[count] = (x, y, z, a * distance, b * distance, c * distance, distance)
+            count += 1
+    return planes[:count]

@@ -1,9 +1,9 @@
-"""How far a frame's surfaces are from the planes of a reference, and which motion would mend it.
+"""Residuals between a frame's surfaces and the planes of a reference, and their normal equations.
 
-A plane's point is projected into the frame, and the reading there is compared with what the moved
-plane demands (projective association, Blais and Levine 1995). Their difference in 1/z is the
-distance from the plane (Chen and Medioni 1991), over the plane's own distance from the camera and
-over the point's depth. So measured, the sensor's noise is the same everywhere.
+A plane's point is projected into the frame, and the reading there is compared with the depth of the
+moved plane (projective association, Blais and Levine 1995). The difference in 1/z is the distance
+from the plane (Chen and Medioni 1991), divided by the plane's distance from the camera and by the
+point's depth. In this unit the sensor's noise is the same everywhere.
 """
 
 import numpy as np
@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 
-# Readings around a projected point that are further apart than this in 1/m lie on an edge.
+# Readings around a projected point that differ by more (1/m) lie on an edge.
 MAX_STEP_PER_M = 0.04
-# A surface that is seen nearly edge-on from the new place tells nothing reliable.
+# Smallest cosine of the angle between normal and ray at the new pose.
 MIN_COSINE = 0.1
 MIN_DEPTH_M = 0.05
-# What a plane's point may come to lie on.
+# What a plane's point projects to.
 NO_READING, EDGE, SURFACE = 0, 1, 2
-# Degrees of freedom of Student's t, which the residuals are taken to follow: many are outliers.
+# Degrees of freedom of Student's t, the model of the residuals: many are outliers.
 DEGREES_OF_FREEDOM = 5.0
 
 
 @inline_kernel
 def robust_cost(normalized_residual: float) -> float:
-    """Of a residual that is so many sigma, by Student's t."""
+    """Cost by Student's t of a residual divided by sigma."""
     return float(np.log(1.0 + normalized_residual * normalized_residual / DEGREES_OF_FREEDOM))
 
 
@@ -39,29 +39,29 @@ def accumulate_normal_equations(
     sigma: float,
     gate: float,
 ) -> tuple[Array, Array, Array, Array]:
-    """The weighted least squares of one step: information (6, 6), vector (6,), moments, counts.
+    """Accumulate the normal equations of one step: information, vector, moments and counts.
 
     With r = J xi, xi = (translation, rotation) of the reference's points in its own axes, the
-    information is sum w J^T J and the vector sum w J^T r. The moments (4, 4) are sum w v^2 q q^T,
-    with q the point (x, y, z, 1) and v^2 the variance of J's direction for the normal's noise: its
-    standard deviation is normal_noise (rad/m) times the plane's distance.
+    information (6, 6) is sum w J^T J and the vector (6,) is sum w J^T r. The moments (4, 4) are
+    sum w v^2 q q^T, with q the point (x, y, z, 1) and v^2 the variance of J's direction by the
+    normal's noise: its standard deviation is normal_noise (rad/m) times the plane's distance.
 
-    The counts (5,) are: planes that come to lie on readings; of these, such that are within the
-    gate (1/m), and such that agree to three sigma; then sum w r^2, and the robust cost of all that
-    lie on readings, where one that is not within the gate costs as much as at the gate.
+    The counts (5,) are: planes with a reading; of these, planes within the gate (1/m), and planes
+    within three sigma; sum w r^2; and the robust cost of all planes with a reading, where those
+    beyond the gate cost as much as at the gate.
     """
     H, g, moments, counts = np.zeros((6, 6)), np.zeros(6), np.zeros((4, 4)), np.zeros(5)
     J = np.empty(6)
     q = np.ones(4)
     s = _translation_in_reference(T_camera_reference)
-    worst = robust_cost(gate / sigma)
+    max_cost = robust_cost(gate / sigma)
     for n in range(len(planes)):
-        found, r, scale = _residual(planes[n], T_camera_reference, s, inverse_depth, intrinsics)
-        if found == NO_READING:
+        kind, r, scale = _residual(planes[n], T_camera_reference, s, inverse_depth, intrinsics)
+        if kind == NO_READING:
             continue
         counts[0] += 1.0
-        if found == EDGE or abs(r) > gate:
-            counts[4] += worst
+        if kind == EDGE or abs(r) > gate:
+            counts[4] += max_cost
             continue
         squared = r * r / (sigma * sigma)
         w = (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
@@ -94,10 +94,10 @@ def compute_residuals(
 ) -> Array:
     """(N, 3): the pixel u, v that each plane's point projects to, and the residual there, 1/m.
 
-    The pixel is NaN outside of the image; the residual is so without a reading, and infinite on
-    an edge.
+    The pixel is NaN outside of the image. The residual is NaN without a reading and infinite on an
+    edge.
     """
-    found = np.full((len(planes), 3), np.nan)
+    residuals = np.full((len(planes), 3), np.nan)
     s = _translation_in_reference(T_camera_reference)
     height, width = inverse_depth.shape
     for n in range(len(planes)):
@@ -105,13 +105,13 @@ def compute_residuals(
         u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
         if z < MIN_DEPTH_M or not (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1):
             continue
-        found[n, 0], found[n, 1] = u, v
+        residuals[n, 0], residuals[n, 1] = u, v
         kind, r, _ = _residual(planes[n], T_camera_reference, s, inverse_depth, intrinsics)
         if kind == SURFACE:
-            found[n, 2] = r
+            residuals[n, 2] = r
         elif kind == EDGE:
-            found[n, 2] = np.inf
-    return found
+            residuals[n, 2] = np.inf
+    return residuals
 
 
 @inline_kernel
@@ -147,9 +147,9 @@ def _residual(
     inverse_depth: NDArray[np.float32],
     intrinsics: Array,
 ) -> tuple[int, float, float]:
-    """What is found there; its reading minus the demand, 1/m; what a metre off the plane makes.
+    """Kind of the reading at a plane's point, the residual (1/m), and its scale (1/m per meter).
 
-    s  (3,) the translation in the reference's axes: n . s is how much further away the plane is
+    s is the translation (3,) in the reference's axes: n . s is the change of the plane's distance.
     """
     x, y, z = _transform_point(plane, T_camera_reference)
     distance = plane[6] + plane[3] * s[0] + plane[4] * s[1] + plane[5] * s[2]
@@ -157,15 +157,15 @@ def _residual(
         return NO_READING, 0.0, 0.0
     u = intrinsics[0] * x / z + intrinsics[2]
     v = intrinsics[1] * y / z + intrinsics[3]
-    found, w = _interpolate_inverse_depth(inverse_depth, u, v)
-    return found, w - 1.0 / z, 1.0 / (distance * z)
+    kind, w = _interpolate_inverse_depth(inverse_depth, u, v)
+    return kind, w - 1.0 / z, 1.0 / (distance * z)
 
 
 @inline_kernel
 def _interpolate_inverse_depth(
     inverse_depth: NDArray[np.float32], u: float, v: float
 ) -> tuple[int, float]:
-    """What four pixels show, and 1/z between them; nothing beside a pixel without reading."""
+    """Kind of the four pixels at a position, and the bilinear 1/z of a surface."""
     height, width = inverse_depth.shape
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
         return NO_READING, 0.0

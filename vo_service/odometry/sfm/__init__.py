@@ -1,1 +1,1 @@
-"""Structure from motion by color alone: the steps of `SfmOdometry`, one file each."""
+"""Structure from motion by color only: the steps of `SfmOdometry`, one file each."""

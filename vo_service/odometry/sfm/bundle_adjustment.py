@@ -1,8 +1,8 @@
 """Bundle adjustment of a few views: the poses and points with the least reprojection error.
 
 Triggs, McLauchlan, Hartley and Fitzgibbon, "Bundle adjustment, a modern synthesis" (2000): the
-points are eliminated (Schur complement), steps are damped (Levenberg and Marquardt), errors count
-by Cauchy's function.
+points are eliminated (Schur complement), steps are damped (Levenberg and Marquardt), and the
+cost is Cauchy's function.
 """
 
 from dataclasses import dataclass
@@ -14,20 +14,21 @@ from vo_service.odometry.sfm.bundle_kernels import Indices, accumulate_bundle, u
 
 MAX_ITERATIONS = 6
 INITIAL_DAMPING, MAX_DAMPING, MIN_DAMPING = 1e-4, 1e2, 1e-9
-# Enough when a step gains less than this share of the cost.
+# The adjustment ends when a step reduces the cost by a smaller share.
 MIN_RELATIVE_GAIN = 1e-4
-# Keeps a view that nothing is known of solvable.
+# Keeps the system solvable for a view without observations.
 INFORMATION_FLOOR = 1e-3
 
 
 @dataclass(frozen=True)
 class BundleObservations:
-    """Who sees what where, ordered by point.
+    """Observations of points in views, ordered by point.
 
-    view    (O,) which camera
-    point   (O,) which point, rising
-    image   (O, 2) where, at z = 1
-    sigma   standard deviation of that
+    Attributes:
+        view: (O,) index of the view.
+        point: (O,) index of the point, ascending.
+        ray: (O, 2) position in the image at z = 1.
+        sigma: Standard deviation of that position.
     """
 
     view: Indices
@@ -38,12 +39,13 @@ class BundleObservations:
 
 @dataclass(frozen=True)
 class BundleResult:
-    """The result of an adjustment.
+    """Result of a bundle adjustment.
 
-    T_view_world  (K, 4, 4)
-    position_m    (L, 3) in the world
-    covariance    (L, 3, 3) of the points, the poses being given
-    squared       (O,) squared errors in standard deviations
+    Attributes:
+        T_view_world: (K, 4, 4).
+        position_m: (L, 3) in the world frame.
+        covariance: (L, 3, 3) of the points, given the poses.
+        squared_error: (O,) squared errors in standard deviations.
     """
 
     T_view_world: Array
@@ -70,42 +72,44 @@ class _BundleSystem:
 def adjust_bundle(
     T_view_world: Array, position_m: Array, observations: BundleObservations
 ) -> BundleResult:
-    """The best poses (K, 4, 4) and points (L, 3); the first pose stays, the scale hardly moves."""
+    """Adjust poses (K, 4, 4) and points (L, 3); the first pose is fixed."""
     damping = INITIAL_DAMPING
-    now = _linearize(T_view_world, position_m, observations, damping)
+    current = _linearize(T_view_world, position_m, observations, damping)
     for _ in range(MAX_ITERATIONS):
-        then = _take_step(now, observations, damping)
-        if then.cost < now.cost:
-            is_enough = now.cost - then.cost < MIN_RELATIVE_GAIN * now.cost
-            now, damping = then, max(0.1 * damping, MIN_DAMPING)
-            if is_enough:
+        stepped = _take_step(current, observations, damping)
+        if stepped.cost < current.cost:
+            has_converged = current.cost - stepped.cost < MIN_RELATIVE_GAIN * current.cost
+            current, damping = stepped, max(0.1 * damping, MIN_DAMPING)
+            if has_converged:
                 break
         else:
             damping *= 10.0
-            now = _linearize(now.T, now.position_m, observations, damping)
+            current = _linearize(current.T, current.position_m, observations, damping)
             if damping > MAX_DAMPING:
                 break
-    return BundleResult(now.T, now.position_m, now.point_inverse, now.squared_error)
+    return BundleResult(current.T, current.position_m, current.point_inverse, current.squared_error)
 
 
 def _linearize(
     T: Array, position_m: Array, observations: BundleObservations, damping: float
 ) -> _BundleSystem:
-    views, points, seen = len(T), len(position_m), len(observations.view)
-    H, gradient = np.zeros((6 * views, 6 * views)), np.zeros(6 * views)
-    inverse, of_point = np.zeros((points, 3, 3)), np.zeros((points, 3))
-    mixed, squared = np.zeros((seen, 6, 3)), np.zeros(seen)
+    num_views, num_points, num_observations = len(T), len(position_m), len(observations.view)
+    H, gradient = np.zeros((6 * num_views, 6 * num_views)), np.zeros(6 * num_views)
+    point_inverse, point_gradient = np.zeros((num_points, 3, 3)), np.zeros((num_points, 3))
+    mixed, squared = np.zeros((num_observations, 6, 3)), np.zeros(num_observations)
     cost = accumulate_bundle(
         T, position_m, observations.view, observations.point, observations.ray, observations.sigma,
-        damping, H, gradient, inverse, of_point, mixed, squared,
+        damping, H, gradient, point_inverse, point_gradient, mixed, squared,
     )  # fmt: skip
-    return _BundleSystem(T, position_m, cost, H, gradient, inverse, of_point, mixed, squared)
+    return _BundleSystem(
+        T, position_m, cost, H, gradient, point_inverse, point_gradient, mixed, squared
+    )
 
 
 def _take_step(
     system: _BundleSystem, observations: BundleObservations, damping: float
 ) -> _BundleSystem:
-    """Where one damped step leads; the first view is held."""
+    """Linearize after one damped step; the first view is fixed."""
     free = system.H[6:, 6:].copy()
     free[np.diag_indices_from(free)] *= 1.0 + damping
     free[np.diag_indices_from(free)] += INFORMATION_FLOOR
@@ -116,6 +120,8 @@ def _take_step(
         position_m, observations.view, observations.point,
         system.point_inverse, system.point_gradient, system.mixed, step,
     )  # fmt: skip
-    moves = [rigid_transform(so3_exp(each[3:]), each[:3]) for each in step.reshape(-1, 6)]
-    T = np.array([orthonormalize(move @ pose) for move, pose in zip(moves, system.T, strict=True)])
+    motions = [rigid_transform(so3_exp(each[3:]), each[:3]) for each in step.reshape(-1, 6)]
+    T = np.array(
+        [orthonormalize(motion @ pose) for motion, pose in zip(motions, system.T, strict=True)]
+    )
     return _linearize(T, position_m, observations, 0.1 * damping)

@@ -1,6 +1,6 @@
-"""The normal equations of a bundle adjustment, point by point.
+"""Kernels of the bundle adjustment's normal equations, point by point.
 
-Sightings are ordered by point; a view moves as exp(step) T_view_world, step (metres, radians).
+Observations are ordered by point; a view moves as exp(step) T_view_world, step (meters, radians).
 """
 
 import math
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 
-# Squared errors, in standard deviations, count half from here on.
+# Squared error, in standard deviations, at which the weight is half.
 CAUCHY_SCALE_SQUARED = 4.0
-# A point nearer than this before a camera, or behind it, cannot be seen.
+# A point with less depth is not visible.
 MIN_DEPTH_M = 1e-3
 UNSEEN_SQUARED_ERROR = 1e9
-# Keeps a point that nothing is known of solvable.
+# Keeps the system solvable for a point without constraint.
 POINT_INFORMATION_FLOOR = 1e-3
 
 Indices = NDArray[np.int64]
@@ -28,9 +28,9 @@ def accumulate_bundle(
     damping: float, H: Array, gradient: Array, point_inverse: Array, point_gradient: Array,
     mixed: Array, squared: Array,
 ) -> float:  # fmt: skip
-    """Fill the normal equations, the points eliminated; returns the cost.
+    """Fill in the normal equations with the points eliminated, and return the cost.
 
-    A view moves as exp(step) T_view_world. Arrays from `H` on are zero, and are filled.
+    Arrays from `H` on are zero and are filled in.
     """
     cost = 0.0
     begin = 0
@@ -60,7 +60,7 @@ def _add_observation(
     T: Array, P: Array, ray: Array, sigma: float, J: Array, A: Array, V: Array, b: Array,
     H: Array, gradient: Array, row: int, mixed: Array, squared: Array, n: int,
 ) -> float:  # fmt: skip
-    """Add one sighting to the equations of its view and its point; returns its cost."""
+    """Add an observation to the equations of its view and its point, and return its cost."""
     x = T[0, 0] * P[0] + T[0, 1] * P[1] + T[0, 2] * P[2] + T[0, 3]
     y = T[1, 0] * P[0] + T[1, 1] * P[1] + T[1, 2] * P[2] + T[1, 3]
     z = T[2, 0] * P[0] + T[2, 1] * P[1] + T[2, 2] * P[2] + T[2, 3]
@@ -111,21 +111,21 @@ def _eliminate_point(
     H: Array, gradient: Array, point_inverse: Array, point_gradient: Array, mixed: Array,
     view: Indices, point: Indices, begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Take one point, which the sightings from begin to end are of, out of the views' equations."""
-    share = np.empty((6, 3))
+    """Eliminate a point, with observations from `begin` to `end`, from the views' equations."""
+    gain = np.empty((6, 3))
     b = point_gradient[point[begin]]
     for i in range(begin, end):
         for a in range(6):
             for c in range(3):
-                share[a, c] = 0.0
+                gain[a, c] = 0.0
                 for k in range(3):
-                    share[a, c] += mixed[i, a, k] * point_inverse[k, c]
-                gradient[6 * view[i] + a] -= share[a, c] * b[c]
+                    gain[a, c] += mixed[i, a, k] * point_inverse[k, c]
+                gradient[6 * view[i] + a] -= gain[a, c] * b[c]
         for j in range(begin, end):
             for a in range(6):
                 for c in range(6):
                     for k in range(3):
-                        H[6 * view[i] + a, 6 * view[j] + c] -= share[a, k] * mixed[j, c, k]
+                        H[6 * view[i] + a, 6 * view[j] + c] -= gain[a, k] * mixed[j, c, k]
 
 
 @kernel
@@ -133,17 +133,17 @@ def update_points(
     position_m: Array, view: Indices, point: Indices, point_inverse: Array, point_gradient: Array,
     mixed: Array, step: Array,
 ) -> None:  # fmt: skip
-    """Move every point to where it fits best once the views have made their step."""
+    """Move every point to its optimum after the step of the views."""
     begin = 0
     while begin < len(point):
         end = begin
-        left = point_gradient[point[begin]].copy()
+        gradient = point_gradient[point[begin]].copy()
         while end < len(point) and point[end] == point[begin]:
             for c in range(3):
                 for a in range(6):
-                    left[c] -= mixed[end, a, c] * step[6 * view[end] + a]
+                    gradient[c] -= mixed[end, a, c] * step[6 * view[end] + a]
             end += 1
         for a in range(3):
             for c in range(3):
-                position_m[point[begin], a] += point_inverse[point[begin], a, c] * left[c]
+                position_m[point[begin], a] += point_inverse[point[begin], a, c] * gradient[c]
         begin = end

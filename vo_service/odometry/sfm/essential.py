@@ -1,4 +1,4 @@
-"""The essential matrix by RANSAC, and the one of its four motions that the points are seen by.
+"""Essential matrix by RANSAC, and its motion with the points in front of both cameras.
 
 Longuet-Higgins, "A computer algorithm for reconstructing a scene from two projections", Nature 293
 (1981); five points a hypothesis: Nistér, "An efficient solution to the five-point relative pose
@@ -16,14 +16,14 @@ from drivers.core.geometry import Array, rotation_angle_rad
 from vo_service.odometry.sfm.mono_frame import RayPairs
 from vo_service.odometry.sfm.triangulation import triangulate
 
-# A pair agrees if it is within so many standard deviations of its epipolar line.
+# Gate of a pair's distance from its epipolar line, in standard deviations.
 GATE_SIGMAS = 1.5
 MAX_HYPOTHESES = 1000
 CONFIDENCE = 0.9999
-# Fewer pairs than this say nothing: five make a hypothesis.
+# Fewest pairs: five are needed for a hypothesis.
 MIN_PAIRS = 8
-# Between two frames of a film no camera turns further; the false twin of a motion always does,
-# as the two differ by half a turn.
+# No camera turns further between two frames. The false solution always does, as it differs from the
+# right one by half a turn.
 MAX_ROTATION_RAD = np.pi / 2
 
 
@@ -37,11 +37,12 @@ class EssentialMatrix:
 
 @dataclass(frozen=True)
 class UnscaledMotion:
-    """A motion but for its length: P_camera = R P_reference + length * t.
+    """Motion up to its scale: P_camera = R P_reference + scale * t.
 
-    R       3x3 from the reference's axes to the camera's
-    t       (3,) of length 1
-    inlier  (M,) pairs that agree
+    Attributes:
+        R: 3x3 from the reference's axes to the camera's.
+        t: (3,) of length 1.
+        inlier: (M,) pairs that agree.
     """
 
     R: Array
@@ -50,16 +51,16 @@ class UnscaledMotion:
 
 
 def find_unscaled_motion(pairs: RayPairs, seed: int) -> UnscaledMotion | None:
-    """The motion, but for its length, that most pairs agree with; None if there is none."""
+    """Find the motion up to scale that most pairs agree with; None if there is none."""
     essential = find_essential(pairs, seed)
     return None if essential is None else recover_unscaled_motion(essential, pairs)
 
 
 def find_essential(pairs: RayPairs, seed: int) -> EssentialMatrix | None:
-    """The essential matrix that most pairs agree with; None if there is none.
+    """Find the essential matrix that most pairs agree with; None if there is none.
 
-    OpenCV's USAC with the five-point solver, scored as in MSAC (Torr and Zisserman 2000), with a
-    generator of its own: the same pairs give the same matrix.
+    OpenCV's USAC with the five-point solver, scored as in MSAC (Torr and Zisserman 2000). It has
+    its own random generator: the same pairs give the same matrix.
     """
     if len(pairs) < MIN_PAIRS:
         return None
@@ -91,22 +92,19 @@ def _usac_params(threshold: float, seed: int) -> cv2.UsacParams:
 
 
 def recover_unscaled_motion(essential: EssentialMatrix, pairs: RayPairs) -> UnscaledMotion | None:
-    """The motion with most points before both cameras (cheirality); None if no turn is possible.
+    """Find the motion with most points in front of both cameras (cheirality), if any.
 
-    Where nothing has parallax all points are as good as infinitely far, and t means nothing; R is
-    right all the same.
+    Without parallax t is arbitrary, but R is right.
     """
     R1, R2, t = cv2.decomposeEssentialMat(essential.E)
-    seen = pairs.select(essential.inlier)
-    best, most = None, -1
+    inlier_pairs = pairs.select(essential.inlier)
+    best, max_in_front = None, -1
     for R in (np.asarray(R, np.float64) for R in (R1, R2)):
         if rotation_angle_rad(R) > MAX_ROTATION_RAD:
             continue
         for sign in (1.0, -1.0):
-            direction = UnscaledMotion(
-                R, sign * np.asarray(t, np.float64).ravel(), essential.inlier
-            )
-            in_front = int((triangulate(R, direction.t, seen).inverse_depth > 0.0).sum())
-            if in_front > most:
-                best, most = direction, in_front
+            motion = UnscaledMotion(R, sign * np.asarray(t, np.float64).ravel(), essential.inlier)
+            in_front = int((triangulate(R, motion.t, inlier_pairs).inverse_depth > 0.0).sum())
+            if in_front > max_in_front:
+                best, max_in_front = motion, in_front
     return best

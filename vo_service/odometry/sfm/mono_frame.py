@@ -1,4 +1,4 @@
-"""A frame as structure from motion knows it: color alone."""
+"""A frame for structure from motion: features and rays, without depth."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -11,23 +11,24 @@ from drivers.core.geometry import Array
 from vo_service.odometry.sfm.rolling_shutter import ShutterMotion
 from vo_service.odometry.surf import Features
 
-# A point is known, and may carry the scale, if its depth is as sure as this, relative.
+# Largest relative sigma of a known depth, which may determine the scale.
 MAX_RELATIVE_DEPTH_SIGMA = 0.2
-# Standard deviation in pixels of where a feature is found again: of both images' errors together.
+# Standard deviation of a matched feature's position, by the errors of both images.
 PAIR_SIGMA_PX = 0.7
 
 
 @dataclass(frozen=True)
 class MonoFrame:
-    """What is kept of a frame.
+    """Features and rays of a frame.
 
-    features  where they are in the image, and what they look like
-    ray       (N, 3) the direction of each at the frame's instant, in the camera's axes, scaled to
-              z = 1
-    focal_px  of the camera, the mean of both directions
-    stamp_s   of the frame
-    seen      (N, 3) the direction of each when its row was read
-    delay_s   (N,) how long after the frame's instant that was: all 0 with a global shutter
+    Attributes:
+        features: Positions in the image and descriptors.
+        ray: (N, 3) direction of each feature at the frame's stamp, in the camera's axes, scaled to
+            z = 1.
+        focal_px: Focal length of the camera, the mean of both directions.
+        stamp_s: Of the frame.
+        observed_ray: (N, 3) direction of each feature at the time of its row.
+        delay_s: (N,) time of the row after the stamp; 0 with a global shutter.
     """
 
     features: Features
@@ -39,7 +40,7 @@ class MonoFrame:
 
     @classmethod
     def from_features(cls, features: Features, frame: RgbdFrame) -> Self:
-        """The features of a frame, whose depth is not looked at, as of a camera at rest."""
+        """Make the rays of a frame's features, for a camera at rest; the depth is not used."""
         camera = frame.camera
         u, v = features.position_px.astype(np.float64).T
         x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
@@ -49,11 +50,11 @@ class MonoFrame:
 
     @property
     def has_rolling_shutter(self) -> bool:
-        """Whether the rows are of different instants."""
+        """Whether the rows have different times."""
         return bool(self.delay_s.any())
 
     def compensate_rolling_shutter(self, shutter_motion: ShutterMotion) -> "MonoFrame":
-        """The same features, of a camera that moves like this."""
+        """Return a copy with the rays of a camera with this motion."""
         return (
             replace(self, ray=shutter_motion.undistort_rays(self.observed_ray, self.delay_s))
             if self.has_rolling_shutter
@@ -63,13 +64,14 @@ class MonoFrame:
 
 @dataclass(frozen=True)
 class RayPairs:
-    """The same features seen by the camera and by the reference.
+    """Rays of matched features in the camera and in the reference.
 
-    ray            (M, 3) in the camera's axes, z = 1
-    ray_reference  (M, 3) in the reference's axes, z = 1
-    inverse_depth  (M,) 1/m in the reference; means nothing where the information is 0
-    information    (M,) 1 / variance of the inverse depth, m^2; 0: not known
-    sigma          standard deviation between a ray and where its point projects to, at z = 1
+    Attributes:
+        ray: (M, 3) in the camera's axes, z = 1.
+        ray_reference: (M, 3) in the reference's axes, z = 1.
+        inverse_depth: (M,) 1/m in the reference; undefined where the information is 0.
+        information: (M,) 1 / variance of the inverse depth, m^2; 0 for unknown.
+        sigma: Standard deviation between a ray and its point's projection, at z = 1.
     """
 
     ray: Array
@@ -83,11 +85,11 @@ class RayPairs:
 
     @property
     def has_known_depth(self) -> NDArray[np.bool_]:
-        """(M,) bool: the depth is sure enough to carry the scale."""
+        """(M,) bool: whether the depth is accurate enough for the scale."""
         return is_depth_known(self.inverse_depth, self.information)
 
     def select(self, chosen: NDArray[np.bool_]) -> "RayPairs":
-        """Those pairs of which `chosen` (M,) is True."""
+        """Select the pairs where `chosen` (M,) is True."""
         return RayPairs(
             self.ray[chosen],
             self.ray_reference[chosen],
@@ -98,6 +100,6 @@ class RayPairs:
 
 
 def is_depth_known(inverse_depth: Array, information: Array) -> NDArray[np.bool_]:
-    """(M,) bool: which depths are sure enough to carry the scale."""
+    """(M,) bool: whether depths are accurate enough for the scale."""
     known: NDArray[np.bool_] = inverse_depth**2 * information > 1.0 / MAX_RELATIVE_DEPTH_SIGMA**2
     return known

@@ -1,4 +1,4 @@
-"""Structure from motion: how the camera moves by color alone, but for a first scale.
+"""Structure from motion: odometry by color only, except for the initial scale.
 
 Nistér, Naroditsky and Bergen, "Visual odometry", CVPR 2004; Scaramuzza and Fraundorfer, "Visual
 odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), whose steps these are.
@@ -26,16 +26,22 @@ from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import FeatureExtractor
 from vo_service.types import Estimate, TrackingDebug
 
-# Known points agree or not within a few pixels of where they ought to be: few do so by chance.
+# Known points agree within a few pixels of their projections: few do so by chance.
 KNOWN_POINTS_VERIFIER = MatchVerifier(inlier_share_if_right=0.5, inlier_share_by_chance=0.05)
 
 
 class SfmOdometry:
-    """Keyframe odometry by color alone; a frame that fails is left out. World: the first camera.
+    """Odometry by color only, against keyframes; a frame that fails is skipped.
 
-    Until the camera has moved far enough from where it began there is no pose. `scale_source`
-    then says how far that is; from there on the points in common carry the scale. Where tracking
-    begins anew after a loss the old scale is lost, and the source is asked again.
+    The world frame is the first camera pose. There is no pose until the camera has moved far enough
+    from the start. Then `scale_source` gives the scale, and common points propagate it. After a
+    loss the scale is lost, and the source is used again.
+
+    Args:
+        extractor: A default one if None.
+        parameters: Default ones if None.
+        timer: Times the stages; not timed if None.
+        scale_source: `FirstDepthScale` if None.
     """
 
     def __init__(
@@ -54,7 +60,7 @@ class SfmOdometry:
 
     @property
     def feature_count(self) -> int:
-        """Features to find in a frame; may be set, and counts from the next frame on."""
+        """Largest number of features per frame; a change applies from the next frame on."""
         return self._extractor.count
 
     @feature_count.setter
@@ -62,119 +68,114 @@ class SfmOdometry:
         self._extractor.count = count
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Where the camera is, from this frame and the keyframes."""
-        # Features.
+        """Estimate the camera's pose from this frame and the keyframes."""
         with self._timer.stage("surf"):
             view = MonoFrame.from_features(self._extractor.extract(frame.gray), frame)
             view = self._trajectory.predict_view(view)
         keyframes = self._trajectory.window.keyframes
         if not keyframes:
             return self._start(view, frame, is_reset=False)
-        sight = self._match_view(view, keyframes[0])
+        matched_view = self._match_view(view, keyframes[0])
         if not self._trajectory.has_scale:
-            return self._initialize_scale(sight, frame)
-        placed = self._register(sight)
-        if isinstance(placed, RegistrationFailure):
-            placed = self._recover(placed)
-        if isinstance(placed, RegistrationFailure):
-            return self._fail(placed, frame)
-        # Once more with the velocity that is known now, if the shutter rolls.
+            return self._initialize_scale(matched_view, frame)
+        registered = self._register(matched_view)
+        if isinstance(registered, RegistrationFailure):
+            registered = self._recover(registered)
+        if isinstance(registered, RegistrationFailure):
+            return self._fail(registered, frame)
+        # With a rolling shutter, refined by the velocity that is known now.
         with self._timer.stage("refine"):
-            placed = self._refine_rolling_shutter(placed)
-        # Concatenation.
+            registered = self._refine_rolling_shutter(registered)
         with self._timer.stage("points"):
-            link = self._trajectory.add(placed)
-        return self._succeed(placed, link)
+            step = self._trajectory.add(registered)
+        return self._succeed(registered, step)
 
     def _match_view(self, view: MonoFrame, keyframe: SfmKeyframe) -> MatchedView:
-        """What two views say of the motion between them, but for its length."""
-        # Matching.
+        """Match a view with a keyframe and estimate their motion up to scale."""
         with self._timer.stage("match"):
             ratio = self._parameters.match_ratio
             matches = match_features(view.features, keyframe.view.features, ratio)
             pairs = self._trajectory.window.pair_rays(view, keyframe, matches)
-        # Essential matrix by RANSAC, cheirality.
         with self._timer.stage("ransac"):
             direction = find_unscaled_motion(pairs, self._parameters.seed)
         return MatchedView(view, keyframe, matches, pairs, direction)
 
     def _register(self, matched_view: MatchedView) -> RegisteredView | RegistrationFailure:
-        """The motion in metres, by the points that are known already."""
+        """Register a matched view in meters by the known points."""
         common = int(matched_view.pairs.has_known_depth.sum())
         if common < self._parameters.min_inliers:
             return RegistrationFailure(
-                matched_view, f"{common} of {len(matched_view.matches)} matches are known points"
+                matched_view,
+                f"only {common} of {len(matched_view.matches)} matches are known points",
             )
-        # Triangulation, and scale from the points in common.
         with self._timer.stage("scale"):
             guesses = propose_scaled_motions(matched_view.unscaled_motion, matched_view.pairs)
-        # Refinement by reprojection error.
         with self._timer.stage("refine"):
             guesses.append(self._trajectory.initial_guess(matched_view.keyframe))
-            placed = RegisteredView(matched_view, refine_best_guess(guesses, matched_view.pairs))
-        agree = placed.num_known_inliers
+            registered = RegisteredView(
+                matched_view, refine_best_guess(guesses, matched_view.pairs)
+            )
+        agree = registered.num_known_inliers
         if agree < self._parameters.min_inliers or not KNOWN_POINTS_VERIFIER.accepts(agree, common):
-            return RegistrationFailure(matched_view, f"{agree} of {common} known points agree")
-        if self._trajectory.is_too_fast(placed):
+            return RegistrationFailure(matched_view, f"only {agree} of {common} known points agree")
+        if self._trajectory.is_too_fast(registered):
             return RegistrationFailure(
-                matched_view, f"{agree} points agree on a step too long for a camera"
+                matched_view, f"the step is too long for a camera ({agree} points agree)"
             )
-        if placed.max_sigma_rad > self._parameters.max_sigma_rad:
+        if registered.max_sigma_rad > self._parameters.max_sigma_rad:
             return RegistrationFailure(
-                matched_view, f"the {agree} points that agree leave the motion open"
+                matched_view, f"the motion is too uncertain ({agree} points agree)"
             )
-        return placed
+        return registered
 
     def _refine_rolling_shutter(self, registered: RegisteredView) -> RegisteredView:
-        """The view placed again, each row at its own instant."""
-        sight = registered.matched_view
-        if not sight.view.has_rolling_shutter:
+        """Register the view again, each row at its own time."""
+        matched_view = registered.matched_view
+        if not matched_view.view.has_rolling_shutter:
             return registered
-        view = sight.view.compensate_rolling_shutter(
+        view = matched_view.view.compensate_rolling_shutter(
             self._trajectory.estimate_shutter_motion(registered)
         )
-        pairs = self._trajectory.window.pair_rays(view, sight.keyframe, sight.matches)
+        pairs = self._trajectory.window.pair_rays(view, matched_view.keyframe, matched_view.matches)
         refined = refine_two_view(registered.two_view.T_camera_reference, pairs)
-        again = RegisteredView(replace(sight, view=view, pairs=pairs), refined)
-        return min(registered, again, key=lambda each: each.two_view.cost)
+        candidate = RegisteredView(replace(matched_view, view=view, pairs=pairs), refined)
+        return min(registered, candidate, key=lambda each: each.two_view.cost)
 
     def _initialize_scale(self, matched_view: MatchedView, frame: RgbdFrame) -> Estimate:
-        """The second view with parallax to the first: triangulation, and the first scale."""
+        """Initialize the scale by a second view with parallax to the first."""
         with self._timer.stage("scale"):
-            found = self._initializer.initialize(matched_view)
-        if isinstance(found, RegistrationFailure):
-            return self._fail(found, frame)
+            initial = self._initializer.initialize(matched_view)
+        if isinstance(initial, RegistrationFailure):
+            return self._fail(initial, frame)
         with self._timer.stage("points"):
-            link = self._trajectory.initialize(found.registered, found.scale_sigma)
-        return self._succeed(found.registered, link)
+            step = self._trajectory.initialize(initial.registered, initial.scale_sigma)
+        return self._succeed(initial.registered, step)
 
     def _recover(self, failure: RegistrationFailure) -> RegisteredView | RegistrationFailure:
-        """Try the last good frame, if it is no keyframe; and an older keyframe, each in turn."""
+        """Try the last good frame if it is no keyframe, then one of the older keyframes in turn."""
         view = failure.matched_view.view
         if self._trajectory.promote_last_frame():
-            placed = self._register(self._match_view(view, self._trajectory.window.keyframes[0]))
-            if isinstance(placed, RegisteredView):
-                return placed
+            registered = self._register(
+                self._match_view(view, self._trajectory.window.keyframes[0])
+            )
+            if isinstance(registered, RegisteredView):
+                return registered
         older = self._trajectory.window.keyframes[1:]
         if not older:
             return failure
-        placed = self._register(self._match_view(view, older[self._failures % len(older)]))
-        return placed if isinstance(placed, RegisteredView) else failure
+        registered = self._register(self._match_view(view, older[self._failures % len(older)]))
+        return registered if isinstance(registered, RegisteredView) else failure
 
     def _start(self, view: MonoFrame, frame: RgbdFrame, is_reset: bool) -> Estimate:
-        """Make this view the first of a chain, if it has enough features to be found again."""
-        evidence = TrackingDebug(keypoints_px=view.features.position_px)
-        fewest = self._parameters.min_initial_inliers
-        if len(view.features) < fewest:
-            return self._report_failure(
-                f"too few features to start: {len(view.features)}", evidence
-            )
+        """Make this view the first of a chain, if it has enough features."""
+        debug = TrackingDebug(keypoints_px=view.features.position_px)
+        min_features = self._parameters.min_initial_inliers
+        if len(view.features) < min_features:
+            return self._report_failure(f"too few features to start: {len(view.features)}", debug)
         self._trajectory.reset(view)
         self._initializer.reset(frame)
         self._failures = 0
-        return self._make_estimate(
-            "", TrajectoryStep(np.eye(4), np.zeros((6, 6))), evidence, is_reset
-        )
+        return self._make_estimate("", TrajectoryStep(np.eye(4), np.zeros((6, 6))), debug, is_reset)
 
     def _succeed(self, registered: RegisteredView, step: TrajectoryStep) -> Estimate:
         self._failures = 0
@@ -183,13 +184,13 @@ class SfmOdometry:
         )
 
     def _fail(self, failure: RegistrationFailure, frame: RgbdFrame) -> Estimate:
-        """Hold the pose; after too many failures begin anew with this view."""
+        """Keep the pose; after too many failures start again with this view."""
         self._failures = 0 if failure.is_waiting else self._failures + 1
         if self._failures > self._parameters.max_failures:
             return self._start(failure.matched_view.view, frame, is_reset=True)
-        nothing = np.zeros(len(failure.matched_view.matches), np.bool_)
+        no_inlier = np.zeros(len(failure.matched_view.matches), np.bool_)
         return self._report_failure(
-            failure.reason, failure.matched_view.make_tracking_debug(nothing)
+            failure.reason, failure.matched_view.make_tracking_debug(no_inlier)
         )
 
     def _report_failure(self, reason: str, debug: TrackingDebug) -> Estimate:

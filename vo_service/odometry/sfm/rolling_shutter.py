@@ -1,8 +1,8 @@
-"""How a moving camera's view sweeps past, which a shutter that rolls sees bent.
+"""Compensation of a rolling shutter at constant velocity.
 
-Each row has an instant of its own. At a steady velocity all rays can be brought to the instant of
-the middle row (Hedborg, Forssén, Felsberg and Ringaby, "Rolling Shutter Bundle Adjustment", CVPR
-2012, interpolate the poses of the rows alike).
+Each row has its own time. At a constant velocity all rays can be transformed to the time of the
+middle row. Hedborg, Forssén, Felsberg and Ringaby, "Rolling Shutter Bundle Adjustment" (CVPR 2012)
+interpolate the poses of the rows in the same way.
 """
 
 from dataclasses import dataclass, field
@@ -14,10 +14,11 @@ from drivers.core.geometry import Array, so3_log
 
 @dataclass(frozen=True)
 class ShutterMotion:
-    """The camera's velocity, in its own axes.
+    """Velocity of the camera in its own axes.
 
-    shift_per_s  (3,) that of its place, over the distance of what is seen
-    turn_rad_s   (3,) that of its direction
+    Attributes:
+        translation_per_s: (3,) linear velocity divided by the depth of the scene.
+        angular_velocity_rad_s: (3,).
     """
 
     translation_per_s: Array = field(default_factory=lambda: np.zeros(3))
@@ -27,9 +28,12 @@ class ShutterMotion:
     def from_motion(
         cls, T_before_after: Array, duration_s: float, inverse_depth: float
     ) -> "ShutterMotion":
-        """The mean over a motion, in the axes at its end; none of a motion that took no time.
+        """Mean velocity over a motion, in the axes at its end; 0 for a duration of 0.
 
-        inverse_depth  1/m, of what is seen
+        Args:
+            T_before_after: 4x4 motion.
+            duration_s: Time of the motion.
+            inverse_depth: Of the scene, 1/m.
         """
         if duration_s == 0.0:
             return cls()
@@ -37,17 +41,17 @@ class ShutterMotion:
         return cls(R.T @ t_m * (inverse_depth / duration_s), so3_log(R) / duration_s)
 
     def undistort_rays(self, ray: Array, delay_s: Array) -> Array:
-        """(N, 3) rays, z = 1, as they are at delay 0; `ray` (N, 3), z = 1, is after `delay_s` (N,).
+        """Transform rays (N, 3), z = 1, observed after a delay (N,), to delay 0.
 
-        Turns to second order, which leaves hundredths of a pixel at 4 rad/s.
+        The rotation is of second order: the error is hundredths of a pixel at 4 rad/s.
         """
-        turn_rad = delay_s[:, None] * self.angular_velocity_rad_s
-        turned = np.cross(turn_rad, ray)
+        rotation_rad = delay_s[:, None] * self.angular_velocity_rad_s
+        rotated = np.cross(rotation_rad, ray)
         moved = (
             ray
-            + turned
-            + 0.5 * np.cross(turn_rad, turned)
+            + rotated
+            + 0.5 * np.cross(rotation_rad, rotated)
             + delay_s[:, None] * self.translation_per_s
         )
-        still: Array = moved / moved[:, 2:]
-        return still
+        undistorted: Array = moved / moved[:, 2:]
+        return undistorted

@@ -1,4 +1,4 @@
-"""How long a motion is: the points that are known already carry the scale on.
+"""Scale of a motion by the known points.
 
 Nistér, Naroditsky and Bergen, "Visual odometry", CVPR 2004; Scaramuzza and Fraundorfer, "Visual
 odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), Section "2-D-to-2-D".
@@ -11,45 +11,45 @@ from vo_service.odometry.sfm.essential import UnscaledMotion
 from vo_service.odometry.sfm.mono_frame import RayPairs
 from vo_service.odometry.sfm.triangulation import triangulate
 
-# Points that have moved by less than this, in standard deviations, say nothing of the length.
+# Smallest parallax, in standard deviations, of a point that determines the scale.
 MIN_PARALLAX_SIGMAS = 3.0
 MIN_POINTS = 8
 ITERATIONS = 6
 
 
 def propose_scaled_motions(unscaled_motion: UnscaledMotion | None, pairs: RayPairs) -> list[Array]:
-    """4x4 T_camera_reference in metres, by each way that works.
+    """Propose motions T_camera_reference (4x4) in meters, by each method that works.
 
-    With parallax the essential matrix knows the direction of the motion better than single
-    points do. Without it (a short step, a turn on the spot) it knows the turn alone.
+    With parallax the essential matrix gives the direction of the motion better than single points
+    do. Without it (a short step, a pure rotation) it gives the rotation only.
     """
     if unscaled_motion is None:
         return []
     common = pairs.select(pairs.has_known_depth & unscaled_motion.inlier)
     if len(common) < MIN_POINTS:
         return []
-    ways = (
+    translations = (
         _scale_by_depth_ratio(unscaled_motion, common),
         _solve_translation(unscaled_motion.R, common),
     )
-    return [rigid_transform(unscaled_motion.R, t) for t in ways if t is not None]
+    return [rigid_transform(unscaled_motion.R, t) for t in translations if t is not None]
 
 
 def _scale_by_depth_ratio(unscaled_motion: UnscaledMotion, common: RayPairs) -> Array | None:
-    """The direction, as long as makes the points as far as they are known to be (median)."""
-    found = triangulate(unscaled_motion.R, unscaled_motion.t, common)
-    has_moved = found.parallax_rad > MIN_PARALLAX_SIGMAS * common.sigma
-    chosen = has_moved & (found.inverse_depth > 0.0)
-    if chosen.sum() < MIN_POINTS:
+    """The translation with the median length by which the points have their known depths."""
+    points = triangulate(unscaled_motion.R, unscaled_motion.t, common)
+    has_parallax = points.parallax_rad > MIN_PARALLAX_SIGMAS * common.sigma
+    is_used = has_parallax & (points.inverse_depth > 0.0)
+    if is_used.sum() < MIN_POINTS:
         return None
-    length = float(np.median(found.inverse_depth[chosen] / common.inverse_depth[chosen]))
+    length = float(np.median(points.inverse_depth[is_used] / common.inverse_depth[is_used]))
     return unscaled_motion.t * length
 
 
 def _solve_translation(R: Array, common: RayPairs) -> Array:
-    """(3,) translation that moves the known points to where they are seen, the turn being given.
+    """(3,) translation that moves the known points to their observations, given the rotation.
 
-    Linear in t; Cauchy's weights for those that do not fit.
+    It is linear in t, with Cauchy's weights for outliers.
     """
     q = common.ray_reference @ R.T
     moved = common.ray[:, :2] * q[:, 2:] - q[:, :2]

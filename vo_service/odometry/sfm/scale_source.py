@@ -1,7 +1,6 @@
-"""Where the first scale comes from: color alone has none.
+"""Sources of the initial scale, which color alone does not give.
 
-This is the one place where structure from motion may look at depth, and at that of the first
-frame alone.
+Only here structure from motion uses depth, and only that of the first frame.
 """
 
 from collections.abc import Callable
@@ -16,25 +15,26 @@ from drivers.core.geometry import Array
 from vo_service.odometry.feature_points import backproject_features
 from vo_service.odometry.surf import Features
 
-# Fewer points than this with depth say too little, and so do two stamps of one place.
+# Fewest points with depth, and shortest baseline, for a scale.
 MIN_POINTS = 15
 MIN_BASELINE_M = 1e-3
-# From the median of the absolute deviations to a standard deviation; and how much less sure than
-# the mean of as many the median is (both of normal errors).
+# Ratios for normal errors: sigma to the median absolute deviation, and sigma of the median to that
+# of the mean.
 SIGMA_PER_MAD, MEDIAN_SIGMA_PER_MEAN_SIGMA = 1.4826, 1.2533
-# A baseline that is given is not exact either.
+# Relative sigma of a known baseline.
 BASELINE_SIGMA = 0.01
 
 
 @dataclass(frozen=True)
 class InitialPair:
-    """The first two views with parallax: their motion, of length 1, and the points in that unit.
+    """The first two views with parallax: their points in units of their motion's length.
 
-    frame           of the first view
-    features        of the first view
-    stamp_s         of the second view
-    index           (K,) which features were triangulated
-    inverse_depth   (K,) of those in the first view, 1 / length of the motion
+    Attributes:
+        frame: The first view.
+        features: Of the first view.
+        stamp_s: Of the second view.
+        index: (K,) indices of the triangulated features.
+        inverse_depth: (K,) of these in the first view, 1 / length of the motion.
     """
 
     frame: RgbdFrame
@@ -46,32 +46,32 @@ class InitialPair:
 
 @dataclass(frozen=True)
 class MetricScale:
-    """Metres a unit, and the standard deviation of the logarithm of it."""
+    """Meters per unit, and the standard deviation of its logarithm."""
 
     metres_per_unit: float
     log_sigma: float
 
 
 class ScaleSource(Protocol):
-    """Tells the first scale, once in each chain of frames."""
+    """Source of the initial scale, used once in each chain of frames."""
 
     @property
     def name(self) -> str:
-        """For reports: "first depth", "given baseline"."""
+        """Name for messages, such as "depth of the first frame"."""
         ...
 
     def estimate_scale(self, pair: InitialPair) -> MetricScale | None:
-        """How long the first motion is; None where it cannot be told."""
+        """Estimate the length of the first motion; None if it is unknown."""
         ...
 
 
 class FirstDepthScale:
-    """The depth image of the first frame: the median over the points of both."""
+    """Scale by the depth image of the first frame: the median ratio over the points."""
 
-    name = "first depth"
+    name = "depth of the first frame"
 
     def estimate_scale(self, pair: InitialPair) -> MetricScale | None:
-        """See `ScaleSource`. None if fewer than 15 of the points have depth."""
+        """Estimate the scale; None if fewer than `MIN_POINTS` points have depth."""
         depth_m = backproject_features(pair.features, pair.frame).position_m[pair.index, 2]
         ratio = (depth_m * pair.inverse_depth)[depth_m > 0.0]
         ratio = ratio[ratio > 0.0]
@@ -82,17 +82,17 @@ class FirstDepthScale:
 
 
 class GivenBaselineScale:
-    """The distance between the places of two frames, by their stamps: motion capture, say."""
+    """Scale by the distance between two frames by their stamps, such as from motion capture."""
 
-    name = "given baseline"
+    name = "known baseline"
 
     def __init__(self, distance_m: Callable[[float, float], float]) -> None:
         self._distance_m = distance_m
 
     def estimate_scale(self, pair: InitialPair) -> MetricScale | None:
-        """See `ScaleSource`. None if the places are the same to within a millimetre.
+        """Estimate the scale; None if the distance is less than `MIN_BASELINE_M`.
 
-        Raises what the function given raises.
+        Errors of the given function are passed on.
         """
         distance_m = self._distance_m(pair.frame.stamp_s, pair.stamp_s)
         if not MIN_BASELINE_M < distance_m < np.inf:
@@ -101,7 +101,7 @@ class GivenBaselineScale:
 
 
 def median_sigma(values: Array) -> float:
-    """Standard deviation of the median of (N,) values, from their own spread; N at least 1."""
+    """Standard deviation of the median of (N,) values, from their scatter; N is at least 1."""
     deviation = np.abs(values - np.median(values))
-    spread = SIGMA_PER_MAD * float(np.median(deviation))
-    return MEDIAN_SIGMA_PER_MEAN_SIGMA * spread / float(np.sqrt(len(values)))
+    sigma = SIGMA_PER_MAD * float(np.median(deviation))
+    return MEDIAN_SIGMA_PER_MEAN_SIGMA * sigma / float(np.sqrt(len(values)))

@@ -1,7 +1,7 @@
-"""Points from two rays, as inverse depths along the rays of the reference.
+"""Triangulation of points as inverse depths along the rays of the reference.
 
-Inverse depth, as its error is about Gaussian down to no parallax at all (Civera, Davison and
-Montiel, "Inverse Depth Parametrization for Monocular SLAM", T-RO 24, 2008).
+Inverse depth is used, as its error is about Gaussian down to no parallax at all (Civera, Davison
+and Montiel, "Inverse Depth Parametrization for Monocular SLAM", T-RO 24, 2008).
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,11 @@ from vo_service.odometry.sfm.mono_frame import RayPairs
 
 @dataclass(frozen=True)
 class TriangulatedPoints:
-    """Points by a motion between two views.
+    """Points triangulated by a motion between two views.
 
-    inverse_depth  (M,) in the reference; below 0 where the rays only meet behind a camera
-    parallax_rad   (M,) angle that the motion is seen under from the point, about
+    Attributes:
+        inverse_depth: (M,) in the reference; negative where the rays meet behind a camera.
+        parallax_rad: (M,) approximate angle between the rays at the point.
     """
 
     inverse_depth: Array
@@ -25,10 +26,10 @@ class TriangulatedPoints:
 
 
 def triangulate(R: Array, t: Array, pairs: RayPairs) -> TriangulatedPoints:
-    """Least squares in the camera's image of P_camera = R P_reference + t.
+    """Triangulate by least squares in the camera's image, with P_camera = R P_reference + t.
 
-    With q = R ray_reference and inverse depth w the point is at (q + w t) / w, so that a camera's
-    ray (x, y, 1) asks for w (t_xy - t_z (x, y)) = q_z (x, y) - q_xy.
+    With q = R ray_reference and inverse depth w the point is (q + w t) / w. The camera's ray
+    (x, y, 1) gives the equation w (t_xy - t_z (x, y)) = q_z (x, y) - q_xy.
     """
     q = pairs.ray_reference @ R.T
     along = t[:2] - pairs.ray[:, :2] * t[2]

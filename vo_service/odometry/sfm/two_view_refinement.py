@@ -1,7 +1,7 @@
-"""Motion and points that project to where the features are seen: the least reprojection error.
+"""Refinement of a motion and its points by the reprojection error.
 
-Two views, Gauss-Newton; the points are eliminated first (Hartley and Zisserman, "Multiple View
-Geometry", 2nd edition, Appendix 6), each of which has its inverse depth alone.
+Two views, Gauss-Newton; the points, whose only unknown is the inverse depth, are eliminated
+(Hartley and Zisserman, "Multiple View Geometry", 2nd edition, Appendix 6).
 """
 
 from dataclasses import dataclass
@@ -18,25 +18,26 @@ GATE_SIGMAS = 3.0
 MAX_ITERATIONS = 8
 DEPTH_ITERATIONS = 3
 MIN_STEP_SIZE = 1e-7
-# Nothing is further than this, so that no inverse depth is 0, ...
+# No inverse depth is 0.
 MIN_INVERSE_DEPTH_PER_M = 1e-4
-# ... nor nearer than this share of its depth in the reference.
+# Smallest depth in the camera as a share of that in the reference.
 MIN_DEPTH_RATIO = 1e-6
-# What the squared error of a pair is at the median if all is right: that of 2 degrees of freedom.
+# Median of a squared error with 2 degrees of freedom.
 EXPECTED_MEDIAN_SQUARED_ERROR = 1.4
 
 
 @dataclass(frozen=True)
 class TwoViewEstimate:
-    """A motion, and the points that go with it.
+    """A motion and its points.
 
-    T_camera_reference  4x4
-    inverse_depth       (M,) in the reference, 1/m
-    information         (M,) 1 / variance of the inverse depth, the motion being given
-    inlier              (M,) bool, pairs that agree
-    covariance          6x6 of the motion, (translation m, rotation rad), as a small motion in the
-                        camera's axes
-    cost                sum over the pairs of the squared error, none counting beyond the gate
+    Attributes:
+        T_camera_reference: 4x4.
+        inverse_depth: (M,) in the reference, 1/m.
+        information: (M,) 1 / variance of the inverse depth, given the motion.
+        inlier: (M,) bool, pairs that agree.
+        covariance: 6x6 of the motion, (translation m, rotation rad), as a small motion in the
+            camera's axes.
+        cost: Sum of the squared errors, each limited to the gate.
     """
 
     T_camera_reference: Array
@@ -59,7 +60,7 @@ class _TwoViewResiduals:
 
 @dataclass(frozen=True)
 class _TwoViewJacobians:
-    """How the projections move with the camera (M, 2, 6) and with the inverse depths (M, 2)."""
+    """Jacobians of the projections by the motion (M, 2, 6) and by the inverse depths (M, 2)."""
 
     by_motion: Array
     by_depth: Array
@@ -67,7 +68,7 @@ class _TwoViewJacobians:
 
 @dataclass(frozen=True)
 class _TwoViewNormalEquations:
-    """Normal equations of the motion, the points eliminated, and what gives these back."""
+    """Normal equations of the motion with the points eliminated, and the terms to recover them."""
 
     H: Array
     gradient: Array
@@ -77,10 +78,10 @@ class _TwoViewNormalEquations:
 
 
 def refine_best_guess(guesses: list[Array], pairs: RayPairs) -> TwoViewEstimate:
-    """The motion that the best of the guesses, 4x4 T_camera_reference, leads to.
+    """Refine the best of the guesses, 4x4 T_camera_reference.
 
-    The known points alone decide which, and lead nearer: without depth, pairs fit too many
-    motions. Then all pairs count.
+    Only the known points select and first refine it, as pairs without depth fit too many
+    motions. Then all pairs are used.
     """
     common = pairs.select(pairs.has_known_depth)
     start = min(guesses, key=lambda guess: _cost(_fit_depths(guess, common)))
@@ -88,29 +89,33 @@ def refine_best_guess(guesses: list[Array], pairs: RayPairs) -> TwoViewEstimate:
 
 
 def refine_two_view(T_camera_reference: Array, pairs: RayPairs) -> TwoViewEstimate:
-    """The best motion near a first guess, by all pairs: known points, and rays alone."""
+    """Refine a motion by all pairs, with and without known depth."""
     T = T_camera_reference
-    fit = _fit_depths(T, pairs)
+    residuals = _fit_depths(T, pairs)
     for _ in range(MAX_ITERATIONS):
-        weight = _robust_weights(fit)
-        normal = _normal_equations(T, pairs, fit, weight)
+        weight = _robust_weights(residuals)
+        normal = _normal_equations(T, pairs, residuals, weight)
         step = np.linalg.solve(_regularize(normal.H), normal.gradient)
         by_depth = normal.depth_gradient - normal.mixed @ step
-        inverse_depth = fit.inverse_depth + by_depth / normal.depth_curvature
+        inverse_depth = residuals.inverse_depth + by_depth / normal.depth_curvature
         R_step = so3_exp(step[3:])
         T = orthonormalize(rigid_transform(R_step.T @ T[:3, :3], R_step.T @ (T[:3, 3] - step[:3])))
-        fit = _compute_residuals(T, pairs, np.maximum(inverse_depth, MIN_INVERSE_DEPTH_PER_M))
+        residuals = _compute_residuals(T, pairs, np.maximum(inverse_depth, MIN_INVERSE_DEPTH_PER_M))
         if np.abs(step).max() < MIN_STEP_SIZE:
             break
-    slopes = _jacobians(T, fit)
-    by_parallax = np.einsum("ni,ni->n", slopes.by_depth, slopes.by_depth) / pairs.sigma**2
+    jacobians = _jacobians(T, residuals)
+    depth_information = (
+        np.einsum("ni,ni->n", jacobians.by_depth, jacobians.by_depth) / pairs.sigma**2
+    )
     return TwoViewEstimate(
         T_camera_reference=T,
-        inverse_depth=fit.inverse_depth,
-        information=pairs.information + by_parallax,
-        inlier=fit.squared_error < GATE_SIGMAS**2,
-        covariance=_covariance(_normal_equations(T, pairs, fit, _robust_weights(fit)).H, fit),
-        cost=_cost(fit),
+        inverse_depth=residuals.inverse_depth,
+        information=pairs.information + depth_information,
+        inlier=residuals.squared_error < GATE_SIGMAS**2,
+        covariance=_covariance(
+            _normal_equations(T, pairs, residuals, _robust_weights(residuals)).H, residuals
+        ),
+        cost=_cost(residuals),
     )
 
 
@@ -125,25 +130,25 @@ def _compute_residuals(T: Array, pairs: RayPairs, inverse_depth: Array) -> _TwoV
 
 
 def _fit_depths(T: Array, pairs: RayPairs) -> _TwoViewResiduals:
-    """The best inverse depth of each pair under a motion that is given."""
-    found = triangulate(T[:3, :3], T[:3, 3], pairs).inverse_depth
-    start = np.where(pairs.information > 0.0, pairs.inverse_depth, found)
-    fit = _compute_residuals(T, pairs, np.maximum(start, MIN_INVERSE_DEPTH_PER_M))
+    """Optimize the inverse depth of each pair for a given motion."""
+    triangulated = triangulate(T[:3, :3], T[:3, 3], pairs).inverse_depth
+    start = np.where(pairs.information > 0.0, pairs.inverse_depth, triangulated)
+    residuals = _compute_residuals(T, pairs, np.maximum(start, MIN_INVERSE_DEPTH_PER_M))
     for _ in range(DEPTH_ITERATIONS):
-        along = _jacobians(T, fit).by_depth
+        along = _jacobians(T, residuals).by_depth
         curvature = np.einsum("ni,ni->n", along, along) / pairs.sigma**2 + pairs.information
-        gradient = np.einsum("ni,ni->n", along, fit.error) / pairs.sigma**2
-        gradient -= pairs.information * (fit.inverse_depth - pairs.inverse_depth)
-        better = fit.inverse_depth + gradient / np.maximum(curvature, 1e-12)
-        fit = _compute_residuals(T, pairs, np.maximum(better, MIN_INVERSE_DEPTH_PER_M))
-    return fit
+        gradient = np.einsum("ni,ni->n", along, residuals.error) / pairs.sigma**2
+        gradient -= pairs.information * (residuals.inverse_depth - pairs.inverse_depth)
+        updated = residuals.inverse_depth + gradient / np.maximum(curvature, 1e-12)
+        residuals = _compute_residuals(T, pairs, np.maximum(updated, MIN_INVERSE_DEPTH_PER_M))
+    return residuals
 
 
 def _robust_weights(residuals: _TwoViewResiduals) -> Array:
-    """(M,) Geman and McClure's, as wide as the errors are while the motion is still far off."""
-    wide = max(1.0, float(np.median(residuals.squared_error)) / EXPECTED_MEDIAN_SQUARED_ERROR)
-    wide = wide if np.isfinite(wide) else 1e6
-    weight: Array = 1.0 / (1.0 + residuals.squared_error / (4.0 * wide)) ** 2
+    """(M,) Geman and McClure's weights, scaled to the errors while the motion is inaccurate."""
+    scale = max(1.0, float(np.median(residuals.squared_error)) / EXPECTED_MEDIAN_SQUARED_ERROR)
+    scale = scale if np.isfinite(scale) else 1e6
+    weight: Array = 1.0 / (1.0 + residuals.squared_error / (4.0 * scale)) ** 2
     return weight
 
 
@@ -167,30 +172,30 @@ def _jacobians(T: Array, residuals: _TwoViewResiduals) -> _TwoViewJacobians:
 def _normal_equations(
     T: Array, pairs: RayPairs, residuals: _TwoViewResiduals, weight: Array
 ) -> _TwoViewNormalEquations:
-    slopes = _jacobians(T, residuals)
-    of_pixel, of_prior = weight / pairs.sigma**2, weight * pairs.information
-    depth_curvature = np.einsum("ni,ni->n", slopes.by_depth, slopes.by_depth) * of_pixel
-    depth_curvature += of_prior + 1e-12
-    depth_gradient = np.einsum("ni,ni->n", slopes.by_depth, residuals.error) * of_pixel
-    depth_gradient -= of_prior * (residuals.inverse_depth - pairs.inverse_depth)
-    mixed = np.einsum("nij,ni->nj", slopes.by_motion, slopes.by_depth) * of_pixel[:, None]
-    weighted = slopes.by_motion * of_pixel[:, None, None]
-    share = mixed / depth_curvature[:, None]
-    H = weighted.reshape(-1, 6).T @ slopes.by_motion.reshape(-1, 6) - share.T @ mixed
-    gradient = weighted.reshape(-1, 6).T @ residuals.error.reshape(-1) - share.T @ depth_gradient
+    jacobians = _jacobians(T, residuals)
+    pixel_weight, prior_weight = weight / pairs.sigma**2, weight * pairs.information
+    depth_curvature = np.einsum("ni,ni->n", jacobians.by_depth, jacobians.by_depth) * pixel_weight
+    depth_curvature += prior_weight + 1e-12
+    depth_gradient = np.einsum("ni,ni->n", jacobians.by_depth, residuals.error) * pixel_weight
+    depth_gradient -= prior_weight * (residuals.inverse_depth - pairs.inverse_depth)
+    mixed = np.einsum("nij,ni->nj", jacobians.by_motion, jacobians.by_depth) * pixel_weight[:, None]
+    weighted = jacobians.by_motion * pixel_weight[:, None, None]
+    gain = mixed / depth_curvature[:, None]
+    H = weighted.reshape(-1, 6).T @ jacobians.by_motion.reshape(-1, 6) - gain.T @ mixed
+    gradient = weighted.reshape(-1, 6).T @ residuals.error.reshape(-1) - gain.T @ depth_gradient
     return _TwoViewNormalEquations(H, gradient, depth_curvature, depth_gradient, mixed)
 
 
 def _regularize(H: Array) -> Array:
-    """Solvable, and without effect on what the pairs tell: a metre and a radian."""
+    """Make H solvable by a weak prior: a meter and a radian."""
     damped: Array = H + (1.0 + 1e-6 * np.trace(H) / 6.0) * np.eye(6)
     return damped
 
 
 def _covariance(H: Array, residuals: _TwoViewResiduals) -> Array:
-    """What the pairs do not tell at all is off by a metre and a radian, not by infinity.
+    """6x6 of the motion; an unconstrained direction gets a meter and a radian, not infinity.
 
-    Where the errors are larger than expected, so is the covariance.
+    It is larger if the errors are larger than expected.
     """
     curvature, axes = np.linalg.eigh(0.5 * (H + H.T))
     excess = max(

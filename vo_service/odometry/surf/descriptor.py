@@ -1,4 +1,4 @@
-"""The 64 numbers that describe a keypoint (Bay et al. 2008, Section 4.2)."""
+"""Descriptor of a keypoint: 64 numbers (Bay et al. 2008, Section 4.2)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,10 @@ DESCRIPTOR_SIZE = 64
 REGIONS_PER_SIDE = 4  # 4x4 square regions
 SAMPLES_PER_REGION = 5  # of 5x5 samples each
 WINDOW_SIDE = REGIONS_PER_SIDE * SAMPLES_PER_REGION  # the window is 20 s wide
-PATCH_SIDE = WINDOW_SIDE + 1  # gray values a side: differences lie between them
+PATCH_SIDE = WINDOW_SIDE + 1  # gray values per side: differences lie between them
 
-# Descriptors are rounded to whole numbers of this length: it loses nothing in matching, and dot
-# products of them are exact in float32, whatever order or number of threads adds them up.
+# Descriptors are whole numbers with this norm: matching is as good, and dot products are exact in
+# float32 in any order of summation.
 DESCRIPTOR_NORM = 300.0
 
 
@@ -41,9 +41,18 @@ def describe(
 ) -> None:
     """Orient and describe all keypoints of a table.
 
-    packed, levels: a PackedPyramid; disc_* from `orientation`, patch_* from here.
-    Writes directions (N, 2) as (cos, sin), (1, 0) when upright, and descriptors (N, 64): for each
-    region the sums of dx, dy, |dx| and |dy|, in the keypoint's own axes.
+    Args:
+        packed: Of a `PackedPyramid`.
+        levels: Level table of the pyramid.
+        keypoints: (N, 5), see `maxima`.
+        upright: Whether all directions are (1, 0).
+        disc_weights: See `orientation`.
+        disc_grid: (2, 15 * 15) offsets.
+        patch_weights: See `patch_weights`.
+        patch_grid: (2, 21 * 21) offsets.
+        directions: (N, 2) as (cos, sin), out.
+        descriptors: (N, 64), out: for each region the sums of dx, dy, |dx| and |dy|, in the
+            keypoint's own axes.
     """
     us = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
     vs = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
@@ -90,7 +99,7 @@ def _sum_regions(
 ) -> None:
     """Sums of weighted Haar responses over 5x5 samples: first down the columns, then along.
 
-    dx and dy (20, 21), their last column void, and sums (4, 20) are scratch.
+    dx and dy (20, 21), whose last column is unused, and sums (4, 20) are scratch.
     """
     flat_dx, flat_dy = dx.reshape(-1), dy.reshape(-1)
     upper, upper_right = gray, gray[1:]
@@ -122,8 +131,8 @@ def _sum_regions(
 def _normalize(descriptor: NDArray[np.float32]) -> None:
     """Signed square root, then constant length, then whole numbers.
 
-    The square root (Arandjelovic and Zisserman, CVPR 2012) keeps a few strong gradients from
-    deciding every match; 3 to 4 % more of the matches are right.
+    The square root (Arandjelovic and Zisserman, CVPR 2012) reduces the effect of a
+    few strong gradients: 3 to 4 % more matches are right.
     """
     total = np.float32(0.0)
     for k in range(DESCRIPTOR_SIZE):

@@ -1,4 +1,4 @@
-"""SURF on one image: detect, choose the strongest, orient, describe."""
+"""SURF on one image: detect, select the strongest, orient, describe."""
 
 from dataclasses import dataclass
 
@@ -14,9 +14,9 @@ from vo_service.odometry.surf.scale_space import ScaleSpace
 
 # Below this response (gray levels^2) a maximum is sensor noise.
 MIN_THRESHOLD = 10.0
-# The next search starts at this share of the weakest response kept, to find just enough.
+# The next image's threshold is this share of the weakest selected response.
 NEXT_THRESHOLD_RATIO = 0.6
-# And every further search of the same image, when it found too few, at this share of the last.
+# If too few are found, the threshold is multiplied by this for another search.
 RETRY_THRESHOLD_RATIO = 0.2
 
 
@@ -24,12 +24,13 @@ RETRY_THRESHOLD_RATIO = 0.2
 class Features:
     """SURF features of one image, strongest first.
 
-    position_px  (N, 2) float32, (x, y); the centre of the first pixel is (0, 0)
-    scale_px     (N,) float32, the sigma s of the blob
-    direction    (N, 2) float32, (cos, sin) of the dominant direction, x right and y down
-    response     (N,) float32, det(H), gray levels^2
-    sign         (N,) float32, of the Laplacian: +1 dark blob, -1 bright blob
-    descriptor   (N, 64) float32 whole numbers, of length 300 but for rounding
+    Attributes:
+        position_px: (N, 2) float32, (x, y); the center of the first pixel is (0, 0).
+        scale_px: (N,) float32, the sigma s of the blob.
+        direction: (N, 2) float32, (cos, sin) of the dominant direction, x right and y down.
+        response: (N,) float32, det(H), gray levels^2.
+        sign: (N,) float32, of the Laplacian: +1 dark blob, -1 bright blob.
+        descriptor: (N, 64) float32 whole numbers of norm 300, except for rounding.
     """
 
     position_px: NDArray[np.float32]
@@ -44,10 +45,14 @@ class Features:
 
 
 class SurfExtractor:
-    """Finds the `count` strongest SURF features of an image; `count` may change between images.
+    """Extractor of the strongest SURF features of an image.
 
-    The result depends on the image alone: what is kept from one image to the next (buffers, the
-    threshold to start from) only saves time.
+    The result depends on the image only: the state between images (buffers, initial threshold) only
+    saves time.
+
+    Args:
+        count: Largest number of features; may be changed between images.
+        upright: Whether features have no orientation.
     """
 
     def __init__(self, count: int = 1000, upright: bool = False) -> None:
@@ -64,7 +69,7 @@ class SurfExtractor:
         )
 
     def extract(self, gray: NDArray[np.uint8]) -> Features:
-        """Features of a (H, W) uint8 image, at least 16x16."""
+        """Extract the features of a (H, W) uint8 image, at least 16x16."""
         keypoints = self._select_strongest(self.detect(gray))
         directions = np.empty((len(keypoints), 2), np.float32)
         descriptors = np.empty((len(keypoints), DESCRIPTOR_SIZE), np.float32)
@@ -83,21 +88,21 @@ class SurfExtractor:
         )
 
     def detect(self, gray: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """At least the `count` strongest keypoints, where there are as many, in image order."""
+        """Detect keypoints (N, 5) in image order, at least the `count` strongest if possible."""
         if gray.shape != self._shape:
             self._shape = (gray.shape[0], gray.shape[1])
             self._scale_space = ScaleSpace(*self._shape)
         self._scale_space.compute_responses(cv2.integral(gray))  # type: ignore[arg-type]
-        found = self._scale_space.find_maxima(self._threshold)
-        while len(found) < self.count and self._threshold > MIN_THRESHOLD:
+        keypoints = self._scale_space.find_maxima(self._threshold)
+        while len(keypoints) < self.count and self._threshold > MIN_THRESHOLD:
             self._threshold = max(RETRY_THRESHOLD_RATIO * self._threshold, MIN_THRESHOLD)
-            found = self._scale_space.find_maxima(self._threshold)
-        return found
+            keypoints = self._scale_space.find_maxima(self._threshold)
+        return keypoints
 
     def _select_strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
         order = np.argsort(-keypoints[:, RESPONSE], kind="stable")[: self.count]
-        chosen: NDArray[np.float32] = keypoints[order]
-        if len(chosen) == self.count:
-            weakest = float(chosen[-1, RESPONSE])
+        strongest: NDArray[np.float32] = keypoints[order]
+        if len(strongest) == self.count:
+            weakest = float(strongest[-1, RESPONSE])
             self._threshold = max(NEXT_THRESHOLD_RATIO * weakest, MIN_THRESHOLD)
-        return chosen
+        return strongest

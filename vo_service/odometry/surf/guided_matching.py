@@ -1,4 +1,4 @@
-"""Matching where features are expected: a prediction says where to look, so less must look alike.
+"""Guided matching: features are searched near their predicted positions, with a weaker ratio test.
 
 The search by projection of Klein and Murray (PTAM, ISMAR 2007, Section 5.3).
 """
@@ -14,13 +14,13 @@ from vo_service.odometry.feature_view import FeatureView, select_pairs_with_dept
 from vo_service.odometry.motion_model import MotionPrediction
 from vo_service.odometry.surf import Features
 
-# The second nearest of the few near the expected place must be further by 1/RATIO, ...
+# The second nearest descriptor in the search radius is further by 1/RATIO.
 MAX_DISTANCE_RATIO = 0.9
-# ... and as there may be no second, the nearest may differ by no more than this share of itself.
+# The nearest one, which may have no second, differs by at most this share of the descriptor's norm.
 MAX_RELATIVE_DISTANCE = 0.6
-# Nearer to the camera than this, a point is not looked for.
+# Smallest depth of a predicted point.
 MIN_DEPTH_M = 0.1
-# More than the square of any difference.
+# Larger than any squared difference.
 INFINITE_DISTANCE = 2**62
 
 Descriptors = NDArray[np.int16]
@@ -28,10 +28,11 @@ Descriptors = NDArray[np.int16]
 
 @dataclass(frozen=True)
 class PredictedFeatures:
-    """Features of the reference that ought to be seen.
+    """Features of the reference that are predicted in view.
 
-    index        (K,) which of the reference's features
-    position_px  (K, 2) where they ought to be
+    Attributes:
+        index: (K,) indices of the reference's features.
+        position_px: (K, 2) predicted positions.
     """
 
     index: NDArray[np.intp]
@@ -41,28 +42,27 @@ class PredictedFeatures:
 def match_by_prediction(
     view: FeatureView, reference: FeatureView, prediction: MotionPrediction
 ) -> NDArray[np.int64]:
-    """Pairs (M, 2) of features of a view and of its reference, both with depth.
+    """Match features near their predicted positions: pairs (M, 2) of a view and its reference.
 
-    They lie where the prediction says, look alike and are each other's nearest; bright and dark
-    blobs are never compared.
+    Both have depth and each is the other's nearest; bright and dark blobs are never compared.
     """
-    expected = _project_reference(view, reference, prediction)
+    predicted = _project_reference(view, reference, prediction)
     radius_px = view.camera.fx * float(np.tan(prediction.spread_rad))
-    # Rising in x, so that those near a place stand together.
+    # Sorted by x, so that neighbors are contiguous.
     queries = np.argsort(view.features.position_px[:, 0], kind="stable")
     blocks = [np.empty((0, 2), np.int64)]
     for sign in (-1.0, 1.0):
         rows = queries[view.features.sign[queries] == sign]
-        sought = np.flatnonzero(reference.features.sign[expected.index] == sign)
+        predicted_rows = np.flatnonzero(reference.features.sign[predicted.index] == sign)
         nearest = match_within_radius(
-            expected.position_px[sought],
-            _descriptors(reference.features, expected.index[sought]),
+            predicted.position_px[predicted_rows],
+            _descriptors(reference.features, predicted.index[predicted_rows]),
             view.features.position_px[rows].astype(np.float64),
             _descriptors(view.features, rows),
             radius_px,
         )
-        found = np.flatnonzero(nearest >= 0)
-        pairs = np.column_stack([rows[nearest[found]], expected.index[sought[found]]])
+        matched = np.flatnonzero(nearest >= 0)
+        pairs = np.column_stack([rows[nearest[matched]], predicted.index[predicted_rows[matched]]])
         blocks.append(pairs.astype(np.int64))
     pairs = select_pairs_with_depth(view, reference, np.concatenate(blocks))
     return pairs[np.argsort(pairs[:, 0], kind="stable")]
@@ -71,7 +71,7 @@ def match_by_prediction(
 def _project_reference(
     view: FeatureView, reference: FeatureView, prediction: MotionPrediction
 ) -> PredictedFeatures:
-    """The reference's points that lie before the camera, projected into its image."""
+    """Project the reference's points into the predicted view."""
     points, camera = reference.points, view.camera
     P_camera = transform_points(inverse(prediction.T_reference_camera), points.position_m)
     index = np.flatnonzero(points.has_depth & (P_camera[:, 2] > MIN_DEPTH_M))
@@ -81,7 +81,7 @@ def _project_reference(
 
 
 def _descriptors(features: Features, index: NDArray[np.intp]) -> Descriptors:
-    """Descriptors (N, D) of some features; they are whole numbers, and sums of those are exact."""
+    """Descriptors (N, D) of selected features as integers, whose sums are exact."""
     return features.descriptor[index].astype(np.int16)
 
 
@@ -93,17 +93,25 @@ def match_within_radius(
     descriptor: Descriptors,
     radius_px: float,
 ) -> NDArray[np.int64]:
-    """(K,) the row of `descriptor` that each feature sought is found at, -1 where there is none.
+    """Match each predicted feature within a radius.
 
-    expected_px (K, 2) with sought (K, D); position_px (N, 2), rising in x, with descriptor (N, D).
+    Args:
+        predicted_px: (K, 2).
+        predicted_descriptor: (K, D).
+        position_px: (N, 2), ascending in x.
+        descriptor: (N, D).
+        radius_px: Radius of the search.
+
+    Returns:
+        (K,) the matched row of `descriptor`, -1 for none.
     """
     nearest = np.full(len(predicted_descriptor), -1, np.int64)
-    closest = np.full(len(descriptor), INFINITE_DISTANCE, np.int64)
-    closest_to = np.full(len(descriptor), -1, np.int64)
+    closest_distance = np.full(len(descriptor), INFINITE_DISTANCE, np.int64)
+    closest_row = np.full(len(descriptor), -1, np.int64)
     begin = np.searchsorted(position_px[:, 0], predicted_px[:, 0] - radius_px)
     for k in range(len(predicted_descriptor)):
         best = second = INFINITE_DISTANCE
-        winner = -1
+        best_row = -1
         for n in range(begin[k], len(descriptor)):
             dx = position_px[n, 0] - predicted_px[k, 0]
             dy = position_px[n, 1] - predicted_px[k, 1]
@@ -113,16 +121,21 @@ def match_within_radius(
                 continue
             difference = _squared_distance(predicted_descriptor[k], descriptor[n])
             if difference < best:
-                best, second, winner = difference, best, n
+                best, second, best_row = difference, best, n
             elif difference < second:
                 second = difference
-            if difference < closest[n]:
-                closest[n], closest_to[n] = difference, k
-        length = _squared_distance(predicted_descriptor[k], np.zeros_like(predicted_descriptor[k]))
-        if best < MAX_DISTANCE_RATIO**2 * second and best <= MAX_RELATIVE_DISTANCE**2 * length:
-            nearest[k] = winner
+            if difference < closest_distance[n]:
+                closest_distance[n], closest_row[n] = difference, k
+        squared_norm = _squared_distance(
+            predicted_descriptor[k], np.zeros_like(predicted_descriptor[k])
+        )
+        if (
+            best < MAX_DISTANCE_RATIO**2 * second
+            and best <= MAX_RELATIVE_DISTANCE**2 * squared_norm
+        ):
+            nearest[k] = best_row
     for k in range(len(predicted_descriptor)):
-        if nearest[k] >= 0 and closest_to[nearest[k]] != k:
+        if nearest[k] >= 0 and closest_row[nearest[k]] != k:
             nearest[k] = -1
     return nearest
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.core.jit import inline_kernel, kernel
 
 # Balances Dxy against Dxx and Dyy in det(H) = Dxx Dyy - w Dxy^2 (eq. 3). The paper's 0.9^2 is for
-# one common area normaliser; 1.2 matches more features at the same precision.
+# one common area normalization; 1.2 matches more features at the same precision.
 CROSS_WEIGHT = 1.2
 
 # Sigma, in pixels, of the Gaussian that a filter of lobe 1 would approximate: 1.2 for the 9x9.
@@ -20,7 +20,7 @@ SCALE_PER_LOBE = 0.4
 
 @inline_kernel
 def lobe_margin(lobe: int) -> int:
-    """Pixels from a filter's centre to its edge; it fits from here inwards."""
+    """Pixels from a filter's center to its edge; it fits from there inwards."""
     return (3 * lobe) // 2
 
 
@@ -28,15 +28,19 @@ def lobe_margin(lobe: int) -> int:
 def fill_responses(
     integral: NDArray[np.int32], lobe: int, step: int, response: NDArray[np.float32]
 ) -> None:
-    """Write det(H) at every step-th pixel into `response`; where the filter leaves the image, 0.
+    """Fill in det(H) at every `step`-th pixel; 0 where the filter leaves the image.
 
-    integral (H+1, W+1) int32; response (ceil(H/step), ceil(W/step)) float32, in gray levels^2,
-    normalised by the area of a lobe pair so that one threshold serves all sizes (eq. 3).
+    Args:
+        integral: (H+1, W+1) int32.
+        lobe: Size of the filter.
+        step: Distance of the samples, pixels.
+        response: (ceil(H/step), ceil(W/step)) float32, out, in gray levels^2, normalized by the
+            area of a lobe pair so that one threshold fits all sizes (eq. 3).
     """
     width = integral.shape[1] - 1
     height = integral.shape[0] - 1
     half = lobe_margin(lobe)
-    middle = lobe // 2
+    center = lobe // 2
     first = (half + step - 1) // step
     last_row = (height - 1 - half) // step
     last_column = (width - 1 - half) // step
@@ -53,14 +57,14 @@ def fill_responses(
     band_xy = np.empty(width + 1, np.int32)
     area = np.float32(1.0 / (lobe * (2 * lobe - 1)))
     for row in range(first, last_row + 1):
-        _sum_rows(integral, row * step, lobe, half, middle, band_xx, band_yy, band_xy)
+        _sum_rows(integral, row * step, lobe, half, center, band_xx, band_yy, band_xy)
         c = first * step
         out = response[row, first:]
         if step == 1:
             # A stride known at compile time lets the loop become vector instructions.
-            _det_along_row(band_xx, band_yy, band_xy, c, n, 1, lobe, half, middle, area, out)
+            _det_along_row(band_xx, band_yy, band_xy, c, n, 1, lobe, half, center, area, out)
         else:
-            _det_along_row(band_xx, band_yy, band_xy, c, n, step, lobe, half, middle, area, out)
+            _det_along_row(band_xx, band_yy, band_xy, c, n, step, lobe, half, center, area, out)
 
 
 @inline_kernel
@@ -69,7 +73,7 @@ def _sum_rows(
     r: int,
     lobe: int,
     half: int,
-    middle: int,
+    center: int,
     band_xx: NDArray[np.int32],
     band_yy: NDArray[np.int32],
     band_xy: NDArray[np.int32],
@@ -77,7 +81,7 @@ def _sum_rows(
     """Combine the integral's rows once for all columns: the vertical half of each box sum."""
     x_end, x_start = integral[r + lobe], integral[r - lobe + 1]
     y_end, y_start = integral[r + half + 1], integral[r - half]
-    y_mid_end, y_mid_start = integral[r + middle + 1], integral[r - middle]
+    y_mid_end, y_mid_start = integral[r + center + 1], integral[r - center]
     above_end, above_start = integral[r], integral[r - lobe]
     below_end, below_start = integral[r + lobe + 1], integral[r + 1]
     for k in range(band_xx.size):
@@ -96,13 +100,13 @@ def _det_along_row(
     step: int,
     lobe: int,
     half: int,
-    middle: int,
+    center: int,
     area: np.float32,
     out: NDArray[np.float32],
 ) -> None:
     """Finish the box sums along one row and combine them to det(H)."""
     x_end, x_start = band_xx[c + half + 1 :], band_xx[c - half :]
-    x_mid_end, x_mid_start = band_xx[c + middle + 1 :], band_xx[c - middle :]
+    x_mid_end, x_mid_start = band_xx[c + center + 1 :], band_xx[c - center :]
     y_end, y_start = band_yy[c + lobe :], band_yy[c - lobe + 1 :]
     right_end, right_start = band_xy[c + lobe + 1 :], band_xy[c + 1 :]
     left_end, left_start = band_xy[c:], band_xy[c - lobe :]
@@ -122,10 +126,10 @@ def _det_along_row(
 def is_laplacian_positive(integral: NDArray[np.int32], r: int, c: int, lobe: int) -> bool:
     """Sign of Dxx + Dyy: dark blobs on bright ground are positive (Section 4.3)."""
     half = lobe_margin(lobe)
-    middle = lobe // 2
+    center = lobe // 2
     top, bottom = integral[r - lobe + 1], integral[r + lobe]
     whole = bottom[c + half + 1] - bottom[c - half] - top[c + half + 1] + top[c - half]
-    inner = bottom[c + middle + 1] - bottom[c - middle] - top[c + middle + 1] + top[c - middle]
+    inner = bottom[c + center + 1] - bottom[c - center] - top[c + center + 1] + top[c - center]
     dxx = whole - 3 * inner
     left, right = c - lobe + 1, c + lobe
     tall = (
@@ -135,9 +139,9 @@ def is_laplacian_positive(integral: NDArray[np.int32], r: int, c: int, lobe: int
         + integral[r - half, left]
     )
     waist = (
-        integral[r + middle + 1, right]
-        - integral[r + middle + 1, left]
-        - integral[r - middle, right]
-        + integral[r - middle, left]
+        integral[r + center + 1, right]
+        - integral[r + center + 1, left]
+        - integral[r - center, right]
+        + integral[r - center, left]
     )
     return bool(dxx + tall - 3 * waist > 0)

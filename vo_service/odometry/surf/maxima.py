@@ -1,4 +1,4 @@
-"""Where blobs are: 3-D non-maximum suppression and interpolation (Bay et al. 2008, Section 3.4)."""
+"""Keypoints: 3-D non-maximum suppression and interpolation (Bay et al. 2008, Section 3.4)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, is_laplacian_positive, lobe_margin
 
-# Columns of a keypoint table, float32, one keypoint a row.
+# Columns of a keypoint table, float32, one keypoint per row.
 X, Y, SCALE, RESPONSE, SIGN = 0, 1, 2, 3, 4
 NUM_COLUMNS = 5
 
 
 def max_num_maxima(rows: int, columns: int) -> int:
-    """How many maxima a layer can have: no two are neighbours, so one in a square of 2x2."""
+    """Largest number of maxima of a layer: no two are neighbors, so one per square of 2x2."""
     return -(-rows // 2) * -(-columns // 2)
 
 
@@ -30,7 +30,7 @@ def find_maxima(
 ) -> int:
     """Append the maxima of the middle layer to `table` from row `found`; return the new count.
 
-    A maximum is above `threshold` and above its 26 neighbours in space and scale. Its position
+    A maximum is above `threshold` and above its 26 neighbors in space and scale. Its position
     (pixels of the full image) and scale are those of the quadratic fitted to the 27 values.
     The table must have room for `max_num_maxima` of the layer.
     """
@@ -39,7 +39,7 @@ def find_maxima(
     last_row, last_column = rows - 1 - first, columns - 1 - first
     if last_row < first or last_column < first:
         return found
-    # One row each: the largest of the three layers in every column, for three rows in turn.
+    # Each row is the maximum of the three layers by column; the three rows are used in turn.
     tallest = np.empty((3, columns), np.float32)
     for row in range(first - 1, first + 1):
         _max_of_three(below[row], middle[row], above[row], tallest[row % 3])
@@ -86,7 +86,7 @@ def _mark_peaks(
     last: int,
     is_peak: NDArray[np.uint8],
 ) -> None:
-    """Mark where a value is above the threshold and no smaller than its 26 neighbours."""
+    """Mark where a value is above the threshold and no smaller than its 26 neighbors."""
     v = values[first:]
     left, here, right = around[first - 1 :], around[first:], around[first + 1 :]
     out = is_peak[first:]
@@ -103,7 +103,7 @@ def _is_first_of_equals(
     r: int,
     c: int,
 ) -> bool:
-    """Keep one keypoint of a plateau: strictly above the neighbours that come earlier."""
+    """Keep one keypoint of a plateau: strictly above the earlier neighbors."""
     v = middle[r, c]
     if middle[r, c - 1] == v:
         return False
@@ -127,9 +127,9 @@ def _interpolate(
     c: int,
     entry: NDArray[np.float32],
 ) -> bool:
-    """Fit a quadratic to the 27 values around a maximum (Brown and Lowe 2002); write its top.
+    """Fit a quadratic to the 27 values around a maximum (Brown and Lowe 2002); fill in its peak.
 
-    False if the top lies over a sample away: then the maximum is no proper blob.
+    False if the peak is more than one sample away: then the maximum is no blob.
     """
     v = middle[r, c]
     gx = 0.5 * (middle[r, c + 1] - middle[r, c - 1])

@@ -1,4 +1,4 @@
-"""The paper's method: SURF, matching, RANSAC, rigid motion by SVD, poses by concatenation.
+"""SURF odometry: features, matching, RANSAC, rigid motion by SVD, concatenated poses.
 
 Fontes and Maia, "Visual odometry for moving RGB-D cameras", Section III.
 """
@@ -27,23 +27,30 @@ from vo_service.types import Estimate, TrackingDebug
 
 
 class FeatureExtractor(Protocol):
-    """What finds features in an image: SURF, or another that a benchmark compares it with.
+    """Extractor of features: SURF, or another one in a benchmark.
 
-    `count` is how many it finds at most; it may be set between two images.
+    Attributes:
+        count: Largest number of features; may be changed between images.
     """
 
     count: int
 
     def extract(self, gray: NDArray[np.uint8]) -> Features:
-        """Features of a (H, W) image."""
+        """Extract the features of a (H, W) image."""
         ...
 
 
 class SurfOdometry:
-    """Frame-to-frame odometry; a frame that fails is left out of the chain.
+    """Frame-to-frame odometry; a frame that fails is skipped.
 
-    The reference is the last good frame. World is the first good camera. What does not fit the
-    last good frame is tried again as `Recovery` says, before it counts as failed.
+    The reference is the last good frame. The world frame is the first good camera pose. A frame
+    that does not fit the reference is retried by `SurfRecovery` before it fails.
+
+    Args:
+        extractor: A default one if None.
+        parameters: Default ones if None.
+        timer: Times the stages; not timed if None.
+        recovery: A default one if None.
     """
 
     def __init__(
@@ -63,7 +70,7 @@ class SurfOdometry:
 
     @property
     def feature_count(self) -> int:
-        """Features to find in a frame; may be set, and counts from the next frame on."""
+        """Largest number of features per frame; a change applies from the next frame on."""
         return self._extractor.count
 
     @feature_count.setter
@@ -71,8 +78,7 @@ class SurfOdometry:
         self._extractor.count = count
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Where the camera is, from this frame and the last good one."""
-        # Features, and the points in space under them.
+        """Estimate the camera's pose from this frame and the last good one."""
         with self._timer.stage("surf"):
             features = self._extractor.extract(frame.gray)
         with self._timer.stage("points"):
@@ -80,57 +86,53 @@ class SurfOdometry:
         view = FeatureView(features, points, frame.camera, frame.stamp_s)
         if self._reference is None:
             return self._start(view, is_reset=False)
-        # Matching.
         with self._timer.stage("match"):
             matches = self._match(view, self._reference)
             pairs = pair_points(view.points, self._reference.points, matches)
-        # RANSAC.
         with self._timer.stage("ransac"):
             parameters = self._parameters
             consensus = find_consensus(pairs, parameters.max_hypotheses, parameters.seed)
-        # Rotation and translation by SVD, on the inliers.
         with self._timer.stage("svd"):
             motion = refine_rigid_motion(consensus, pairs)
-        evidence = make_tracking_debug(view, self._reference, matches, motion)
-        if evidence.inlier.sum() < parameters.min_inliers:
-            return self._recover(view, self._reference, evidence)
-        # Concatenation.
+        debug = make_tracking_debug(view, self._reference, matches, motion)
+        if debug.inlier.sum() < parameters.min_inliers:
+            return self._recover(view, self._reference, debug)
         T_world_camera = self._T_world_reference @ motion.T_reference_camera
         return self._advance(
             view,
-            RecoveredPose(T_world_camera, motion.T_reference_camera, motion.covariance, evidence),
+            RecoveredPose(T_world_camera, motion.T_reference_camera, motion.covariance, debug),
         )
 
     def _match(self, view: FeatureView, reference: FeatureView) -> NDArray[np.int64]:
-        """Pairs (M, 2) of features that look the same and both have depth."""
+        """Match features: pairs (M, 2) that both have depth."""
         pairs = match_features(view.features, reference.features, self._parameters.match_ratio)
         return select_pairs_with_depth(view, reference, pairs)
 
     def _start(self, view: FeatureView, is_reset: bool) -> Estimate:
-        """Make this view the first of a chain, if it has enough points to be found again."""
-        evidence = TrackingDebug(keypoints_px=view.features.position_px)
+        """Make this view the first of a chain, if it has enough points with depth."""
+        debug = TrackingDebug(keypoints_px=view.features.position_px)
         if view.points.has_depth.sum() < self._parameters.min_inliers:
-            return self._make_estimate(view, _start_failure_reason(view), np.eye(4), evidence)
+            return self._make_estimate(view, _start_failure_reason(view), np.eye(4), debug)
         self._reference = view
         self._recovery.reset(view, self._T_world_reference)
         self._failures = 0
-        return self._make_estimate(view, "", np.eye(4), evidence, is_reset=is_reset)
+        return self._make_estimate(view, "", np.eye(4), debug, is_reset=is_reset)
 
     def _recover(self, view: FeatureView, last: FeatureView, debug: TrackingDebug) -> Estimate:
-        """Try other ways; without success the frame has failed."""
+        """Try the recovery; without success the frame fails."""
         with self._timer.stage("recovery"):
-            found = self._recovery.recover(view, last, turn=self._failures)
-        return self._fail(view, debug) if found is None else self._advance(view, found)
+            recovered = self._recovery.recover(view, last, turn=self._failures)
+        return self._fail(view, debug) if recovered is None else self._advance(view, recovered)
 
     def _fail(self, view: FeatureView, debug: TrackingDebug) -> Estimate:
-        """Hold the pose; after too many failures give the last good view up."""
+        """Keep the pose; after too many failures drop the reference and start again."""
         self._failures += 1
         if self._failures > self._parameters.max_failures:
             return self._start(view, is_reset=True)
         return self._make_estimate(view, _motion_failure_reason(view, debug), np.eye(4), debug)
 
     def _advance(self, view: FeatureView, recovered: RecoveredPose) -> Estimate:
-        """Go on from here: the view is the next reference."""
+        """Take over the pose and make the view the next reference."""
         self._recovery.add(
             view, recovered.T_world_camera, recovered.T_last_camera, recovered.covariance
         )
@@ -165,7 +167,7 @@ class SurfOdometry:
 
 
 def _start_failure_reason(view: FeatureView) -> str:
-    """Why a view cannot begin a chain."""
+    """Why a view cannot start a chain."""
     return (
         f"too few features with depth to start: {int(view.points.has_depth.sum())} "
         f"of {len(view.features)}"
@@ -173,6 +175,6 @@ def _start_failure_reason(view: FeatureView) -> str:
 
 
 def _motion_failure_reason(view: FeatureView, debug: TrackingDebug) -> str:
-    """Why no motion was found between a view and its reference."""
+    """Why there is no motion between a view and its reference."""
     inliers, matches = int(debug.inlier.sum()), len(debug.matches_px)
-    return f"{inliers} of {matches} matches agree ({len(view.features)} features)"
+    return f"only {inliers} of {matches} matches agree ({len(view.features)} features)"

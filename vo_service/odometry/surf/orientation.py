@@ -1,4 +1,4 @@
-"""The dominant direction of a keypoint's neighbourhood (Bay et al. 2008, Section 4.1)."""
+"""Dominant direction of a keypoint's neighborhood (Bay et al. 2008, Section 4.1)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from drivers.core.jit import inline_kernel
 
 RADIUS = 6  # Haar responses within 6 s of the keypoint
-GRID_SIDE = 2 * RADIUS + 3  # samples a side: the responses and one more around them
-NUM_BINS = 72  # directions are kept to 5 degrees
+GRID_SIDE = 2 * RADIUS + 3  # samples per side: the responses and a margin of one
+NUM_BINS = 72  # of 5 degrees
 WINDOW_BINS = NUM_BINS // 6  # a sliding window of 60 degrees
 
 
@@ -29,8 +29,8 @@ def dominant_direction(
 ) -> tuple[np.float32, np.float32]:
     """(cos, sin) of the longest sum of Haar responses in any 60-degree window.
 
-    gray (15 * 15,) samples at the keypoint's spacing; dxs, dys and bins are scratch of 13 * 13
-    or more.
+    gray (15 * 15,) has samples at the keypoint's spacing; dxs, dys and bins are scratch of at least
+    13 * 13.
     """
     side = 2 * RADIUS + 1
     sum_x = np.zeros(NUM_BINS, np.float32)
@@ -51,7 +51,7 @@ def dominant_direction(
 
 @inline_kernel
 def _direction_bin(dx: np.float32, dy: np.float32) -> np.int32:
-    """Bin of the angle of (dx, dy); a polynomial good to 0.3 degrees, without a branch."""
+    """Bin of the angle of (dx, dy); a polynomial without branches, accurate to 0.3 degrees."""
     ax, ay = abs(dx), abs(dy)
     small = ax if ax < ay else ay
     large = ax if ax > ay else ay

@@ -1,7 +1,7 @@
 """Gray values at half, quarter, ... size, packed so that a bilinear sample is one load.
 
 The paper samples Haar wavelets on the integral image. Sampling a smoothed pyramid instead, at the
-keypoint's own scale, is rotation-proof between pixels, matches better and costs less.
+keypoint's own scale, is invariant to rotation between pixels, matches better and costs less.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,12 @@ NUM_LEVELS = 4  # the largest keypoints (scale 14) are sampled at an eighth of t
 
 @dataclass(frozen=True)
 class PackedPyramid:
-    """All levels in one table. Entry (x, y) of a level holds the gray values of a 2x2 square.
+    """All levels in one table; entry (x, y) of a level has the gray values of a 2x2 square.
 
-    packed  (sum of level sizes,) uint32: (x, y), (x+1, y), (x, y+1), (x+1, y+1), low byte first
-    shape   (LEVELS, 3) int64: offset into `packed`, height, width of each level
+    Attributes:
+        packed: (sum of level sizes,) uint32: (x, y), (x+1, y), (x, y+1), (x+1, y+1), low byte
+            first.
+        level_table: (LEVELS, 3) int64: offset into `packed`, height, width of each level.
     """
 
     packed: NDArray[np.uint32]
@@ -28,19 +30,19 @@ class PackedPyramid:
 
 
 def build_pyramid(gray: NDArray[np.uint8]) -> PackedPyramid:
-    """Smooth a little, halve LEVELS - 1 times by area, pack. gray (H, W) uint8, at least 16x16."""
+    """Smooth an image (H, W), at least 16x16, halve it LEVELS - 1 times by area, and pack it."""
     images = [_smooth(gray)]
     for _ in range(1, NUM_LEVELS):
         images.append(_halve(images[-1]))
     sizes = [image.size for image in images]
     offsets = np.concatenate(([0], np.cumsum(sizes)[:-1]))
-    shape = np.array(
+    level_table = np.array(
         [(offset, *image.shape) for offset, image in zip(offsets, images, strict=True)], np.int64
     )
     packed = np.empty(sum(sizes), np.uint32)
     for offset, image in zip(offsets, images, strict=True):
         _pack(image, packed[offset : offset + image.size])
-    return PackedPyramid(packed, shape)
+    return PackedPyramid(packed, level_table)
 
 
 def _smooth(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -81,7 +83,7 @@ def level_for_scale(scale: np.float32) -> int:
 
 
 def centered_grid(side: int) -> NDArray[np.float32]:
-    """(2, side * side) whole-number offsets (along, down) of a square grid from its middle."""
+    """(2, side * side) whole-number offsets (along, down) of a square grid from its center."""
     offsets = np.arange(side, dtype=np.float32) - side // 2
     down, along = np.meshgrid(offsets, offsets, indexing="ij")
     return np.stack([along.ravel(), down.ravel()])
@@ -97,7 +99,7 @@ def rotate_grid(
     us: NDArray[np.float32],
     vs: NDArray[np.float32],
 ) -> None:
-    """Positions of a grid about (x, y); (co, si) is the spacing along the grid's own first axis."""
+    """Positions of a grid around (x, y); (co, si) is the spacing along the grid's first axis."""
     for k in range(us.size):
         us[k] = x + co * offsets[0, k] - si * offsets[1, k]
         vs[k] = y + si * offsets[0, k] + co * offsets[1, k]
@@ -117,8 +119,8 @@ def sample_bilinear(
 ) -> None:
     """Bilinear gray values at the positions (x, y) of one level, clamped to the image.
 
-    All arrays are of one length; `where` and `squares` are scratch, and so are x and y afterwards.
-    Three loops, because only the middle one, the loads, does not vectorise.
+    All arrays have one length; `where` and `squares` are scratch, and x and y are overwritten.
+    There are three loops, as only the middle one, the loads, does not vectorize.
     """
     zero = np.float32(0.0)
     right, bottom = np.float32(width - 1), np.float32(height - 1)

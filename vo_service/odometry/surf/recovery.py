@@ -1,4 +1,4 @@
-"""What else is tried with a frame that does not fit the last good one."""
+"""Recovery of a frame that does not fit the last good one."""
 
 from dataclasses import dataclass
 
@@ -22,21 +22,22 @@ from vo_service.odometry.surf.parameters import SurfParameters
 from vo_service.odometry.surf.recent_views import RecentViews
 from vo_service.types import TrackingDebug
 
-# Features of an older view are sought in the whole image: the values of Brown and Lowe.
+# Features of an older view are matched in the whole image: the values of Brown and Lowe.
 OLDER_VIEW_VERIFIER = MatchVerifier(inlier_share_if_right=0.6, inlier_share_by_chance=0.1)
-# Near the place where a feature is expected there are more wrong ones that look alike; but in a
-# circle of 24 pixels or more, few of these are within the 2 pixels of an inlier.
+# The weaker ratio test of guided matching gives more wrong matches; but in a circle of 24 pixels or
+# more, few of them are within the 2 pixels of an inlier.
 PREDICTION_VERIFIER = MatchVerifier(inlier_share_if_right=0.15, inlier_share_by_chance=0.01)
 
 
 @dataclass(frozen=True)
 class RecoveredPose:
-    """Where a lost camera is.
+    """Pose of a frame.
 
-    T_world_camera  4x4
-    T_last_camera   4x4 motion since the last good frame
-    covariance      6x6 of T_last_camera, as that of an `Estimate`
-    evidence        the view that it was found by is the reference
+    Attributes:
+        T_world_camera: 4x4.
+        T_last_camera: 4x4 motion since the last good frame.
+        covariance: 6x6 of T_last_camera, as that of an `Estimate`.
+        debug: Matches with the view that the pose is from.
     """
 
     T_world_camera: Array
@@ -46,7 +47,10 @@ class RecoveredPose:
 
 
 class SurfRecovery:
-    """Follows a chain of good frames, so as to find the camera when the chain breaks."""
+    """Recovery of the camera's pose by a prediction, or by an older view.
+
+    It is updated with every good frame.
+    """
 
     def __init__(self, parameters: SurfParameters) -> None:
         self._parameters = parameters
@@ -55,7 +59,7 @@ class SurfRecovery:
         self._T_world_last = np.eye(4)
 
     def reset(self, view: FeatureView, T_world_camera: Array) -> None:
-        """The first view of a chain, which goes on from no other."""
+        """Start a new chain of views."""
         self._model.reset(view.stamp_s)
         self._recent_views.reset(view, T_world_camera)
         self._T_world_last = T_world_camera
@@ -63,19 +67,19 @@ class SurfRecovery:
     def add(
         self, view: FeatureView, T_world_camera: Array, T_last_camera: Array, covariance: Array
     ) -> None:
-        """The next good view of the chain, and the motion to it from the one before."""
+        """Add a good view, with the motion since the last one and its covariance."""
         self._model.add(T_last_camera, view.stamp_s)
         self._recent_views.add(view, T_world_camera, T_last_camera, covariance)
         self._T_world_last = T_world_camera
 
     def recover(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
-        """Two tries at most: by the last view, then by the older one whose turn it is."""
+        """Recover by the last view, else by an older one, selected by `turn`; None if both fail."""
         return self._recover_by_prediction(view, last) or self._recover_by_older_view(
             view, last, turn
         )
 
     def _recover_by_prediction(self, view: FeatureView, last: FeatureView) -> RecoveredPose | None:
-        """The last view once more, searched only where the motion so far has the features."""
+        """Match the last view again, near the features' predicted positions only."""
         prediction = self._model.predict(view.stamp_s)
         if prediction is None:
             return None
@@ -94,23 +98,26 @@ class SurfRecovery:
     def _recover_by_older_view(
         self, view: FeatureView, last: FeatureView, turn: int
     ) -> RecoveredPose | None:
-        """A view of another place, without any expectation: the camera may have turned back."""
-        older = self._recent_views.excluding(last)
-        if not older:
+        """Match an older view without a prediction: the camera may have turned back."""
+        older_views = self._recent_views.excluding(last)
+        if not older_views:
             return None
-        place = older[turn % len(older)]
-        pairs = match_features(view.features, place.view.features, self._parameters.match_ratio)
-        matches = select_pairs_with_depth(view, place.view, pairs)
-        motion = self._estimate_motion(view, place.view, matches)
+        older_view = older_views[turn % len(older_views)]
+        pairs = match_features(
+            view.features, older_view.view.features, self._parameters.match_ratio
+        )
+        matches = select_pairs_with_depth(view, older_view.view, pairs)
+        motion = self._estimate_motion(view, older_view.view, matches)
         if not self._is_verified(motion, OLDER_VIEW_VERIFIER):
             return None
-        T_world_camera = place.T_world_view @ motion.T_reference_camera
+        T_world_camera = older_view.T_world_view @ motion.T_reference_camera
         T_last_camera = inverse(self._T_world_last) @ T_world_camera
         return RecoveredPose(
             T_world_camera=T_world_camera,
             T_last_camera=T_last_camera,
-            covariance=transport_covariance(place.covariance, T_last_camera) + motion.covariance,
-            debug=make_tracking_debug(view, place.view, matches, motion),
+            covariance=transport_covariance(older_view.covariance, T_last_camera)
+            + motion.covariance,
+            debug=make_tracking_debug(view, older_view.view, matches, motion),
         )
 
     def _estimate_motion(

@@ -1,4 +1,4 @@
-"""Octaves of filter sizes, and the maxima in all of them (Bay et al. 2008, Section 3.3)."""
+"""Scale space: octaves of filter sizes and their maxima (Bay et al. 2008, Section 3.3)."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ from vo_service.odometry.surf.maxima import NUM_COLUMNS, find_maxima, max_num_ma
 
 @dataclass(frozen=True)
 class Octave:
-    """Filters that grow by a constant step, sampled at every `step`-th pixel.
+    """Filters that grow by a constant amount, sampled at every `step`-th pixel.
 
-    Each inner lobe is searched for maxima against the lobes beside it.
+    Each inner lobe is searched for maxima against its two neighbors.
     """
 
     step: int
@@ -21,8 +21,8 @@ class Octave:
 
 
 # Lobe 3 is the 9x9 filter. The second octave is sampled at every pixel, not every other one as in
-# the paper: its keypoints are then found 30 % more precisely for 0.6 ms. A fourth octave (filters
-# of 99 to 195 pixels) would find some 30 keypoints, each a pixel off: of no use for a pose.
+# the paper: its keypoints are then located 30 % more precisely for 0.6 ms. A fourth octave (filters
+# of 99 to 195 pixels) would find some 30 keypoints with an error of a pixel: useless for a pose.
 OCTAVES = (
     Octave(step=1, lobes=(3, 5, 7, 9)),
     Octave(step=1, lobes=(5, 9, 13, 17)),
@@ -31,7 +31,7 @@ OCTAVES = (
 
 
 class ScaleSpace:
-    """Layers of Hessian responses of one image; its buffers are used again for the next image."""
+    """Layers of Hessian responses of one image; its buffers are reused for the next image."""
 
     def __init__(self, height: int, width: int) -> None:
         self._integral = np.zeros((height + 1, width + 1), np.int32)
@@ -42,13 +42,13 @@ class ScaleSpace:
             for octave in OCTAVES
             for lobe in octave.lobes
         }
-        room = sum(
+        max_keypoints = sum(
             max_num_maxima(*self._layers[octave.step, lobe].shape)
             for octave in OCTAVES
             for lobe in octave.lobes[1:-1]
         )
-        # Room for the worst image; memory that is never written to is never taken.
-        self._table = np.empty((room, NUM_COLUMNS), np.float32)
+        # Sized for the worst image; memory that is never written is not allocated.
+        self._table = np.empty((max_keypoints, NUM_COLUMNS), np.float32)
 
     def compute_responses(self, integral: NDArray[np.int32]) -> None:
         """Compute all layers of an image from its integral image, (H+1, W+1) int32."""
@@ -65,12 +65,12 @@ class ScaleSpace:
 
         Order: octave, layer, row, column.
         """
-        found = 0
+        count = 0
         for octave in OCTAVES:
             for lobes in zip(octave.lobes, octave.lobes[1:], octave.lobes[2:], strict=False):
                 below, middle, above = (self._layers[octave.step, lobe] for lobe in lobes)
-                found = find_maxima(
+                count = find_maxima(
                     self._integral, below, middle, above, lobes, octave.step,
-                    np.float32(threshold), self._table, found,
+                    np.float32(threshold), self._table, count,
                 )  # fmt: skip
-        return self._table[:found]
+        return self._table[:count]

@@ -98,7 +98,7 @@ def test_a_pose_of_the_covered_camera_is_lost_until_a_place_is_known(
     _, updates = came_back
     lost = [update for update in updates[SEEN:] if not update.estimate.ok]
     assert {update.state for update in lost} == {TrackingState.LOST}
-    assert "seen before" in lost[-1].reason
+    assert "relocalizing" in lost[-1].reason
 
 
 def test_camera_uncovered_where_it_never_was_begins_an_epoch() -> None:

@@ -90,7 +90,7 @@ def measure_port_in_use(stage: ServiceRunner) -> FaultTiming:
         taken.listen()
         begin_s = time.monotonic()
         service = stage.start()
-        wait_until(lambda: "the port is taken" in service.log)
+        wait_until(lambda: "the port is in use" in service.log)
         told_s = time.monotonic() - begin_s
     free_s = time.monotonic()
     heard_s = service.wait_until_streaming(free_s, START_TIMEOUT_S)

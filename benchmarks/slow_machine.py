@@ -28,7 +28,7 @@ from tests.vo_service.service_process import ServiceProcess, running_service
 
 WARM_UP_S = 6.0
 PERCENTS = (75.0, 60.0, 45.0)
-VIEWER_PAUSED_TEXT, FEATURES_TEXT = "the viewer rests", " features"
+VIEWER_PAUSED_TEXT, FEATURES_TEXT = "the viewer is paused", " features"
 
 
 @dataclass(frozen=True)

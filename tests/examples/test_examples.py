@@ -141,7 +141,7 @@ def test_a_command_begins_a_new_epoch_at_the_place_it_names(endpoint: str) -> No
 
 def test_a_command_to_nobody_says_so() -> None:
     done = finished("send_command.py", "tcp/127.0.0.1:1")
-    assert "no answer within 6 s" in done.stderr
+    assert "no reply within 6 s" in done.stderr
     assert done.returncode == 1
 
 

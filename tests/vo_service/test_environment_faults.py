@@ -91,7 +91,7 @@ def test_a_port_that_is_taken_is_said_and_waited_for(stage: ServiceRunner) -> No
         taken.listen()
         service = stage.start()
         wait_until(lambda: f"cannot listen on tcp/127.0.0.1:{stage.port}" in service.log)
-        assert "the port is taken" in service.log
+        assert "the port is in use" in service.log
     service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
     service.wait_for_status(lambda status: not status["warnings"])
     assert service.stop() == 0

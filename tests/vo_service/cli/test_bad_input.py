@@ -172,7 +172,7 @@ def test_a_busy_port_is_named_and_the_trajectory_kept(
         outcome = run_in_process(
             capfd, "replay", recording, "--config", config, "--trajectory", kept
         )
-    assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
+    assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is in use")
     assert kept.read_text() == "precious\n"
 
 
@@ -188,7 +188,7 @@ def test_who_is_waited_for_comes_to_the_agreed_port(
     options = ("--config", config, "--wait-for-subscriber", "1")
     with socket.create_server(("127.0.0.1", port)):
         outcome = run_in_process(capfd, "replay", recording, *options)
-    assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
+    assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is in use")
 
 
 @pytest.mark.subprocess
@@ -213,9 +213,9 @@ ARGUMENTS = {
     "command": (["replai"], "invalid choice: 'replai'"),
     "no command": ([], "required: COMMAND"),
     "no command to send": (["command"], "required: NAME; see `kinect-vo command --help`"),
-    "no name": (["command", ""], "'': no name of a command"),
-    "name with a hash": (["command", "reset#"], "'reset#': no name of a command"),
-    "name with a dollar": (["command", "reset$"], "'reset$': no name of a command"),
+    "no name": (["command", ""], "'': not a command name"),
+    "name with a hash": (["command", "reset#"], "'reset#': not a command name"),
+    "name with a dollar": (["command", "reset$"], "'reset$': not a command name"),
     "camera": (["run", "--camera", "kinekt"], "camera 'kinekt' is unknown; use one of: freenect"),
     "camera folder": (["run", "--camera", "tum:"], "camera 'tum' needs a folder: tum:FOLDER"),
     "recorded camera": (["record", "--camera", "kinekt", "X"], "camera 'kinekt' is unknown"),

@@ -167,5 +167,5 @@ def test_a_taken_default_port_is_one_line_of_a_log_and_no_error(
         outcome = run_in_process(capfd, "replay", recording, "--config", config, "--json")
     assert (outcome.code, json.loads(outcome.out)["frames"]) == (0, FRAMES)
     assert outcome.err.startswith("kinect-vo: info: poses: kinect/odom at tcp/127.0.0.1:")
-    assert f"as tcp/127.0.0.1:{port} is taken (kinect-vo listen --connect tcp/" in outcome.err
+    assert f"as tcp/127.0.0.1:{port} is in use (kinect-vo listen --connect tcp/" in outcome.err
     assert outcome.err.count("\n") == 1

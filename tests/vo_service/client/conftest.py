@@ -1,4 +1,4 @@
-"""A service that publishes what it is told to, and a client that hears it."""
+"""A fake service and a client that is connected to it."""
 
 from collections.abc import Iterator
 
@@ -14,23 +14,23 @@ from vo_service.client import PoseClient, freshness
 
 
 @pytest.fixture(scope="module")
-def both() -> Iterator[tuple[FakeService, str]]:
-    """A service, and where it is."""
+def service_at_endpoint() -> Iterator[tuple[FakeService, str]]:
+    """A fake service and its endpoint."""
     endpoint = find_free_endpoint()
     with running_fake_service(endpoint) as publisher:
         yield publisher, endpoint
 
 
 @pytest.fixture
-def talk(
-    both: tuple[FakeService, str], monkeypatch: pytest.MonkeyPatch
+def service_and_client(
+    service_at_endpoint: tuple[FakeService, str], monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[FakeService, PoseClient]]:
-    """A service and a client that hears it."""
-    monkeypatch.setattr(freshness, "MAX_SILENCE_S", 60.0)  # a busy machine is no silence
-    publisher, endpoint = both
+    """A fake service and a connected client."""
+    monkeypatch.setattr(freshness, "MAX_SILENCE_S", 60.0)  # a busy machine may be late
+    publisher, endpoint = service_at_endpoint
     with PoseClient(connect=endpoint) as client:
         assert client.wait_for_publisher(20)
         publisher.wait_for_reader()
         yield publisher, client
-    # Or the next test would take this reader for its own.
+    # Otherwise the next test would mistake this reader for its own.
     wait_until(lambda: not publisher.has_reader("kinect/odom"))

@@ -1,4 +1,4 @@
-"""A service as a client sees it: poses, statuses and the token, sent by hand over real Zenoh."""
+"""Fake service for clients: poses, statuses and the liveliness token over real Zenoh."""
 
 import json
 from collections.abc import Iterator
@@ -19,12 +19,12 @@ from vo_service.outputs.zenoh.session import open_session
 
 
 def find_free_endpoint() -> str:
-    """On a port of 127.0.0.1 that nobody has."""
+    """Return an endpoint on a free port of 127.0.0.1."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 
 class FakeService:
-    """Publishes whatever it is told."""
+    """Publishes what the test asks for."""
 
     def __init__(self, endpoint: str) -> None:
         self.session = open_session(ZenohConfig(listen=(endpoint,)))
@@ -32,60 +32,61 @@ class FakeService:
         self._token = self.session.liveliness().declare_token("kinect/alive")
 
     def wait_for_reader(self, key: str = "kinect/odom") -> None:
-        """Until somebody has subscribed to this, the poses by default."""
+        """Wait until there is a subscriber to a key."""
         wait_until(lambda: self.has_reader(key), f"a reader of {key}")
 
     def has_reader(self, key: str) -> bool:
-        """Whether somebody has subscribed to this."""
+        """Return whether there is a subscriber to a key."""
         with self.session.declare_publisher(key) as probe:
             return bool(probe.matching_status.matching)  # type: ignore[attr-defined]
 
-    def publish_pose(self, seq: int, x_m: float = 0.0, **about: Any) -> None:
-        """One pose, `x_m` ahead."""
+    def publish_pose(self, seq: int, x_m: float = 0.0, **attachment: Any) -> None:
+        """Publish one pose, `x_m` ahead."""
         T = rigid_transform(np.eye(3), [x_m, 0.5, -0.25])
         message = OdometryMessage(12.5, "odom", "base_link", T, np.eye(6), np.zeros(6), np.eye(6))
-        usual = {"schema": 1, "seq": seq, "state": "tracking", "epoch": 0, "reason": ""}
-        self._odom.put(encode_odometry(message), attachment=json.dumps(usual | about).encode())
+        default = {"schema": 1, "seq": seq, "state": "tracking", "epoch": 0, "reason": ""}
+        content = json.dumps(default | attachment).encode()
+        self._odom.put(encode_odometry(message), attachment=content)
 
-    def publish_map_odom(self, y_m: float = 0.0, **about: Any) -> None:
-        """How odom lies in the map: `y_m` to the left."""
-        payload, attachment = self._map_odom(y_m, about)
-        self.session.put("kinect/map_odom", payload, attachment=attachment)
+    def publish_map_odom(self, y_m: float = 0.0, **attachment: Any) -> None:
+        """Publish a map->odom transform with `y_m` to the left."""
+        payload, content = self._map_odom(y_m, attachment)
+        self.session.put("kinect/map_odom", payload, attachment=content)
 
-    def answers_map_odom(self, y_m: float = 0.0, **about: Any) -> None:
-        """The same to whoever asks, from now on."""
-        payload, attachment = self._map_odom(y_m, about)
+    def answers_map_odom(self, y_m: float = 0.0, **attachment: Any) -> None:
+        """Reply to queries with this transform from now on."""
+        payload, content = self._map_odom(y_m, attachment)
 
         def reply(query: zenoh.Query) -> None:
-            query.reply("kinect/map_odom", payload, attachment=attachment)
+            query.reply("kinect/map_odom", payload, attachment=content)
 
         self.session.declare_queryable("kinect/map_odom", reply)
 
     @staticmethod
-    def _map_odom(y_m: float, about: dict[str, Any]) -> tuple[bytes, bytes]:
-        """Payload and attachment."""
+    def _map_odom(y_m: float, attachment: dict[str, Any]) -> tuple[bytes, bytes]:
+        """Make payload and attachment."""
         T = rigid_transform(np.eye(3), [0.0, y_m, 0.0])
-        usual = {
+        default = {
             "schema": 1, "seq": 0, "epoch": 0, "is_localized": True, "map_keyframes": 3, "loop_closures": 1,
         }  # fmt: skip
         payload = encode_transform(TransformMessage(12.5, "map", "odom", T))
-        return payload, json.dumps(usual | about).encode()
+        return payload, json.dumps(default | attachment).encode()
 
     def publish_raw(self, payload: bytes, attachment: bytes | None = None) -> None:
-        """Whatever comes."""
+        """Publish any bytes as a pose."""
         self._odom.put(payload, attachment=attachment)
 
     def publish_status(self, **changes: Any) -> None:
-        """One status."""
-        usual = {"schema": 1, "state": "tracking", "reason": "", "paused": False}
-        self.session.put("kinect/status", json.dumps(usual | changes).encode())
+        """Publish one status."""
+        default = {"schema": 1, "state": "tracking", "reason": "", "paused": False}
+        self.session.put("kinect/status", json.dumps(default | changes).encode())
 
     def answer_with(self, name: str, answer: dict[str, Any]) -> list[Any]:
-        """Answer a question in this way from now on; the arguments that came."""
-        heard: list[Any] = []
+        """Reply to queries in this way from now on; return the list of received arguments."""
+        received: list[Any] = []
 
         def reply(query: zenoh.Query) -> None:
-            heard.append(json.loads(query.payload.to_bytes()) if query.payload else None)
+            received.append(json.loads(query.payload.to_bytes()) if query.payload else None)
             payload = json.dumps({"schema": 1, **answer}).encode()
             if "error" in answer:
                 query.reply_err(payload)
@@ -93,39 +94,39 @@ class FakeService:
                 query.reply(f"kinect/{name}", payload)
 
         self.session.declare_queryable(f"kinect/{name}", reply)
-        return heard
+        return received
 
     def close(self) -> None:
-        """Gone."""
+        """Close the session."""
         self.session.close()  # type: ignore[no-untyped-call]
 
 
 @contextmanager
 def running_fake_service(endpoint: str) -> Iterator[FakeService]:
-    """A service that goes at the end of the block."""
-    it = FakeService(endpoint)
+    """Run a fake service while the block runs."""
+    service = FakeService(endpoint)
     try:
-        yield it
+        yield service
     finally:
-        it.close()
+        service.close()
 
 
 ServiceAndClient = tuple[FakeService, PoseClient]
 
 
 def wait_for_pose(client: PoseClient, seq: int) -> None:
-    """Until this pose has come."""
+    """Wait until the client has received this pose."""
 
-    def is_there() -> bool:
-        found = client._state.pose.item
-        return found is not None and found.attachment["seq"] == seq
+    def has_arrived() -> bool:
+        received = client._state.pose.item
+        return received is not None and received.attachment["seq"] == seq
 
-    wait_until(is_there)
+    wait_until(has_arrived)
 
 
 def publish_and_receive(
-    publisher: FakeService, poses: Iterator[Pose], seq: int, **about: Any
+    publisher: FakeService, poses: Iterator[Pose], seq: int, **attachment: Any
 ) -> Pose:
-    """What a reader gets once this is published."""
-    publisher.publish_pose(seq, **about)
+    """Publish a pose and return what a reader gets."""
+    publisher.publish_pose(seq, **attachment)
     return next(poses)

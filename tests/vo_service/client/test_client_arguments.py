@@ -1,4 +1,4 @@
-"""What a caller gives wrongly is one line, and nothing is sent."""
+"""Invalid arguments raise a one-line error, and nothing is sent."""
 
 from collections.abc import Callable, Iterator
 
@@ -15,8 +15,8 @@ Call = Callable[[PoseClient], object]
 
 
 @pytest.fixture(scope="module")
-def alone() -> Iterator[PoseClient]:
-    """A client of nobody."""
+def lone_client() -> Iterator[PoseClient]:
+    """A client without a service."""
     with PoseClient(connect=find_free_endpoint()) as client:
         yield client
 
@@ -38,29 +38,29 @@ def alone() -> Iterator[PoseClient]:
         lambda client: client.command("led", {"led": object()}),
     ],
 )
-def test_what_cannot_be_meant_is_refused_in_one_line(alone: PoseClient, call: Call) -> None:
+def test_what_cannot_be_meant_is_refused_in_one_line(lone_client: PoseClient, call: Call) -> None:
     with pytest.raises(InputError) as caught:
-        call(alone)
+        call(lone_client)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.zenoh
 @pytest.mark.parametrize("name", ["", "reset#", "reset$", "a/b", "*", "reset\n", "réset", "a?b"])
-def test_what_is_no_name_of_a_command_is_not_sent(alone: PoseClient, name: str) -> None:
-    with pytest.raises(InputError, match="no name of a command"):
-        alone.command(name)
+def test_what_is_no_name_of_a_command_is_not_sent(lone_client: PoseClient, name: str) -> None:
+    with pytest.raises(InputError, match="not a command name"):
+        lone_client.command(name)
 
 
 def test_a_place_in_32_bits_is_rigid_enough() -> None:
-    turned = rigid_transform(so3_exp([0.1, -0.2, 2.0]), [1, 2, 3])
-    sent = reset_arguments(turned.astype(np.float32).astype(np.float64))
-    assert sent["position_m"] == [1.0, 2.0, 3.0]
+    T_odom_base = rigid_transform(so3_exp([0.1, -0.2, 2.0]), [1, 2, 3])
+    reset_fields = reset_arguments(T_odom_base.astype(np.float32).astype(np.float64))
+    assert reset_fields["position_m"] == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.zenoh
-@pytest.mark.parametrize("ask", [PoseClient.query_latest, PoseClient.pause, PoseClient.schemas])
-def test_a_closed_client_says_so(ask: Call) -> None:
+@pytest.mark.parametrize("call", [PoseClient.query_latest, PoseClient.pause, PoseClient.schemas])
+def test_a_closed_client_says_so(call: Call) -> None:
     client = PoseClient(connect=find_free_endpoint())
     client.close()
     with pytest.raises(ServiceUnavailable, match="kinect: this client is closed; open another"):
-        ask(client)
+        call(client)

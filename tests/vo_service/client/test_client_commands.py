@@ -1,4 +1,4 @@
-"""What a client sends for each of its methods, and what becomes of the answers."""
+"""What a client sends for each of its methods, and how it handles the replies."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ from vo_service.command_parser import COMMAND_NAMES, parse_command
 
 pytestmark = pytest.mark.zenoh
 
-Talk = tuple[FakeService, PoseClient]
+ServiceAndClient = tuple[FakeService, PoseClient]
 FOLDER = {"folder": "/var/lib/kinect-vo/desk"}
 T_ODOM_BASE = rigid_transform(np.eye(3), [1.0, 2.0, 0.5])
 CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] = {
@@ -46,7 +46,7 @@ CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] 
 
 
 @pytest.fixture(scope="module")
-def talk() -> Iterator[Talk]:
+def service_and_client() -> Iterator[ServiceAndClient]:
     endpoint = find_free_endpoint()
     with running_fake_service(endpoint) as publisher, PoseClient(connect=endpoint) as client:
         assert client.wait_for_publisher(20)
@@ -54,19 +54,19 @@ def talk() -> Iterator[Talk]:
 
 
 @pytest.fixture
-def lone() -> Iterator[Talk]:
+def new_service_and_client() -> Iterator[ServiceAndClient]:
     endpoint = find_free_endpoint()
     with running_fake_service(endpoint) as publisher, PoseClient(connect=endpoint) as client:
         yield publisher, client
 
 
-def answering(talk: Talk, name: str, answer: dict[str, Any]) -> list[Any]:
-    """Let the service answer in this way; what was asked, once it is."""
-    publisher, client = talk
-    asked = publisher.answer_with(name, answer)
+def set_reply(service_and_client: ServiceAndClient, name: str, reply: dict[str, Any]) -> list[Any]:
+    """Make the service reply in this way; return the list of received arguments."""
+    publisher, client = service_and_client
+    received_arguments = publisher.answer_with(name, reply)
     querier: Any = client._connection.sessions[0].declare_querier(f"kinect/{name}")
     wait_until(lambda: bool(querier.matching_status.matching))
-    return asked
+    return received_arguments
 
 
 def test_there_is_a_method_for_every_command() -> None:
@@ -75,74 +75,86 @@ def test_there_is_a_method_for_every_command() -> None:
 
 @pytest.mark.parametrize("name", COMMAND_NAMES)
 def test_a_method_sends_what_the_service_takes_and_gives_back_its_answer(
-    talk: Talk, name: str
+    service_and_client: ServiceAndClient, name: str
 ) -> None:
-    _, client = talk
-    call, answer, given = CALLS[name]
-    sent = answering(talk, f"command/{name}", answer)
-    assert call(client) == given
+    _, client = service_and_client
+    call, reply, expected = CALLS[name]
+    sent = set_reply(service_and_client, f"command/{name}", reply)
+    assert call(client) == expected
     payload = b"" if sent[0] is None else json.dumps(sent[0]).encode()
     parse_command(name, payload)
 
 
-def test_a_reset_without_a_pose_sends_none(lone: Talk) -> None:
-    _, client = lone
-    sent = answering(lone, "command/reset", {"epoch": 1})
+def test_a_reset_without_a_pose_sends_none(new_service_and_client: ServiceAndClient) -> None:
+    _, client = new_service_and_client
+    sent = set_reply(new_service_and_client, "command/reset", {"epoch": 1})
     assert client.reset() == 1
     assert sent == [None]
 
 
-def test_a_refusal_has_the_services_words_and_code(lone: Talk) -> None:
-    _, client = lone
-    answering(lone, "command/tilt", {"error": "not-possible", "message": "it has no motor"})
+def test_a_refusal_has_the_services_words_and_code(
+    new_service_and_client: ServiceAndClient,
+) -> None:
+    _, client = new_service_and_client
+    set_reply(
+        new_service_and_client,
+        "command/tilt",
+        {"error": "not-possible", "message": "it has no motor"},
+    )
     with pytest.raises(CommandRefused, match="it has no motor") as caught:
         client.tilt(3.0)
     assert caught.value.code == "not-possible"
 
 
-def test_a_command_that_nobody_takes_is_no_answer(lone: Talk) -> None:
-    _, client = lone
-    with pytest.raises(ServiceUnavailable, match="kinect/command/pause: no answer"):
+def test_a_command_that_nobody_takes_is_no_answer(new_service_and_client: ServiceAndClient) -> None:
+    _, client = new_service_and_client
+    with pytest.raises(ServiceUnavailable, match="kinect/command/pause: no reply"):
         client.command("pause", timeout_s=0.2)
 
 
-def test_an_answer_of_another_version_is_not_read(lone: Talk) -> None:
-    _, client = lone
-    answering(lone, "schema", {"schema": 9, "schemas": {}})
+def test_an_answer_of_another_version_is_not_read(new_service_and_client: ServiceAndClient) -> None:
+    _, client = new_service_and_client
+    set_reply(new_service_and_client, "schema", {"schema": 9, "schemas": {}})
     with pytest.raises(ValueError, match="version 9"):
         client.schemas()
 
 
-def test_a_status_that_was_not_heard_is_asked_for(lone: Talk) -> None:
-    _, client = lone
-    answering(lone, "status", {"state": "tracking", "reason": "", "paused": False})
+def test_a_status_that_was_not_heard_is_asked_for(new_service_and_client: ServiceAndClient) -> None:
+    _, client = new_service_and_client
+    set_reply(
+        new_service_and_client, "status", {"state": "tracking", "reason": "", "paused": False}
+    )
     assert client.status()["state"] == "tracking"
 
 
-def test_a_service_that_is_stuck_is_no_answer_in_the_same_words(lone: Talk) -> None:
-    publisher, client = lone
-    kept: list[zenoh.Query] = []
-    publisher.session.declare_queryable("kinect/command/pause", kept.append)
+def test_a_service_that_is_stuck_is_no_answer_in_the_same_words(
+    new_service_and_client: ServiceAndClient,
+) -> None:
+    publisher, client = new_service_and_client
+    pending: list[zenoh.Query] = []
+    publisher.session.declare_queryable("kinect/command/pause", pending.append)
     querier: Any = client._connection.sessions[0].declare_querier("kinect/command/pause")
     wait_until(lambda: bool(querier.matching_status.matching))
     with pytest.raises(
-        ServiceUnavailable, match=r"kinect/command/pause: no answer within 0\.3 s: .* stuck"
+        ServiceUnavailable, match=r"kinect/command/pause: no reply within 0\.3 s: .* hangs"
     ):
         client.command("pause", timeout_s=0.3)
 
 
-@pytest.mark.parametrize("answer", [{}, {"epoch": "4"}, {"epoch": True}])
-def test_an_answer_of_another_shape_is_not_read(lone: Talk, answer: dict[str, Any]) -> None:
-    _, client = lone
-    answering(lone, "command/reset", answer)
-    with pytest.raises(ValueError, match="the answer to command/reset came with"):
+@pytest.mark.parametrize("reply", [{}, {"epoch": "4"}, {"epoch": True}])
+def test_an_answer_of_another_shape_is_not_read(
+    new_service_and_client: ServiceAndClient, reply: dict[str, Any]
+) -> None:
+    _, client = new_service_and_client
+    set_reply(new_service_and_client, "command/reset", reply)
+    with pytest.raises(ValueError, match="the reply to command/reset came with"):
         client.reset()
 
 
-def test_a_refusal_of_another_shape_is_told(lone: Talk) -> None:
-    _, client = lone
-    answering(lone, "command/pause", {"error": 3, "message": "no"})
+def test_a_refusal_of_another_shape_is_told(new_service_and_client: ServiceAndClient) -> None:
+    _, client = new_service_and_client
+    set_reply(new_service_and_client, "command/pause", {"error": 3, "message": "no"})
     with pytest.raises(
-        ServiceUnavailable, match="cannot be read: a refusal came with a int for error"
+        ServiceUnavailable, match="cannot parse the reply: an error reply came with a int for error"
     ):
         client.pause()

@@ -1,4 +1,4 @@
-"""Services that are not there yet, go, and come back; what importing the client costs."""
+"""Services that start late, stop and return; what importing the client loads."""
 
 import json
 import subprocess
@@ -48,7 +48,7 @@ def test_a_service_that_goes_and_comes_back_is_read_again_but_not_as_if_nothing_
 
 
 def newest_x_m(client: PoseClient) -> float:
-    """Where the newest pose is; it does not go on from one of the run before."""
+    """Return x of the newest pose; -1 if there is none."""
     try:
         pose = client.newest(max_age_s=5.0)
     except PoseUnavailable:
@@ -83,11 +83,12 @@ def test_a_zenoh_configuration_says_where(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"prefix": "/x"}, {"connect": "nonsense"}, {"config_file": "missing.json5"}]
+    "invalid_argument",
+    [{"prefix": "/x"}, {"connect": "nonsense"}, {"config_file": "missing.json5"}],
 )
-def test_what_is_wrong_is_said_at_once(wrong: dict[str, str]) -> None:
+def test_what_is_wrong_is_said_at_once(invalid_argument: dict[str, str]) -> None:
     with pytest.raises(InputError):
-        PoseClient(**wrong)
+        PoseClient(**invalid_argument)
 
 
 def test_nobody_there_is_no_answer() -> None:

@@ -1,4 +1,4 @@
-"""Reading how odom lies in the map."""
+"""The client's map->odom transform."""
 
 import numpy as np
 import pytest
@@ -15,34 +15,34 @@ from vo_service.client import CommandRefused, MapOdom, PoseClient
 pytestmark = pytest.mark.zenoh
 
 
-def heard(talk: ServiceAndClient, seq: int) -> MapOdom:
-    """What the client gives out once this has come."""
-    publisher, client = talk
+def receive_map_odom(service_and_client: ServiceAndClient, seq: int) -> MapOdom:
+    """Publish a transform and return what the client gives out."""
+    publisher, client = service_and_client
     publisher.publish_map_odom(
         2.0, seq=seq, epoch=1, is_localized=False, map_keyframes=7, loop_closures=2
     )
 
     def is_there() -> bool:
-        found = client._state.map_odom.item
-        return found is not None and found.seq == seq
+        received = client._state.map_odom.item
+        return received is not None and received.seq == seq
 
     wait_until(is_there)
     return client.map_odom()
 
 
-def test_it_has_all_that_the_message_says(talk: ServiceAndClient) -> None:
-    found = heard(talk, 7)
-    assert (found.stamp_s, found.frame_id, found.child_frame_id) == (12.5, "map", "odom")
-    assert (found.seq, found.epoch, found.is_localized) == (7, 1, False)
-    assert (found.map_keyframes, found.loop_closures) == (7, 2)
-    np.testing.assert_allclose(found.T_map_odom[:3, 3], [0.0, 2.0, 0.0])
-    assert 0 <= found.age_s < 20
+def test_it_has_all_that_the_message_says(service_and_client: ServiceAndClient) -> None:
+    received = receive_map_odom(service_and_client, 7)
+    assert (received.stamp_s, received.frame_id, received.child_frame_id) == (12.5, "map", "odom")
+    assert (received.seq, received.epoch, received.is_localized) == (7, 1, False)
+    assert (received.map_keyframes, received.loop_closures) == (7, 2)
+    np.testing.assert_allclose(received.T_map_odom[:3, 3], [0.0, 2.0, 0.0])
+    assert 0 <= received.age_s < 20
 
 
-def test_a_pose_in_the_map_is_one_product(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_a_pose_in_the_map_is_one_product(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     pose = publish_and_receive(publisher, client.poses(), 8, x_m=1.0)
-    T_map_base = heard(talk, 8).T_map_odom @ pose.T_odom_base
+    T_map_base = receive_map_odom(service_and_client, 8).T_map_odom @ pose.T_odom_base
     np.testing.assert_allclose(T_map_base[:3, 3], [1.0, 2.5, -0.25])
 
 
@@ -59,7 +59,7 @@ def test_a_service_without_a_map_says_so() -> None:
 
 
 @pytest.mark.parametrize(
-    ("payload", "attachment", "words"),
+    ("payload", "attachment", "message"),
     [
         (
             b"nonsense",
@@ -67,7 +67,7 @@ def test_a_service_without_a_map_says_so() -> None:
             "without epoch, is_localized, loop_closures, map_keyframes",
         ),
         (b"", None, "without its attachment"),
-        (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
+        (b"", b'{"schema": 2}', "a message has version 2, but this client reads only 1"),
         (
             b"nonsense",
             b'{"schema": 1, "seq": 1, "epoch": 0, "is_localized": true, "map_keyframes": 1, "loop_closures": 0}',
@@ -76,17 +76,17 @@ def test_a_service_without_a_map_says_so() -> None:
     ],
 )
 def test_one_that_cannot_be_read_is_passed_over_and_the_next_one_read(
-    talk: ServiceAndClient,
+    service_and_client: ServiceAndClient,
     payload: bytes,
     attachment: bytes | None,
-    words: str,
+    message: str,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    publisher, client = talk
+    publisher, client = service_and_client
     publisher.session.put("kinect/map_odom", payload, attachment=attachment)
-    wait_until(lambda: words in client._state.map_odom.parse_error)
-    assert heard(talk, 9).seq == 9
-    assert caplog.text.count("passed over") == 1
+    wait_until(lambda: message in client._state.map_odom.parse_error)
+    assert receive_map_odom(service_and_client, 9).seq == 9
+    assert caplog.text.count("ignored a message") == 1
 
 
 def test_what_another_run_of_the_service_said_is_forgotten() -> None:
@@ -94,6 +94,6 @@ def test_what_another_run_of_the_service_said_is_forgotten() -> None:
     with PoseClient(connect=endpoint) as client:
         with running_fake_service(endpoint) as publisher:
             publisher.wait_for_reader()
-            assert heard((publisher, client), 1).seq == 1
+            assert receive_map_odom((publisher, client), 1).seq == 1
         wait_until(lambda: not client.is_alive)
         assert client._state.map_odom.item is None

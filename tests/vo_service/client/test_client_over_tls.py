@@ -50,7 +50,7 @@ def test_an_operator_commands(network: TlsNetwork, robot: TlsRobot) -> None:
 def running_robot(
     network: TlsNetwork, make_update: Callable[..., OdometryUpdate]
 ) -> Iterator[None]:
-    """A robot that is there while the block runs."""
+    """Run a robot while the block runs."""
     robot = TlsRobot(network.file("robot-tls.json5", network.server_identity), make_update)
     thread = threading.Thread(target=robot.run)
     thread.start()
@@ -80,31 +80,33 @@ def test_a_key_that_is_away_for_a_while_is_told_of_once_and_waited_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(connection, "RETRY_S", 0.05)
-    tries = counted(monkeypatch)
+    attempts = count_attempts(monkeypatch)
     file = network.file("reader-tls.json5", "ours/reader")
     certificate = file.with_name("tls.pem")
     with PoseClient(config_file=file) as client:
         certificate.rename(file.with_name("away.pem"))
-        before = len(tries)
-        wait_until(lambda: len(tries) > before + 3)
+        before = len(attempts)
+        wait_until(lambda: len(attempts) > before + 3)
         file.with_name("away.pem").rename(certificate)
         with running_robot(network, make_update):
             assert next(client.poses(timeout_s=100)).state == "tracking"
-    told = [record.getMessage() for record in caplog.records if "tls.pem" in record.getMessage()]
-    assert len(told) == 1
-    assert told[0].endswith("; trying again")
+    messages = [
+        record.getMessage() for record in caplog.records if "tls.pem" in record.getMessage()
+    ]
+    assert len(messages) == 1
+    assert messages[0].endswith("; trying again")
 
 
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
-    """Grows with every try to open a session."""
-    tries: list[ZenohConfig] = []
+def count_attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
+    """Return a list that grows with every attempt to open a session."""
+    attempts: list[ZenohConfig] = []
 
     def open_and_count(config: ZenohConfig) -> zenoh.Session:
-        tries.append(config)
+        attempts.append(config)
         return open_session(config)
 
     monkeypatch.setattr(connection, "open_session", open_and_count)
-    return tries
+    return attempts
 
 
 def test_who_is_refused_hears_nothing_and_that_this_may_be_why(
@@ -114,6 +116,7 @@ def test_who_is_refused_hears_nothing_and_that_this_may_be_why(
     with PoseClient(config_file=file) as client, pytest.raises(PoseUnavailable) as caught:
         next(client.poses(timeout_s=1.0))
     assert caught.value.reason is PoseUnavailableReason.NO_PUBLISHER
-    assert f"no kinect-vo publishes as kinect where {file} says, or it refuses us" in str(
-        caught.value
+    assert (
+        f"no kinect-vo publishes as kinect at the endpoints in {file}, or access is denied"
+        in str(caught.value)
     )

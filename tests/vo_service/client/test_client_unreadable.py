@@ -1,4 +1,4 @@
-"""Messages that cannot be read: passed over, and said."""
+"""Messages that cannot be parsed are ignored and reported."""
 
 import pytest
 
@@ -10,7 +10,7 @@ pytestmark = pytest.mark.zenoh
 
 
 @pytest.mark.parametrize(
-    ("payload", "attachment", "words"),
+    ("payload", "attachment", "message"),
     [
         (b"nonsense", b'{"schema": 1, "seq": 1, "state": "", "epoch": 0, "reason": ""}', "CDR"),
         (b"", None, "without its attachment"),
@@ -18,23 +18,23 @@ pytestmark = pytest.mark.zenoh
         (b"", b'{"schema": 1, "seq": 1}', "without epoch, reason, state"),
         (b"", b'{"schema": 1, "seq": "a", "state": "", "epoch": 0, "reason": ""}', "a str for seq"),
         (b"", b"[" * 100_000, "nested too deeply"),
-        (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
+        (b"", b'{"schema": 2}', "a message has version 2, but this client reads only 1"),
     ],
 )
 def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
-    talk: ServiceAndClient, payload: bytes, attachment: bytes | None, words: str
+    service_and_client: ServiceAndClient, payload: bytes, attachment: bytes | None, message: str
 ) -> None:
-    publisher, client = talk
+    publisher, client = service_and_client
     publisher.publish_raw(payload, attachment)
     wait_until(lambda: client._state.parse_error != "")
-    with pytest.raises(PoseUnavailable, match=words) as caught:
+    with pytest.raises(PoseUnavailable, match=message) as caught:
         client.newest()
     assert caught.value.reason is PoseUnavailableReason.UNREADABLE
     assert publish_and_receive(publisher, client.poses(), 60).seq == 60
 
 
 @pytest.mark.parametrize(
-    ("status", "words"),
+    ("status", "message"),
     [
         (b'{"schema": 1}', "a status came without paused, reason, state"),
         (b'{"schema": 1, "state": "lost", "reason": "", "paused": 1}', "a int for paused"),
@@ -42,12 +42,12 @@ def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
     ],
 )
 def test_a_status_that_cannot_be_read_is_said_until_one_can(
-    talk: ServiceAndClient, status: bytes, words: str
+    service_and_client: ServiceAndClient, status: bytes, message: str
 ) -> None:
-    publisher, client = talk
+    publisher, client = service_and_client
     publisher.session.put("kinect/status", status)
     wait_until(lambda: client._state.parse_error != "")
-    with pytest.raises(PoseUnavailable, match=words) as caught:
+    with pytest.raises(PoseUnavailable, match=message) as caught:
         client.newest()
     assert caught.value.reason is PoseUnavailableReason.UNREADABLE
     publisher.publish_status(paused=True)
@@ -56,8 +56,10 @@ def test_a_status_that_cannot_be_read_is_said_until_one_can(
         client.newest()
 
 
-def test_a_status_says_nothing_about_poses_that_cannot_be_read(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_a_status_says_nothing_about_poses_that_cannot_be_read(
+    service_and_client: ServiceAndClient,
+) -> None:
+    publisher, client = service_and_client
     publisher.publish_raw(b"nonsense")
     wait_until(lambda: client._state.parse_error != "")
     publisher.publish_status()

@@ -1,4 +1,4 @@
-"""Reading poses: the newest, how many were missed, whether they go on from the one before."""
+"""Reading poses: the newest, how many were missed, and continuity."""
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -17,8 +17,8 @@ from vo_service.client import Pose, PoseUnavailable, PoseUnavailableReason
 pytestmark = pytest.mark.zenoh
 
 
-def test_a_pose_has_all_that_the_message_says(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_a_pose_has_all_that_the_message_says(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     pose = publish_and_receive(
         publisher, client.poses(), 7, x_m=1.5, epoch=2, state="degraded", reason="few"
     )
@@ -30,8 +30,10 @@ def test_a_pose_has_all_that_the_message_says(talk: ServiceAndClient) -> None:
     assert 0 <= pose.age_s < 20
 
 
-def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(
+    service_and_client: ServiceAndClient,
+) -> None:
+    publisher, client = service_and_client
     poses = client.poses()
     publish_and_receive(publisher, poses, 10)
     for seq in range(11, 31):
@@ -41,8 +43,8 @@ def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(talk: Servic
     assert (pose.seq, pose.missed, pose.is_continuous) == (30, 19, True)
 
 
-def test_each_reader_counts_for_itself(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_each_reader_counts_for_itself(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     one, other = client.poses(), client.poses()
     publish_and_receive(publisher, one, 1)
     publisher.publish_pose(2)
@@ -54,17 +56,17 @@ def test_each_reader_counts_for_itself(talk: ServiceAndClient) -> None:
     ("seq", "epoch"), [(6, 1), (0, 0)], ids=["another epoch", "numbers from 0 again"]
 )
 def test_a_pose_that_does_not_go_on_from_the_one_before_says_so(
-    talk: ServiceAndClient, seq: int, epoch: int
+    service_and_client: ServiceAndClient, seq: int, epoch: int
 ) -> None:
-    publisher, client = talk
+    publisher, client = service_and_client
     poses = client.poses()
     assert not publish_and_receive(publisher, poses, 4).is_continuous
     assert publish_and_receive(publisher, poses, 5).is_continuous
     assert not publish_and_receive(publisher, poses, seq, epoch=epoch).is_continuous
 
 
-def test_the_newest_pose_is_had_at_once(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_the_newest_pose_is_had_at_once(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     publisher.publish_pose(40, x_m=4.0)
     wait_for_pose(client, 40)
     assert client.newest(max_age_s=20).position_m[0] == 4.0
@@ -72,14 +74,14 @@ def test_the_newest_pose_is_had_at_once(talk: ServiceAndClient) -> None:
     assert (again.seq, again.missed, again.is_continuous) == (40, 0, True)
 
 
-def test_an_old_pose_is_not_given_out_as_the_newest(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_an_old_pose_is_not_given_out_as_the_newest(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     publisher.publish_pose(41)
     wait_for_pose(client, 41)
     publisher.publish_status()
     wait_until(lambda: client._state.status.item is not None)
     with pytest.raises(
-        PoseUnavailable, match=r"no pose for \d+\.\d s, though the service says"
+        PoseUnavailable, match=r"no pose for \d+\.\d s, but the service reports"
     ) as caught:
         client.newest(max_age_s=1e-6)
     assert caught.value.reason is PoseUnavailableReason.SILENT
@@ -88,7 +90,7 @@ def test_an_old_pose_is_not_given_out_as_the_newest(talk: ServiceAndClient) -> N
 
 
 @pytest.mark.parametrize(
-    ("status", "why", "words"),
+    ("status", "why", "message"),
     [
         ({"paused": True, "state": "lost"}, PoseUnavailableReason.PAUSED, "the service is paused"),
         (
@@ -104,18 +106,21 @@ def test_an_old_pose_is_not_given_out_as_the_newest(talk: ServiceAndClient) -> N
     ],
 )
 def test_the_status_says_why_there_is_no_pose(
-    talk: ServiceAndClient, status: dict[str, object], why: PoseUnavailableReason, words: str
+    service_and_client: ServiceAndClient,
+    status: dict[str, object],
+    why: PoseUnavailableReason,
+    message: str,
 ) -> None:
-    publisher, client = talk
+    publisher, client = service_and_client
     publisher.publish_status(**status)
     wait_until(lambda: client._state.status.item is not None)
-    with pytest.raises(PoseUnavailable, match=words) as caught:
+    with pytest.raises(PoseUnavailable, match=message) as caught:
         client.newest()
     assert (caught.value.reason, caught.value.last) == (why, None)
 
 
-def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     pose = publish_and_receive(
         publisher, client.poses(), 50, state="lost", reason="3 of 9 matches agree"
     )
@@ -126,21 +131,23 @@ def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(talk: ServiceAndClient) ->
     assert caught.value.last is not None
 
 
-def test_before_anything_came_it_is_said_to_be_silent(talk: ServiceAndClient) -> None:
-    _, client = talk
-    with pytest.raises(PoseUnavailable, match="is there, but nothing comes"):
+def test_before_anything_came_it_is_said_to_be_silent(service_and_client: ServiceAndClient) -> None:
+    _, client = service_and_client
+    with pytest.raises(PoseUnavailable, match="is up but publishes nothing"):
         client.newest()
 
 
-def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(talk: ServiceAndClient) -> None:
-    _, client = talk
+def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(
+    service_and_client: ServiceAndClient,
+) -> None:
+    _, client = service_and_client
     with pytest.raises(PoseUnavailable) as caught:
         next(client.poses(timeout_s=0.05))
     assert caught.value.reason is PoseUnavailableReason.SILENT
 
 
-def test_each_thread_is_told_of_the_jump_itself(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_each_thread_is_told_of_the_jump_itself(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
         seen = []
         for seq, epoch in ((70, 0), (71, 0), (72, 1), (73, 1)):
@@ -151,8 +158,8 @@ def test_each_thread_is_told_of_the_jump_itself(talk: ServiceAndClient) -> None:
     assert seen == [[False, False], [True, True], [False, False], [True, True]]
 
 
-def test_closing_ends_the_readers(talk: ServiceAndClient) -> None:
-    _, client = talk
+def test_closing_ends_the_readers(service_and_client: ServiceAndClient) -> None:
+    _, client = service_and_client
     ended: list[list[Pose]] = []
     reader = threading.Thread(target=lambda: ended.append(list(client.poses())))
     reader.start()
@@ -162,8 +169,8 @@ def test_closing_ends_the_readers(talk: ServiceAndClient) -> None:
     assert ended == [[]]
 
 
-def test_statuses_are_the_newest_too(talk: ServiceAndClient) -> None:
-    publisher, client = talk
+def test_statuses_are_the_newest_too(service_and_client: ServiceAndClient) -> None:
+    publisher, client = service_and_client
     statuses = client.statuses()
     publisher.publish_status(state="degraded")
     assert next(statuses)["state"] == "degraded"

@@ -1,4 +1,4 @@
-"""What is given up under load, in which order, and when it comes back."""
+"""What is reduced under load, in which order, and when it is restored."""
 
 import logging
 from itertools import pairwise
@@ -27,8 +27,9 @@ shares = st.floats(0.0, 3.0)
 
 def test_the_viewer_goes_first_then_features() -> None:
     assert effort_levels(1000, 300, has_viewer=True) == [
-        FULL, EffortLevel(True, 1000), EffortLevel(True, 700), EffortLevel(True, 500), EffortLevel(True, 300),
-    ]  # fmt: skip
+        FULL,
+        *(EffortLevel(True, feature_count) for feature_count in (1000, 700, 500, 300)),
+    ]
 
 
 @given(st.integers(50, 5000), st.integers(50, 5000), st.booleans())
@@ -43,13 +44,13 @@ def test_with_room_nothing_is_given_up() -> None:
     machine = SimulatedMachine()
     machine.run(60.0, proportional_cost(0.75))
     assert machine.changes == []
-    assert machine.governor.warning == ""
+    assert machine.load_shedder.warning == ""
 
 
 def test_the_viewer_rests_before_a_frame_is_missed() -> None:
     machine = SimulatedMachine()
     machine.run(20.0, affine_cost(fixed=0.3, features=0.3, viewer=0.3))
-    assert machine.governor.effort == EffortLevel(True, 1000)
+    assert machine.load_shedder.effort == EffortLevel(True, 1000)
     assert machine.viewers[0].is_paused
     assert machine.dropped == 0
 
@@ -58,13 +59,16 @@ def test_features_go_where_the_viewer_is_not_enough() -> None:
     machine = SimulatedMachine()
     machine.run(30.0, affine_cost(fixed=0.5, features=0.5, viewer=0.1))
     assert machine.odometry.feature_count == 500
-    assert machine.governor.warning == "the machine is too slow: the viewer rests, 500 features"
+    assert (
+        machine.load_shedder.warning
+        == "the machine is too slow: the viewer is paused, 500 features"
+    )
 
 
 def test_without_a_viewer_features_go_at_once() -> None:
     machine = SimulatedMachine(viewers=())
     machine.run(10.0, affine_cost(fixed=0.1, features=0.8, viewer=0.0))
-    assert machine.governor.warning == "the machine is too slow: 700 features"
+    assert machine.load_shedder.warning == "the machine is too slow: 700 features"
 
 
 def test_frames_dropped_one_after_another_are_not_waited_for() -> None:
@@ -79,16 +83,18 @@ def test_a_frame_dropped_now_and_then_is_too_much_though_most_are_quick() -> Non
     for number in range(320):
         machine.clock.now_s += INTERVAL_S
         busy_s = 0.4 * INTERVAL_S
-        machine.governor.add_frame(FrameCost(busy_s, busy_s, INTERVAL_S, dropped=number // 16))
-    assert machine.governor.effort != FULL
+        machine.load_shedder.add_frame(FrameCost(busy_s, busy_s, INTERVAL_S, dropped=number // 16))
+    assert machine.load_shedder.effort != FULL
 
 
 def test_a_machine_without_processor_time_is_told_from_a_slow_one() -> None:
     machine = SimulatedMachine()
     for _ in range(320):
         machine.clock.now_s += INTERVAL_S
-        machine.governor.add_frame(FrameCost(0.95 * INTERVAL_S, 0.2 * INTERVAL_S, INTERVAL_S, 0))
-    assert machine.governor.warning.startswith("the odometry gets too little of the processor: ")
+        machine.load_shedder.add_frame(
+            FrameCost(0.95 * INTERVAL_S, 0.2 * INTERVAL_S, INTERVAL_S, 0)
+        )
+    assert machine.load_shedder.warning.startswith("the odometry gets too little CPU time: ")
 
 
 def test_every_third_frame_held_up_by_a_quota_counts_as_load() -> None:
@@ -96,8 +102,8 @@ def test_every_third_frame_held_up_by_a_quota_counts_as_load() -> None:
     for number in range(600):
         busy_s = 1.9 * INTERVAL_S if number % 3 == 0 else 0.4 * INTERVAL_S
         machine.clock.now_s += INTERVAL_S
-        machine.governor.add_frame(FrameCost(busy_s, 0.3 * INTERVAL_S, INTERVAL_S, 0))
-    assert machine.governor.effort != FULL
+        machine.load_shedder.add_frame(FrameCost(busy_s, 0.3 * INTERVAL_S, INTERVAL_S, 0))
+    assert machine.load_shedder.effort != FULL
 
 
 @pytest.mark.parametrize("hiccup_s", [0.2, 1.0, 5.0])
@@ -121,7 +127,7 @@ def test_neither_too_busy_nor_with_room_everything_stays_as_it_is() -> None:
     machine = SimulatedMachine()
     machine.run(30.0, proportional_cost(2.0))
     machine.run(300.0, proportional_cost(0.7))
-    assert machine.governor.effort == LEAST
+    assert machine.load_shedder.effort == LEAST
 
 
 def test_a_pause_is_no_room() -> None:
@@ -129,7 +135,7 @@ def test_a_pause_is_no_room() -> None:
     machine.run(30.0, proportional_cost(2.0))
     machine.clock.now_s += 3600.0
     machine.run(5.0, proportional_cost(0.1))
-    assert machine.governor.effort == LEAST
+    assert machine.load_shedder.effort == LEAST
 
 
 def test_each_step_is_one_line_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
@@ -139,17 +145,17 @@ def test_each_step_is_one_line_in_the_log(caplog: pytest.LogCaptureFixture) -> N
         machine.run(120.0, proportional_cost(0.1))
     assert len(caplog.messages) == len(machine.changes) == 8
     assert caplog.messages[3:5] == [
-        "the machine is too slow: the viewer rests, 300 features",
-        "there is room again; still: the viewer rests, 500 features",
+        "the machine is too slow: the viewer is paused, 300 features",
+        "the load is low again; still: the viewer is paused, 500 features",
     ]
-    assert caplog.messages[-1] == "there is room again"
+    assert caplog.messages[-1] == "the load is low again"
 
 
 def test_release_gives_everything_back() -> None:
     machine = SimulatedMachine()
     machine.run(30.0, proportional_cost(2.0))
-    machine.governor.restore_all()
-    assert machine.governor.effort == FULL
+    machine.load_shedder.restore_all()
+    assert machine.load_shedder.effort == FULL
     assert (machine.odometry, machine.viewers) == (FakeOdometry(1000), (FakeViewer(False),))
 
 
@@ -166,9 +172,9 @@ def test_a_fixed_effort_stays() -> None:
 def test_a_constant_load_settles(fixed: float, features: float, viewer: float) -> None:
     machine = SimulatedMachine()
     machine.run(300.0, affine_cost(fixed, features, viewer))
-    given_up_anew = [at_s for at_s, effort in machine.changes if at_s > 60.0]
-    # What came back and had to go again waited twice as long the next time, each time.
-    assert len(given_up_anew) <= 6
+    late_changes_s = [at_s for at_s, effort in machine.changes if at_s > 60.0]
+    # Each failed restore doubles the wait before the next one.
+    assert len(late_changes_s) <= 6
 
 
 @settings(max_examples=15, deadline=None)
@@ -176,18 +182,20 @@ def test_a_constant_load_settles(fixed: float, features: float, viewer: float) -
 def test_a_hopeless_load_ends_at_the_least(load: float, least: int) -> None:
     machine = SimulatedMachine(min_features=least)
     machine.run(60.0, proportional_cost(load))
-    assert machine.governor.effort == EffortLevel(True, min(1000, least))
+    assert machine.load_shedder.effort == EffortLevel(True, min(1000, least))
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.lists(st.tuples(st.floats(1.0, 30.0), shares), max_size=5), st.floats(0.0, 0.55))
-def test_all_comes_back_when_the_load_goes(past: list[tuple[float, float]], room: float) -> None:
+def test_all_comes_back_when_the_load_goes(
+    history: list[tuple[float, float]], low_load: float
+) -> None:
     machine = SimulatedMachine()
-    for seconds, load in past:
+    for seconds, load in history:
         machine.run(seconds, proportional_cost(load))
         assert 300 <= machine.odometry.feature_count <= 1000
-    machine.run(100.0, proportional_cost(room))
-    assert machine.governor.effort == FULL
+    machine.run(100.0, proportional_cost(low_load))
+    assert machine.load_shedder.effort == FULL
     assert not machine.viewers[0].is_paused
 
 
@@ -195,8 +203,8 @@ def test_all_comes_back_when_the_load_goes(past: list[tuple[float, float]], room
 def test_waits_grow_with_every_return_that_fails_but_not_for_ever() -> None:
     machine = SimulatedMachine(viewers=(), min_features=700)
     machine.run(5000.0, lambda now_s, e: (1.2 if e.feature_count == 1000 else 0.3) * INTERVAL_S)
-    tried_s = [at_s for at_s, effort in machine.changes if effort.feature_count == 1000]
-    waits_s = [later - before for before, later in pairwise(tried_s)]
+    restored_s = [at_s for at_s, effort in machine.changes if effort.feature_count == 1000]
+    waits_s = [later - before for before, later in pairwise(restored_s)]
     assert len(waits_s) > 6
     assert all(
         1.5 * before < later or later > MAX_RESTORE_WAIT_S for before, later in pairwise(waits_s)
@@ -208,4 +216,4 @@ def test_a_clock_that_starts_at_nothing_is_no_failure() -> None:
     machine = SimulatedMachine(clock=FakeClock(0.0))
     machine.run(8.0, proportional_cost(MAX_LOAD + 0.1))
     machine.run(20.0, proportional_cost(0.1))
-    assert machine.governor.effort != LEAST
+    assert machine.load_shedder.effort != LEAST

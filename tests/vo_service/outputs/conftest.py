@@ -1,4 +1,4 @@
-"""Results to feed an output with, free ports, and who listens where."""
+"""Odometry results for outputs, free ports, and listening addresses of a process."""
 
 import socket
 import struct
@@ -27,7 +27,7 @@ START_S = 1305031453.359684
 
 @pytest.fixture
 def free_port() -> int:
-    """A port of 127.0.0.1 that nobody has."""
+    """A free port of 127.0.0.1."""
     return ports.free_port()
 
 
@@ -53,7 +53,7 @@ def status() -> Status:
 
 @pytest.fixture
 def listening() -> Callable[[int], set[str]]:
-    """Addresses that a process listens on: ``listening(pid)`` answers {"127.0.0.1", ...}."""
+    """Addresses that a process listens on: ``listening(pid)`` returns {"127.0.0.1", ...}."""
     return _listening_addresses
 
 
@@ -83,7 +83,7 @@ def _make_update(seq: int, *, ok: bool = True) -> OdometryUpdate:
 
 
 def _make_frame(seq: int, stamp_s: float) -> RgbdFrame:
-    """A color gradient that moves, a slanted wall with a hole."""
+    """Make a moving color gradient and a slanted wall with a hole."""
     ramp = np.arange(CAMERA.width, dtype=np.uint8) + np.uint8(seq % 100)
     color = np.broadcast_to(ramp[None, :, None], (CAMERA.height, CAMERA.width, 3)).copy()
     depth = np.full((CAMERA.height, CAMERA.width), 10000, np.uint16)
@@ -93,7 +93,7 @@ def _make_frame(seq: int, stamp_s: float) -> RgbdFrame:
 
 
 def _make_debug_data(seq: int) -> TrackingDebug:
-    """Twenty features, ten of them matched, seven of these inliers."""
+    """Make twenty features, ten matches and seven inliers."""
     random = np.random.default_rng(seq)
     keypoints = random.uniform((0, 0), (63, 47), (20, 2)).astype(np.float32)
     matches = keypoints[:10]

@@ -1,4 +1,4 @@
-"""Outputs that were asked for are all open, or none is."""
+"""All configured outputs are open, or none is."""
 
 import errno
 import socket
@@ -67,7 +67,7 @@ def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
     )
     with (
         socket.create_server(("127.0.0.1", free_port)),
-        pytest.raises(UserFacingError, match="taken"),
+        pytest.raises(UserFacingError, match="in use"),
         open_outputs(request),
     ):
         pass
@@ -75,28 +75,28 @@ def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
 
 
 def test_where_poses_are_is_told_and_not_where_they_cannot_be(free_port: int) -> None:
-    told: list[str] = []
+    lines: list[str] = []
     request = OutputsConfig(
         PlaybackMode.REALTIME,
         zenoh_at(free_port),
         connect_policy=ConnectWithRetry,
-        log_line=told.append,
+        log_line=lines.append,
     )
     with socket.create_server(("127.0.0.1", free_port)), open_outputs(request):
-        assert told == []
+        assert lines == []
     with open_outputs(request):
-        assert told == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
+        assert lines == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
 
 
 def test_an_endpoint_of_a_file_is_the_one_that_is_told(free_port: int, tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text(f"{{listen: {{endpoints: ['tcp/127.0.0.1:{free_port}']}}}}")
-    told: list[str] = []
+    lines: list[str] = []
     request = OutputsConfig(
-        PlaybackMode.REALTIME, ZenohConfig(config_file=file), log_line=told.append
+        PlaybackMode.REALTIME, ZenohConfig(config_file=file), log_line=lines.append
     )
     with open_outputs(request):
-        assert told == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
+        assert lines == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
 
 
 def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> None:
@@ -115,7 +115,7 @@ def test_two_rerun_targets_that_are_one_place_are_refused(
     monkeypatch.chdir(tmp_path)
     rerun = RerunConfig(targets=(one, other))
     with (
-        pytest.raises(InputError, match=f"'{one}' and '{other}' are the same place"),
+        pytest.raises(InputError, match=f"'{one}' and '{other}' are the same; remove one"),
         open_outputs(OutputsConfig(PlaybackMode.LOCKSTEP, zenoh=None, rerun=rerun)),
     ):
         pass

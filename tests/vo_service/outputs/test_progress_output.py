@@ -1,4 +1,4 @@
-"""How far a run is, on a terminal."""
+"""Progress of a run on a terminal."""
 
 import io
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from vo_service.types import OdometryUpdate, TrackingState
 
 
 class FakeProgressTerminal(io.StringIO):
-    """A terminal that keeps what was drawn."""
+    """A terminal that stores its output."""
 
     def isatty(self) -> bool:
         return True

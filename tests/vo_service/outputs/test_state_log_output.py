@@ -1,4 +1,4 @@
-"""Changes of state in the log, each once."""
+"""Each change of state is logged once."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,18 +14,18 @@ TRACKING, DEGRADED, LOST, NO_CAMERA = (
     *(TrackingState.TRACKING, TrackingState.DEGRADED),
     *(TrackingState.LOST, TrackingState.NO_CAMERA),
 )
-Told = tuple[TrackingState, str]
-START: Told = (NO_CAMERA, "camera not opened yet")
+StateAndReason = tuple[TrackingState, str]
+START: StateAndReason = (NO_CAMERA, "camera not opened yet")
 
 
 @pytest.fixture
 def log(status: Status, caplog: pytest.LogCaptureFixture) -> Callable[..., list[str]]:
-    """What is logged of a row of states."""
+    """Return the log lines of a sequence of states."""
 
-    def run(*told: Told) -> list[str]:
+    def run(*states: StateAndReason) -> list[str]:
         output = StateLogOutput()
         with caplog.at_level("INFO"):
-            for state, reason in told:
+            for state, reason in states:
                 output.on_status(replace(status, state=state, reason=reason))
         return [f"{record.levelname} {record.getMessage()}" for record in caplog.records]
 
@@ -63,8 +63,8 @@ def test_losing_is_a_warning_and_so_is_the_all_clear(log: Callable[..., list[str
 
 
 def test_a_state_that_lasts_is_told_once(log: Callable[..., list[str]]) -> None:
-    told = [(DEGRADED, f"only {n} of 80 matches agree") for n in range(20, 25)]
-    assert log((TRACKING, ""), *told) == ["WARNING degraded: only 20 of 80 matches agree"]
+    states = [(DEGRADED, f"only {n} of 80 matches agree") for n in range(20, 25)]
+    assert log((TRACKING, ""), *states) == ["WARNING degraded: only 20 of 80 matches agree"]
 
 
 def test_a_camera_that_cannot_be_had_is_told_from_the_start_and_when_the_cause_changes(

@@ -1,4 +1,4 @@
-"""What systemd hears, on a socket that stands in for its own."""
+"""Messages to systemd, received on a fake notify socket."""
 
 import socket
 import threading
@@ -16,19 +16,19 @@ STATUS = make_status()
 
 
 class NotifySocket:
-    """Hears what is sent to NOTIFY_SOCKET."""
+    """Socket at NOTIFY_SOCKET."""
 
     def __init__(self, address: str) -> None:
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.socket.bind(address)
         self.socket.settimeout(5.0)
 
-    def hear(self) -> list[str]:
-        """The lines of the next message."""
+    def receive(self) -> list[str]:
+        """Receive the lines of the next message."""
         return self.socket.recv(65536).decode().split("\n")
 
-    def hears_no_more(self) -> bool:
-        """Whether nothing is waiting."""
+    def is_empty(self) -> bool:
+        """Return whether no message is pending."""
         self.socket.setblocking(False)
         try:
             self.socket.recv(65536)
@@ -39,7 +39,7 @@ class NotifySocket:
 
 @pytest.fixture
 def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NotifySocket]:
-    """One that listens at a path."""
+    """A notify socket at a path."""
     address = str(tmp_path / "notify")
     monkeypatch.setenv("NOTIFY_SOCKET", address)
     listener = NotifySocket(address)
@@ -51,8 +51,8 @@ def test_the_first_status_says_ready_and_each_feeds_the_watchdog(systemd: Notify
     output = SystemdOutput()
     output.on_status(STATUS)
     output.on_status(STATUS)
-    assert systemd.hear() == ["READY=1", "WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
-    assert systemd.hear() == ["WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
+    assert systemd.receive() == ["READY=1", "WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
+    assert systemd.receive() == ["WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
     output.close()
 
 
@@ -61,14 +61,14 @@ def test_the_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
     state, reason = TrackingState.NO_CAMERA, "freenect: no Kinect\nis plugged in"
     output.on_status(replace(STATUS, state=state, reason=reason, fps=0.0, warnings=("disk full",)))
     expected = "STATUS=no_camera: freenect: no Kinect is plugged in; 0 poses/s; disk full"
-    assert systemd.hear()[-1] == expected
+    assert systemd.receive()[-1] == expected
     output.close()
 
 
 def test_a_line_stays_one_line_of_bounded_length(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     output.on_status(replace(STATUS, paused=True, warnings=("words\r\nand words",) * 1000))
-    lines = systemd.hear()
+    lines = systemd.receive()
     assert len(lines) == 3
     assert "; paused; " in lines[-1]
     assert len(lines[-1]) < 600
@@ -77,17 +77,17 @@ def test_a_line_stays_one_line_of_bounded_length(systemd: NotifySocket) -> None:
 
 def test_no_pose_feeds_the_watchdog(systemd: NotifySocket) -> None:
     output = SystemdOutput()
-    assert systemd.hears_no_more()
+    assert systemd.is_empty()
     output.close()
 
 
 def test_a_reload_begins_and_ends(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     with output.notify_reloading():
-        begin = systemd.hear()
+        begin = systemd.receive()
     assert begin[0] == "RELOADING=1"
     assert begin[1].removeprefix("MONOTONIC_USEC=").isdigit()
-    assert systemd.hear() == ["READY=1"]
+    assert systemd.receive() == ["READY=1"]
     output.close()
 
 
@@ -96,8 +96,8 @@ def test_the_end_is_told_once_and_closing_twice_is_safe(systemd: NotifySocket) -
     output.close()
     output.close()
     output.on_status(STATUS)
-    assert systemd.hear() == ["STOPPING=1", "STATUS=stopping"]
-    assert systemd.hears_no_more()
+    assert systemd.receive() == ["STOPPING=1", "STATUS=stopping"]
+    assert systemd.is_empty()
 
 
 def test_an_abstract_address_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,7 +106,7 @@ def test_an_abstract_address_is_reached(monkeypatch: pytest.MonkeyPatch) -> None
     listener = NotifySocket(f"\0{name}")
     notifier = SystemdNotifier()
     assert notifier.send("READY=1")
-    assert listener.hear() == ["READY=1"]
+    assert listener.receive() == ["READY=1"]
     notifier.close()
     listener.socket.close()
 
@@ -138,6 +138,6 @@ def test_ready_is_said_again_until_it_went_out(
     output.on_status(STATUS)
     listener = NotifySocket(address)
     output.on_status(STATUS)
-    assert listener.hear()[0] == "READY=1"
+    assert listener.receive()[0] == "READY=1"
     output.close()
     listener.socket.close()

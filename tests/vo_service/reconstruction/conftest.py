@@ -1,4 +1,4 @@
-"""A ball, as it was seen from all around and as it is: made once for all tests."""
+"""Meshes of a ball, from depth images and from exact distances, made once for all tests."""
 
 import numpy as np
 import pytest
@@ -16,14 +16,14 @@ BALL_PITCHES = [(sign * np.pi / 2, 0.0, 0.0) for sign in (-1, 1)]
 
 @pytest.fixture(scope="session")
 def seen_ball() -> Mesh:
-    """A ball of radius 0.5 m around the origin, from 6 places 1.6 m away, in voxels of 5 cm."""
-    fusion = TsdfVolume(SETTINGS)
-    for turn in (*BALL_YAWS, *BALL_PITCHES):
-        R = so3_exp(turn)
+    """A ball of radius 0.5 m at the origin, from 6 views at 1.6 m, in voxels of 5 cm."""
+    volume = TsdfVolume(SETTINGS)
+    for rotation in (*BALL_YAWS, *BALL_PITCHES):
+        R = so3_exp(rotation)
         T_world_camera = rigid_transform(R, R @ [0.0, 0.0, -1.6])
         depth_m, color_bgr = render_ball(T_world_camera)
-        fusion.integrate(depth_m, color_bgr, CAMERA, T_world_camera)
-    return fusion.extract_mesh()
+        volume.integrate(depth_m, color_bgr, CAMERA, T_world_camera)
+    return volume.extract_mesh()
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +33,7 @@ def exact_ball() -> Mesh:
     corners = np.indices((4, 4, 4)).reshape(3, -1).T - 2
     blocks.allocate(corners.astype(np.int64))
     steps = np.indices((BLOCK_SIDE, BLOCK_SIDE, BLOCK_SIDE)).reshape(3, -1).T
-    places_m = (corners[:, None] * BLOCK_SIDE + steps) * voxel_m
-    blocks.distance_m[:] = np.linalg.norm(places_m, axis=2) - 0.5
+    voxels_m = (corners[:, None] * BLOCK_SIDE + steps) * voxel_m
+    blocks.distance_m[:] = np.linalg.norm(voxels_m, axis=2) - 0.5
     blocks.weight[:] = 1.0
     return extract_surface(blocks, voxel_m, 1.0)

@@ -1,4 +1,4 @@
-"""Reads a PLY file as the format's description says."""
+"""Reader of binary PLY files."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from vo_service.reconstruction.mesh import Mesh
 
 
 def read_ply(path: Path) -> Mesh:
-    """The mesh in a binary file; every property is looked up by its name in the header."""
+    """Read the mesh; every property is looked up by its name in the header."""
     header, _, body = path.read_bytes().partition(b"end_header\n")
     lines = header.decode("ascii").splitlines()
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]

@@ -1,4 +1,4 @@
-"""What a small camera sees of things whose shape is known, for the tests of maps."""
+"""Small images of known shapes, for the tests of maps."""
 
 from collections.abc import Callable
 
@@ -37,10 +37,10 @@ def render_ball(
 ) -> tuple[Depth, NDArray[np.uint8]]:
     """Depth and color of a ball at the world's origin, and nothing else."""
     directions = pixel_rays() @ T_world_camera[:3, :3].T
-    eye = T_world_camera[:3, 3]
+    camera_position = T_world_camera[:3, 3]
     a = np.sum(directions**2, axis=2)
-    half_b = directions @ eye
-    root = half_b**2 - a * (eye @ eye - radius_m**2)
+    half_b = directions @ camera_position
+    root = half_b**2 - a * (camera_position @ camera_position - radius_m**2)
     depth = np.where(root > 0, (-half_b - np.sqrt(np.maximum(root, 0.0))) / a, 0.0)
     return depth.astype(np.float32), np.full((*depth.shape, 3), color, np.uint8)
 
@@ -48,8 +48,8 @@ def render_ball(
 def fuse_views(
     *views: tuple[Depth, NDArray[np.uint8]], settings: TsdfConfig = SETTINGS
 ) -> TsdfVolume:
-    """What a camera at the world's origin saw, one view after another."""
-    fusion = TsdfVolume(settings)
+    """Fuse views of a camera at the world's origin."""
+    volume = TsdfVolume(settings)
     for depth_m, color_bgr in views:
-        fusion.integrate(depth_m, color_bgr, CAMERA, np.eye(4))
-    return fusion
+        volume.integrate(depth_m, color_bgr, CAMERA, np.eye(4))
+    return volume

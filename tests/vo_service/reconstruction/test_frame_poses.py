@@ -1,4 +1,4 @@
-"""Each frame gets the pose of its own instant, and only good poses count."""
+"""Each frame gets the pose of its own stamp, and only good poses count."""
 
 import numpy as np
 import pytest
@@ -32,8 +32,8 @@ def test_the_nearest_pose_counts_if_it_is_at_most_20_ms_away(
     stamp_s: float, x: float | None
 ) -> None:
     poses = FramePoses(Trajectory(np.array([1.0, 1.05]), np.array([at(1), at(2)])))
-    found = poses.find(stamp_s)
-    assert (None if found is None else found[0, 3]) == x
+    pose = poses.find(stamp_s)
+    assert (None if pose is None else pose[0, 3]) == x
 
 
 def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> OdometryUpdate:
@@ -49,37 +49,37 @@ def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> OdometryUpda
 
 
 def test_corrected_poses_take_the_place_of_the_tracked_ones_and_join_their_epochs() -> None:
-    memory = TrackedPoseRecorder()
+    recorder = TrackedPoseRecorder()
     for stamp_s, epoch in enumerate([0, 0, 1, 1, 2]):
-        memory.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
-    stamps_s = np.array([0.0, 1.0, 3.0, 4.0, 5.0])  # of 2 it is not known where it was
+        recorder.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
+    stamps_s = np.array([0.0, 1.0, 3.0, 4.0, 5.0])  # the pose at 2 is unknown
     corrected = Trajectory(stamps_s, np.array([at(10 * stamp_s) for stamp_s in stamps_s]))
-    memory.apply_correction(corrected, lambda one, other: {one, other} == {0, 1})
-    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [0, 1, 3])
-    np.testing.assert_array_equal(memory.longest_trajectory.T_world_camera[:, 0, 3], [0, 10, 30])
-    assert (memory.frame_count, memory.epoch_count) == (5, 2)
+    recorder.apply_correction(corrected, lambda one, other: {one, other} == {0, 1})
+    np.testing.assert_array_equal(recorder.longest_trajectory.stamps_s, [0, 1, 3])
+    np.testing.assert_array_equal(recorder.longest_trajectory.T_world_camera[:, 0, 3], [0, 10, 30])
+    assert (recorder.frame_count, recorder.epoch_count) == (5, 2)
 
 
 def test_only_what_was_tracked_without_doubt_is_remembered_under_the_frames_own_stamps() -> None:
-    memory = TrackedPoseRecorder()
+    recorder = TrackedPoseRecorder()
     states = [TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST]
     for stamp_s, state in enumerate([*states, TrackingState.TRACKING]):
-        memory.on_update(update(stamp_s, state))
-    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [0, 3])
-    np.testing.assert_array_equal(memory.longest_trajectory.T_world_camera[:, 0, 3], [0, 3])
-    assert (memory.frame_count, memory.epoch_count) == (4, 1)
+        recorder.on_update(update(stamp_s, state))
+    np.testing.assert_array_equal(recorder.longest_trajectory.stamps_s, [0, 3])
+    np.testing.assert_array_equal(recorder.longest_trajectory.T_world_camera[:, 0, 3], [0, 3])
+    assert (recorder.frame_count, recorder.epoch_count) == (4, 1)
 
 
 def test_worlds_are_not_mixed_the_longest_counts() -> None:
-    memory = TrackedPoseRecorder()
+    recorder = TrackedPoseRecorder()
     for stamp_s, epoch in enumerate([0, 0, 1, 1, 1, 2]):
-        memory.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
-    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [2, 3, 4])
-    assert memory.epoch_count == 3
+        recorder.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
+    np.testing.assert_array_equal(recorder.longest_trajectory.stamps_s, [2, 3, 4])
+    assert recorder.epoch_count == 3
 
 
 def test_nothing_tracked_is_no_pose() -> None:
-    memory = TrackedPoseRecorder()
-    memory.on_update(update(1.0, TrackingState.LOST))
-    assert len(memory.longest_trajectory) == 0
-    assert memory.longest_trajectory.T_world_camera.shape == (0, 4, 4)
+    recorder = TrackedPoseRecorder()
+    recorder.on_update(update(1.0, TrackingState.LOST))
+    assert len(recorder.longest_trajectory) == 0
+    assert recorder.longest_trajectory.T_world_camera.shape == (0, 4, 4)

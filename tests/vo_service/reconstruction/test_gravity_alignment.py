@@ -1,4 +1,4 @@
-"""Up is found from gravity or from how the camera was held, and then from the floor."""
+"""The up direction comes from gravity or the camera's axes, then from the floor."""
 
 import numpy as np
 import pytest
@@ -19,34 +19,34 @@ ANGLES = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
 def facing(*normals: Array) -> Mesh:
-    """As many vertices with each of these normals."""
+    """Make a mesh with 50 vertices of each normal."""
     every = np.repeat(np.array(normals, np.float32), 50, axis=0)
     nothing = Mesh.empty()
     return Mesh(every, every, np.zeros((len(every), 3), np.uint8), nothing.triangles)
 
 
 def test_gravity_wins_over_how_the_camera_is_held() -> None:
-    guess = UpDirectionEstimator()
+    estimator = UpDirectionEstimator()
     R = so3_exp([0.4, -0.2, 0.3])
     gravity = R.T @ (-9.81 * UP)
-    guess.add(rigid_transform(R, [1, 2, 3]), (gravity[0], gravity[1], gravity[2]))
-    guess.add(np.eye(4), None)
-    np.testing.assert_allclose(guess.up, UP, atol=1e-12)
+    estimator.add(rigid_transform(R, [1, 2, 3]), (gravity[0], gravity[1], gravity[2]))
+    estimator.add(np.eye(4), None)
+    np.testing.assert_allclose(estimator.up, UP, atol=1e-12)
 
 
 def test_without_gravity_up_is_where_the_cameras_tops_point_on_average() -> None:
-    guess = UpDirectionEstimator()
+    estimator = UpDirectionEstimator()
     for roll in (-0.5, 0.5):
-        guess.add(rigid_transform(so3_exp([0, 0, roll]), [0, 0, 0]), None)
-    np.testing.assert_allclose(guess.up, [0, -1, 0], atol=1e-12)
+        estimator.add(rigid_transform(so3_exp([0, 0, roll]), [0, 0, 0]), None)
+    np.testing.assert_allclose(estimator.up, [0, -1, 0], atol=1e-12)
     np.testing.assert_allclose(UpDirectionEstimator().up, [0, -1, 0])
 
 
 def test_the_floor_corrects_a_guess_that_is_off_by_twenty_degrees() -> None:
-    off = so3_exp([np.radians(20), 0, 0]) @ UP
+    tilted_up = so3_exp([np.radians(20), 0, 0]) @ UP
     wall = np.cross(UP, [1.0, 0, 0])
     mesh = facing(UP, UP, -UP, wall, -wall)
-    np.testing.assert_allclose(estimate_up(mesh, off), UP, atol=1e-6)
+    np.testing.assert_allclose(estimate_up(mesh, tilted_up), UP, atol=1e-6)
 
 
 @pytest.mark.parametrize("mesh", [Mesh.empty(), facing(np.array([1.0, 0, 0]))])

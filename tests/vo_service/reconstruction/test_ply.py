@@ -1,4 +1,4 @@
-"""A PLY file holds the mesh bit for bit, and is whole or not there."""
+"""A PLY file holds the mesh bit for bit and is written atomically."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A map that grows is kept in a Rerun recording, whole."""
+"""A preview of a growing map is a complete Rerun recording."""
 
 from pathlib import Path
 
@@ -20,31 +20,31 @@ def test_each_camera_and_each_new_surface_is_in_the_recording(
     seen_ball: Mesh, tmp_path: Path
 ) -> None:
     recording = tmp_path / "map.rrd"
-    said: list[str] = []
-    nothing = PreviewMap(Mesh.empty(), np.zeros((1, 3)))
-    ball = PreviewMap(seen_ball, np.zeros((2, 3)))
+    lines: list[str] = []
+    empty_map = PreviewMap(Mesh.empty(), np.zeros((1, 3)))
+    ball_map = PreviewMap(seen_ball, np.zeros((2, 3)))
     with open_previews(
-        (str(recording),), "test", lambda: ReconstructionScene, said.append
-    ) as views:
-        (preview,) = views
-        for seq, so_far in enumerate([nothing, nothing, ball, ball]):
-            preview.show(PreviewFrame(seq, CAMERA, np.eye(4), so_far))
-    assert said == [f"pictures: {recording}"]
+        (str(recording),), "test", lambda: ReconstructionScene, lines.append
+    ) as previews:
+        (preview,) = previews
+        for seq, preview_map in enumerate([empty_map, empty_map, ball_map, ball_map]):
+            preview.show(PreviewFrame(seq, CAMERA, np.eye(4), preview_map))
+    assert lines == [f"pictures: {recording}"]
     assert is_complete(recording)
     logged = count_rows(recording)
     assert [logged[f"/world/{name}"] for name in ("surface", "path")] == [2, 2]
-    assert logged["/world/camera"] == 2 * 4  # where it is, and what it sees
+    assert logged["/world/camera"] == 2 * 4  # transform and pinhole
 
 
 def test_without_a_target_nothing_is_shown() -> None:
-    with open_previews((), "test", lambda: ReconstructionScene, pytest.fail) as views:
-        assert not views
+    with open_previews((), "test", lambda: ReconstructionScene, pytest.fail) as previews:
+        assert not previews
 
 
 def test_one_place_twice_is_refused(tmp_path: Path) -> None:
     target = str(tmp_path / "map.rrd")
     with (
-        pytest.raises(InputError, match="same place"),
+        pytest.raises(InputError, match="the same; remove one"),
         open_previews((target, target), "test", lambda: ReconstructionScene, pytest.fail),
     ):
         pytest.fail("opened")

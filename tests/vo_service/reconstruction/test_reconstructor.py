@@ -1,4 +1,4 @@
-"""A map of a virtual room lies on the room's true surfaces; what does not fit is left out."""
+"""A map of a synthetic room lies on the true surfaces; blocks that do not fit are left out."""
 
 import threading
 from dataclasses import replace
@@ -20,7 +20,7 @@ from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
 pytestmark = pytest.mark.slow
 
-# All of a Kinect's faults, in small images, far apart along the usual motion.
+# Small, noisy images, far apart along the default motion.
 ROOM = SyntheticConfig(
     camera=PinholeCamera(160, 120, 131.0, 131.0, 79.5, 59.5),
     duration_s=3.0,
@@ -31,19 +31,19 @@ SETTINGS = TsdfConfig(voxel_m=0.02, memory_mb=200)
 GOOD_M = 0.015
 
 
-class Somebody:
-    """Keeps what is shown."""
+class RecordingPreview:
+    """Preview that stores the frames it is shown."""
 
     def __init__(self) -> None:
-        self.sights: list[PreviewFrame] = []
+        self.shown_frames: list[PreviewFrame] = []
 
-    def show(self, sight: PreviewFrame) -> None:
-        self.sights.append(sight)
+    def show(self, frame: PreviewFrame) -> None:
+        self.shown_frames.append(frame)
 
 
 @pytest.fixture(scope="module")
 def camera() -> SyntheticCamera:
-    """Rendered once; may be opened again and again."""
+    """A camera that renders once and may be opened repeatedly."""
     camera = SyntheticCamera(ROOM)
     camera.open()
     return camera
@@ -73,8 +73,8 @@ def test_true_surfaces_are_what_the_camera_sees() -> None:
     z = frame.depth_m.astype(np.float64)
     x, y = (u - ROOM.camera.cx) / ROOM.camera.fx * z, (v - ROOM.camera.cy) / ROOM.camera.fy * z
     seen_m = transform_points(truth.T_world_camera[0], np.dstack([x, y, z]).reshape(-1, 3))
-    off_m = distances_m(seen_m, make_solids(ideal))
-    assert np.percentile(off_m, 99) < 0.001  # depth comes in steps of 0.2 mm
+    errors_m = distances_m(seen_m, make_solids(ideal))
+    assert np.percentile(errors_m, 99) < 0.001  # depth comes in steps of 0.2 mm
     moved_m = seen_m + np.array([0.03, 0.03, 0.05])
     assert np.median(distances_m(moved_m, make_solids(ideal))) > 0.01
 
@@ -86,41 +86,41 @@ def test_with_true_poses_the_map_lies_on_the_true_surfaces(
     for frame in frames:
         reconstruction.add_frame(frame)
     mesh = reconstruction.finish()
-    off_m = distances_m(mesh.vertices_m.astype(np.float64), make_solids(ROOM))
-    assert len(off_m) > 5000
-    assert np.median(off_m) < GOOD_M / 2
-    assert np.mean(off_m < 3 * GOOD_M) > 0.9
+    errors_m = distances_m(mesh.vertices_m.astype(np.float64), make_solids(ROOM))
+    assert len(errors_m) > 5000
+    assert np.median(errors_m) < GOOD_M / 2
+    assert np.mean(errors_m < 3 * GOOD_M) > 0.9
     assert reconstruction.result.fused == ROOM.frame_count
 
 
 def test_frames_without_a_pose_or_without_depth_are_left_out_and_counted(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
-    some = Trajectory(truth.stamps_s[:4], truth.T_world_camera[:4])
-    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(some))
-    blind = replace(frames[1], depth_raw=np.zeros_like(frames[1].depth_raw))
-    for frame in (frames[0], blind, *frames[2:6]):
+    first_poses = Trajectory(truth.stamps_s[:4], truth.T_world_camera[:4])
+    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(first_poses))
+    frame_without_depth = replace(frames[1], depth_raw=np.zeros_like(frames[1].depth_raw))
+    for frame in (frames[0], frame_without_depth, *frames[2:6]):
         reconstruction.add_frame(frame)
-    harvest = reconstruction.result
-    assert (harvest.frames, harvest.fused) == (6, 3)
-    assert (harvest.without_pose, harvest.without_depth, harvest.full_at_frame) == (2, 1, 0)
-    np.testing.assert_array_equal(harvest.trajectory_m, truth.T_world_camera[[0, 2, 3], :3, 3])
-    np.testing.assert_array_equal(harvest.poses[0], truth.T_world_camera[0])
+    result = reconstruction.result
+    assert (result.frames, result.fused) == (6, 3)
+    assert (result.without_pose, result.without_depth, result.full_at_frame) == (2, 1, 0)
+    np.testing.assert_array_equal(result.trajectory_m, truth.T_world_camera[[0, 2, 3], :3, 3])
+    np.testing.assert_array_equal(result.poses[0], truth.T_world_camera[0])
 
 
 def test_the_frame_that_found_the_map_full_is_named(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
-    roomy = TsdfVolume(SETTINGS)
+    large = TsdfVolume(SETTINGS)
     needed_mb = []
     for frame, T_world_camera in zip(frames, truth.T_world_camera, strict=True):
-        roomy.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
-        needed_mb.append(SETTINGS.memory_mb * roomy.used_fraction)
-    tight = replace(SETTINGS, memory_mb=round((needed_mb[0] + needed_mb[-1]) / 2))
-    reconstruction = Reconstructor(TsdfVolume(tight), FramePoses(truth))
+        large.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
+        needed_mb.append(SETTINGS.memory_mb * large.used_fraction)
+    small_config = replace(SETTINGS, memory_mb=round((needed_mb[0] + needed_mb[-1]) / 2))
+    reconstruction = Reconstructor(TsdfVolume(small_config), FramePoses(truth))
     for frame in frames:
         reconstruction.add_frame(frame)
-    first_too_much = next(n for n, mb in enumerate(needed_mb, 1) if mb > tight.memory_mb)
+    first_too_much = next(n for n, mb in enumerate(needed_mb, 1) if mb > small_config.memory_mb)
     assert reconstruction.result.full_at_frame == first_too_much > 1
     assert len(reconstruction.finish().triangles) > 0
 
@@ -145,17 +145,17 @@ def test_it_ends_when_asked_to_and_what_it_has_is_a_map(
 def test_who_watches_sees_each_camera_and_a_new_map_only_when_it_has_grown(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
-    somebody = Somebody()
-    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(truth), [somebody])
+    preview = RecordingPreview()
+    reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(truth), [preview])
     for frame in [*frames, *frames]:
         reconstruction.add_frame(frame)
-    seen = somebody.sights[:]
+    seen = preview.shown_frames[:]
     mesh = reconstruction.finish()
-    assert [sight.seq for sight in seen] == [frame.seq for frame in [*frames, *frames]]
-    maps = {id(sight.preview_map): sight.preview_map for sight in seen}
+    assert [frame.seq for frame in seen] == [frame.seq for frame in [*frames, *frames]]
+    maps = {id(frame.preview_map): frame.preview_map for frame in seen}
     assert 2 <= len(maps) < len(frames)
     sizes = [len(each.mesh.triangles) for each in maps.values()]
     assert sizes == sorted(sizes)
     assert seen[-1].preview_map is seen[len(frames)].preview_map  # nothing new the second time
-    assert somebody.sights[-1].preview_map.mesh is mesh
-    assert len(somebody.sights[-1].preview_map.trajectory_m) == 2 * len(frames)
+    assert preview.shown_frames[-1].preview_map.mesh is mesh
+    assert len(preview.shown_frames[-1].preview_map.trajectory_m) == 2 * len(frames)

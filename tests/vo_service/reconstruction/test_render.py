@@ -1,4 +1,4 @@
-"""Pictures show the nearest surface, in its color, where it belongs."""
+"""Rendered images show the nearest surface, in its color, at the right pixels."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ GREEN, RED = (0, 200, 0), (200, 0, 0)
 
 
 def square(half_m: float, z: float, color: tuple[int, int, int], x: float = 0.0) -> Mesh:
-    """Across the z axis, facing towards smaller z."""
+    """Make a square across the z axis that faces towards smaller z."""
     corners = [[x - half_m, -half_m, z], [x + half_m, -half_m, z]]
     corners += [[x + half_m, half_m, z], [x - half_m, half_m, z]]
     return Mesh(
@@ -39,7 +39,7 @@ def both(first: Mesh, second: Mesh) -> Mesh:
 
 
 def columns_of(image: np.ndarray, color: tuple[int, int, int]) -> list[int]:
-    """Columns of the middle row that are nearly of this color."""
+    """Return the columns of the middle row that nearly have this color."""
     near = np.all(np.abs(image[15].astype(int) - color) < 45, axis=1)
     return [int(column) for column in np.flatnonzero(near)]
 
@@ -47,7 +47,7 @@ def columns_of(image: np.ndarray, color: tuple[int, int, int]) -> list[int]:
 @pytest.mark.slow
 def test_a_square_covers_the_pixels_that_it_projects_to() -> None:
     image = render_perspective(square(0.5, 2.0, GREEN), CAMERA, np.eye(4))
-    # Half a metre at 2 m with 40 pixels of focal length: 10 pixels each way of column 19.5.
+    # Half a meter at 2 m with 40 pixels of focal length: 10 pixels each way of column 19.5.
     assert columns_of(image, GREEN) == list(range(10, 30))
     assert np.all(image[:4] == BACKGROUND)
 
@@ -61,8 +61,8 @@ def test_the_nearer_of_two_hides_the_other_in_whatever_order() -> None:
 
 
 def test_what_is_seen_from_behind_or_lies_behind_is_not_drawn() -> None:
-    turned = rigid_transform(so3_exp([0, np.pi, 0]), [0, 0, 4.0])
-    assert np.all(render_perspective(square(0.5, 2.0, RED), CAMERA, turned) == BACKGROUND)
+    T_camera_world = rigid_transform(so3_exp([0, np.pi, 0]), [0, 0, 4.0])
+    assert np.all(render_perspective(square(0.5, 2.0, RED), CAMERA, T_camera_world) == BACKGROUND)
     assert np.all(render_perspective(square(0.5, -2.0, RED), CAMERA, np.eye(4)) == BACKGROUND)
 
 
@@ -78,8 +78,8 @@ def test_what_faces_away_is_darker() -> None:
 
 def test_a_sheet_has_no_perspective() -> None:
     near_and_far = both(square(0.5, 1.0, RED, x=-0.6), square(0.5, 9.0, GREEN, x=0.6))
-    sheet = OrthographicView(np.eye(4), (-1.45, -0.75), 0.1, 30, 16)
-    image = render_orthographic(near_and_far, sheet)
+    view = OrthographicView(np.eye(4), (-1.45, -0.75), 0.1, 30, 16)
+    image = render_orthographic(near_and_far, view)
     # Columns 0.1 m wide, the first about -1.45 m: -1.1 to -0.1 m, and 0.1 to 1.1 m.
     row = image[7]
     assert [int(c) for c in np.flatnonzero(np.all(row == RED, axis=1))] == list(range(4, 14))

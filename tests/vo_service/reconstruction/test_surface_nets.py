@@ -1,4 +1,4 @@
-"""The mesh is whole: no holes, no edges that hang, everything turned outwards."""
+"""The mesh is closed and consistently oriented."""
 
 import numpy as np
 
@@ -14,18 +14,18 @@ def edges_of(mesh: Mesh) -> np.ndarray:
 
 def test_a_ball_is_closed_every_edge_is_passed_once_each_way(exact_ball: Mesh) -> None:
     edges = edges_of(exact_ball)
-    there = {tuple(edge) for edge in edges.tolist()}
-    assert len(there) == len(edges)
-    assert {(b, a) for a, b in there} == there
+    directed_edges = {tuple(edge) for edge in edges.tolist()}
+    assert len(directed_edges) == len(edges)
+    assert {(b, a) for a, b in directed_edges} == directed_edges
     # A sphere by Euler: V - E + F = 2.
     assert len(exact_ball.vertices_m) - len(edges) // 2 + len(exact_ball.triangles) == 2
 
 
 def test_triangles_turn_the_way_their_normals_point(exact_ball: Mesh) -> None:
     a, b, c = (exact_ball.vertices_m[exact_ball.triangles[:, corner]] for corner in range(3))
-    turned = np.cross(b - a, c - a)
+    triangle_normals = np.cross(b - a, c - a)
     mean = exact_ball.normals[exact_ball.triangles].mean(axis=1)
-    assert np.min(np.sum(turned * mean, axis=1)) > 0
+    assert np.min(np.sum(triangle_normals * mean, axis=1)) > 0
 
 
 def test_normals_have_length_one(exact_ball: Mesh) -> None:
@@ -42,7 +42,7 @@ def test_a_wall_has_no_hole_where_blocks_meet() -> None:
     assert np.all(np.maximum(x, y) > 0.9)
 
 
-def joined(*parts: Mesh) -> Mesh:
+def merge(*parts: Mesh) -> Mesh:
     firsts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])
     shifted = [part.triangles + first for part, first in zip(parts, firsts, strict=False)]
     return Mesh(
@@ -53,8 +53,8 @@ def joined(*parts: Mesh) -> Mesh:
     )
 
 
-def speck(triangles: int) -> Mesh:
-    """A strip of so many triangles."""
+def small_component(triangles: int) -> Mesh:
+    """Make a strip of this many triangles."""
     count = triangles + 2
     corners = np.array([[k // 2, k % 2, 5] for k in range(count)], np.float32)
     strip = np.array([[k, k + 1, k + 2] for k in range(triangles)], np.int32)
@@ -63,13 +63,13 @@ def speck(triangles: int) -> Mesh:
 
 
 def test_specks_go_and_the_rest_stays_as_it_was(exact_ball: Mesh) -> None:
-    cleaned = remove_small_components(joined(speck(9), exact_ball, speck(5)), 10)
+    cleaned = remove_small_components(merge(small_component(9), exact_ball, small_component(5)), 10)
     np.testing.assert_array_equal(cleaned.vertices_m, exact_ball.vertices_m)
     np.testing.assert_array_equal(cleaned.colors_rgb, exact_ball.colors_rgb)
     np.testing.assert_array_equal(cleaned.triangles, exact_ball.triangles)
 
 
 def test_a_part_that_is_just_large_enough_stays(exact_ball: Mesh) -> None:
-    kept = remove_small_components(joined(exact_ball, speck(10)), 10)
-    assert len(kept.triangles) == len(exact_ball.triangles) + 10
-    assert len(remove_small_components(speck(9), 10).vertices_m) == 0
+    cleaned = remove_small_components(merge(exact_ball, small_component(10)), 10)
+    assert len(cleaned.triangles) == len(exact_ball.triangles) + 10
+    assert len(remove_small_components(small_component(9), 10).vertices_m) == 0

@@ -1,4 +1,4 @@
-"""Frames of known shapes become surfaces in the right place, within bounds."""
+"""Frames of known shapes become surfaces at the right position, within the memory limit."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
 
 def assert_at(mesh: Mesh, distance_m: float, within_m: float = 1e-3) -> None:
-    """All of a wall across the world's z axis is so far along it."""
+    """Assert that a wall across the world's z axis is at this distance."""
     assert len(mesh.vertices_m) > 1000
     np.testing.assert_allclose(mesh.vertices_m[:, 2], distance_m, atol=within_m)
 
@@ -34,15 +34,15 @@ def test_a_wall_is_where_it_was_seen_and_faces_the_camera() -> None:
 
 
 def test_a_wall_is_in_the_world_wherever_the_camera_was() -> None:
-    fusion = TsdfVolume(SETTINGS)
+    volume = TsdfVolume(SETTINGS)
     for turn, x in ((0.0, 0.0), (0.3, -0.4), (-0.25, 0.5)):
         T_world_camera = rigid_transform(so3_exp([0.1, turn, turn]), [x, 0.1, x])
         directions = pixel_rays() @ T_world_camera[2, :3]
         depth_m = ((2.0 - T_world_camera[2, 3]) / directions).astype(np.float32)
-        fusion.integrate(depth_m, render_wall(2.0)[1], CAMERA, T_world_camera)
-    # To a few hundredths of a voxel: depth is that of the nearest pixel's centre.
-    assert_at(fusion.extract_mesh(), 2.0, within_m=0.02)
-    assert abs(np.median(fusion.extract_mesh().vertices_m[:, 2]) - 2.0) < 0.002
+        volume.integrate(depth_m, render_wall(2.0)[1], CAMERA, T_world_camera)
+    # To a few hundredths of a voxel: depth is that of the nearest pixel's center.
+    assert_at(volume.extract_mesh(), 2.0, within_m=0.02)
+    assert abs(np.median(volume.extract_mesh().vertices_m[:, 2]) - 2.0) < 0.002
 
 
 def test_a_ball_seen_from_all_around_is_round(seen_ball: Mesh) -> None:
@@ -55,8 +55,10 @@ def test_a_ball_seen_from_all_around_is_round(seen_ball: Mesh) -> None:
 
 
 def test_what_is_gone_is_carved_away() -> None:
-    away = rigid_transform(np.eye(3), [0.0, 0.0, -1.5])  # the ball is 1.5 m before the camera
-    depth_m, color_bgr = render_ball(away)
+    T_world_camera = rigid_transform(
+        np.eye(3), [0.0, 0.0, -1.5]
+    )  # the ball is 1.5 m before the camera
+    depth_m, color_bgr = render_ball(T_world_camera)
     visitor = np.where(depth_m > 0, depth_m, np.float32(3.0)), color_bgr
     with_visitor = fuse_views(visitor, visitor).extract_mesh()
     without = fuse_views(visitor, visitor, *[render_wall(3.0)] * 12).extract_mesh()
@@ -65,13 +67,13 @@ def test_what_is_gone_is_carved_away() -> None:
 
 
 def test_near_readings_count_for_more_than_far_ones() -> None:
-    fusion = TsdfVolume(SETTINGS)
+    volume = TsdfVolume(SETTINGS)
     near, far = rigid_transform(np.eye(3), [0.0, 0.0, 1.5]), np.eye(4)
     # The same wall: 4 cm too far off from afar, right from nearby.
     for _ in range(3):
-        fusion.integrate(*render_wall(3.54), CAMERA, far)
-        fusion.integrate(*render_wall(2.0, BLUE), CAMERA, near)
-    mesh = fusion.extract_mesh()
+        volume.integrate(*render_wall(3.54), CAMERA, far)
+        volume.integrate(*render_wall(2.0, BLUE), CAMERA, near)
+    mesh = volume.extract_mesh()
     middle = np.all(np.abs(mesh.vertices_m[:, :2]) < 0.3, axis=1)
     assert 3.5 <= np.median(mesh.vertices_m[middle, 2]) < 3.52
     assert mesh.colors_rgb[middle, 2].mean() > mesh.colors_rgb[middle, 0].mean()
@@ -79,28 +81,28 @@ def test_near_readings_count_for_more_than_far_ones() -> None:
 
 def test_one_doubtful_reading_draws_nothing() -> None:
     assert len(fuse_views(render_wall(3.9)).extract_mesh().triangles) > 0
-    finer = replace(SETTINGS, voxel_m=0.01)  # a centimetre is not known from 21 mm of noise
+    finer = replace(SETTINGS, voxel_m=0.01)  # the noise is 21 mm
     assert len(fuse_views(render_wall(3.9), settings=finer).extract_mesh().triangles) == 0
 
 
 @pytest.mark.parametrize("distance_m", [0.0, 4.5])
 def test_no_depth_in_range_is_no_surface(distance_m: float) -> None:
-    fusion = fuse_views(render_wall(distance_m))
-    assert not fusion.has_depth_in_range(render_wall(distance_m)[0])
-    mesh = fusion.extract_mesh()
+    volume = fuse_views(render_wall(distance_m))
+    assert not volume.has_depth_in_range(render_wall(distance_m)[0])
+    mesh = volume.extract_mesh()
     assert [len(part) for part in (mesh.vertices_m, mesh.normals, mesh.triangles)] == [0, 0, 0]
 
 
 def test_a_full_map_says_so_and_goes_on_refining_what_it_has() -> None:
     tight = replace(SETTINGS, memory_mb=3)
-    fusion = fuse_views(render_wall(1.0), render_wall(1.0), settings=tight)
-    before = fusion.extract_mesh()
-    was_full = fusion.is_full
+    volume = fuse_views(render_wall(1.0), render_wall(1.0), settings=tight)
+    before = volume.extract_mesh()
+    was_full = volume.is_full
     for _ in range(30):
-        fusion.integrate(*render_wall(3.5), CAMERA, rigid_transform(so3_exp([0, 3.0, 0]), [0] * 3))
-        fusion.integrate(*render_wall(1.0, BLUE), CAMERA, np.eye(4))
-    after = fusion.extract_mesh()
-    assert (was_full, fusion.is_full, fusion.used_fraction) == (False, True, 1.0)
+        volume.integrate(*render_wall(3.5), CAMERA, rigid_transform(so3_exp([0, 3.0, 0]), [0] * 3))
+        volume.integrate(*render_wall(1.0, BLUE), CAMERA, np.eye(4))
+    after = volume.extract_mesh()
+    assert (was_full, volume.is_full, volume.used_fraction) == (False, True, 1.0)
     seen_before = after.vertices_m[:, 2] > 0.5
     assert np.count_nonzero(seen_before) >= len(before.vertices_m)
     assert after.colors_rgb[seen_before, 2].mean() > 150  # blue by now
@@ -117,8 +119,8 @@ def test_the_same_frames_give_the_same_bits(seen_ball: Mesh) -> None:
 
 
 def test_a_pose_beyond_all_measure_is_left_out() -> None:
-    fusion = TsdfVolume(SETTINGS)
+    volume = TsdfVolume(SETTINGS)
     far: Array = rigid_transform(np.eye(3), [1e9, 0.0, -1e9])
-    fusion.integrate(*render_wall(2.0), CAMERA, far)
-    assert fusion.is_full
-    assert len(fusion.extract_mesh().triangles) == 0
+    volume.integrate(*render_wall(2.0), CAMERA, far)
+    assert volume.is_full
+    assert len(volume.extract_mesh().triangles) == 0

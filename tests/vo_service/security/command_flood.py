@@ -1,6 +1,6 @@
-"""As many commands as one program can send, without waiting for any answer.
+"""Sends as many commands as possible without waiting for replies.
 
-Usage: command_flood.py ZENOH_FILE SECONDS. Prints how many they were.
+Usage: command_flood.py ZENOH_FILE SECONDS. Prints the number of commands.
 """
 
 import sys

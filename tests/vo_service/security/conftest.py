@@ -1,4 +1,4 @@
-"""Keys that are made once, a network for each test, and a robot that publishes and obeys."""
+"""Keys for the whole session, a network for each test, and a robot that executes commands."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ __all__ = ["make_update", "status"]
 
 @pytest.fixture(scope="session")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folders of keys; leave them as they are."""
+    """Folders of keys; tests must not change them."""
     return make_keys(tmp_path_factory.mktemp("keys"))
 
 
@@ -27,7 +27,7 @@ def network(keys: Path, tmp_path: Path) -> TlsNetwork:
 
 @pytest.fixture
 def robot(network: TlsNetwork, make_update: Callable[..., OdometryUpdate]) -> Iterator[TlsRobot]:
-    """A robot with robot-tls.json5: thirty poses a second, and every command is done."""
+    """A robot with robot-tls.json5 that publishes 30 poses a second and executes every command."""
     robot = TlsRobot(network.file("robot-tls.json5", network.server_identity), make_update)
     thread = threading.Thread(target=robot.run)
     thread.start()

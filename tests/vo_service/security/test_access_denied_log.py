@@ -1,4 +1,4 @@
-"""What the owner of a router reads of those whom it turns away: the real Zenoh, in a process."""
+"""The router's log of denied access, with the real Zenoh in a process."""
 
 import re
 import signal
@@ -25,8 +25,8 @@ class RunningRouter:
     def log(self) -> str:
         return self._log.read_text()
 
-    def until_said(self, words: str) -> None:
-        wait_until(lambda: words in self.log, f"{words!r}")
+    def wait_for_line(self, text: str) -> None:
+        wait_until(lambda: text in self.log, f"{text!r}")
 
 
 @contextmanager
@@ -35,12 +35,12 @@ def running_router(network: TlsNetwork, *options: str) -> Iterator[RunningRouter
         network.file("fleet-router.json5", network.server_identity),
         network.folder / "log.txt",
     )
-    with log.open("wb") as said:
+    with log.open("wb") as output:
         command = [*forked_process.KINECT_VO, "router", str(file), *options]
-        process = forked_process.ForkedProcess(command, stdout=said, stderr=said)
+        process = forked_process.ForkedProcess(command, stdout=output, stderr=output)
     try:
         router = RunningRouter(process, log)
-        router.until_said("listening at")
+        router.wait_for_line("listening at")
         yield router
     finally:
         process.kill()
@@ -52,14 +52,14 @@ def test_strangers_are_named_by_what_is_wrong_with_them(network: TlsNetwork) -> 
     (network.folder / "strange/operator/ca.pem").write_bytes((ours / "ca.pem").read_bytes())
     with running_router(network) as router:
         for payload in (b"GET / HTTP/1.0\r\n\r\n", b""):
-            with socket.create_connection((HOST, network.tls_port)) as stranger:
-                stranger.sendall(payload)
+            with socket.create_connection((HOST, network.tls_port)) as client:
+                client.sendall(payload)
         for identity in ("strange/operator", "ours/late"):
             assert not can_connect(network.file("reader-tls.json5", identity))
-        router.until_said("refused a connection: it does not speak TLS")
-        router.until_said("refused a connection: it left before it had said who it is")
-        router.until_said("refused a connection: its certificate is from an unknown authority")
-        router.until_said("refused a connection: its certificate has expired")
+        router.wait_for_line("refused a connection: it does not speak TLS")
+        router.wait_for_line("refused a connection: it disconnected during the handshake")
+        router.wait_for_line("refused a connection: its certificate is from an unknown authority")
+        router.wait_for_line("refused a connection: its certificate has expired")
         assert "Hint" not in router.log
         assert "TRACE" not in router.log
 
@@ -70,8 +70,8 @@ def test_who_lacks_a_rule_is_named_with_what_was_asked(network: TlsNetwork) -> N
             reader.declare_subscriber("*/odom", lambda sample: None)
             assert query_replies(reader, "robot1/command/reset") == []
             reader.put("robot1/odom", b"forged")
-        router.until_said('denied "reader": query on robot1/command/reset')
-        router.until_said('denied "reader": put on robot1/odom')
+        router.wait_for_line('denied "reader": query on robot1/command/reset')
+        router.wait_for_line('denied "reader": put on robot1/odom')
         denied = re.findall(r"denied.*", router.log)
     assert len(denied) == 2  # what it may do is not complained of
 
@@ -81,7 +81,7 @@ def test_a_flood_is_a_few_lines(network: TlsNetwork) -> None:
         with network.open_session("reader-tls.json5", "ours/reader") as reader:
             for number in range(3000):
                 reader.put(f"robot1/odom/{number % 300}", b"forged")
-        router.until_said("denied")
+        router.wait_for_line("denied")
         router.process.send_signal(signal.SIGTERM)
         assert router.process.wait(100) == 0
     assert len(router.log.splitlines()) < 12
@@ -91,7 +91,7 @@ def test_a_flood_is_a_few_lines(network: TlsNetwork) -> None:
 def test_who_comes_and_goes_is_told_when_asked_for(network: TlsNetwork) -> None:
     with running_router(network, "--verbose") as router:
         network.open_session("reader-tls.json5", "ours/reader").close()  # type: ignore[no-untyped-call]
-        router.until_said("gone")
+        router.wait_for_line("disconnected")
     assert re.search(r"zenoh: reader, tls/127\.0\.0\.1:\d+: connected", router.log)
 
 

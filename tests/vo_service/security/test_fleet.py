@@ -1,4 +1,4 @@
-"""A fleet on one router with TLS: each robot keeps to its own prefix, and who may do what."""
+"""A fleet on one router with TLS: each robot is restricted to its own prefix."""
 
 from collections.abc import Iterator
 
@@ -19,7 +19,7 @@ def router(network: TlsNetwork) -> Iterator[zenoh.Session]:
 
 @pytest.fixture
 def robot1(network: TlsNetwork, router: zenoh.Session) -> Iterator[zenoh.Session]:
-    """Answers a command and a question, and is alive."""
+    """A robot that replies to a command and a query, with a liveliness token."""
     with network.open_session("fleet-robot.json5", "ours/robot1") as session:
         for key in ("robot1/command/reset", "robot1/latest"):
             session.declare_queryable(key, lambda query: query.reply(query.key_expr, b"done"))
@@ -33,40 +33,41 @@ def reader(network: TlsNetwork) -> zenoh.Session:
 
 @pytest.mark.subprocess
 def test_one_subscriber_reads_all_robots(network: TlsNetwork, robot1: zenoh.Session) -> None:
-    heard: set[str] = set()
+    received: set[str] = set()
     with (
         network.open_session("fleet-robot.json5", "ours/robot2") as robot2,
         reader(network) as session,
-        session.declare_subscriber("*/odom", lambda sample: heard.add(str(sample.key_expr))),
+        session.declare_subscriber("*/odom", lambda sample: received.add(str(sample.key_expr))),
     ):
 
-        def both_are_heard() -> bool:
+        def are_both_received() -> bool:
             robot1.put("robot1/odom", b"pose")
             robot2.put("robot2/odom", b"pose")
-            return heard == {"robot1/odom", "robot2/odom"}
+            return received == {"robot1/odom", "robot2/odom"}
 
-        wait_until(both_are_heard)
+        wait_until(are_both_received)
 
 
 def test_a_robot_cannot_publish_below_the_prefix_of_another(
     network: TlsNetwork, robot1: zenoh.Session
 ) -> None:
-    heard: list[tuple[str, bytes]] = []
+    received: list[tuple[str, bytes]] = []
     with (
         reader(network) as session,
         session.declare_subscriber(
-            "*/odom", lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+            "*/odom",
+            lambda sample: received.append((str(sample.key_expr), sample.payload.to_bytes())),
         ),
     ):
 
-        def is_heard() -> bool:
+        def is_received() -> bool:
             robot1.put("robot2/odom", b"forged")
             robot1.put("*/odom", b"forged")
             robot1.put("robot1/odom", b"own")
-            return len(heard) > 5
+            return len(received) > 5
 
-        wait_until(is_heard)
-    assert set(heard) == {("robot1/odom", b"own")}
+        wait_until(is_received)
+    assert set(received) == {("robot1/odom", b"own")}
 
 
 def test_a_robot_cannot_answer_for_another(network: TlsNetwork, robot1: zenoh.Session) -> None:
@@ -112,6 +113,6 @@ def test_a_robot_of_another_authority_is_not_taken_in(
 ) -> None:
     strange = network.folder / "strange/operator"
     (strange / "ca.pem").write_bytes((network.folder / "ours/robot1/ca.pem").read_bytes())
-    with network.open_session("fleet-robot.json5", "strange/operator") as stranger:
-        assert query_replies(stranger, "robot1/latest") == []
+    with network.open_session("fleet-robot.json5", "strange/operator") as unauthorized:
+        assert query_replies(unauthorized, "robot1/latest") == []
         assert list(router.info.links()) == []

@@ -1,4 +1,4 @@
-"""Nothing is open beyond this computer unless somebody says so: the real service, looked at."""
+"""By default, the real service listens on loopback only."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,7 +15,7 @@ __all__ = ["listening"]
 
 @pytest.fixture(scope="module")
 def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    """``kinect-vo run`` with all its defaults but the number of the port."""
+    """``kinect-vo run`` with all its defaults but the port."""
     folder = tmp_path_factory.mktemp("service")
     with running_service(folder, {}, source=f"tum:{recording}") as service:
         wait_until(lambda: bool(service.heard.statuses), "a status")
@@ -23,11 +23,11 @@ def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterat
 
 
 def processes(service: ServiceProcess) -> list[int]:
-    """The service and all that it has started."""
-    found = [service.process.pid]
-    for process in found:
-        found += child_pids_of(process)
-    return found
+    """List the service's process and all its descendants."""
+    pids = [service.process.pid]
+    for process in pids:
+        pids += child_pids_of(process)
+    return pids
 
 
 @pytest.mark.subprocess

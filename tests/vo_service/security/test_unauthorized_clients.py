@@ -1,4 +1,4 @@
-"""A robot on the network with TLS and rules: who gets in, who may do what, and what it costs."""
+"""A robot on the network with TLS and access control: authentication, permissions, load."""
 
 import json
 import subprocess
@@ -30,7 +30,9 @@ def test_a_certificate_of_another_authority_is_refused(
     network: TlsNetwork, robot: TlsRobot
 ) -> None:
     strange, ours = network.folder / "strange/operator", network.folder / "ours/operator"
-    (strange / "ca.pem").write_bytes((ours / "ca.pem").read_bytes())  # it trusts us, not we it
+    (strange / "ca.pem").write_bytes(
+        (ours / "ca.pem").read_bytes()
+    )  # only the client trusts the robot
     assert not can_connect(network.file("operator-tls.json5", "strange/operator"))
     assert can_connect(network.file("operator-tls.json5", "ours/operator"))
 
@@ -65,8 +67,8 @@ def test_a_reader_reads_but_cannot_command(network: TlsNetwork, robot: TlsRobot)
 
 def test_an_operator_is_obeyed(network: TlsNetwork, robot: TlsRobot) -> None:
     with network.open_session("operator-tls.json5", "ours/operator") as operator:
-        (answer,) = query_replies(operator, "kinect/command/reset")
-    assert json.loads(answer)["schema"] == 1
+        (reply,) = query_replies(operator, "kinect/command/reset")
+    assert json.loads(reply)["schema"] == 1
     assert len(robot.obeyed) == 1
 
 
@@ -77,30 +79,30 @@ def test_a_certificate_that_no_rule_names_gets_nothing(
         network.open_session("reader-tls.json5", "ours/robot1") as nobody,
         network.open_session("reader-tls.json5", "ours/reader") as reader,
     ):
-        heard: list[object] = []
-        with nobody.declare_subscriber("kinect/odom", heard.append):
+        received: list[object] = []
+        with nobody.declare_subscriber("kinect/odom", received.append):
             assert query_replies(nobody, "kinect/latest") == []
             assert query_replies(nobody, "kinect/map_odom") == []
             assert query_replies(nobody, "kinect/status") == []
             with receive_pose_numbers(reader) as others:
                 wait_until(lambda: len(others) > 10)
-    assert heard == []
+    assert received == []
 
 
 def test_nobody_else_can_publish_poses(network: TlsNetwork, robot: TlsRobot) -> None:
     with (
         network.open_session("operator-tls.json5", "ours/operator") as operator,
         network.open_session("reader-tls.json5", "ours/reader") as reader,
-        receive_pose_numbers(reader) as heard,
+        receive_pose_numbers(reader) as received,
     ):
         for count in range(1, 21):
             operator.put("kinect/odom", b"forged")
-            wait_until(partial(_are_more_than, heard, count))
-    assert is_contiguous(heard)
+            wait_until(partial(_has_more_than, received, count))
+    assert is_contiguous(received)
 
 
-def _are_more_than(heard: list[int], count: int) -> bool:
-    return len(heard) > count
+def _has_more_than(received: list[int], count: int) -> bool:
+    return len(received) > count
 
 
 def test_programs_on_the_robot_need_no_certificate(network: TlsNetwork, robot: TlsRobot) -> None:
@@ -114,8 +116,8 @@ def test_a_command_that_is_malformed_is_answered_with_an_error(
     network: TlsNetwork, robot: TlsRobot, payload: bytes
 ) -> None:
     with network.open_session("operator-tls.json5", "ours/operator") as operator:
-        (answer,) = query_replies(operator, "kinect/command/reset", payload)
-    assert json.loads(answer)["error"] == "bad-request"
+        (reply,) = query_replies(operator, "kinect/command/reset", payload)
+    assert json.loads(reply)["error"] == "bad-request"
     assert robot.obeyed == []
 
 
@@ -136,7 +138,7 @@ def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
     file = network.file(f"{flooder}-tls.json5", f"ours/{flooder}")
     with (
         network.open_session("reader-tls.json5", "ours/reader") as reader,
-        receive_pose_numbers(reader) as heard,
+        receive_pose_numbers(reader) as received,
     ):
         done = subprocess.run(
             [sys.executable, str(FLOOD), str(file), "1.5"],
@@ -145,8 +147,8 @@ def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
             check=True,
         )
         sent = int(done.stdout)
-        wait_until(lambda: len(heard) >= 50)
-    assert is_contiguous(heard)
+        wait_until(lambda: len(received) >= 50)
+    assert is_contiguous(received)
     assert sent > 200
     assert len(robot.obeyed) < 60
     assert flooder == "operator" or not robot.obeyed

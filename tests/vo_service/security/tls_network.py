@@ -1,4 +1,4 @@
-"""A network with keys of its own: the project's Zenoh files, with addresses of this computer."""
+"""A TLS network with its own keys: the project's Zenoh files on local addresses."""
 
 import json
 import shutil
@@ -28,7 +28,7 @@ VALIDITY_DAYS = 2
 
 
 def make_keys(folder: Path) -> Path:
-    """An authority with a server, its clients, and a stranger's authority beside it."""
+    """Make an authority with a server and clients, and a second, untrusted authority."""
     ours, strange = CertificateAuthority(folder / "ours"), CertificateAuthority(folder / "strange")
     ours.issue_client_certificate("late", 0)  # over as soon as it is made
     ours.issue_server_certificate([HOST, "localhost"], VALIDITY_DAYS)
@@ -40,14 +40,14 @@ def make_keys(folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class TlsNetwork:
-    """Where the files are, and the ports that stand for the ones that robot-tls.json5 names."""
+    """The folder of the files, and the ports that replace those of robot-tls.json5."""
 
     folder: Path
     tls_port: int
     local_port: int
 
     def file(self, name: str, identity: str) -> Path:
-        """A Zenoh file of the project, beside the keys of ours/NAME or strange/NAME."""
+        """Write a Zenoh file of the project beside the keys of ours/NAME or strange/NAME."""
         text = (ZENOH_FILES / name).read_text()
         # Robots of a fleet are many on this one computer.
         local_port = self.local_port if name == "robot-tls.json5" else free_port()
@@ -64,17 +64,17 @@ class TlsNetwork:
         return file
 
     def open_session(self, name: str, identity: str) -> zenoh.Session:
-        """A session as a user would have it with that file and those keys."""
+        """Open a session with a Zenoh file and keys, as a user would."""
         return open_session(ZenohConfig(config_file=self.file(name, identity), listen=()))
 
     @property
     def server_identity(self) -> str:
-        """Whose keys the listening side has."""
+        """Identity whose keys the listening side has."""
         return f"ours/{HOST}"
 
 
 def can_connect(file: Path) -> bool:
-    """Whether a client with this Zenoh file is taken in."""
+    """Return whether a client with this Zenoh file can connect."""
     try:
         open_session(ZenohConfig(config_file=file, listen=())).close()  # type: ignore[no-untyped-call]
     except UserFacingError:
@@ -83,7 +83,7 @@ def can_connect(file: Path) -> bool:
 
 
 def make_network(keys: Path, folder: Path) -> TlsNetwork:
-    """Copies of the keys, which a test may change, and free ports."""
+    """Make copies of the keys, which a test may change, and choose free ports."""
     shutil.copytree(keys, folder, dirs_exist_ok=True)
     return TlsNetwork(folder, free_port(), free_port())
 
@@ -104,7 +104,7 @@ class TlsRobot:
         self._output = ZenohOutput(config, extra_endpoints=ExtraEndpoints(commands))
 
     def run(self) -> None:
-        """Until `stop` is set."""
+        """Publish until `stop` is set."""
         seq, the_map = 0, make_map()
         while not self.stop.wait(1 / 30):
             self._output.on_update(replace(self._make_update(seq), map=the_map))
@@ -117,7 +117,7 @@ class TlsRobot:
 
 @contextmanager
 def receive_pose_numbers(session: zenoh.Session) -> Iterator[list[int]]:
-    """Numbers of the poses that come while the block runs, once the first has come."""
+    """Collect the numbers of the poses while the block runs; wait for the first."""
     heard: list[int] = []
     first = threading.Event()
 
@@ -132,11 +132,11 @@ def receive_pose_numbers(session: zenoh.Session) -> Iterator[list[int]]:
 
 
 def is_contiguous(heard: list[int]) -> bool:
-    """Whether none is missing between the first and the last, and none came twice."""
+    """Return whether no number is missing or repeated."""
     return heard == list(range(heard[0], heard[0] + len(heard)))
 
 
 def query_replies(session: zenoh.Session, key: str, payload: bytes = b"{}") -> list[bytes]:
-    """What comes back for a question: answers and typed errors alike."""
+    """Return all replies to a query, also errors."""
     replies = session.get(key, payload=payload, timeout=60.0)
     return [(reply.ok or reply.err).payload.to_bytes() for reply in replies]  # type: ignore[union-attr]

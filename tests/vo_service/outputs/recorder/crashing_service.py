@@ -1,8 +1,8 @@
-"""A service in a process of its own, as far as the recorder knows: it dies as it is told.
+"""A service process with a recorder, which crashes on request.
 
-``python -P -m tests.vo_service.outputs.recorder.crashing_service STATE HOW``; prints "ready" when frames
-are remembered, then waits for a line. HOW is "segfault", "exit" (while it records) or anything else
-for one that waits to be killed.
+``python -P -m tests.vo_service.outputs.recorder.crashing_service STATE HOW`` prints "ready" when
+the frames are recorded, then waits for a line. HOW is "segfault", "exit" (while it records) or
+anything else to wait for a kill.
 """
 
 import ctypes
@@ -21,12 +21,12 @@ FRAMES = 10
 
 
 def main(state: Path, death: str) -> None:
-    """Remember frames, then end."""
-    with running_recorder(state) as opened:
+    """Record frames, then end."""
+    with running_recorder(state) as recorder:
         if death == "exit":
-            opened.start_recording("desk")
-        opened.on_status(make_recorder_status(frames=FRAMES))
-        send_updates(opened, *map(make_update, range(FRAMES)))
+            recorder.start_recording("desk")
+        recorder.on_status(make_recorder_status(frames=FRAMES))
+        send_updates(recorder, *map(make_update, range(FRAMES)))
         print("ready", flush=True)
         sys.stdin.readline()
         match death:

@@ -1,4 +1,4 @@
-"""Small frames with what the service said of them, statuses, and a recorder to give them to."""
+"""Small frames with results, statuses, and a running recorder."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ METADATA: Mapping[str, object] = {"versions": {"kinect-vo": "1"}}
 
 
 def make_frame(seq: int, camera: PinholeCamera = CAMERA) -> RgbdFrame:
-    """Noise that no other frame has, depth with holes, 30 a second, gravity and a skew."""
+    """Make a frame with unique noise, depth holes, 30 Hz stamps, gravity and skew."""
     random = np.random.default_rng(seq)
     shape = (camera.height, camera.width)
     depth = random.integers(1990, 2010, shape, np.uint16)
@@ -47,13 +47,13 @@ def make_update(
     offset_s: float = 0.0,
     camera: PinholeCamera = CAMERA,
 ) -> OdometryUpdate:
-    """What the service says of frame `seq`: a centimetre further than the one before."""
+    """Make the result of frame `seq`; each pose is one centimeter further."""
     T = rigid_transform(np.eye(3), [0.01 * seq, 0.0, 0.0])
     is_lost = state is TrackingState.LOST
-    picture = make_frame(seq, camera)
+    frame = make_frame(seq, camera)
     return OdometryUpdate(
         seq=seq,
-        stamp_s=picture.stamp_s + offset_s,
+        stamp_s=frame.stamp_s + offset_s,
         state=state,
         reason="too few matches" if is_lost else "",
         epoch=1,
@@ -63,7 +63,7 @@ def make_update(
         pose_covariance=np.eye(6),
         twist=np.zeros(6),
         twist_covariance=np.eye(6),
-        frame=picture,
+        frame=frame,
         estimate=Estimate(not is_lost, "", T, np.eye(4), np.eye(6), 20, 10, 7),
         stage_ms={},
         latency_s=0.01,
@@ -71,7 +71,7 @@ def make_update(
 
 
 def make_recorder_status(frames: int = 0) -> Status:
-    """A status that has counted so many frames."""
+    """Make a status with this frame count."""
     return make_status(frames=frames)
 
 
@@ -79,20 +79,20 @@ def make_recorder_status(frames: int = 0) -> Status:
 def running_recorder(
     state: Path, settings: RecorderConfig | None = None
 ) -> Iterator[FlightRecorder]:
-    """A flight recorder that is up; closed at the end."""
-    opened = FlightRecorder(settings or RecorderConfig(max_mb=20), state, METADATA)
+    """Run a flight recorder while the block runs."""
+    recorder = FlightRecorder(settings or RecorderConfig(max_mb=20), state, METADATA)
     try:
-        wait_until(lambda: opened.is_ready, "the recorder's process")
-        yield opened
+        wait_until(lambda: recorder.is_ready, "the recorder's process")
+        yield recorder
     finally:
-        opened.close()
+        recorder.close()
 
 
 def send_updates(recorder: FlightRecorder, *updates: OdometryUpdate) -> None:
-    """Give it frames no faster than it takes them."""
-    for one in updates:
+    """Send frames no faster than the recorder takes them."""
+    for update in updates:
         expected = recorder.frame_count + 1
-        recorder.on_update(one)
+        recorder.on_update(update)
         wait_until(partial(_has_buffered, recorder, expected), "a frame to be taken")
 
 
@@ -101,33 +101,33 @@ def _has_buffered(recorder: FlightRecorder, expected: int) -> bool:
 
 
 def list_incidents(state: Path) -> list[Path]:
-    """Folders of incidents, whole ones and begun ones."""
+    """List the folders of incidents, complete and partial."""
     return sorted(state.glob("incidents/*"))
 
 
 def wait_for_incident(state: Path, reason: str) -> Path:
-    """The one incident of this kind, as soon as it is whole."""
+    """Wait for the one incident of this kind to be complete."""
 
-    def whole() -> list[Path]:
+    def complete_incidents() -> list[Path]:
         return [path for path in list_incidents(state) if path.name.endswith(reason)]
 
-    wait_until(lambda: bool(whole()), f"an incident {reason!r}")
-    (found,) = whole()
-    return found
+    wait_until(lambda: bool(complete_incidents()), f"an incident {reason!r}")
+    (incident,) = complete_incidents()
+    return incident
 
 
 def save_incident(recorder: FlightRecorder, reason: str) -> Path:
-    """The folder of an incident that has been asked for, when it is whole."""
+    """Save an incident, wait until it is complete and return its folder."""
     folder = Path(recorder.save(reason))
     wait_until(lambda: not recorder.is_saving, f"{folder}")
     assert folder.exists()
     return folder
 
 
-def command_error(of: Callable[[], object]) -> str:
-    """The code and the words with which a command is refused."""
+def command_error(call: Callable[[], object]) -> str:
+    """Return the code and the message of a refused command."""
     try:
-        of()
+        call()
     except CommandError as error:
         return f"{error.code}: {error}"
     raise AssertionError("it was not refused")

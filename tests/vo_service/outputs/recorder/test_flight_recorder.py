@@ -35,9 +35,9 @@ LOST = TrackingState.LOST
 def test_on_command_the_last_frames_become_a_folder_that_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, *map(make_update, range(8)))
-        folder = Path(recording.save("command"))
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, *map(make_update, range(8)))
+        folder = Path(recorder.save("command"))
         assert wait_for_incident(tmp_path, "command") == folder
     for seq, found in enumerate(read_recording(folder)):
         assert found.stamp_s == make_frame(seq).stamp_s
@@ -51,29 +51,29 @@ def test_on_command_the_last_frames_become_a_folder_that_replays_bit_for_bit(
 
 
 def test_beside_the_frames_is_what_the_service_said_of_them(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
-        recording.on_status(make_recorder_status(frames=5))
-        send_updates(recording, *map(make_update, range(4)), make_update(4, LOST))
-        recording.save("command")
+    with running_recorder(tmp_path, SMALL) as recorder:
+        recorder.on_status(make_recorder_status(frames=5))
+        send_updates(recorder, *map(make_update, range(4)), make_update(4, LOST))
+        recorder.save("command")
         folder = wait_for_incident(tmp_path, "command")
     lines = (folder / "poses.jsonl").read_text().splitlines()
-    said = [json.loads(line) for line in lines]
-    assert [pose["state"] for pose in said] == ["tracking"] * 4 + ["lost"]
-    assert said[4]["reason"] == "too few matches"
+    poses_json = [json.loads(line) for line in lines]
+    assert [pose["state"] for pose in poses_json] == ["tracking"] * 4 + ["lost"]
+    assert poses_json[4]["reason"] == "too few matches"
     poses = read_trajectory(folder / "trajectory.txt")  # of the frames that have one
     np.testing.assert_allclose(poses.T_world_camera[:, 0, 3], [0.0, 0.01, 0.02, 0.03])
-    (told,) = map(json.loads, (folder / "status.jsonl").read_text().splitlines())
-    assert told["frames"] == 5
-    assert told["unix_s"] == pytest.approx(time.time(), abs=100.0)
-    assert told["recorder"]["limited_by"] == "seconds"
+    (status,) = map(json.loads, (folder / "status.jsonl").read_text().splitlines())
+    assert status["frames"] == 5
+    assert status["unix_s"] == pytest.approx(time.time(), abs=100.0)
+    assert status["recorder"]["limited_by"] == "seconds"
 
 
 def test_frames_and_poses_of_a_live_camera_have_the_stamps_that_were_published(
     tmp_path: Path,
 ) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, *(make_update(seq, offset_s=1000.0) for seq in range(3)))
-        recording.save("command")
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, *(make_update(seq, offset_s=1000.0) for seq in range(3)))
+        recorder.save("command")
         folder = wait_for_incident(tmp_path, "command")
     stamps_s = [found.stamp_s for found in read_recording(folder)]
     assert stamps_s == pytest.approx(
@@ -87,17 +87,17 @@ def test_frames_and_poses_of_a_live_camera_have_the_stamps_that_were_published(
 
 
 def test_a_clock_that_is_set_back_breaks_neither_frames_nor_poses(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, make_update(0), make_update(1), make_update(2, offset_s=-3600.0))
-        recording.save("command")
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, make_update(0), make_update(1), make_update(2, offset_s=-3600.0))
+        recorder.save("command")
         folder = wait_for_incident(tmp_path, "command")
     assert len(read_recording(folder)) == len(read_trajectory(folder / "trajectory.txt")) == 3
 
 
 def test_only_the_last_seconds_are_written(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, replace(SMALL, seconds=0.51)) as recording:
-        send_updates(recording, *map(make_update, range(30)))
-        recording.save("command")
+    with running_recorder(tmp_path, replace(SMALL, seconds=0.51)) as recorder:
+        send_updates(recorder, *map(make_update, range(30)))
+        recorder.save("command")
         folder = wait_for_incident(tmp_path, "command")
     stamps_s = [found.stamp_s for found in read_recording(folder)]
     assert stamps_s == pytest.approx([make_update(seq).stamp_s for seq in range(14, 30)], abs=1e-6)
@@ -105,29 +105,29 @@ def test_only_the_last_seconds_are_written(tmp_path: Path) -> None:
 
 def test_of_two_cameras_only_the_last_ones_frames_are_written(tmp_path: Path) -> None:
     other = PinholeCamera(32, 24, 30.0, 30.0, 15.5, 11.5)
-    with running_recorder(tmp_path, SMALL) as recording:
+    with running_recorder(tmp_path, SMALL) as recorder:
         send_updates(
-            recording,
+            recorder,
             make_update(0),
             make_update(1),
             make_update(2, camera=other),
             make_update(3, camera=other),
         )
-        recording.save("command")
+        recorder.save("command")
         assert [
             found.camera for found in read_recording(wait_for_incident(tmp_path, "command"))
         ] == [other] * 2
 
 
 def test_a_loss_is_written_with_what_came_after_it(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
+    with running_recorder(tmp_path, SMALL) as recorder:
         send_updates(
-            recording, *map(make_update, range(4)), make_update(4, LOST), make_update(5, LOST)
+            recorder, *map(make_update, range(4)), make_update(4, LOST), make_update(5, LOST)
         )
         assert list_incidents(tmp_path) == []
 
         def next_status() -> bool:
-            recording.on_status(make_recorder_status())
+            recorder.on_status(make_recorder_status())
             return bool(list_incidents(tmp_path))
 
         wait_until(next_status, "the loss to be due")
@@ -135,14 +135,14 @@ def test_a_loss_is_written_with_what_came_after_it(tmp_path: Path) -> None:
 
 
 def test_a_loss_just_before_the_end_is_still_written(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, make_update(0), make_update(1, LOST))
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, make_update(0), make_update(1, LOST))
     assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 2
 
 
 def test_losses_are_not_written_where_they_are_not_wanted(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, replace(SMALL, save_on_loss=False)) as recording:
-        send_updates(recording, make_update(0), make_update(1, LOST))
+    with running_recorder(tmp_path, replace(SMALL, save_on_loss=False)) as recorder:
+        send_updates(recorder, make_update(0), make_update(1, LOST))
     assert list_incidents(tmp_path) == []
 
 
@@ -150,34 +150,34 @@ def test_an_orderly_end_leaves_nothing(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL):
         pass  # what is loaded once stays
     before = resources_in_use()
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, *map(make_update, range(4)))
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, *map(make_update, range(4)))
     assert resources_in_use() <= before
     assert list(tmp_path.iterdir()) == []
 
 
 def test_everything_is_private(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, make_update(0))
-        folder = save_incident(recording, "command")
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, make_update(0))
+        folder = save_incident(recorder, "command")
     modes = {(path.is_dir(), path.stat().st_mode & 0o777) for path in folder.parent.rglob("*")}
     assert modes == {(True, 0o700), (False, 0o600)}
 
 
 def test_a_loss_that_is_due_is_written_though_something_else_changes(tmp_path: Path) -> None:
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, make_update(0), make_update(1, LOST))
-        recording.configure(replace(SMALL, total_mb=1000))
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, make_update(0), make_update(1, LOST))
+        recorder.configure(replace(SMALL, total_mb=1000))
     assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 2
 
 
 def test_too_many_incidents_are_not_kept(tmp_path: Path) -> None:
     settings = replace(SMALL, total_mb=1, folder=tmp_path / "elsewhere")
     large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
-    with running_recorder(tmp_path, settings) as recording:
-        send_updates(recording, make_update(0, camera=large), make_update(1, camera=large))
+    with running_recorder(tmp_path, settings) as recorder:
+        send_updates(recorder, make_update(0, camera=large), make_update(1, camera=large))
         for reason in ("first", "second", "third"):
-            save_incident(recording, reason)
+            save_incident(recorder, reason)
     names = sorted(path.name for path in (tmp_path / "elsewhere").iterdir())
     assert len(names) == 1
     assert names[0].endswith("third")
@@ -187,10 +187,10 @@ def test_what_is_kept_and_whether_losses_are_written_may_change_while_it_runs(
     tmp_path: Path,
 ) -> None:
     large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
-    with running_recorder(tmp_path, SMALL) as recording:
-        send_updates(recording, *(make_update(seq, camera=large) for seq in range(4)))
-        save_incident(recording, "first")
-        recording.configure(replace(SMALL, total_mb=1, save_on_loss=False))
-        send_updates(recording, make_update(4, LOST, camera=large))
-        save_incident(recording, "second")
+    with running_recorder(tmp_path, SMALL) as recorder:
+        send_updates(recorder, *(make_update(seq, camera=large) for seq in range(4)))
+        save_incident(recorder, "first")
+        recorder.configure(replace(SMALL, total_mb=1, save_on_loss=False))
+        send_updates(recorder, make_update(4, LOST, camera=large))
+        save_incident(recorder, "second")
     assert [path.name[-6:] for path in list_incidents(tmp_path)] == ["second"]

@@ -1,4 +1,4 @@
-"""An incident replays as it was: the same poses, bit for bit, from the service's own loop."""
+"""An incident replays to the same poses, bit for bit."""
 
 import os
 import signal
@@ -34,20 +34,20 @@ pytestmark = pytest.mark.subprocess
 
 
 def blinded(frame: RgbdFrame) -> RgbdFrame:
-    """The same, but black, and with no depth."""
+    """Return the frame in black and without depth."""
     color_bgr, depth_raw = np.zeros_like(frame.color_bgr), np.zeros_like(frame.depth_raw)
     return replace(frame, color_bgr=color_bgr, depth_raw=depth_raw)
 
 
 class LockstepOutput(CollectingOutput):
-    """An output that holds the loop up until the recorder has taken each frame."""
+    """Output that blocks the loop until the recorder has stored each frame."""
 
     def __init__(self, recorder: FlightRecorder) -> None:
         super().__init__()
         self._recorder = recorder
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Wait for it."""
+        """Wait for the recorder."""
         super().on_update(update)
         wait_until(lambda: self._recorder.frame_count == len(self.poses))
 
@@ -57,32 +57,32 @@ def test_a_loss_of_tracking_replays_to_the_poses_that_the_service_gave(
 ) -> None:
     frames = read_recording(recording)
     camera = ScriptedCamera([*frames[:7], blinded(frames[7]), *frames[8:]])
-    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as opened, camera:
+    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as recorder, camera:
         run_replay(
             Config(),
             camera,
             SinglePassSource(camera),
-            [opened, LockstepOutput(opened)],
+            [recorder, LockstepOutput(recorder)],
             StopSignal(),
         )
     folder = wait_for_incident(tmp_path, "lost")
-    again = tmp_path / "again.txt"
-    outcome = run_in_process(capfd, "replay", folder, "--trajectory", again, "--no-publish")
+    replayed = tmp_path / "again.txt"
+    outcome = run_in_process(capfd, "replay", folder, "--trajectory", replayed, "--no-publish")
     assert outcome.code == 0, outcome.err
-    told = (folder / "trajectory.txt").read_text().splitlines()
-    assert again.read_text().splitlines() == told[1:]
-    assert len(told[1:]) == len(frames) - 1
+    published = (folder / "trajectory.txt").read_text().splitlines()
+    assert replayed.read_text().splitlines() == published[1:]
+    assert len(published[1:]) == len(frames) - 1
 
 
 def test_frames_from_before_a_crash_of_the_driver_are_still_there(tmp_path: Path) -> None:
-    (tmp_path / "script").touch()  # no words: the puppet works
+    (tmp_path / "script").touch()  # an empty script: the camera works
     make = partial(FileScriptedCamera, tmp_path / "script")
-    driver = SubprocessCamera("puppet", Clock.MONOTONIC, make, PlaybackMode.REALTIME)
-    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as opened, driver as camera:
+    driver = SubprocessCamera("scripted", Clock.MONOTONIC, make, PlaybackMode.REALTIME)
+    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as recorder, driver as camera:
         frames = [camera.read(30.0) for _ in range(5)]
-        send_updates(opened, *(replace(make_update(0), frame=frame) for frame in frames))
+        send_updates(recorder, *(replace(make_update(0), frame=frame) for frame in frames))
         os.kill(frames[-1].lost_packets, signal.SIGKILL)
-        send_updates(opened, replace(make_update(0), frame=camera.read(30.0)))
-        opened.save("command")
+        send_updates(recorder, replace(make_update(0), frame=camera.read(30.0)))
+        recorder.save("command")
         found = read_recording(wait_for_incident(tmp_path, "command"))
     assert [is_intact(frame) for frame in found] == [True] * 6

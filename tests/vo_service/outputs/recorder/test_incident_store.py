@@ -1,4 +1,4 @@
-"""Names, size and privacy of the incidents' folder, and what it never touches."""
+"""Names, quota and permissions of the incidents' folder, and files that it never deletes."""
 
 import fcntl
 import os
@@ -14,14 +14,14 @@ NEW = "2026-11-21T16-30-05Z-lost"
 
 
 def incident(folder: Path, name: str, size: int = 100) -> Path:
-    """One that is there already."""
+    """Create an incident."""
     (folder / name / "rgb").mkdir(parents=True)
     (folder / name / "rgb" / "1.png").write_bytes(bytes(size))
     return folder / name
 
 
 def fill(folder: Path) -> None:
-    """An incident of 100 bytes."""
+    """Write an incident of 100 bytes."""
     (folder / "file").write_bytes(bytes(100))
 
 
@@ -32,14 +32,14 @@ def test_the_name_says_when_and_why() -> None:
 
 
 def test_an_incident_appears_only_when_it_is_whole(tmp_path: Path) -> None:
-    seen: list[str] = []
+    names: list[str] = []
 
-    def watched(folder: Path) -> None:
-        seen.extend(path.name for path in tmp_path.iterdir())
+    def record_names(folder: Path) -> None:
+        names.extend(path.name for path in tmp_path.iterdir())
         fill(folder)
 
-    written = IncidentStore(tmp_path, 1000).write(NEW, watched)
-    assert seen == [NEW + PARTIAL_SUFFIX]
+    written = IncidentStore(tmp_path, 1000).write(NEW, record_names)
+    assert names == [NEW + PARTIAL_SUFFIX]
     assert written == tmp_path / NEW
     assert [path.name for path in tmp_path.iterdir()] == [NEW]
 
@@ -65,20 +65,22 @@ def test_one_that_is_larger_than_all_may_be_is_still_kept(tmp_path: Path) -> Non
 
 
 def test_the_newest_is_kept_though_the_clock_was_set_back(tmp_path: Path) -> None:
-    later = incident(tmp_path, "2027-01-01T00-00-00Z-lost")
+    future = incident(tmp_path, "2027-01-01T00-00-00Z-lost")
     IncidentStore(tmp_path, 150).write(NEW, fill)
     assert (tmp_path / NEW).exists()
-    assert not later.exists()
+    assert not future.exists()
 
 
 def test_what_an_earlier_recorder_began_is_removed_unless_it_still_writes(tmp_path: Path) -> None:
-    left, held = (incident(tmp_path, f"2026-11-2{d}T00-00-00Z-crash{PARTIAL_SUFFIX}") for d in "01")
-    fd = os.open(held, os.O_RDONLY)
+    abandoned, locked = (
+        incident(tmp_path, f"2026-11-2{d}T00-00-00Z-crash{PARTIAL_SUFFIX}") for d in "01"
+    )
+    fd = os.open(locked, os.O_RDONLY)
     fcntl.flock(fd, fcntl.LOCK_EX)
     IncidentStore(tmp_path, 1000).clean_up()
     os.close(fd)
-    assert held.exists()
-    assert not left.exists()
+    assert locked.exists()
+    assert not abandoned.exists()
 
 
 def test_a_link_with_an_incidents_name_is_not_followed(tmp_path: Path) -> None:

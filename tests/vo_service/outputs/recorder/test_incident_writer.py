@@ -1,4 +1,4 @@
-"""Writing an incident by itself: where time runs out, and where there is nothing."""
+"""The incident writer with a deadline and without frames."""
 
 import json
 import logging
@@ -67,9 +67,9 @@ def test_frames_that_are_overwritten_meanwhile_are_counted(
 
 
 def test_a_service_that_crashed_before_its_first_frame_leaves_no_incident(tmp_path: Path) -> None:
-    heard: list[RecorderMessage] = []
+    messages: list[RecorderMessage] = []
     writer = RecordRingWriter("trial", 1.0, 1 << 20)
-    desk = RecorderWorker(
+    worker = RecorderWorker(
         RecorderWorkerConfig(
             frame_ring=writer.memory,
             status_ring=writer.memory,
@@ -80,9 +80,9 @@ def test_a_service_that_crashed_before_its_first_frame_leaves_no_incident(tmp_pa
             service_info="{}",
             log_level=logging.WARNING,
         ),
-        heard.append,
+        messages.append,
     )
-    desk.dump_after_crash()
-    assert heard == []
+    worker.dump_after_crash()
+    assert messages == []
     assert list(tmp_path.iterdir()) == []
     writer.close()

@@ -1,4 +1,4 @@
-"""What becomes of the last frames when the service, or all about it, is killed."""
+"""The last frames after a crash or a kill of the service."""
 
 import os
 import signal
@@ -22,15 +22,15 @@ COMMAND = [sys.executable, "-P", "-m", "tests.vo_service.outputs.recorder.crashi
 ROOT = Path(__file__).parents[4]
 
 
-class Crashing:
-    """The service while it runs, and its recorder's process."""
+class CrashingService:
+    """The running service and its recorder's process."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self.process = process
         (self.recorder,) = child_pids_of(process.pid)
 
     def go(self) -> None:
-        """Let it end as it was told."""
+        """Let the service end as requested."""
         assert self.process.stdin is not None
         self.process.stdin.write(b"\n")
         self.process.stdin.flush()
@@ -38,18 +38,18 @@ class Crashing:
 
 
 @contextmanager
-def service(state: Path, how: str) -> Iterator[Crashing]:
-    """One that remembers frames; nothing of it is left at the end."""
+def service(state: Path, death: str) -> Iterator[CrashingService]:
+    """Run a service that records frames; no process is left at the end."""
     path = {"PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])}
     with (state / "log").open("wb") as log:
         process = subprocess.Popen(
-            [*COMMAND, str(state), how],
+            [*COMMAND, str(state), death],
             env=os.environ | path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
         )  # fmt: skip
     with process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
-        crashing = Crashing(process)
+        crashing = CrashingService(process)
         try:
             yield crashing
             wait_until(lambda: not is_alive(crashing.recorder), "the recorder's end")

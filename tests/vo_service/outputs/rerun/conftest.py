@@ -1,4 +1,4 @@
-"""The same results and ports as for the other outputs."""
+"""The fixtures of the other outputs."""
 
 from tests.vo_service.outputs.conftest import free_port, listening, make_update, status
 

@@ -1,4 +1,4 @@
-"""Places for pictures that fail in one way or another, in the viewer's process."""
+"""Sinks that fail in the viewer's process."""
 
 import threading
 from typing import TYPE_CHECKING
@@ -11,42 +11,42 @@ if TYPE_CHECKING:
 
 
 class _InMemorySink(LiveSink):
-    """Takes everything in."""
+    """Sink that stores all data in memory."""
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Keep it."""
-        self._kept = stream.memory_recording()
+        """Store the data in memory."""
+        self._memory = stream.memory_recording()
 
 
 class BlockingSink(_InMemorySink):
-    """A viewer that takes no data: Rerun blocks, for ever."""
+    """A viewer that reads no data: Rerun blocks forever."""
 
     address = "stuck"
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """Wait."""
+        """Block forever."""
         threading.Event().wait()
 
 
 class LeakingSink(_InMemorySink):
-    """Data that nobody takes: each picture leaves some megabytes more."""
+    """A sink that leaks some megabytes for each image."""
 
     address = "glutton"
 
     def __init__(self, mb: int) -> None:
         self._mb = mb
-        self._more: list[bytes] = []
+        self._leaked: list[bytes] = []
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """Grow, and write to all of it."""
-        self._more.append(b"x" * (self._mb * 1_000_000))
+        """Allocate memory and write to all of it."""
+        self._leaked.append(b"x" * (self._mb * 1_000_000))
 
 
 class FullDiskSink(_InMemorySink):
-    """A disk that fills up with the first picture."""
+    """A disk that is full after the first image."""
 
     address = "full"
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """It is full."""
+        """Raise the error of a full disk."""
         raise DiskFullError("full: the disk is full")

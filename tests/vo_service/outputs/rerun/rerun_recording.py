@@ -1,4 +1,4 @@
-"""Drawing without a process of its own, and what came of it, read by Rerun's own reader."""
+"""Drawing in this process, and reading of recordings with Rerun's own reader."""
 
 import logging
 import subprocess
@@ -21,41 +21,41 @@ IMAGE_PERIOD_S = 0.1
 
 
 def make_config(sink: Sink) -> RerunWorkerConfig:
-    """What a process would be told first."""
+    """Make the configuration of a viewer's process."""
     return RerunWorkerConfig(sink, 80, 300, "recording", logging.WARNING)
 
 
 def draw(
     sink: Sink,
     items: Iterable[OdometryUpdate | Status | TextLog],
-    truth: Trajectory | None = None,
+    ground_truth: Trajectory | None = None,
 ) -> RotatingRecording:
-    """Draw all of it, to the end."""
-    sketcher = UpdateEncoder(sink, IMAGE_PERIOD_S, lambda: truth)
-    drawing = RotatingRecording(make_config(sink))
+    """Draw all items and finish the recording."""
+    encoder = UpdateEncoder(sink, IMAGE_PERIOD_S, lambda: ground_truth)
+    recording = RotatingRecording(make_config(sink))
     for item in items:
         match item:
             case OdometryUpdate():
-                for message in sketcher.encode_update(item):
-                    drawing.log(message)
+                for message in encoder.encode_update(item):
+                    recording.log(message)
             case Status():
-                drawing.log(sketcher.encode_status(item))
+                recording.log(encoder.encode_status(item))
             case TextLog():
-                drawing.log(item)
-    for message in sketcher.encode_pending():
-        drawing.log(message)
-    drawing.finish()
-    return drawing
+                recording.log(item)
+    for message in encoder.encode_pending():
+        recording.log(message)
+    recording.finish()
+    return recording
 
 
 def is_complete(path: Path) -> bool:
-    """Whether Rerun finds nothing wrong with the file, its end included."""
+    """Return whether Rerun verifies the file, its end included."""
     command = [str(rerun_binary()), "rrd", "verify", str(path)]
     return subprocess.run(command, capture_output=True, timeout=100).returncode == 0
 
 
 def count_rows(path: Path) -> Counter[str]:
-    """How often each entity was logged."""
+    """Count how often each entity was logged."""
     counter: Counter[str] = Counter()
     for chunk in RrdReader(path).stream():
         counter[chunk.entity_path] += chunk.num_rows
@@ -63,7 +63,7 @@ def count_rows(path: Path) -> Counter[str]:
 
 
 def read_column(path: Path, entity: str, component: str) -> list[Any]:
-    """Everything logged as one component of an entity."""
+    """Read all values of one component of an entity."""
     batches = [c.to_record_batch() for c in RrdReader(path).stream() if c.entity_path == entity]
-    with_it = [batch for batch in batches if component in batch.schema.names]
-    return [value for batch in with_it for value in batch.column(component).to_pylist()]
+    with_component = [batch for batch in batches if component in batch.schema.names]
+    return [value for batch in with_component for value in batch.column(component).to_pylist()]

@@ -1,4 +1,4 @@
-"""The page that is served: on loopback alone, and it may talk to nobody else."""
+"""The page is served on loopback only, and its policy allows no other host."""
 
 import os
 import pickle
@@ -72,9 +72,9 @@ def test_everything_listens_on_loopback_alone(
 @pytest.mark.parametrize("which", ["data", "page"])
 def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        busy = taken.getsockname()[1]
-        ports = (busy, free_port) if which == "data" else (free_port, busy)
-        with pytest.raises(PortTakenError, match=rf"127\.0\.0\.1:{busy}") as caught:
+        port_in_use = taken.getsockname()[1]
+        ports = (port_in_use, free_port) if which == "data" else (free_port, port_in_use)
+        with pytest.raises(PortTakenError, match=rf"127\.0\.0\.1:{port_in_use}") as caught:
             BrowserSink(*ports).attach(rr.RecordingStream("taken"), make_blueprint())
     assert "\n" not in str(caught.value)
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
@@ -84,9 +84,11 @@ def test_a_port_that_somebody_takes_in_between_is_no_trouble(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        busy = taken.getsockname()[1]
-        found = [busy, busy]
-        monkeypatch.setattr(targets, "free_port", lambda wish: found.pop() if found else any_port())
+        port_in_use = taken.getsockname()[1]
+        found = [port_in_use, port_in_use]
+        monkeypatch.setattr(
+            targets, "free_port", lambda preferred: found.pop() if found else any_port()
+        )
         output = open_rerun_output("serve")
-        assert str(busy) not in output.address
+        assert str(port_in_use) not in output.address
         output.close()

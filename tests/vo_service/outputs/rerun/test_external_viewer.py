@@ -1,4 +1,4 @@
-"""A Rerun viewer that is running, or not: real ones that come, freeze and go."""
+"""External Rerun viewers that start, freeze and exit."""
 
 import signal
 import socket
@@ -26,21 +26,21 @@ ABSENT = "no viewer answers at"
 
 
 @contextmanager
-def closing_presence(port: int) -> Iterator[GrpcViewerProbe]:
-    """What asks for a viewer, and lets go in the end."""
-    presence = GrpcViewerProbe("127.0.0.1", port)
-    yield presence
-    presence.disconnect()
+def closing_probe(port: int) -> Iterator[GrpcViewerProbe]:
+    """Make a probe and close it at the end."""
+    probe = GrpcViewerProbe("127.0.0.1", port)
+    yield probe
+    probe.disconnect()
 
 
 @contextmanager
 def viewer(port: int) -> Iterator["subprocess.Popen[bytes]"]:
-    """Rerun's own server, which a viewer has inside."""
+    """Run Rerun's own server, which a viewer contains."""
     command = [str(rerun_binary()), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
-            with closing_presence(port) as presence:
-                wait_until(presence.connect)
+            with closing_probe(port) as probe:
+                wait_until(probe.connect)
             yield process
         finally:
             process.kill()
@@ -48,15 +48,15 @@ def viewer(port: int) -> Iterator["subprocess.Popen[bytes]"]:
 
 @pytest.fixture
 def output(free_port: int) -> Iterator[RerunOutput]:
-    """Shows its results to a viewer at the free port."""
+    """An output to a viewer at the free port."""
     output = open_rerun_output(f"connect:127.0.0.1:{free_port}", RerunConfig(memory_mb=400))
     yield output
     output.close()
 
 
 def processes() -> list[int]:
-    """Those that draw: with some memory of their own, unlike one that is being started."""
-    return [each for each in child_pids() if resident_of(each) > 50_000]
+    """List the processes that draw; one that is still starting has little memory."""
+    return [pid for pid in child_pids() if resident_of(pid) > 50_000]
 
 
 def test_a_viewer_that_never_comes_costs_no_process(
@@ -97,23 +97,23 @@ def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
         wait_until(lambda: output.warning == "")
         (process,) = set(child_pids()) - {frozen.pid}
         frozen.send_signal(signal.SIGSTOP)
-        sizes_kb, took_s = [0], [0.0]
+        sizes_kb, durations_s = [0], [0.0]
 
         def is_given_up() -> bool:
             start_s = time.monotonic()
             output.on_update(update)
-            took_s.append(time.monotonic() - start_s)
+            durations_s.append(time.monotonic() - start_s)
             sizes_kb.append(resident_of(process))
             return ABSENT in output.warning or "memory_mb" in output.warning
 
         wait_until(is_given_up)
         output.close()
-    assert max(took_s) < 10.0
+    assert max(durations_s) < 10.0
     assert max(sizes_kb) < 600_000
 
 
 def resident_of(process: int) -> int:
-    """Memory of a process that may have ended."""
+    """Return the memory of a process in kB; 0 if it has ended."""
     try:
         return resident_memory_kb(process)
     except (OSError, AssertionError):
@@ -121,8 +121,8 @@ def resident_of(process: int) -> int:
 
 
 def test_something_that_accepts_and_never_answers_is_no_viewer() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as mute:
-        assert not GrpcViewerProbe(*mute.getsockname()).connect()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        assert not GrpcViewerProbe(*server.getsockname()).connect()
 
 
 def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
@@ -141,15 +141,15 @@ def test_something_that_talks_on_and_on_is_no_viewer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         has_ended = threading.Event()
 
-        def talk() -> None:
+        def send_forever() -> None:
             with server.accept()[0] as connection, suppress(OSError):
                 while not has_ended.is_set():
                     connection.sendall(b"\0\0\0\x08" + bytes(5))
 
-        thread = threading.Thread(target=talk)
+        thread = threading.Thread(target=send_forever)
         thread.start()
-        presence = GrpcViewerProbe(*server.getsockname())
-        assert not presence.connect()
+        probe = GrpcViewerProbe(*server.getsockname())
+        assert not probe.connect()
         has_ended.set()
         thread.join()
 
@@ -158,54 +158,54 @@ def test_something_that_sends_a_frame_nobody_may_send_is_given_up_at_once() -> N
     settings, too_large = b"\0\0\0\x04" + bytes(5), b"\0\x40\x01\x08" + bytes(5)
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
-        closing_presence(server.getsockname()[1]) as presence,
+        closing_probe(server.getsockname()[1]) as probe,
         ThreadPoolExecutor(1) as pool,
     ):
-        has_begun = pool.submit(presence.connect)
+        connected = pool.submit(probe.connect)
         with server.accept()[0] as connection:
             connection.sendall(settings + too_large)
-            assert has_begun.result()
+            assert connected.result()
             with pytest.raises(ConnectionError):
-                presence.is_responding()
+                probe.is_responding()
 
 
 @pytest.mark.subprocess
 def test_a_viewer_that_is_replaced_by_another_is_noticed_at_once(free_port: int) -> None:
-    with closing_presence(free_port) as presence:
+    with closing_probe(free_port) as probe:
         with viewer(free_port):
-            assert presence.connect()
-            assert presence.is_responding()
+            assert probe.connect()
+            assert probe.is_responding()
         with viewer(free_port), pytest.raises(ConnectionError):
-            presence.is_responding()
+            probe.is_responding()
 
 
-class Patchy:
-    """Answers by script."""
+class ScriptedProbe:
+    """Probe with scripted replies."""
 
     def __init__(self, *answers: bool | Exception) -> None:
         self._answers = list(answers)
 
     def connect(self) -> bool:
-        """It is there."""
+        """Return True."""
         return True
 
     def is_responding(self) -> bool:
-        """The next answer."""
+        """Return or raise the next reply."""
         answer = self._answers.pop(0)
         if isinstance(answer, Exception):
             raise answer
         return answer
 
     def disconnect(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing."""
 
 
 def test_a_viewer_that_is_slow_to_answer_is_given_another_chance(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("vo_service.outputs.rerun.viewer_probe.PROBE_PERIOD_S", 0.0)
-    watch = ViewerHealthMonitor(
-        Patchy(True, False, False, True, False, False, False, ConnectionError())
+    monitor = ViewerHealthMonitor(
+        ScriptedProbe(True, False, False, True, False, False, False, ConnectionError())
     )
-    assert watch.connect()
-    assert [watch.has_gone() for _ in range(8)] == [False] * 6 + [True, True]
+    assert monitor.connect()
+    assert [monitor.has_gone() for _ in range(8)] == [False] * 6 + [True, True]

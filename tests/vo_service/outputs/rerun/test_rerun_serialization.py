@@ -12,29 +12,29 @@ from vo_service.outputs.rerun.messages import GroundTruth, RerunMessage, TextLog
 from vo_service.outputs.rerun.serialization import receive_message, serialize
 
 
-def sent(*messages: RerunMessage) -> list[RerunMessage]:
-    ours, theirs = Pipe()
-    with ours, theirs:
+def send_and_receive(*messages: RerunMessage) -> list[RerunMessage]:
+    sender, receiver = Pipe()
+    with sender, receiver:
         for message in messages:
             for part in serialize(message):
-                ours.send_bytes(part)
-        return [receive_message(theirs) for _ in messages]
+                sender.send_bytes(part)
+        return [receive_message(receiver) for _ in messages]
 
 
 @given(arrays.arrays(np.float64, st.tuples(st.integers(0, 20), st.just(3))), st.booleans())
 def test_arrays_come_back(positions: np.ndarray, is_turned: bool) -> None:
     array = positions[::-1, ::2] if is_turned else positions
-    truth, note = sent(GroundTruth(array), TextLog("on"))
-    assert isinstance(truth, GroundTruth)
-    np.testing.assert_array_equal(truth.positions, array)
-    assert note == TextLog("on")
+    ground_truth, text_log = send_and_receive(GroundTruth(array), TextLog("on"))
+    assert isinstance(ground_truth, GroundTruth)
+    np.testing.assert_array_equal(ground_truth.positions, array)
+    assert text_log == TextLog("on")
 
 
 @given(st.lists(st.tuples(st.floats(-9, 9), st.integers(0, 3)), max_size=200))
 def test_a_trail_is_bounded_and_ends_where_the_camera_is(steps: list[tuple[float, int]]) -> None:
-    trail = BoundedTrajectory(max_points=16)
+    trajectory = BoundedTrajectory(max_points=16)
     for x, epoch in steps:
         position = np.array([x, 0.0, 0.0])
-        trail.add(position, epoch)
-        assert 1 <= sum(map(len, trail.lines)) <= 16
-        assert abs(trail.lines[-1][-1][0] - x) < MIN_POINT_DISTANCE_M
+        trajectory.add(position, epoch)
+        assert 1 <= sum(map(len, trajectory.lines)) <= 16
+        assert abs(trajectory.lines[-1][-1][0] - x) < MIN_POINT_DISTANCE_M

@@ -1,4 +1,4 @@
-"""Recordings of bounded size and number, and what a full disk makes of them."""
+"""Recordings of bounded size and number, also on a full disk."""
 
 import dataclasses
 import errno
@@ -42,8 +42,8 @@ MakeUpdate = Callable[..., OdometryUpdate]
 
 
 @pytest.fixture
-def heavy(make_update: MakeUpdate) -> Callable[[int], OdometryUpdate]:
-    """Results with a picture of noise, a megabyte each: ``heavy(seq)``."""
+def make_large_update(make_update: MakeUpdate) -> Callable[[int], OdometryUpdate]:
+    """Results with a noise image of one megabyte: ``make_large_update(seq)``."""
     noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
 
     def make(seq: int) -> OdometryUpdate:
@@ -55,26 +55,26 @@ def heavy(make_update: MakeUpdate) -> Callable[[int], OdometryUpdate]:
 
 @pytest.fixture
 def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """What the disk has free, one answer after another, the last for ever; asked at any time."""
-    answers = [10**12]
+    """Free disk sizes, one per check; the last one repeats."""
+    free_sizes = [10**12]
 
     def free_bytes(path: Path) -> int:
-        return answers.pop(0) if len(answers) > 1 else answers[0]
+        return free_sizes.pop(0) if len(free_sizes) > 1 else free_sizes[0]
 
     monkeypatch.setattr(rotating_recording, "CHECK_PERIOD_S", 0.0)
     monkeypatch.setattr(rotating_recording, "RETRY_PERIOD_S", 0.0)
     monkeypatch.setattr(rrd_file_sink, "free_disk_bytes", free_bytes)
-    return answers
+    return free_sizes
 
 
 @pytest.fixture
 def written_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rerun writes a hundred times a second, not five."""
+    """Make Rerun write a hundred times a second, not five."""
     monkeypatch.setenv("RERUN_FLUSH_TICK_SECS", "0.01")
 
 
 def paced(updates: Iterable[OdometryUpdate], folder: Path) -> Iterator[OdometryUpdate]:
-    """Results no faster than Rerun writes them to the files of a folder."""
+    """Yield results no faster than Rerun writes them to the files of a folder."""
     for update in updates:
         before = sizes(folder)
         yield update
@@ -82,7 +82,7 @@ def paced(updates: Iterable[OdometryUpdate], folder: Path) -> Iterator[OdometryU
 
 
 def sizes(folder: Path) -> dict[str, int]:
-    """Length of every file of a folder."""
+    """Return the size of every file of a folder."""
     return {file.name: file.stat().st_size for file in folder.iterdir()}
 
 
@@ -93,10 +93,13 @@ def _differ(folder: Path, before: dict[str, int]) -> bool:
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("written_at_once")
 def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
-    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
+    tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
 ) -> None:
     path = tmp_path / "out.rrd"
-    draw(RrdFileSink(path, file_mb=1, files_kept=3), paced(map(heavy, range(20)), tmp_path))
+    draw(
+        RrdFileSink(path, file_mb=1, files_kept=3),
+        paced(map(make_large_update, range(20)), tmp_path),
+    )
     names = sorted(file.name for file in tmp_path.iterdir())
     assert len(names) == 3
     assert names[-1] == "out.rrd"
@@ -107,37 +110,42 @@ def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
 
 
 @pytest.mark.usefixtures("written_at_once")
-def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], OdometryUpdate]) -> None:
-    updates = [heavy(seq) for seq in range(8)]
+def test_every_file_opens_by_itself(
+    tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
+) -> None:
+    updates = [make_large_update(seq) for seq in range(8)]
     stamps_s = np.array([update.stamp_s for update in updates])
     truth = Trajectory(stamps_s, np.array([update.T_world_camera for update in updates]))
-    draw(RrdFileSink(tmp_path / "out.rrd", file_mb=1), paced(updates, tmp_path), truth=truth)
+    draw(RrdFileSink(tmp_path / "out.rrd", file_mb=1), paced(updates, tmp_path), ground_truth=truth)
     assert len(list(tmp_path.iterdir())) > 1
     for file in tmp_path.iterdir():
         counted = count_rows(file)
         for entity in ("world", "world/ground_truth", "plots/counts/inliers"):
             assert counted[f"/{entity}"] > 0, (file.name, entity)
-        assert counted["/log"] == 1  # the state, said anew
+        assert counted["/log"] == 1  # the state, logged again
         assert len(RrdReader(file).blueprints()) == 1
 
 
 def test_file_after_file_takes_no_more_memory(tmp_path: Path) -> None:
     stream, files = rr.RecordingStream("rotating"), RrdFileSink(tmp_path / "out.rrd")
-    taken_kb = []
+    memory_kb = []
     for _ in range(25):
         files.attach(stream, make_blueprint())
         stream.log("word", rr.TextLog("one"))
         files.check(stream)
         stream.disconnect()
-        taken_kb.append(resident_memory_kb(os.getpid()))
-    assert taken_kb[-1] - taken_kb[4] < 10_000
+        memory_kb.append(resident_memory_kb(os.getpid()))
+    assert memory_kb[-1] - memory_kb[4] < 10_000
 
 
 @pytest.mark.usefixtures("written_at_once")
 def test_the_trajectory_goes_on_in_the_next_file(
-    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
+    tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
 ) -> None:
-    draw(RrdFileSink(tmp_path / "out.rrd", file_mb=1), paced(map(heavy, range(8)), tmp_path))
+    draw(
+        RrdFileSink(tmp_path / "out.rrd", file_mb=1),
+        paced(map(make_large_update, range(8)), tmp_path),
+    )
     so_far = read_column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
     assert len(so_far[0][0]) > 2
     assert so_far[0][0][0] == [0.0, 0.0, 0.0]
@@ -180,9 +188,9 @@ def test_a_disk_that_fills_up_ends_the_file_in_order_and_begins_another_when_the
 ) -> None:
     path = tmp_path / "out.rrd"
     free_bytes[:] = [10**12] * 4 + [10**6, 10**6, 10**12]
-    drawn = draw(RrdFileSink(path), [make_update(3 * seq) for seq in range(10)])
-    assert drawn.fault == ""
-    assert "out.rrd: the disk is full" in drawn.data_loss
+    recording = draw(RrdFileSink(path), [make_update(3 * seq) for seq in range(10)])
+    assert recording.fault == ""
+    assert "out.rrd: the disk is full" in recording.data_loss
     assert is_complete(path)
     assert is_complete(tmp_path / "out-0001.rrd")
     assert count_rows(tmp_path / "out-0001.rrd")["/depth"] == 3
@@ -193,28 +201,28 @@ def test_a_disk_that_is_full_at_the_start_is_trouble_but_no_refusal(
     tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
 ) -> None:
     free_bytes[:] = [10**6]
-    drawn = draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(0)])
-    assert "the disk is full" in drawn.fault
+    recording = draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(0)])
+    assert "the disk is full" in recording.fault
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.subprocess
 def test_a_file_that_cannot_grow_can_be_read_up_to_there(
-    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
+    tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
 ) -> None:
     path = tmp_path / "out.rrd"
     with limit_file_size(5_000_000):
         output = RerunOutput(RrdFileSink(path), playback_mode=PlaybackMode.LOCKSTEP)
-    updates = map(heavy, count())
+    updates = map(make_large_update, count())
 
-    def is_told_after_another() -> bool:
+    def has_stopped() -> bool:
         output.on_update(next(updates))
-        # Rerun gathers for a while, and all that it has gathered must not be too long at once.
+        # Rerun collects data for a while; one batch must not exceed the limit.
         time.sleep(0.4)
         return "the recording stops after" in output.warning
 
-    wait_until(is_told_after_another)
-    with pytest.raises(UserFacingError, match="the recording is not complete"):
+    wait_until(has_stopped)
+    with pytest.raises(UserFacingError, match="the recording is incomplete"):
         output.close()
     with pytest.warns(RerunWarning, match="no footer"):
         assert count_rows(path)["/world/camera/image"] > 0
@@ -234,11 +242,14 @@ def test_a_name_that_is_no_text_is_one_line_and_what_is_there_stays(tmp_path: Pa
     ("name", "cause"),
     [
         ("folder.rrd", "it is a folder; name another file"),
-        ("device.rrd", "it is no file but a device or the like; name another file"),
-        ("none/a.rrd", "there is no folder"),
-        ("file/a.rrd", "there is no folder"),
-        ("/proc/a.rrd", "/proc takes no new file: No such file or directory; name another file"),
-        ("/sys/a.rrd", "/sys takes no new file: "),
+        ("device.rrd", "it is not a regular file; name another file"),
+        ("none/a.rrd", "does not exist; name another file"),
+        ("file/a.rrd", "does not exist; name another file"),
+        (
+            "/proc/a.rrd",
+            "cannot create a file in /proc: No such file or directory; name another file",
+        ),
+        ("/sys/a.rrd", "cannot create a file in /sys: "),
     ],
 )
 def test_a_file_that_cannot_be_written_is_told_with_its_own_cause(
@@ -263,6 +274,6 @@ def test_a_folder_that_takes_no_new_file_keeps_what_is_there(
     monkeypatch.setattr(rrd_file_sink, "TemporaryFile", refuse)  # root may write everywhere
     path = tmp_path / "out.rrd"
     path.touch()
-    with pytest.raises(InputError, match="takes no new file: Read-only file system"):
+    with pytest.raises(InputError, match=r"cannot create a file in .*: Read-only file system"):
         RotatingRecording(make_config(RrdFileSink(path)))
     assert list(tmp_path.iterdir()) == [path]

@@ -1,4 +1,4 @@
-"""The map of places in real Rerun recordings: what is drawn where, and how often."""
+"""The keyframe map in real Rerun recordings: what is drawn, where and how often."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,41 +16,43 @@ from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
 from vo_service.types import MapSnapshot, OdometryUpdate
 
 MakeUpdate = Callable[..., OdometryUpdate]
-# Any place of the camera in `odom`, and of the odometry's world in it.
+# An arbitrary pose of the odometry's world in `odom`.
 T_ODOM_WORLD = rigid_transform(so3_exp([0.3, -1.2, 0.8]), [1.0, 2.0, 3.0])
 
 
-def with_map(update: OdometryUpdate, the_map: MapSnapshot) -> OdometryUpdate:
-    return replace(update, T_odom_camera=T_ODOM_WORLD @ update.T_world_camera, map=the_map)
+def with_map(update: OdometryUpdate, snapshot: MapSnapshot) -> OdometryUpdate:
+    return replace(update, T_odom_camera=T_ODOM_WORLD @ update.T_world_camera, map=snapshot)
 
 
-def places_at(T_world_cameras: Sequence[Array], T_map_odom: Array, **changes: Any) -> MapSnapshot:
-    """A map whose places are where the odometry had the camera, corrected by this."""
-    places = [T_map_odom @ T_ODOM_WORLD @ T for T in T_world_cameras]
-    motions = [(row, row + 1) for row in range(len(places) - 1)]
+def make_keyframe_map(
+    T_world_cameras: Sequence[Array], T_map_odom: Array, **changes: Any
+) -> MapSnapshot:
+    """Make a map whose keyframes are the odometry's poses, corrected by `T_map_odom`."""
+    keyframes = [T_map_odom @ T_ODOM_WORLD @ T for T in T_world_cameras]
+    edges = [(row, row + 1) for row in range(len(keyframes) - 1)]
     return MapSnapshot(
         T_map_odom,
-        np.array(places).reshape(-1, 4, 4),
-        np.array(motions, np.int32).reshape(-1, 2),
-        np.zeros(len(motions), np.bool_),
+        np.array(keyframes).reshape(-1, 4, 4),
+        np.array(edges, np.int32).reshape(-1, 2),
+        np.zeros(len(edges), np.bool_),
         epoch=1,
         **changes,
     )
 
 
-def seen(updates: Sequence[OdometryUpdate]) -> MapEncoder:
-    sketch = MapEncoder()
+def encode_all(updates: Sequence[OdometryUpdate]) -> MapEncoder:
+    encoder = MapEncoder()
     for update in updates:
-        sketch.update(update)
-    return sketch
+        encoder.update(update)
+    return encoder
 
 
 @pytest.mark.rerun
 def test_places_and_what_joins_them_are_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
-    the_map = make_map(5)
-    draw(RrdFileSink(path), [replace(make_update(seq), map=the_map) for seq in range(3)])
-    ((places,), (motions,), (loops,)) = (
+    snapshot = make_map(5)
+    draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(3)])
+    ((places,), (edges,), (loops,)) = (
         read_column(path, f"/world/map/{part}", component)
         for part, component in (
             ("places", "Points3D:positions"),
@@ -58,9 +60,9 @@ def test_places_and_what_joins_them_are_drawn(tmp_path: Path, make_update: MakeU
             ("loops", "LineStrips3D:strips"),
         )
     )
-    assert (len(places), len(motions), len(loops)) == (5, 4, 1)
+    assert (len(places), len(edges), len(loops)) == (5, 4, 1)
     assert loops[0] == [places[0], places[4]]
-    assert motions[2] == [places[2], places[3]]
+    assert edges[2] == [places[2], places[3]]
 
 
 @pytest.mark.rerun
@@ -73,22 +75,22 @@ def test_without_a_map_nothing_is_drawn_of_one(tmp_path: Path, make_update: Make
 def test_a_map_that_agrees_with_odometry_lies_on_its_trajectory(make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]
-    sketch = seen([with_map(updates[5], places_at(poses, np.eye(4)))])
-    np.testing.assert_allclose(sketch.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
-    np.testing.assert_allclose(sketch.graph.odometry_edges[0], sketch.graph.positions[:2])
+    encoder = encode_all([with_map(updates[5], make_keyframe_map(poses, np.eye(4)))])
+    np.testing.assert_allclose(encoder.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
+    np.testing.assert_allclose(encoder.graph.odometry_edges[0], encoder.graph.positions[:2])
 
 
 def test_what_is_corrected_moves_and_the_rest_of_the_map_stays(make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]
-    before = places_at(poses[:5], np.eye(4))
+    before = make_keyframe_map(poses[:5], np.eye(4))
     corrected = np.array(before.T_map_keyframe)
     corrected[3:, :3, 3] += [0.0, 0.0, 0.5]
     after = replace(
         before, T_map_keyframe=corrected, T_map_odom=rigid_transform(np.eye(3), [0, 0, 9])
     )
-    first = seen([with_map(updates[4], before)])
-    both = seen([with_map(updates[4], before), with_map(updates[5], after)])
+    first = encode_all([with_map(updates[4], before)])
+    both = encode_all([with_map(updates[4], before), with_map(updates[5], after)])
     np.testing.assert_allclose(both.graph.positions[:3], first.graph.positions[:3])
     moved = np.linalg.norm(both.graph.positions[3:] - first.graph.positions[3:], axis=1)
     np.testing.assert_allclose(moved, 0.5, atol=1e-6)
@@ -100,30 +102,30 @@ def test_a_loaded_map_is_hung_up_anew_once_it_is_known_where_odom_lies_in_it(
     updates = [make_update(seq) for seq in range(3)]
     poses = [update.T_world_camera for update in updates]
     T_map_odom = rigid_transform(so3_exp([0, 0, 2.0]), [7.0, 0.0, 0.0])
-    located = places_at(poses, T_map_odom)
-    guessed = replace(located, T_map_odom=np.eye(4), is_localized=False)
-    sketch = seen([with_map(updates[0], guessed), with_map(updates[2], located)])
-    np.testing.assert_allclose(sketch.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
+    localized = make_keyframe_map(poses, T_map_odom)
+    unlocalized = replace(localized, T_map_odom=np.eye(4), is_localized=False)
+    encoder = encode_all([with_map(updates[0], unlocalized), with_map(updates[2], localized)])
+    np.testing.assert_allclose(encoder.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
 
 
 def test_a_frame_without_a_pose_says_nothing_about_where_the_map_lies(
     make_update: MakeUpdate,
 ) -> None:
     good = make_update(0)
-    the_map = places_at([good.T_world_camera], np.eye(4))
-    lost = replace(with_map(make_update(1, ok=False), the_map), T_odom_camera=np.eye(4))
-    assert len(seen([lost]).graph.positions) == 0
-    assert len(seen([lost, with_map(good, the_map)]).graph.positions) == 1
+    snapshot = make_keyframe_map([good.T_world_camera], np.eye(4))
+    lost = replace(with_map(make_update(1, ok=False), snapshot), T_odom_camera=np.eye(4))
+    assert len(encode_all([lost]).graph.positions) == 0
+    assert len(encode_all([lost, with_map(good, snapshot)]).graph.positions) == 1
 
 
 def test_where_the_camera_is_in_the_map_is_where_it_was_last_seen_to_be(
     make_update: MakeUpdate,
 ) -> None:
     update = make_update(0)
-    start = with_map(update, places_at([update.T_world_camera], np.eye(4)))
+    start = with_map(update, make_keyframe_map([update.T_world_camera], np.eye(4)))
     drift = rigid_transform(np.eye(3), [0.0, 0.0, 0.25])
     now = with_map(make_update(30), replace(start.map, T_map_odom=drift))
-    (corrected,) = seen([start, now]).encode_corrected_position(now)
+    (corrected,) = encode_all([start, now]).encode_corrected_position(now)
     T_world_map = inverse(T_ODOM_WORLD)
     expected = (T_world_map @ drift @ now.T_odom_camera)[:3, 3]
     np.testing.assert_allclose(corrected.position, expected, atol=1e-9)
@@ -133,9 +135,9 @@ def test_a_map_of_the_epoch_before_does_not_say_where_the_camera_is(
     make_update: MakeUpdate,
 ) -> None:
     update = with_map(make_update(0), make_map())
-    sketch = seen([update])
-    assert len(list(sketch.encode_corrected_position(update))) == 1
-    assert list(sketch.encode_corrected_position(replace(update, epoch=2))) == []
+    encoder = encode_all([update])
+    assert len(list(encoder.encode_corrected_position(update))) == 1
+    assert list(encoder.encode_corrected_position(replace(update, epoch=2))) == []
 
 
 @pytest.mark.rerun
@@ -156,8 +158,8 @@ def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"
-    the_map = make_map()
-    draw(RrdFileSink(path), [replace(make_update(seq), map=the_map) for seq in range(0, 750, 3)])
+    snapshot = make_map()
+    draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(0, 750, 3)])
     counted = count_rows(path)
     assert counted["/world/map/places"] == 3  # 250 pictures
     assert counted["/world/map/latest"] == 250
@@ -166,8 +168,8 @@ def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
 @pytest.mark.rerun
 def test_the_next_file_has_the_map_too(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
-    the_map = make_map()
-    noisy = [replace(make_update(seq), map=the_map) for seq in range(0, 300, 3)]
+    snapshot = make_map()
+    noisy = [replace(make_update(seq), map=snapshot) for seq in range(0, 300, 3)]
     draw(SmallFile(path), noisy)
     files = sorted(tmp_path.glob("*.rrd"))
     assert len(files) > 1
@@ -175,11 +177,11 @@ def test_the_next_file_has_the_map_too(tmp_path: Path, make_update: MakeUpdate) 
 
 
 class SmallFile(RrdFileSink):
-    """Full after its first second."""
+    """File that is full after its first second."""
 
     _checks = 0
 
     def is_full(self) -> bool:
-        """After thirty results, once."""
+        """Return True once, after thirty results."""
         self._checks += 1
         return self._checks == 30

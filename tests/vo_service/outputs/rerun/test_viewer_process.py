@@ -1,4 +1,4 @@
-"""The viewer's process: frozen, killed, stuck or too large, it costs the poses nothing."""
+"""A frozen, killed, blocked or oversized viewer process never delays poses."""
 
 import os
 import signal
@@ -27,17 +27,17 @@ from vo_service.types import OdometryUpdate, Status
 pytestmark = pytest.mark.subprocess
 
 MakeUpdate = Callable[..., OdometryUpdate]
-# Far more than any call takes that does not wait for the viewer, on a busy computer too.
+# Far longer than any call that does not wait for the viewer, even on a busy computer.
 AT_ONCE_S = 10.0
 
 
 @contextmanager
-def shown(
+def running_output(
     sink: Sink,
     settings: RerunConfig = RerunConfig(),  # noqa: B008 (frozen)
     pace: PlaybackMode = PlaybackMode.REALTIME,
 ) -> Iterator[tuple[RerunOutput, int]]:
-    """An output with its process."""
+    """Run an output; yield it with its process id."""
     before = set(child_pids())
     output = RerunOutput(sink, settings, playback_mode=pace)
     try:
@@ -48,7 +48,7 @@ def shown(
 
 
 def flood(output: RerunOutput, update: OdometryUpdate) -> float:
-    """More results than any pipe holds; the longest time that one took to hand over."""
+    """Send more results than a pipe holds; return the longest duration of a call."""
     longest_s = 0.0
     for seq in range(200):
         start_s = time.monotonic()
@@ -58,13 +58,13 @@ def flood(output: RerunOutput, update: OdometryUpdate) -> float:
 
 
 def show_until(output: RerunOutput, update: OdometryUpdate, warning: str) -> None:
-    """Result after result, as from a camera, until it warns of this."""
+    """Send results, as from a camera, until the output has this warning."""
 
-    def warned() -> bool:
+    def has_warned() -> bool:
         output.on_update(update)
         return output.warning == warning
 
-    wait_until(warned)
+    wait_until(has_warned)
 
 
 def test_results_reach_the_file_and_nothing_is_left(
@@ -72,10 +72,10 @@ def test_results_reach_the_file_and_nothing_is_left(
 ) -> None:
     before = resources_in_use()
     path = tmp_path / "out.rrd"
-    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
+    with running_output(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
         for seq in range(60):
             output.on_update(make_update(seq))
-            if seq == 30:  # Ctrl-C and a stop of the unit are the service's affair
+            if seq == 30:  # the service alone handles Ctrl-C and SIGTERM
                 os.kill(process, signal.SIGINT)
                 os.kill(process, signal.SIGTERM)
         output.on_status(status)
@@ -107,10 +107,10 @@ def test_a_frozen_process_holds_nothing_up(
     assert flood(output, make_update(0)) < AT_ONCE_S
     assert output.dropped > 20
     start_s = time.monotonic()
-    with pytest.raises(UserFacingError, match="not complete"):
+    with pytest.raises(UserFacingError, match="incomplete"):
         output.close()
     assert time.monotonic() - start_s < 60.0  # 2.5 on a computer with nothing else to do
-    assert "did not take all data in time" in caplog.text
+    assert "was too slow; the last data is lost" in caplog.text
     wait_until(lambda: not is_alive(process))
 
 
@@ -118,7 +118,7 @@ def test_a_killed_process_comes_back_and_draws_what_was_there(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "out.rrd"
-    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
+    with running_output(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
         for seq in range(0, 60, 3):
             output.on_update(make_update(seq))
         wait_until(lambda: path.stat().st_size > 10_000)
@@ -150,8 +150,8 @@ def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
 
 
 def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
-    with shown(BlockingSink()) as (output, _):
-        show_until(output, make_update(0), "rerun: stuck does not take its data")
+    with running_output(BlockingSink()) as (output, _):
+        show_until(output, make_update(0), "rerun: stuck does not read its data")
         assert flood(output, make_update(0)) < AT_ONCE_S
 
 
@@ -160,7 +160,7 @@ def test_a_process_that_grows_too_large_is_started_again(
 ) -> None:
     settings = RerunConfig(memory_mb=300)
     sizes_mb = []
-    with shown(LeakingSink(100), settings) as (output, process):
+    with running_output(LeakingSink(100), settings) as (output, process):
 
         def has_ended() -> bool:
             sizes_mb.append(resident_mb(process))
@@ -168,10 +168,10 @@ def test_a_process_that_grows_too_large_is_started_again(
             return not is_alive(process)
 
         wait_until(has_ended)
-        wait_until(lambda: "passed 300 MB (rerun.memory_mb)" in output.warning)
+        wait_until(lambda: "exceeded 300 MB (rerun.memory_mb)" in output.warning)
         wait_until(lambda: output.warning == "")
     assert max(sizes_mb) < 300 + 200
-    assert caplog.text.count("passed 300 MB") == 1
+    assert caplog.text.count("exceeded 300 MB") == 1
 
 
 def resident_mb(process: int) -> float:
@@ -187,7 +187,7 @@ def test_what_could_not_be_kept_is_said_while_it_lasts_and_at_the_end(
     output = RerunOutput(FullDiskSink())
     show_until(output, make_update(0), "rerun: full: the disk is full")
     output.on_update(make_update(30))
-    with pytest.raises(UserFacingError, match="full: the recording is not complete"):
+    with pytest.raises(UserFacingError, match="full: the recording is incomplete"):
         output.close()
     output.close()
     assert caplog.text.count("the disk is full") == 1
@@ -197,14 +197,14 @@ def test_while_it_rests_nothing_is_drawn_and_the_log_says_so(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"
-    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, _):
-        for is_resting in (False, True, True, False):
-            output.set_paused(is_resting)
+    with running_output(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, _):
+        for is_paused in (False, True, True, False):
+            output.set_paused(is_paused)
             for seq in range(3):
                 output.on_update(make_update(seq))
     assert count_rows(path)["/world/camera"] == 6
     texts = [text for (text,) in read_column(path, "/log", "TextLog:text")]
-    assert texts == ["tracking (epoch 1)", "resting: the machine is too slow", "drawing again"]
+    assert texts == ["tracking (epoch 1)", "paused: the machine is too slow", "drawing again"]
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,10 @@ pytestmark = pytest.mark.rerun
 MakeUpdate = Callable[..., OdometryUpdate]
 
 
-def record(path: Path, updates: list[OdometryUpdate], truth: Trajectory | None = None) -> None:
-    draw(RrdFileSink(path), updates, truth=truth)
+def record(
+    path: Path, updates: list[OdometryUpdate], ground_truth: Trajectory | None = None
+) -> None:
+    draw(RrdFileSink(path), updates, ground_truth=ground_truth)
 
 
 @pytest.mark.subprocess
@@ -81,8 +83,8 @@ def test_truth_starts_where_the_estimate_does(tmp_path: Path, make_update: MakeU
 
 def test_truth_of_another_time_is_not_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
-    truth = Trajectory(np.array([1.0, 2.0]), np.array([np.eye(4), np.eye(4)]))
-    record(path, [make_update(0)], truth)
+    ground_truth = Trajectory(np.array([1.0, 2.0]), np.array([np.eye(4), np.eye(4)]))
+    record(path, [make_update(0)], ground_truth)
     assert count_rows(path)["/world/ground_truth"] == 0
 
 
@@ -91,12 +93,12 @@ def test_only_changes_of_state_are_written_down(
 ) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq, ok=ok) for seq, ok in enumerate([True, True, False, False])]
-    draw(RrdFileSink(path), [*updates, status, status, TextLog("resting")])
+    draw(RrdFileSink(path), [*updates, status, status, TextLog("paused")])
     assert read_column(path, "/log", "TextLog:text") == [
         ["tracking (epoch 1)"],
         ["lost: too few matches (epoch 1)"],
         ["degraded: few inliers (epoch 1)"],
-        ["resting"],
+        ["paused"],
     ]
 
 

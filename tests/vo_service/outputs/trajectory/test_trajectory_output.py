@@ -64,7 +64,7 @@ def test_a_full_disk_keeps_whole_lines_and_is_told_once(
         for seq in range(6):
             output.on_update(make_update(seq))
         wait_until(lambda: "the trajectory stops after" in output.warning)
-    with pytest.raises(UserFacingError, match=r"out\.txt: the trajectory is not complete"):
+    with pytest.raises(UserFacingError, match=r"out\.txt: the trajectory is incomplete"):
         output.close()
     output.close()
     assert len(read_trajectory(tmp_path / "out.txt")) == 2

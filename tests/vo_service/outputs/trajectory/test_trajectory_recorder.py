@@ -1,4 +1,4 @@
-"""The trajectory kept for the figures at the end."""
+"""The trajectory in memory."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,14 +12,14 @@ MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def test_it_keeps_the_poses_of_good_frames_alone(make_update: MakeUpdate) -> None:
-    memory = TrajectoryRecorder()
+    recorder = TrajectoryRecorder()
     updates = [make_update(0), make_update(1, ok=False), make_update(2)]
     for update in updates:
-        memory.on_update(update)
+        recorder.on_update(update)
     np.testing.assert_array_equal(
-        memory.trajectory.stamps_s, [updates[0].frame.stamp_s, updates[2].frame.stamp_s]
+        recorder.trajectory.stamps_s, [updates[0].frame.stamp_s, updates[2].frame.stamp_s]
     )
-    np.testing.assert_array_equal(memory.trajectory.T_world_camera[1], updates[2].T_world_camera)
+    np.testing.assert_array_equal(recorder.trajectory.T_world_camera[1], updates[2].T_world_camera)
 
 
 def test_without_a_pose_it_is_an_empty_trajectory() -> None:
@@ -28,10 +28,10 @@ def test_without_a_pose_it_is_an_empty_trajectory() -> None:
 
 
 def test_of_poses_that_went_back_in_time_the_last_counts(make_update: MakeUpdate) -> None:
-    memory = TrajectoryRecorder()
+    recorder = TrajectoryRecorder()
     for seq, number in ((0, 0), (1, 5), (2, 6), (3, 5), (4, 7)):
-        stamped = replace(make_update(number).frame, stamp_s=float(number))
-        memory.on_update(replace(make_update(seq), frame=stamped))
-    trajectory = memory.trajectory
+        frame = replace(make_update(number).frame, stamp_s=float(number))
+        recorder.on_update(replace(make_update(seq), frame=frame))
+    trajectory = recorder.trajectory
     np.testing.assert_array_equal(trajectory.stamps_s, [0, 5, 6, 7])
     np.testing.assert_array_equal(trajectory.T_world_camera[1], make_update(3).T_world_camera)

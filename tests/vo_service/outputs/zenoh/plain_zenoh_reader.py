@@ -1,4 +1,4 @@
-"""A subscriber as a stranger would write it: the `zenoh` package and nothing of this project.
+"""A subscriber that uses only the `zenoh` package and nothing of this project.
 
 Usage: plain_zenoh_reader.py PORT COUNT SECONDS_PER_SAMPLE. Prints "ready", then one JSON line.
 """
@@ -20,7 +20,7 @@ done = threading.Event()
 
 
 def on_sample(sample: zenoh.Sample) -> None:
-    time.sleep(seconds_per_sample)  # a reader that is slow
+    time.sleep(seconds_per_sample)  # a slow reader
     attachment = sample.attachment
     samples.append(
         {

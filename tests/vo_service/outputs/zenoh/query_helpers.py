@@ -1,4 +1,4 @@
-"""Asking a Zenoh output in this process, as a program elsewhere would."""
+"""Queries to a Zenoh output in this process, as another program would send them."""
 
 import json
 import threading
@@ -18,13 +18,13 @@ from vo_service.types import Command
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:
-    """Listens on this port of 127.0.0.1."""
+    """Make a configuration that listens on this port of 127.0.0.1."""
     return ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",), **changes)
 
 
 @contextmanager
 def connected_session(port: int) -> Iterator[zenoh.Session]:
-    """A session connected to that port."""
+    """Open a session that is connected to this port."""
     with open_session(ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))) as session:
         wait_until(lambda: bool(session.info.links()))
         yield session
@@ -34,54 +34,56 @@ def connected_session(port: int) -> Iterator[zenoh.Session]:
 def output_with_commands(
     port: int, per_second: float = 1000.0
 ) -> Iterator[tuple[ZenohOutput, CommandQueue[Command], zenoh.Session]]:
-    """An output that takes commands, its inbox, and a session to send them from."""
-    inbox: CommandQueue[Command] = CommandQueue()
-    extras = ExtraEndpoints(commands=CommandServer(inbox, per_second))
+    """Run an output with commands; yield it, its command queue and a session to send from."""
+    command_queue: CommandQueue[Command] = CommandQueue()
+    extras = ExtraEndpoints(commands=CommandServer(command_queue, per_second))
     with (
         closing(ZenohOutput(config(port), LIVE_QOS, extra_endpoints=extras)) as output,
         connected_session(port) as session,
     ):
         wait_until(lambda: bool(query_json(session, "kinect/schema")))
-        yield output, inbox, session
+        yield output, command_queue, session
 
 
 def query(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[zenoh.Reply]:
-    """All replies."""
+    """Return all replies."""
     return list(session.get(key, payload=payload, timeout=DEFAULT_TIMEOUT_S))
 
 
 def query_json(
     session: zenoh.Session, key: str, payload: bytes | None = None
 ) -> list[dict[str, Any]]:
-    """The JSON of all replies, good or bad."""
+    """Return the JSON of all replies, also of errors."""
     return [reply_json(reply) for reply in query(session, key, payload)]
 
 
 def reply_json(reply: zenoh.Reply) -> dict[str, Any]:
-    """The JSON of one reply, good or bad."""
+    """Return the JSON of one reply, also of an error."""
     payload = reply.ok.payload if reply.ok else reply_error(reply).payload
-    found: dict[str, Any] = json.loads(payload.to_bytes())
-    return found
+    content: dict[str, Any] = json.loads(payload.to_bytes())
+    return content
 
 
 def reply_error(reply: zenoh.Reply) -> zenoh.ReplyError:
-    """The error that a reply is."""
+    """Return the error of a reply."""
     assert reply.err is not None
     return reply.err
 
 
-def next_command(inbox: CommandQueue[Command]) -> CommandFuture[Command]:
-    """The next command that comes."""
-    found: list[CommandFuture[Command]] = []
+def next_command(command_queue: CommandQueue[Command]) -> CommandFuture[Command]:
+    """Wait for the next command."""
+    pending: list[CommandFuture[Command]] = []
 
-    def is_there() -> bool:
-        found.extend(inbox.take_pending())
-        return bool(found)
+    def has_arrived() -> bool:
+        pending.extend(command_queue.take_pending())
+        return bool(pending)
 
-    wait_until(is_there)
-    return found[0]
+    wait_until(has_arrived)
+    return pending[0]
 
 
-def answer_next_command(inbox: CommandQueue[Command], answer: dict[str, object]) -> None:
-    """Answer the next command, on a thread, as the loop would."""
-    threading.Thread(target=lambda: next_command(inbox).set_result(answer), daemon=True).start()
+def answer_next_command(command_queue: CommandQueue[Command], result: dict[str, object]) -> None:
+    """Complete the next command, on a thread, as the loop would."""
+    threading.Thread(
+        target=lambda: next_command(command_queue).set_result(result), daemon=True
+    ).start()

@@ -1,4 +1,4 @@
-"""A ROS 2 node as Zenoh sees it, and our publisher on a session of its own."""
+"""A ROS 2 node as Zenoh sees it, and our publisher on a separate session."""
 
 import json
 import threading
@@ -23,7 +23,7 @@ ROS = get_typestore(Stores.ROS2_JAZZY)
 FRAMES = FrameIds("odom", "base_link", "map")
 ODOMETRY_KEY = f"0/vo/odom/{ODOMETRY.dds_name}/{ODOMETRY.hash}"
 TF_KEY = f"0/tf/{TF_MESSAGE.dds_name}/{TF_MESSAGE.hash}"
-# As rmw_zenoh opens its sessions and its router; routers there do not stand in between peers.
+# As rmw_zenoh opens its sessions and its router; its routers do not forward between peers.
 ROS_SESSION = {
     "mode": "peer",
     "scouting/multicast/enabled": False,
@@ -47,27 +47,27 @@ def running_session(settings: dict[str, Any]) -> Iterator[zenoh.Session]:
 
 
 class RosReader:
-    """Hears some keys on a session, and waits for what it is told to."""
+    """Subscribes to some keys on a session and waits for samples."""
 
-    def __init__(self, on: zenoh.Session, *keys: str) -> None:
-        self.heard: list[zenoh.Sample] = []
-        self._news = threading.Condition()
+    def __init__(self, session: zenoh.Session, *keys: str) -> None:
+        self.samples: list[zenoh.Sample] = []
+        self._changed = threading.Condition()
         for key in keys:
-            on.declare_subscriber(key, self._on_sample)
+            session.declare_subscriber(key, self._on_sample)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        with self._news:
-            self.heard.append(sample)
-            self._news.notify_all()
+        with self._changed:
+            self.samples.append(sample)
+            self._changed.notify_all()
 
     def first(self, count: int) -> list[zenoh.Sample]:
-        with self._news:
-            assert self._news.wait_for(lambda: len(self.heard) >= count, 10), len(self.heard)
-            return self.heard[:count]
+        with self._changed:
+            assert self._changed.wait_for(lambda: len(self.samples) >= count, 10), len(self.samples)
+            return self.samples[:count]
 
 
 class PublishingService:
-    """The publisher, and the session of the service that it is on."""
+    """The publisher on a session of the service."""
 
     def __init__(self, session: zenoh.Session, settings: Ros2Config) -> None:
         congestion = zenoh.CongestionControl.BLOCK
@@ -78,7 +78,7 @@ class PublishingService:
         self.publisher.publish(update, pose_payload(update, FRAMES))
 
     def wait_for_readers(self, *keys: str) -> None:
-        """Until someone on the network wants each of these."""
+        """Wait until each of these keys has a subscriber."""
         for key in keys:
             with self._session.declare_publisher(key) as probe:
                 wait_until(partial(_has_readers, probe), f"a reader of {key}")
@@ -90,7 +90,7 @@ def _has_readers(publisher: zenoh.Publisher) -> bool:
 
 @contextmanager
 def publishing_service(port: int, **changes: Any) -> Iterator[PublishingService]:
-    """A publisher on a session as the service opens it."""
+    """Run a publisher on a session as the service opens it."""
     with open_session(ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",))) as ours:
         publishing = PublishingService(ours, Ros2Config(enabled=True, **changes))
         yield publishing
@@ -99,7 +99,7 @@ def publishing_service(port: int, **changes: Any) -> Iterator[PublishingService]
 
 @contextmanager
 def ros_node(*connect: int) -> Iterator[zenoh.Session]:
-    """The session of a ROS 2 node that connects to these ports."""
+    """Open the session of a ROS 2 node that connects to these ports."""
     endpoints = [f"tcp/127.0.0.1:{port}" for port in connect]
     with running_session(ROS_SESSION | {"connect/endpoints": endpoints}) as opened:
         yield opened
@@ -108,7 +108,7 @@ def ros_node(*connect: int) -> Iterator[zenoh.Session]:
 def receive_published(
     port: int, updates: list[OdometryUpdate], count: int, *keys: str, **changes: Any
 ) -> list[zenoh.Sample]:
-    """The first samples that a node hears on these keys when we publish these poses."""
+    """Publish poses and return the first samples that a node receives on these keys."""
     with publishing_service(port, **changes) as ours, ros_node(port) as node:
         reader = RosReader(node, *keys)
         ours.wait_for_readers(*keys)
@@ -118,11 +118,11 @@ def receive_published(
 
 
 def receive_tokens(node: zenoh.Session, domain_id: int, count: int) -> set[tuple[str, str]]:
-    """Kind and description of what there is in a domain, once there are so many."""
+    """Return kind and description of a domain's tokens, once there are `count`."""
     deadline_s = time.monotonic() + 100
     while True:
         replies: Any = node.liveliness().get(f"@ros2_lv/{domain_id}/**", timeout=60)
         parts = [str(reply.ok.key_expr).split("/") for reply in replies]
         if len(parts) == count:
-            return {(each[5], "/".join(each[9:]) or each[8]) for each in parts}
+            return {(token[5], "/".join(token[9:]) or token[8]) for token in parts}
         assert time.monotonic() < deadline_s, parts

@@ -21,7 +21,7 @@ from vo_service.outputs.zenoh.cdr_transform import (
 )
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
-metres = st.floats(-1e6, 1e6)
+meters = st.floats(-1e6, 1e6)
 frame_names = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=20)
 
 
@@ -32,10 +32,10 @@ def messages(draw: st.DrawFn) -> OdometryMessage:
         stamp_s=draw(st.floats(-(2.0**31), 2.0**31 - 1)),
         frame_id=draw(frame_names),
         child_frame_id=draw(frame_names),
-        T_frame_child=rigid_transform(so3_exp(vector), [draw(metres) for _ in range(3)]),
-        pose_covariance=np.full((6, 6), draw(metres)) + np.arange(36).reshape(6, 6),
-        twist=np.array([draw(metres) for _ in range(6)]),
-        twist_covariance=np.full((6, 6), draw(metres)) - np.arange(36).reshape(6, 6),
+        T_frame_child=rigid_transform(so3_exp(vector), [draw(meters) for _ in range(3)]),
+        pose_covariance=np.full((6, 6), draw(meters)) + np.arange(36).reshape(6, 6),
+        twist=np.array([draw(meters) for _ in range(6)]),
+        twist_covariance=np.full((6, 6), draw(meters)) - np.arange(36).reshape(6, 6),
     )
 
 

@@ -1,4 +1,4 @@
-"""Commands as they come from others: every argument is checked, and each mistake is named."""
+"""Parsing of commands: every argument is checked, and each error is named."""
 
 import json
 from typing import Any

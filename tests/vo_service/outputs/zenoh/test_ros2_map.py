@@ -1,4 +1,4 @@
-"""The map on /tf, as a ROS 2 node finds it."""
+"""The map on /tf, as a ROS 2 node receives it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,7 +19,7 @@ MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def transforms(sample: zenoh.Sample) -> list[tuple[str, str, float]]:
-    """Frames and x of each transform of a sample, which all have one stamp."""
+    """Return frames and x of a sample's transforms, which must have one stamp."""
     message: Any = ROS.deserialize_cdr(sample.payload.to_bytes(), "tf2_msgs/msg/TFMessage")
     assert len({(t.header.stamp.sec, t.header.stamp.nanosec) for t in message.transforms}) == 1
     return [
@@ -39,7 +39,7 @@ def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
 
 
 @pytest.mark.parametrize(
-    "the_map",
+    "snapshot",
     [
         NO_MAP,
         make_map(is_localized=False),
@@ -49,8 +49,8 @@ def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
     ids=["none", "not located", "of the epoch before", "not finite"],
 )
 def test_without_a_map_to_rely_on_a_node_gets_the_base_alone(
-    free_port: int, make_update: MakeUpdate, the_map: MapSnapshot
+    free_port: int, make_update: MakeUpdate, snapshot: MapSnapshot
 ) -> None:
-    update = replace(make_update(2), map=the_map)
+    update = replace(make_update(2), map=snapshot)
     (sample,) = receive_published(free_port, [update], 1, "tf")
     assert transforms(sample) == [("odom", "base_link", update.T_odom_base[0, 3])]

@@ -1,4 +1,4 @@
-"""What a ROS 2 node, or the bridge to DDS, would find of us on a real Zenoh."""
+"""What a ROS 2 node, or the bridge to DDS, receives over real Zenoh."""
 
 import struct
 import time
@@ -120,7 +120,7 @@ def test_a_node_finds_us_beside_the_router_of_its_own(
 
 def test_a_key_that_is_taken_already_is_refused(free_port: int) -> None:
     with (
-        pytest.raises(InputError, match="go out under this key already"),
+        pytest.raises(InputError, match="already use this key"),
         publishing_service(free_port, topic="kinect/odom"),
     ):
         pass

@@ -1,4 +1,4 @@
-"""What the kernel says is still under way."""
+"""Count of unread TCP bytes."""
 
 import socket
 

@@ -1,4 +1,4 @@
-"""Too many commands over real Zenoh: refused, counted, and no trouble to the poses."""
+"""Too many commands over real Zenoh are refused and counted, and never delay poses."""
 
 import logging
 import threading
@@ -29,19 +29,19 @@ MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
-    with output_with_commands(free_port) as (_, inbox, session):
+    with output_with_commands(free_port) as (_, command_queue, session):
         waiting = [session.get("kinect/command/pause", timeout=100) for _ in range(8)]
-        wait_until(lambda: len(inbox._pending) == 8)
+        wait_until(lambda: len(command_queue._pending) == 8)
         assert query_json(session, "kinect/command/pause")[0]["error"] == "busy"
-        inbox.close()
+        command_queue.close()
         assert {reply_json(reply)["error"] for one in waiting for reply in one} == {"not-possible"}
 
 
 def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
     free_port: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with output_with_commands(free_port, per_second=1.0) as (_, inbox, session):
-        answer_next_command(inbox, {"paused": True})
+    with output_with_commands(free_port, per_second=1.0) as (_, command_queue, session):
+        answer_next_command(command_queue, {"paused": True})
         assert query_json(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
         codes = {query_json(session, "kinect/command/dance")[0]["error"] for _ in range(10)}
     assert codes == {"rate-limited"} or codes == {"rate-limited", "unknown-command"}
@@ -52,26 +52,26 @@ def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
 def test_a_flood_of_commands_does_not_reach_the_loop_nor_hold_up_poses(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    with output_with_commands(free_port, per_second=10.0) as (output, inbox, session):
-        came = threading.Semaphore(0)
-        session.declare_subscriber("kinect/odom", lambda _: came.release())
+    with output_with_commands(free_port, per_second=10.0) as (output, command_queue, session):
+        received = threading.Semaphore(0)
+        session.declare_subscriber("kinect/odom", lambda _: received.release())
         assert output.wait_for_subscriber(20)
         flood = [session.get("kinect/command/dance", timeout=100) for _ in range(5000)]
         for seq in range(20):
             output.on_update(make_update(seq))
-            assert came.acquire(timeout=100)
+            assert received.acquire(timeout=100)
         codes = [reply_json(reply)["error"] for channel in flood for reply in channel]
-    assert inbox.take_pending() == []
+    assert command_queue.take_pending() == []
     assert set(codes) <= {"unknown-command", "rate-limited"}
     assert 0 < len(codes) < 5000
     assert output.dropped == output.errors == 0
 
 
 def test_after_a_flood_commands_work_again(free_port: int) -> None:
-    with output_with_commands(free_port, per_second=10.0) as (_, inbox, session):
+    with output_with_commands(free_port, per_second=10.0) as (_, command_queue, session):
         for channel in [session.get("kinect/command/dance", timeout=100) for _ in range(500)]:
             list(channel)
-        answer_next_command(inbox, {"paused": True})
+        answer_next_command(command_queue, {"paused": True})
         wait_until(
             lambda: {"schema": 1, "paused": True} in query_json(session, "kinect/command/pause")
         )
@@ -91,8 +91,8 @@ def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixtur
         limit.check()
     with pytest.raises(CommandError):
         limit.check()
-    told = [record.args for record in caplog.records if record.levelno == logging.WARNING]
-    assert [args[1] for args in told if isinstance(args, tuple)] == [1, 61]
+    log_args = [record.args for record in caplog.records if record.levelno == logging.WARNING]
+    assert [args[1] for args in log_args if isinstance(args, tuple)] == [1, 61]
 
 
 def test_the_settings_give_the_rate() -> None:

@@ -1,4 +1,4 @@
-"""Where the keys that a Zenoh configuration names are found."""
+"""Resolution of the key files in a Zenoh configuration."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ def configuration(folder: Path, name: str) -> Path:
     return file
 
 
-def found(file: Path) -> str:
+def resolved_key(file: Path) -> str:
     return str(json.loads(read_zenoh_config(file).get_json(KEY)))
 
 
@@ -29,7 +29,7 @@ def test_a_key_lies_beside_its_configuration(
     (tmp_path / "tls.key").write_text("key")
     monkeypatch.chdir(tmp_path.parent)
     relative = configuration(tmp_path, "tls.key").relative_to(tmp_path.parent)
-    assert found(relative) == str(tmp_path / "tls.key")
+    assert resolved_key(relative) == str(tmp_path / "tls.key")
 
 
 def test_a_credential_of_systemd_comes_first(
@@ -40,7 +40,7 @@ def test_a_credential_of_systemd_comes_first(
     for folder in (tmp_path, credentials):
         (folder / "tls.key").write_text("key")
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(credentials))
-    assert found(configuration(tmp_path, "tls.key")) == str(credentials / "tls.key")
+    assert resolved_key(configuration(tmp_path, "tls.key")) == str(credentials / "tls.key")
 
 
 def test_what_is_no_credential_lies_beside_the_file(
@@ -48,13 +48,13 @@ def test_what_is_no_credential_lies_beside_the_file(
 ) -> None:
     (tmp_path / "tls.key").write_text("key")
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path / "none"))
-    assert found(configuration(tmp_path, "tls.key")) == str(tmp_path / "tls.key")
+    assert resolved_key(configuration(tmp_path, "tls.key")) == str(tmp_path / "tls.key")
 
 
 def test_an_absolute_name_is_kept(tmp_path: Path) -> None:
     key = tmp_path / "elsewhere.key"
     key.write_text("key")
-    assert found(configuration(tmp_path, str(key))) == str(key)
+    assert resolved_key(configuration(tmp_path, str(key))) == str(key)
 
 
 def test_a_key_that_is_missing_is_named_with_where_it_was_looked_for(
@@ -69,18 +69,18 @@ def test_a_key_that_is_missing_is_named_with_where_it_was_looked_for(
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("{\n  mode: \n}", "robot.json5:3: not JSON5"),
         ("{modus: 1}", "robot.json5: not a Zenoh configuration: unknown field `modus`"),
     ],
 )
 def test_a_file_that_is_wrong_is_named_with_the_reason(
-    tmp_path: Path, text: str, words: str
+    tmp_path: Path, text: str, message: str
 ) -> None:
     file = tmp_path / "robot.json5"
     file.write_text(text)
     with pytest.raises(InputError) as caught:
         read_zenoh_config(file)
-    assert words in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)

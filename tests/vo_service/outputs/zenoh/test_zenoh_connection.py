@@ -1,4 +1,4 @@
-"""A session that is had at once or not at all, on any port, or tried for again and again."""
+"""Policies to open a session: once, on a free port, or with retries."""
 
 import logging
 import socket
@@ -28,7 +28,7 @@ MakeUpdate = Callable[..., OdometryUpdate]
 
 @pytest.fixture(autouse=True)
 def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Zenoh's own waits are long enough."""
+    """Shorten the waits: Zenoh's own are long enough."""
     monkeypatch.setattr(connection, "RETRY_S", 0.05)
     monkeypatch.setattr(connection, "ROUTER_GRACE_S", 0.05)
 
@@ -36,19 +36,19 @@ def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
     """All attempts to open a session."""
-    made: list[ZenohConfig] = []
+    configs: list[ZenohConfig] = []
 
     def attempt(config: ZenohConfig) -> zenoh.Session:
-        made.append(config)
+        configs.append(config)
         return open_session(config)
 
     monkeypatch.setattr(connection, "open_session", attempt)
-    return made
+    return configs
 
 
 @contextmanager
-def taken(port: int) -> Iterator[None]:
-    """Somebody else has it."""
+def port_in_use(port: int) -> Iterator[None]:
+    """Occupy a port."""
     with socket.socket() as other:
         other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         other.bind(("127.0.0.1", port))
@@ -58,7 +58,7 @@ def taken(port: int) -> Iterator[None]:
 
 @contextmanager
 def router(port: int) -> Iterator[zenoh.Session]:
-    """Zenoh's router, in this process."""
+    """Run Zenoh's router in this process."""
     settings = zenoh.Config()
     settings.insert_json5("mode", '"router"')
     settings.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{port}"]')
@@ -68,8 +68,8 @@ def router(port: int) -> Iterator[zenoh.Session]:
         yield session
 
 
-def ticking(output: ZenohOutput, status: Status, holds: Callable[[], bool]) -> None:
-    """Hand over a status again and again, as the loop does, until something holds."""
+def send_status_until(output: ZenohOutput, status: Status, holds: Callable[[], bool]) -> None:
+    """Send a status repeatedly, as the loop does, until a condition holds."""
 
     def tick() -> bool:
         output.on_status(status)
@@ -79,14 +79,17 @@ def ticking(output: ZenohOutput, status: Status, holds: Callable[[], bool]) -> N
 
 
 def test_at_once_or_not_at_all(free_port: int) -> None:
-    with taken(free_port), pytest.raises(UserFacingError, match="the port is taken") as caught:
+    with (
+        port_in_use(free_port),
+        pytest.raises(UserFacingError, match="the port is in use") as caught,
+    ):
         ZenohOutput(config(free_port), LIVE_QOS, ConnectOnce)
     assert caught.value.exit_code == 1
 
 
 @pytest.fixture
 def default_endpoint(free_port: int, monkeypatch: pytest.MonkeyPatch) -> str:
-    """A default that is free, whoever uses the real one now."""
+    """A default endpoint that is free; the real one may be in use."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
     monkeypatch.setattr(connection, "DEFAULT_ENDPOINT", endpoint)
     return endpoint
@@ -105,11 +108,11 @@ def test_a_replay_publishes_on_a_free_port_where_the_default_one_is_taken(
     free_port: int, default_endpoint: str
 ) -> None:
     with (
-        taken(free_port),
+        port_in_use(free_port),
         closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output,
     ):
-        endpoint, why = output.description.removeprefix("kinect/odom at ").split(", ")
-        assert why == f"as {default_endpoint} is taken (kinect-vo listen --connect {endpoint})"
+        endpoint, reason = output.description.removeprefix("kinect/odom at ").split(", ")
+        assert reason == f"as {default_endpoint} is in use (kinect-vo listen --connect {endpoint})"
         with connected_session(int(endpoint.rsplit(":")[-1])) as session:
             wait_until(lambda: bool(query_json(session, "kinect/schema")))
 
@@ -121,7 +124,7 @@ def test_a_free_port_that_is_gone_meanwhile_is_looked_for_again(
     found = iter([default_endpoint, free])
     monkeypatch.setattr(connection, "_free_endpoint", lambda: next(found))
     with (
-        taken(free_port),
+        port_in_use(free_port),
         closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output,
     ):
         assert f"--connect {free})" in output.description
@@ -132,19 +135,19 @@ def test_a_port_that_the_user_has_set_is_never_another(free_port: int, tmp_path:
     file = tmp_path / "zenoh.json5"
     file.write_text("{}")
     other = ports.free_port()
-    plans = [(other, config(other)), (free_port, config(free_port, config_file=file))]
-    for port, plan in plans:
-        with taken(port), pytest.raises(ZenohPortInUseError, match="the port is taken"):
-            ConnectOnFreePort(plan)
+    zenoh_configs = [(other, config(other)), (free_port, config(free_port, config_file=file))]
+    for port, zenoh_config in zenoh_configs:
+        with port_in_use(port), pytest.raises(ZenohPortInUseError, match="the port is in use"):
+            ConnectOnFreePort(zenoh_config)
 
 
 def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:
     with (
-        taken(free_port),
+        port_in_use(free_port),
         closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output,
     ):
         assert output.warning == (
-            f"zenoh: cannot listen on tcp/127.0.0.1:{free_port}: the port is taken, probably by "
+            f"zenoh: cannot listen on tcp/127.0.0.1:{free_port}: the port is in use, probably by "
             "another kinect-vo; trying again"
         )
 
@@ -152,16 +155,16 @@ def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:
 def test_once_the_port_is_free_all_is_published(
     free_port: int, make_update: MakeUpdate, status: Status, attempts: list[ZenohConfig]
 ) -> None:
-    with taken(free_port):
+    with port_in_use(free_port):
         output = ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)
         output.on_update(make_update(4))
-        ticking(output, status, lambda: len(attempts) > 1)
-        assert "the port is taken" in output.warning
+        send_status_until(output, status, lambda: len(attempts) > 1)
+        assert "the port is in use" in output.warning
     with closing(output):
-        ticking(output, status, lambda: output.warning == "")
+        send_status_until(output, status, lambda: output.warning == "")
         with connected_session(free_port) as session:
             assert query_json(session, "kinect/status")[0]["state"] == "degraded"
-            # It is the last thing that is declared: a question may be answered a moment before.
+            # The token is declared last: a query may succeed a moment before.
             wait_until(lambda: len(list(session.liveliness().get("kinect/alive", timeout=60))) == 1)
         assert (output.errors, output.warning) == (0, "")
 
@@ -172,15 +175,15 @@ def test_trouble_and_its_end_are_logged_once_each(
     caplog: pytest.LogCaptureFixture,
     attempts: list[ZenohConfig],
 ) -> None:
-    with taken(free_port):
+    with port_in_use(free_port):
         output = ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)
-        ticking(output, status, lambda: len(attempts) > 5)
+        send_status_until(output, status, lambda: len(attempts) > 5)
     with closing(output):
-        ticking(output, status, lambda: output.warning == "")
+        send_status_until(output, status, lambda: output.warning == "")
     lines = [record.message for record in caplog.records if record.levelno == logging.WARNING]
     assert len(lines) == 2
-    assert "the port is taken" in lines[0]
-    assert lines[1] == "zenoh: all is well again"
+    assert "the port is in use" in lines[0]
+    assert lines[1] == "zenoh: connected again"
 
 
 @pytest.mark.parametrize(
@@ -194,9 +197,9 @@ def test_an_address_that_is_not_there_yet_is_waited_for(listen: str, words: str)
         assert words in output.warning
 
 
-@pytest.mark.parametrize("way", [ConnectOnce, ConnectWithRetry])
+@pytest.mark.parametrize("policy", [ConnectOnce, ConnectWithRetry])
 def test_what_waiting_cannot_mend_is_an_error_either_way(
-    way: type[ConnectWithRetry | ConnectOnce], tmp_path: Path
+    policy: type[ConnectWithRetry | ConnectOnce], tmp_path: Path
 ) -> None:
     for bad in (
         ZenohConfig(listen=("nonsense",)),
@@ -204,32 +207,34 @@ def test_what_waiting_cannot_mend_is_an_error_either_way(
         ZenohConfig(config_file=tmp_path / "missing.json5"),
     ):
         with pytest.raises(InputError):
-            way(bad)
+            policy(bad)
 
 
 def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status: Status) -> None:
     where = f"tcp/127.0.0.1:{free_port}"
-    plan = ZenohConfig(listen=(), connect=(where,))
-    with closing(ZenohOutput(plan, LIVE_QOS, ConnectWithRetry)) as output:
-        ticking(output, status, lambda: output.warning != "")
+    zenoh_config = ZenohConfig(listen=(), connect=(where,))
+    with closing(ZenohOutput(zenoh_config, LIVE_QOS, ConnectWithRetry)) as output:
+        send_status_until(output, status, lambda: output.warning != "")
         assert output.warning == (
-            f"zenoh: no connection to {where}: it is away or refuses us; trying again"
+            f"zenoh: no connection to {where}: it is down or denies access; trying again"
         )
         with router(free_port):
-            ticking(output, status, lambda: output.warning == "")
-        ticking(output, status, lambda: where in output.warning)
-        with router(free_port) as there:
-            ticking(output, status, lambda: output.warning == "")
-            wait_until(lambda: bool(query_json(there, "kinect/status")))
+            send_status_until(output, status, lambda: output.warning == "")
+        send_status_until(output, status, lambda: where in output.warning)
+        with router(free_port) as router_session:
+            send_status_until(output, status, lambda: output.warning == "")
+            wait_until(lambda: bool(query_json(router_session, "kinect/status")))
 
 
 def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
     other = ports.free_port()
-    plan = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{free_port}", f"tcp/127.0.0.1:{other}"))
+    zenoh_config = ZenohConfig(
+        listen=(), connect=(f"tcp/127.0.0.1:{free_port}", f"tcp/127.0.0.1:{other}")
+    )
     now_s = [0.0]
     keep_trying = partial(ConnectWithRetry, now_s=lambda: now_s[0])
-    with router(free_port), closing(ZenohOutput(plan, LIVE_QOS, keep_trying)) as output:
-        ticking(output, status, lambda: output.warning == "")
+    with router(free_port), closing(ZenohOutput(zenoh_config, LIVE_QOS, keep_trying)) as output:
+        send_status_until(output, status, lambda: output.warning == "")
         now_s[0] += 2 * connection.ROUTER_GRACE_S
         output.on_status(status)
         assert output.warning == ""
@@ -241,38 +246,40 @@ def test_a_client_without_its_router_is_waited_for(
     file = tmp_path / "client.json5"
     where = f"tcp/127.0.0.1:{free_port}"
     file.write_text(f"{{mode: 'client', connect: {{timeout_ms: -1, endpoints: ['{where}']}}}}")
-    plan = ZenohConfig(listen=(), config_file=file)
-    with closing(ZenohOutput(plan, LIVE_QOS, ConnectWithRetry)) as output:
-        assert output.warning == f"zenoh: cannot connect to {where}: nobody answers there; " + (
-            "trying again"
-        )
-        with router(free_port) as there:
-            ticking(output, status, lambda: output.warning == "")
-            wait_until(lambda: bool(query_json(there, "kinect/status")))
+    zenoh_config = ZenohConfig(listen=(), config_file=file)
+    with closing(ZenohOutput(zenoh_config, LIVE_QOS, ConnectWithRetry)) as output:
+        assert output.warning == f"zenoh: cannot connect to {where}: no reply; " + ("trying again")
+        with router(free_port) as router_session:
+            send_status_until(output, status, lambda: output.warning == "")
+            wait_until(lambda: bool(query_json(router_session, "kinect/status")))
 
 
 def test_a_session_that_was_closed_under_us_is_opened_anew(free_port: int, status: Status) -> None:
     with closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output:
         (before,) = output._endpoints
         before.session.close()  # type: ignore[no-untyped-call]
-        ticking(output, status, lambda: output._endpoints not in ([], [before]))
+        send_status_until(output, status, lambda: output._endpoints not in ([], [before]))
         with connected_session(free_port) as session:
-            ticking(output, status, lambda: "state" in query_json(session, "kinect/status")[0])
+            send_status_until(
+                output, status, lambda: "state" in query_json(session, "kinect/status")[0]
+            )
         assert output.errors == 0
 
 
 def test_a_file_that_goes_away_later_is_a_warning(free_port: int, tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text("{}")
-    with taken(free_port):
-        opening = ConnectWithRetry(config(free_port, config_file=file))
+    with port_in_use(free_port):
+        connection_policy = ConnectWithRetry(config(free_port, config_file=file))
         file.unlink()
-        wait_until(lambda: not opening.sessions() and "zenoh.json5" in opening.warning)
+        wait_until(
+            lambda: not connection_policy.sessions() and "zenoh.json5" in connection_policy.warning
+        )
 
 
 def test_opening_a_session_on_a_port_of_its_own_leaves_no_warning(free_port: int) -> None:
-    opening = ConnectWithRetry(config(free_port))
-    (session,) = opening.sessions()
-    assert opening.warning == ""
+    connection_policy = ConnectWithRetry(config(free_port))
+    (session,) = connection_policy.sessions()
+    assert connection_policy.warning == ""
     session.close()  # type: ignore[no-untyped-call]
     assert open_session(config(free_port)).close() is None  # type: ignore[no-untyped-call]

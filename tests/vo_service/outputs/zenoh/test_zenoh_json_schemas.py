@@ -104,7 +104,7 @@ def test_arguments_are_valid_where_the_parser_takes_them(
 
 
 def refusal_of(command: str, payload: bytes) -> str:
-    """Why the parser refuses this; "" if it does not."""
+    """Return why the parser refuses a command; "" if it does not."""
     try:
         parse_command(command, payload)
     except CommandError as error:

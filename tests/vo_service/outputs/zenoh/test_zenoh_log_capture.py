@@ -1,4 +1,4 @@
-"""Zenoh's log taken off standard output, and all else left on it."""
+"""Zenoh's log is captured from standard output; all other output stays."""
 
 import subprocess
 import sys
@@ -9,7 +9,10 @@ from tests.waiting import DEFAULT_TIMEOUT_S
 
 pytestmark = pytest.mark.subprocess
 
-BEGIN = "import os, subprocess, sys\nfrom vo_service.outputs.zenoh.log_capture import capture_zenoh_log\n"
+BEGIN = (
+    "import os, subprocess, sys\n"
+    "from vo_service.outputs.zenoh.log_capture import capture_zenoh_log\n"
+)
 
 
 def run(script: str) -> "subprocess.CompletedProcess[str]":

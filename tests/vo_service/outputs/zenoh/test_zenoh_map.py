@@ -1,4 +1,4 @@
-"""How `odom` lies in the map, over real Zenoh."""
+"""The map->odom transform over real Zenoh."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -29,8 +29,8 @@ KEY = "kinect/map_odom"
 
 
 @dataclass(frozen=True)
-class Talk:
-    """An output, and what is heard of it."""
+class OutputAndSession:
+    """An output, and the samples received from it."""
 
     output: ZenohOutput
     session: zenoh.Session
@@ -39,21 +39,21 @@ class Talk:
 
 
 @contextmanager
-def talk_at(port: int) -> Iterator[Talk]:
-    """Until the end of the block."""
+def connected_output(port: int) -> Iterator[OutputAndSession]:
+    """Run an output and subscribe to it while the block runs."""
     with (
         closing(ZenohOutput(config(port), LOCKSTEP_QOS)) as output,
         connected_session(port) as session,
     ):
-        talk = Talk(output, session, [], [])
-        session.declare_subscriber(KEY, talk.maps.append)
-        session.declare_subscriber("kinect/odom", talk.poses.append)
+        connected = OutputAndSession(output, session, [], [])
+        session.declare_subscriber(KEY, connected.maps.append)
+        session.declare_subscriber("kinect/odom", connected.poses.append)
         assert output.wait_for_subscriber(100)
-        yield talk
+        yield connected
 
 
-def about(sample: zenoh.Sample) -> dict[str, Any]:
-    """What is attached."""
+def attachment_of(sample: zenoh.Sample) -> dict[str, Any]:
+    """Return the attachment."""
     assert sample.attachment is not None
     found: dict[str, Any] = json.loads(sample.attachment.to_bytes())
     return found
@@ -63,15 +63,15 @@ def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     update = replace(make_update(7), map=make_map())
-    with talk_at(free_port) as talk:
-        talk.output.on_update(update)
-        wait_until(lambda: len(talk.maps) == 1)
-    message = decode_transform(talk.maps[0].payload.to_bytes())
-    assert str(talk.maps[0].encoding) == "application/cdr;geometry_msgs/msg/TransformStamped"
+    with connected_output(free_port) as connected:
+        connected.output.on_update(update)
+        wait_until(lambda: len(connected.maps) == 1)
+    message = decode_transform(connected.maps[0].payload.to_bytes())
+    assert str(connected.maps[0].encoding) == "application/cdr;geometry_msgs/msg/TransformStamped"
     assert (message.frame_id, message.child_frame_id) == ("map", "odom")
     assert message.stamp_s == update.stamp_s
     np.testing.assert_allclose(message.T_frame_child, update.map.T_map_odom, atol=1e-15)
-    assert about(talk.maps[0]) == {
+    assert attachment_of(connected.maps[0]) == {
         "schema": 1, "seq": 7, "epoch": 1, "is_localized": True, "map_keyframes": 4, "loop_closures": 1,
     }  # fmt: skip
 
@@ -80,85 +80,87 @@ def test_it_goes_out_when_the_map_or_the_epoch_is_another(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     first, second = make_map(), make_map(5)
-    with talk_at(free_port) as talk:
-        for seq, the_map, epoch in [
+    with connected_output(free_port) as connected:
+        for seq, snapshot, epoch in [
             (0, first, 0), (1, first, 0), (2, second, 0), (3, second, 0), (4, second, 1),
         ]:  # fmt: skip
-            talk.output.on_update(replace(make_update(seq), map=the_map, epoch=epoch))
-        wait_until(lambda: len(talk.maps) >= 3)
-    assert [about(sample)["seq"] for sample in talk.maps] == [0, 2, 4]
+            connected.output.on_update(replace(make_update(seq), map=snapshot, epoch=epoch))
+        wait_until(lambda: len(connected.maps) >= 3)
+    assert [attachment_of(sample)["seq"] for sample in connected.maps] == [0, 2, 4]
 
 
 def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    with talk_at(free_port) as talk:
+    with connected_output(free_port) as connected:
         for epoch in (1, 2):
-            talk.output.on_update(replace(make_update(epoch), map=make_map(epoch=1), epoch=epoch))
-        wait_until(lambda: len(talk.maps) >= 2)
-    assert [about(sample)["is_localized"] for sample in talk.maps] == [True, False]
+            connected.output.on_update(
+                replace(make_update(epoch), map=make_map(epoch=1), epoch=epoch)
+            )
+        wait_until(lambda: len(connected.maps) >= 2)
+    assert [attachment_of(sample)["is_localized"] for sample in connected.maps] == [True, False]
 
 
 def test_it_goes_out_again_with_each_status_and_the_newest_stamp(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:
-    the_map = make_map()
-    with talk_at(free_port) as talk:
+    snapshot = make_map()
+    with connected_output(free_port) as connected:
         for seq in (0, 1):
-            talk.output.on_update(replace(make_update(seq), map=the_map))
-        talk.output.on_status(status)
-        talk.output.on_status(status)
-        wait_until(lambda: len(talk.maps) >= 3)
-    assert [about(sample)["seq"] for sample in talk.maps] == [0, 1, 1]
+            connected.output.on_update(replace(make_update(seq), map=snapshot))
+        connected.output.on_status(status)
+        connected.output.on_status(status)
+        wait_until(lambda: len(connected.maps) >= 3)
+    assert [attachment_of(sample)["seq"] for sample in connected.maps] == [0, 1, 1]
 
 
 def test_nothing_goes_out_where_there_is_no_map(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:
-    with talk_at(free_port) as talk:
-        talk.output.on_update(make_update(0))
-        talk.output.on_status(status)
-        (refusal,) = map(reply_json, query(talk.session, KEY))
-        talk.output.on_update(replace(make_update(1), map=make_map()))
-        wait_until(lambda: len(talk.maps) >= 1)
+    with connected_output(free_port) as connected:
+        connected.output.on_update(make_update(0))
+        connected.output.on_status(status)
+        (refusal,) = map(reply_json, query(connected.session, KEY))
+        connected.output.on_update(replace(make_update(1), map=make_map()))
+        wait_until(lambda: len(connected.maps) >= 1)
     assert refusal == {"schema": 1, "error": "not-possible", "message": "there is no map yet"}
-    assert [about(sample)["seq"] for sample in talk.maps] == [1]
+    assert [attachment_of(sample)["seq"] for sample in connected.maps] == [1]
 
 
 def test_it_can_be_asked_for_and_has_the_stamp_of_the_newest_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    the_map = make_map(is_localized=False)
-    with talk_at(free_port) as talk:
+    snapshot = make_map(is_localized=False)
+    with connected_output(free_port) as connected:
         for seq in range(6):
-            talk.output.on_update(replace(make_update(seq), map=the_map))
-        wait_until(lambda: seq_of(query(talk.session, KEY)) == 5)
-        (reply,) = query(talk.session, KEY)
+            connected.output.on_update(replace(make_update(seq), map=snapshot))
+        wait_until(lambda: seq_of(query(connected.session, KEY)) == 5)
+        (reply,) = query(connected.session, KEY)
     assert reply.ok is not None
-    assert about(reply.ok)["is_localized"] is False
+    assert attachment_of(reply.ok)["is_localized"] is False
     assert decode_transform(reply.ok.payload.to_bytes()).stamp_s == make_update(5).stamp_s
 
 
 def seq_of(replies: list[zenoh.Reply]) -> int:
-    """-1 for a refusal."""
+    """Return the number of the pose; -1 for an error reply."""
     (reply,) = replies
-    return int(about(reply.ok)["seq"]) if reply.ok else -1
+    return int(attachment_of(reply.ok)["seq"]) if reply.ok else -1
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_one_that_is_not_finite_is_kept_back_and_takes_no_pose_with_it(
     free_port: int, make_update: MakeUpdate, bad: float, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with talk_at(free_port) as talk:
-        talk.output.on_update(
+    with connected_output(free_port) as connected:
+        connected.output.on_update(
             replace(make_update(0), map=make_map(T_map_odom=np.full((4, 4), bad)))
         )
-        talk.output.on_update(replace(make_update(1), map=make_map()))
-        wait_until(lambda: len(talk.maps) >= 1)
-        wait_until(lambda: {0, 1} <= {about(pose)["seq"] for pose in talk.poses})
-    assert [about(sample)["seq"] for sample in talk.maps] == [1]
-    assert "holds a number that is not finite" in caplog.text
-    assert talk.output.errors == 1
+        connected.output.on_update(replace(make_update(1), map=make_map()))
+        wait_until(lambda: len(connected.maps) >= 1)
+        wait_until(lambda: {0, 1} <= {attachment_of(pose)["seq"] for pose in connected.poses})
+    assert [attachment_of(sample)["seq"] for sample in connected.maps] == [1]
+    assert "has a number that is not finite" in caplog.text
+    assert connected.output.errors == 1
 
 
 def test_a_frame_of_another_name_is_taken_from_the_configuration(

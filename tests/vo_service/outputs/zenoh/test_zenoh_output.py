@@ -1,4 +1,4 @@
-"""Poses over real Zenoh, to a process that has nothing of this project."""
+"""Poses over real Zenoh, to a process that uses nothing of this project."""
 
 import dataclasses
 import json
@@ -35,7 +35,7 @@ def config(port: int, **changes: Any) -> ZenohConfig:
 
 @contextmanager
 def reader(port: int, count: int, seconds_per_sample: float) -> Iterator[subprocess.Popen[str]]:
-    """The plain subscriber in a process of its own; leaving waits for what it prints."""
+    """Run the plain subscriber in a process; leaving the block waits for its output."""
     command = [sys.executable, str(READER), str(port), str(count), str(seconds_per_sample)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -43,10 +43,10 @@ def reader(port: int, count: int, seconds_per_sample: float) -> Iterator[subproc
         yield process
 
 
-def read_by_stranger(
+def read_with_plain_zenoh(
     port: int, updates: list[OdometryUpdate], seconds_per_sample: float = 0.0
 ) -> list[dict[str, Any]]:
-    """Publish in lockstep, close, and give back the samples that the plain subscriber got."""
+    """Publish in lockstep, close, and return the samples that the plain subscriber received."""
     output = ZenohOutput(config(port), LOCKSTEP_QOS)
     with reader(port, len(updates), seconds_per_sample) as process:
         assert output.wait_for_subscriber(10)
@@ -59,7 +59,7 @@ def read_by_stranger(
 
 @contextmanager
 def subscribed(port: int, key: str) -> Iterator[Callable[[], zenoh.Sample]]:
-    """A subscriber in this process; yields a function that waits for the next sample."""
+    """Subscribe in this process; yield a function that waits for the next sample."""
     with open_session(ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))) as session:
         channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(64)
         with session.declare_subscriber(key, channel) as subscriber:
@@ -81,7 +81,7 @@ def receive(handler: Any, timeout_s: float = 10.0) -> zenoh.Sample:
 def test_a_stranger_gets_every_pose_of_a_replay_in_order(
     free_port: int, make_update: MakeUpdate, attempt: int
 ) -> None:
-    samples = read_by_stranger(free_port, [make_update(seq) for seq in range(1000)])
+    samples = read_with_plain_zenoh(free_port, [make_update(seq) for seq in range(1000)])
     assert [sample["attachment"]["seq"] for sample in samples] == list(range(1000))
 
 
@@ -89,13 +89,13 @@ def test_a_stranger_gets_every_pose_of_a_replay_in_order(
 def test_a_slow_stranger_gets_the_last_poses_too(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(0)] * 900
     # Longer than Zenoh's keep-alive period: closing at once would lose the tail.
-    assert len(read_by_stranger(free_port, updates, seconds_per_sample=0.005)) == 900
+    assert len(read_with_plain_zenoh(free_port, updates, seconds_per_sample=0.005)) == 900
 
 
 @pytest.mark.subprocess
 def test_rosbags_reads_the_same_numbers(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(20)]
-    for update, sample in zip(updates, read_by_stranger(free_port, updates), strict=True):
+    for update, sample in zip(updates, read_with_plain_zenoh(free_port, updates), strict=True):
         message: Any = ROS.deserialize_cdr(
             bytes.fromhex(sample["payload"]), "nav_msgs/msg/Odometry"
         )
@@ -113,7 +113,7 @@ def test_rosbags_reads_the_same_numbers(free_port: int, make_update: MakeUpdate)
 def test_the_attachment_says_how_far_to_trust_the_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    samples = read_by_stranger(free_port, [make_update(0), make_update(1, ok=False)])
+    samples = read_with_plain_zenoh(free_port, [make_update(0), make_update(1, ok=False)])
     assert [sample["attachment"] for sample in samples] == [
         {"schema": 1, "seq": 0, "state": "tracking", "epoch": 1, "reason": ""},
         {"schema": 1, "seq": 1, "state": "lost", "epoch": 1, "reason": "too few matches"},

@@ -1,4 +1,4 @@
-"""The last pose, the last status and the schemas, for those who ask."""
+"""Queries for the last pose, the last status and the schemas."""
 
 import json
 import threading
@@ -67,7 +67,7 @@ def test_a_service_that_is_stuck_answers_all_the_same(
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_update(make_update(3))
         wait_until(lambda: latest_seq(session) == 3)
-        # Nobody hands over anything any more, and nobody waits for anybody.
+        # The loop sends nothing any more, and no query waits for it.
         assert [latest_seq(session) for _ in range(20)] == [3] * 20
 
 
@@ -86,17 +86,17 @@ def test_a_flood_of_questions_leaves_poses_alone_and_answers_go_on(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
-        heard: list[int] = []
-        came = threading.Semaphore(0)
-        session.declare_subscriber("kinect/odom", lambda _: came.release())
+        replies: list[int] = []
+        received = threading.Semaphore(0)
+        session.declare_subscriber("kinect/odom", lambda _: received.release())
         assert output.wait_for_subscriber(20)
         flood = [session.get("kinect/latest", timeout=100) for _ in range(3000)]
         for seq in range(20):
             output.on_update(make_update(seq))
-            assert came.acquire(timeout=100)
-        heard = [1 for channel in flood for reply in channel]
+            assert received.acquire(timeout=100)
+        replies = [1 for channel in flood for reply in channel]
         wait_until(lambda: latest_seq(session) == 19)
-    assert 0 < len(heard) < 3000
+    assert 0 < len(replies) < 3000
     assert output.dropped == output.errors == 0
 
 

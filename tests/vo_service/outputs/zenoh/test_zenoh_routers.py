@@ -1,4 +1,4 @@
-"""Where a configuration says to connect."""
+"""Connect endpoints of a configuration."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What opens, what is refused, and in which words."""
+"""Opening of sessions, and the messages of errors."""
 
 import os
 import socket
@@ -16,15 +16,15 @@ from vo_service.outputs.zenoh.session import open_session
 
 @pytest.mark.zenoh
 def test_a_taken_port_is_one_line_that_says_what_to_do() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         with pytest.raises(UserFacingError) as caught:
             open_session(ZenohConfig(listen=(endpoint,)))
     text = str(caught.value)
     assert not isinstance(caught.value, InputError)
-    assert f"{endpoint}: the port is taken, probably by another kinect-vo" in text
+    assert f"{endpoint}: the port is in use, probably by another kinect-vo" in text
     assert "zenoh.listen" in text
     assert "--no-publish" in text
     assert "\n" not in text
@@ -33,7 +33,7 @@ def test_a_taken_port_is_one_line_that_says_what_to_do() -> None:
 @pytest.mark.zenoh
 def test_a_second_session_on_the_same_port_is_refused(free_port: int) -> None:
     config = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))
-    with open_session(config), pytest.raises(UserFacingError, match="the port is taken"):
+    with open_session(config), pytest.raises(UserFacingError, match="the port is in use"):
         open_session(config)
 
 

@@ -1,4 +1,4 @@
-"""What is declared on a session goes with it, whatever fails on the way."""
+"""Closing withdraws everything on a session, even after an error."""
 
 import pytest
 import zenoh
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.zenoh
 
 
 def test_a_token_that_cannot_be_taken_back_keeps_nothing_else_open() -> None:
-    programme = EndpointConfig(
+    config = EndpointConfig(
         "kinect",
         FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
@@ -23,7 +23,7 @@ def test_a_token_that_cannot_be_taken_back_keeps_nothing_else_open() -> None:
         Ros2Config(enabled=True),
     )
     with open_session(ZenohConfig(listen=())) as session:
-        station = SessionEndpoints(session, programme)
-        station._alive.undeclare()  # type: ignore[no-untyped-call]  # a second time raises
-        station.close()
+        endpoints = SessionEndpoints(session, config)
+        endpoints._alive.undeclare()  # type: ignore[no-untyped-call]  # a second time raises
+        endpoints.close()
         assert session.is_closed()

@@ -1,4 +1,4 @@
-"""A subscriber that is well hears every pose, whatever becomes of the others and of the router."""
+"""A healthy subscriber receives every pose, even if others or the router fail."""
 
 import json
 import signal
@@ -26,7 +26,7 @@ READER = """
 import sys, zenoh
 from vo_service.outputs.zenoh.session import ZenohConfig, open_session
 session = open_session(ZenohConfig(listen=(), connect=(sys.argv[1],)))
-session.declare_subscriber("kinect/odom", lambda sample: print("heard", flush=True))
+session.declare_subscriber("kinect/odom", lambda sample: print("ready", flush=True))
 input()
 """
 ROUTER = """
@@ -36,7 +36,7 @@ config.insert_json5("mode", '"router"')
 config.insert_json5("listen/endpoints", f'["{sys.argv[1]}"]')
 config.insert_json5("scouting/multicast/enabled", "false")
 session = zenoh.open(config)
-print("heard", flush=True)
+print("ready", flush=True)
 input()
 """
 
@@ -53,9 +53,9 @@ def running(program: str, endpoint: str) -> Iterator["subprocess.Popen[str]"]:
             process.kill()
 
 
-def until_it_speaks(process: "subprocess.Popen[str]") -> None:
+def wait_until_ready(process: "subprocess.Popen[str]") -> None:
     assert process.stdout is not None
-    assert process.stdout.readline() == "heard\n"
+    assert process.stdout.readline() == "ready\n"
 
 
 class HealthySubscriber:
@@ -63,19 +63,19 @@ class HealthySubscriber:
 
     def __init__(self, session: zenoh.Session, output: ZenohOutput) -> None:
         self._output = output
-        self._heard: SimpleQueue[int] = SimpleQueue()
+        self._received: SimpleQueue[int] = SimpleQueue()
         session.declare_subscriber("kinect/odom", self._take)
         assert output.wait_for_subscriber(20)
 
     def _take(self, sample: zenoh.Sample) -> None:
         assert sample.attachment is not None
-        self._heard.put(json.loads(sample.attachment.to_bytes())["seq"])
+        self._received.put(json.loads(sample.attachment.to_bytes())["seq"])
 
-    def hears(self, updates: list[OdometryUpdate]) -> bool:
-        """Whether it hears each of these poses before the next one is published."""
+    def receives_all(self, updates: list[OdometryUpdate]) -> bool:
+        """Return whether each pose is received before the next one is published."""
         for update in updates:
             self._output.on_update(update)
-            if self._heard.get(timeout=100) != update.seq:
+            if self._received.get(timeout=100) != update.seq:
                 return False
         return (self._output.dropped, self._output.errors) == (0, 0)
 
@@ -89,33 +89,33 @@ def updates(make_update: Callable[..., OdometryUpdate]) -> list[OdometryUpdate]:
 def test_a_frozen_or_killed_subscriber_costs_the_others_nothing(
     free_port: int, updates: list[OdometryUpdate], fate: signal.Signals
 ) -> None:
-    where = f"tcp/127.0.0.1:{free_port}"
+    endpoint = f"tcp/127.0.0.1:{free_port}"
     with (
-        closing(ZenohOutput(ZenohConfig(listen=(where,)), LIVE_QOS, ConnectWithRetry)) as output,
+        closing(ZenohOutput(ZenohConfig(listen=(endpoint,)), LIVE_QOS, ConnectWithRetry)) as output,
         connected_session(free_port) as session,
-        running(READER, where) as other,
+        running(READER, endpoint) as other,
     ):
         healthy = HealthySubscriber(session, output)
-        speaks = threading.Thread(target=until_it_speaks, args=(other,))
-        speaks.start()
-        while speaks.is_alive():
-            assert healthy.hears(updates[:1])
+        waiting = threading.Thread(target=wait_until_ready, args=(other,))
+        waiting.start()
+        while waiting.is_alive():
+            assert healthy.receives_all(updates[:1])
         other.send_signal(fate)
-        assert healthy.hears(updates)
+        assert healthy.receives_all(updates)
 
 
 def test_a_killed_router_costs_those_who_are_connected_nothing(
     free_port: int, updates: list[OdometryUpdate]
 ) -> None:
     router_at = f"tcp/127.0.0.1:{ports.free_port()}"
-    plan = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",), connect=(router_at,))
+    config = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",), connect=(router_at,))
     with running(ROUTER, router_at) as router:
-        until_it_speaks(router)
+        wait_until_ready(router)
         with (
-            closing(ZenohOutput(plan, LIVE_QOS, ConnectWithRetry)) as output,
+            closing(ZenohOutput(config, LIVE_QOS, ConnectWithRetry)) as output,
             connected_session(free_port) as session,
         ):
             healthy = HealthySubscriber(session, output)
-            assert healthy.hears(updates[: COUNT // 2])
+            assert healthy.receives_all(updates[: COUNT // 2])
             router.kill()
-            assert healthy.hears(updates[COUNT // 2 :])
+            assert healthy.receives_all(updates[COUNT // 2 :])

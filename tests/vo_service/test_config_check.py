@@ -90,7 +90,7 @@ def test_the_ready_made_files_are_right_beside_their_keys(
             "Rule 'be red' in policy #0 does not",
         ),
         (lambda text: text.replace('"tls.key"', '"other.key"'), "key values mismatch"),
-        (lambda text: text.replace('"tls.pem"', '"robot-tls.json5"'), "give PEM files"),
+        (lambda text: text.replace('"tls.pem"', '"robot-tls.json5"'), "give matching PEM files"),
         (lambda text: text.replace("key_exprs", "keys"), "not a Zenoh configuration"),
     ],
 )

@@ -42,5 +42,5 @@ def check_fields(what: str, message: JsonObject, kinds: Mapping[str, type]) -> N
         raise ValueError(f"{what} came without {', '.join(sorted(missing))}")
     for name, kind in kinds.items():
         if type(message[name]) is not kind:  # isinstance(True, int) holds
-            found = type(message[name]).__name__
-            raise ValueError(f"{what} came with a {found} for {name}, not {kind.__name__}")
+            actual = type(message[name]).__name__
+            raise ValueError(f"{what} came with a {actual} for {name}, not {kind.__name__}")

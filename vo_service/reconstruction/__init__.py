@@ -1,1 +1,1 @@
-"""What is made of many frames: surfaces in three dimensions."""
+"""Reconstruction: TSDF volume, mesh and images of a map."""

@@ -37,13 +37,13 @@ def test_a_reader_gets_poses_but_no_answer_to_a_command(
         assert client.map_odom().map_keyframes == 4
         with pytest.raises(ServiceUnavailable):
             client.command("pause", timeout_s=1.0)
-    assert robot.obeyed == []
+    assert robot.executed == []
 
 
 def test_an_operator_commands(network: TlsNetwork, robot: TlsRobot) -> None:
     with PoseClient(config_file=network.file("operator-tls.json5", "ours/operator")) as client:
         client.pause()
-    assert robot.obeyed == [PauseCommand()]
+    assert robot.executed == [PauseCommand()]
 
 
 @contextmanager

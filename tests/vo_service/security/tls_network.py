@@ -89,51 +89,48 @@ def make_network(keys: Path, folder: Path) -> TlsNetwork:
 
 
 class TlsRobot:
-    """The service's publisher, thirty poses a second, with a loop that carries out any command.
-
-    Every pose has the same map.
-    """
+    """The service's publisher, 30 poses a second with one map, and a loop that runs any command."""
 
     def __init__(self, file: Path, make_update: Callable[..., OdometryUpdate]) -> None:
         self.stop = threading.Event()
-        self.obeyed: list[Command] = []
+        self.executed: list[Command] = []
         self._make_update = make_update
-        self._inbox: CommandQueue[Command] = CommandQueue()
-        commands = make_command_endpoint(CommandConfig(), self._inbox)
+        self._command_queue: CommandQueue[Command] = CommandQueue()
+        commands = make_command_endpoint(CommandConfig(), self._command_queue)
         config = ZenohConfig(config_file=file)
         self._output = ZenohOutput(config, extra_endpoints=ExtraEndpoints(commands))
 
     def run(self) -> None:
         """Publish until `stop` is set."""
-        seq, the_map = 0, make_map()
+        seq, snapshot = 0, make_map()
         while not self.stop.wait(1 / 30):
-            self._output.on_update(replace(self._make_update(seq), map=the_map))
+            self._output.on_update(replace(self._make_update(seq), map=snapshot))
             seq += 1
-            for ticket in self._inbox.take_pending():
-                self.obeyed.append(ticket.command)
-                ticket.set_result({})
+            for future in self._command_queue.take_pending():
+                self.executed.append(future.command)
+                future.set_result({})
         self._output.close()
 
 
 @contextmanager
 def receive_pose_numbers(session: zenoh.Session) -> Iterator[list[int]]:
     """Collect the numbers of the poses while the block runs; wait for the first."""
-    heard: list[int] = []
+    numbers: list[int] = []
     first = threading.Event()
 
-    def take(sample: zenoh.Sample) -> None:
+    def on_sample(sample: zenoh.Sample) -> None:
         assert sample.attachment is not None
-        heard.append(json.loads(sample.attachment.to_bytes())["seq"])
+        numbers.append(json.loads(sample.attachment.to_bytes())["seq"])
         first.set()
 
-    with session.declare_subscriber("*/odom", take):
-        assert first.wait(100), "no pose came"
-        yield heard
+    with session.declare_subscriber("*/odom", on_sample):
+        assert first.wait(100), "no pose arrived"
+        yield numbers
 
 
-def is_contiguous(heard: list[int]) -> bool:
+def is_contiguous(numbers: list[int]) -> bool:
     """Return whether no number is missing or repeated."""
-    return heard == list(range(heard[0], heard[0] + len(heard)))
+    return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
 def query_replies(session: zenoh.Session, key: str, payload: bytes = b"{}") -> list[bytes]:

@@ -1,1 +1,1 @@
-"""The flight recorder: the last seconds of frames, kept so that they outlive the service."""
+"""The flight recorder: the last seconds of frames, which survive a crash of the service."""

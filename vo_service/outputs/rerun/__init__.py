@@ -1,1 +1,1 @@
-"""Images, poses and the map in Rerun, drawn by a process of its own."""
+"""Images, poses and the map in Rerun, drawn by a separate process."""

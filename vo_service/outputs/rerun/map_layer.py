@@ -43,9 +43,9 @@ class MapLayer:
         graph = self._graph
         self._images_since_redraw = 0
         keyframes = rr.Points3D(graph.positions, colors=MAP_COLOR, radii=rr.Radius.ui_points(4.0))
-        self._stream.log(f"{MAP}/places", keyframes)
-        self._log_lines("motions", graph.odometry_edges, MAP_COLOR)
-        self._log_lines("loops", graph.loop_edges, LOOP_COLOR)
+        self._stream.log(f"{MAP}/keyframes", keyframes)
+        self._log_lines("odometry_edges", graph.odometry_edges, MAP_COLOR)
+        self._log_lines("loop_closures", graph.loop_edges, LOOP_COLOR)
 
     def _log_lines(
         self, part: str, lines: NDArray[np.float32], color: tuple[int, int, int]

@@ -71,7 +71,7 @@ class RerunSupervisor:
         self._stopping.set()
 
     def stop(self, timeout_s: float) -> bool:
-        """Wait for the process to end. Return False if it had to be killed."""
+        """Wait for the process to end. Return False if it was killed."""
         self.expect_end()
         self._thread.join(timeout_s)
         self._must_end.set()

@@ -21,7 +21,7 @@ class _InMemorySink(LiveSink):
 class BlockingSink(_InMemorySink):
     """A viewer that reads no data: Rerun blocks forever."""
 
-    address = "stuck"
+    address = "blocked"
 
     def check(self, stream: "rr.RecordingStream") -> None:
         """Block forever."""

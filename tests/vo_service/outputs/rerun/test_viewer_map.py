@@ -48,21 +48,21 @@ def encode_all(updates: Sequence[OdometryUpdate]) -> MapEncoder:
 
 
 @pytest.mark.rerun
-def test_places_and_what_joins_them_are_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_keyframes_and_edges_are_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     snapshot = make_map(5)
     draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(3)])
-    ((places,), (edges,), (loops,)) = (
+    ((keyframes,), (edges,), (loop_closures,)) = (
         read_column(path, f"/world/map/{part}", component)
         for part, component in (
-            ("places", "Points3D:positions"),
-            ("motions", "LineStrips3D:strips"),
-            ("loops", "LineStrips3D:strips"),
+            ("keyframes", "Points3D:positions"),
+            ("odometry_edges", "LineStrips3D:strips"),
+            ("loop_closures", "LineStrips3D:strips"),
         )
     )
-    assert (len(places), len(edges), len(loops)) == (5, 4, 1)
-    assert loops[0] == [places[0], places[4]]
-    assert edges[2] == [places[2], places[3]]
+    assert (len(keyframes), len(edges), len(loop_closures)) == (5, 4, 1)
+    assert loop_closures[0] == [keyframes[0], keyframes[4]]
+    assert edges[2] == [keyframes[2], keyframes[3]]
 
 
 @pytest.mark.rerun
@@ -149,8 +149,8 @@ def test_a_map_that_changes_all_the_time_is_drawn_once_a_second_and_at_the_end(
         RrdFileSink(path),
         [replace(make_update(seq), map=make_map(seq + 2)) for seq in range(75)],
     )
-    drawn = read_column(path, "/world/map/places", "Points3D:positions")
-    assert [len(places) for places in drawn] == [2, 29, 57, 76]
+    drawn = read_column(path, "/world/map/keyframes", "Points3D:positions")
+    assert [len(keyframes) for keyframes in drawn] == [2, 29, 57, 76]
 
 
 @pytest.mark.rerun
@@ -161,7 +161,7 @@ def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
     snapshot = make_map()
     draw(RrdFileSink(path), [replace(make_update(seq), map=snapshot) for seq in range(0, 750, 3)])
     counted = count_rows(path)
-    assert counted["/world/map/places"] == 3  # 250 pictures
+    assert counted["/world/map/keyframes"] == 3  # 250 pictures
     assert counted["/world/map/latest"] == 250
 
 
@@ -173,7 +173,7 @@ def test_the_next_file_has_the_map_too(tmp_path: Path, make_update: MakeUpdate) 
     draw(SmallFile(path), noisy)
     files = sorted(tmp_path.glob("*.rrd"))
     assert len(files) > 1
-    assert all(count_rows(file)["/world/map/places"] == 1 for file in files)
+    assert all(count_rows(file)["/world/map/keyframes"] == 1 for file in files)
 
 
 class SmallFile(RrdFileSink):

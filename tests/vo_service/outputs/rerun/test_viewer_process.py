@@ -151,7 +151,7 @@ def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
 
 def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
     with running_output(BlockingSink()) as (output, _):
-        show_until(output, make_update(0), "rerun: stuck does not read its data")
+        show_until(output, make_update(0), "rerun: blocked does not read its data")
         assert flood(output, make_update(0)) < AT_ONCE_S
 
 

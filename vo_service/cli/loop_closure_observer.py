@@ -16,7 +16,7 @@ from vo_service.tools.benchmark.run import LoopClosureRun
 from vo_service.tools.benchmark.versions import digest_sources
 from vo_service.types import Estimate
 
-# What loops come from, beside the libraries.
+# Sources of loop closure besides the libraries.
 SOURCES = (
     "vo_service/slam/pose_graph",
     "vo_service/slam/loop_closure",
@@ -27,20 +27,20 @@ SOURCES = (
     "vo_service/odom_frame.py",
     "vo_service/cli/loop_closure_observer.py",
 )
-# Of a motion, where the method says nothing of how sure it is of that: about what a Kinect's depth
-# gives from one frame to the next.
+# Standard deviation of a motion if the method gives no covariance: about that of a Kinect's depth
+# from one frame to the next.
 DEFAULT_SIGMA_M, DEFAULT_SIGMA_RAD = 0.003, 0.002
 
 
 @dataclass(frozen=True)
 class LoopClosureObserverFactory:
-    """Places that are known again, with the settings of a configuration."""
+    """Factory of loop closure with the settings of a configuration."""
 
     map: MapConfig
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """How much may be remembered, and the code that does it."""
+        """Memory limit, and a digest of the code."""
         return {
             "loop_closure": {
                 "keyframe_database_mb": self.map.keyframe_database_mb,
@@ -51,7 +51,7 @@ class LoopClosureObserverFactory:
 
     @property
     def config_tables(self) -> Mapping[str, Mapping[str, object]]:
-        """Of `[map]`, the memory."""
+        """The memory limit of `[map]`."""
         return {"map": {"keyframe_database_mb": self.map.keyframe_database_mb}}
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
@@ -61,12 +61,12 @@ class LoopClosureObserverFactory:
         warm_up_loop_closure(on_progress)
 
     def make(self) -> RunObserver:
-        """Knows no place yet."""
+        """Make loop closure with an empty map."""
         return _LoopClosureObserver(self.map)
 
 
 class _LoopClosureObserver:
-    """Makes places of the frames, closes loops, and counts what that takes."""
+    """Observer that runs loop closure and measures its processor time."""
 
     def __init__(self, settings: MapConfig) -> None:
         from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
@@ -76,7 +76,6 @@ class _LoopClosureObserver:
         self._cpu_ms: list[float] = []
 
     def observe(self, frame: RgbdFrame, estimate: Estimate) -> None:
-        """As `Listener`."""
         begin_cpu_s = time.process_time()
         stamped = StampedFrame(frame, frame.stamp_s)
         self._loop_closure.on_update(
@@ -86,17 +85,19 @@ class _LoopClosureObserver:
 
     @property
     def result(self) -> LoopClosureRun:
-        """As `Listener`."""
         self._loop_closure.close()
-        closer = self._loop_closure.loop_closer
+        loop_closer = self._loop_closure.loop_closer
         mean_ms = float(np.mean(self._cpu_ms)) if self._cpu_ms else 0.0
         return LoopClosureRun(
-            self._loop_closure.trajectory, len(closer.database), closer.loop_count, mean_ms
+            self._loop_closure.trajectory,
+            len(loop_closer.database),
+            loop_closer.loop_count,
+            mean_ms,
         )
 
 
 def _with_default_covariance(estimate: Estimate) -> Estimate:
-    """Some methods do not say how sure they are of a motion."""
+    """Add a covariance to estimates of methods that give none."""
     if estimate.covariance.any():
         return estimate
     return replace(estimate, covariance=diagonal_covariance(DEFAULT_SIGMA_M, DEFAULT_SIGMA_RAD))

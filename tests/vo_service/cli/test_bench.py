@@ -61,11 +61,11 @@ def test_for_people_there_are_two_tables_a_sequence_and_a_note_of_what_is_left_o
     assert (done.code, done.error_lines.count("\n")) == (1, 1)
     assert "corner, icp (run 2 of 2): crashed (signal 11" in done.err
     title, head, surf, icp, _, cost, *_, note = done.out.splitlines()
-    assert title == f"corner, every frame: {FRAMES} frames in 0.4 s; in () times that of surf"
+    assert title == f"corner, every frame: {FRAMES} frames in 0.4 s; in () relative to surf"
     assert head.split()[0] == cost.split()[0] == "method"
     assert surf.split()[0] == "surf"
     assert icp.startswith("icp: crashed")
-    assert note == "left out: open3d-icp; to have it too: pip install nobodys-odometry"
+    assert note == "not available: open3d-icp; run: pip install nobodys-odometry"
 
 
 def test_without_truth_the_cost_and_the_coverage_are_told(
@@ -133,7 +133,7 @@ def test_with_an_output_it_goes_on_where_it_was(
     ("arguments", "told"),
     [
         (["gone"], "gone: no such folder; check the path"),
-        (["corner", "corner"], "same; rename one, or compare them one at a time"),
+        (["corner", "corner"], "names are equal; rename one folder"),
         (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
         (["corner", "--every", "0"], "0 is not a count: give a whole number, 1 or more"),
         (["corner", "--every", "1", "x"], "x is not a count"),

@@ -65,7 +65,7 @@ def test_for_people_there_are_two_tables_and_a_crash_is_a_row_a_line_and_an_exit
         "kinect-vo: error: corner, surf (run 1 of 1): crashed (signal 11, Segmentation fault)\n",
     )
     title, _, row, _, second, *_, last = done.out.splitlines()
-    assert title == "Table I: mean global error, in millimetres"
+    assert title == "Table I: mean global error, in millimeters"
     assert row.split() == ["corner", "crashed"]
     assert second == "Table II: processing time of the whole recording, in seconds"
     assert last == f"report: {tmp_path / 'out' / 'report.html'}"
@@ -79,7 +79,7 @@ def test_with_loops_there_is_a_table_of_what_they_have_gained(
     done = run_in_process(capfd, "compare", recording, *options)
     assert (done.code, done.error_lines) == (0, "")
     *_, title, head, row, _, _ = done.out.splitlines()
-    assert title == "With loops"
+    assert title == "Loop closure"
     assert "optimized ATE mm" in head
     _, _, _, ate, corrected_ate, *_, places, loops, _, state = row.split()
     assert (corrected_ate, places, loops, state) == (ate, "1", "0", "done")
@@ -107,7 +107,7 @@ def test_without_truth_coverage_and_times_are_reported(
     [
         (["gone"], "gone: no such folder; check the path"),
         (["corner", "empty"], "empty: the folder is empty; name one with rgb.txt and depth.txt"),
-        (["corner", "corner"], "same; rename one, or compare them one at a time"),
+        (["corner", "corner"], "names are equal; rename one folder"),
         (["corner", "--output", "file/out"], "name another with --output"),
         (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
         (["corner", "--time-limit", "0"], "0 is not a time: give seconds, more than 0"),

@@ -1,1 +1,1 @@
-"""Methods on recordings, compared with one another and with other libraries."""
+"""Comparison of our methods and other libraries on recordings."""

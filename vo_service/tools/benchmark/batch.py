@@ -1,4 +1,4 @@
-"""Every method on every recording, one after another; what is kept already is not run again."""
+"""Runs of every method on every recording, with a cache of earlier results."""
 
 import logging
 import threading
@@ -22,13 +22,15 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class BatchPlan:
-    """What to run.
+    """Runs of a batch.
 
-    recipes  by the method's name
-    folder   where runs are kept, one folder a recording and in it one a method
-    limit_s  for each run
-    again    also what is kept
-    listener who hears what the methods say, in each run
+    Attributes:
+        recordings: recordings to run on.
+        factories: method factories by the method's name.
+        folder: cache folder, with one folder per recording and in it one per method.
+        time_limit_s: time limit of each run.
+        force: whether to re-run cached results.
+        observer_factory: makes the observer of each run.
     """
 
     recordings: Sequence[BenchmarkRecording]
@@ -41,10 +43,7 @@ class BatchPlan:
 
 @dataclass(frozen=True)
 class BatchResult:
-    """One run, as it came out.
-
-    has_loops  they were asked for
-    """
+    """One run and its outcome; `has_loop_closure` is True if loop closure was enabled."""
 
     recording: BenchmarkRecording
     method: str
@@ -53,25 +52,28 @@ class BatchResult:
 
 
 def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Iterator[BatchResult]:
-    """Run what is not kept, until `stop` is set; the rest is then kept from before or not run.
+    """Run what is not cached until `stop` is set, and yield all results.
 
-    Only runs that came to their end are kept for good: one that failed is tried again the next
-    time. Raises UserFacingError if results cannot be kept or no process can be started.
+    Failed runs are run again the next time. After a stop, the other runs come from the cache or
+    are not run.
+
+    Raises:
+        UserFacingError: results cannot be written, or no process can be started.
     """
     total = len(plan.recordings) * len(plan.factories)
     number = 0
     for recording in plan.recordings:
-        for method, recipe in plan.factories.items():
+        for method, factory in plan.factories.items():
             number += 1
             label = f"{recording.name}, {method} (run {number} of {total})"
-            run = _PlannedRun(plan, recording, method, recipe)
+            run = _PlannedRun(plan, recording, method, factory)
             outcome = run.load_or_run(label, terminal, stop)
             yield BatchResult(recording, method, outcome, bool(plan.observer_factory.settings))
 
 
 @dataclass(frozen=True)
 class _PlannedRun:
-    """One run: kept from before, or made."""
+    """One run, loaded from the cache or executed."""
 
     plan: BatchPlan
     recording: BenchmarkRecording
@@ -79,16 +81,16 @@ class _PlannedRun:
     factory: MethodFactory
 
     def load_or_run(self, label: str, terminal: Terminal, stop: threading.Event) -> RunOutcome:
-        folder = RunCache(self.plan.folder / self.recording.name / self.method)
+        cache = RunCache(self.plan.folder / self.recording.name / self.method)
         key = make_cache_key(
             self.recording, self.factory, collect_versions(), self.plan.observer_factory
         )
-        kept = folder.load(key)
-        if kept is not None and kept.state is RunState.DONE and not self.plan.force:
-            terminal.write_line(f"{label}: kept from before")
-            return kept
+        cached = cache.load(key)
+        if cached is not None and cached.state is RunState.DONE and not self.plan.force:
+            terminal.write_line(f"{label}: cached")
+            return cached
         if stop.is_set():
-            return kept or RunOutcome(RunState.NOT_RUN, error="stopped before it began")
+            return cached or RunOutcome(RunState.NOT_RUN, error="stopped before its start")
         terminal.show(f"{label}: starting")
         outcome = run_in_subprocess(
             self._make_request(),
@@ -98,13 +100,13 @@ class _PlannedRun:
         )
         terminal.clear()
         if outcome.state is RunState.NOT_RUN:
-            return kept or outcome
-        folder.save(key, outcome, self._describe())
+            return cached or outcome
+        cache.save(key, outcome, self._describe())
         if outcome.state is not RunState.DONE:
             logger.error("%s: %s", label, outcome)
             return outcome
         terminal.write_line(f"{label}: {outcome.run.cpu_s:.2f} s of processor time")
-        return folder.load(key) or outcome  # the same figures as when it is kept from before
+        return cache.load(key) or outcome  # the same rounded values as from the cache
 
     def _make_request(self) -> RunRequest:
         level = logging.getLogger().getEffectiveLevel()
@@ -132,10 +134,10 @@ class _PlannedRun:
 def _make_progress_callback(
     terminal: Terminal, label: str
 ) -> Callable[[RunPreparing | RunProgress], None]:
-    def tell(word: RunPreparing | RunProgress) -> None:
-        if isinstance(word, RunProgress):
-            terminal.progress(f"{label}: frame", word.done, word.total)
+    def show(message: RunPreparing | RunProgress) -> None:
+        if isinstance(message, RunProgress):
+            terminal.progress(f"{label}: frame", message.done, message.total)
         else:
-            terminal.show(f"{label}: preparing, {word.stage}")
+            terminal.show(f"{label}: preparing, {message.stage}")
 
-    return tell
+    return show

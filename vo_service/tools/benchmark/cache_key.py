@@ -1,4 +1,4 @@
-"""A name for everything that changes a run: the same key, the same result."""
+"""Cache key of a run: a digest of everything that changes its result."""
 
 import hashlib
 import json
@@ -16,10 +16,12 @@ def make_cache_key(
     versions: Mapping[str, str],
     observer_factory: ObserverFactory = NULL_OBSERVER,
 ) -> str:
-    """Digest of the versions, the settings, the camera and the recording's files.
+    """Return a digest of the versions, the settings, the camera and the recording's files.
 
-    Images count by name, size and time of their last change; the ground truth where it is used.
-    Raises InputError if a file has gone.
+    Images count by name, size and modification time. The ground truth counts if it is used.
+
+    Raises:
+        InputError: a file cannot be read.
     """
     content = {
         "versions": dict(versions),
@@ -37,7 +39,7 @@ def _frame_fingerprints(recording: BenchmarkRecording) -> Iterator[tuple[str, st
         for image in (pair.color, pair.depth):
             try:
                 state = image.file.stat()
-            except FileNotFoundError:  # this frame will be skipped, as every time
+            except FileNotFoundError:  # the run will skip this frame
                 yield str(image.stamp), image.file.name, 0, 0
                 continue
             except OSError as error:

@@ -1,4 +1,4 @@
-"""How good a run was: every figure of it that its recording lets one tell."""
+"""Evaluation of a run: all metrics that its recording allows."""
 
 import re
 from collections import Counter
@@ -23,24 +23,28 @@ from vo_service.tools.evaluation.metrics import (
 from vo_service.tools.evaluation.run_summary import LoopClosureSummary, evaluate_if_possible
 
 EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
-# Keys that are there where loops were asked for.
+# These keys exist only with loop closure.
 LOOP_CLOSURE_MS_KEY = "loop_closure_ms_per_frame"
 LOOP_CLOSURE_KEYS = (*LoopClosureSummary(0, 0, None).as_json(), LOOP_CLOSURE_MS_KEY)
 
 
 @dataclass(frozen=True)
 class RunEvaluation:
-    """A run and its figures. None: cannot be told.
+    """A run and its metrics; None means that a metric is not known.
 
-    no_evaluation  why there is none, "" where there is one
-    coverage       frames with a pose, of those that the recording lists (and that have ground
-                   truth, where there is any)
-    crossings      one a pause of the recording; none where there is no run
-    jumps          error of the motion across each pause, (1,) each
-    rpe_frame_without_gaps_m  RPE of one frame without the steps across the pauses
-    steps          from a pose to the next one in the same epoch, where both have ground truth
-    gross_errors   of these, how many are off by more than 5 cm or 3 degrees
-    corrected      of the trajectory as loops have corrected it, where they were asked for
+    Attributes:
+        batch_result: the run.
+        evaluation: metrics of the trajectory.
+        matched: poses with their ground truth.
+        no_evaluation_reason: why `evaluation` is None; "" otherwise.
+        coverage: fraction of the recording's frames with a pose; with ground truth, only frames
+            that have it count.
+        gap_outcomes: one per gap of the recording; empty without a result.
+        gap_errors: error of the motion across each gap, (1,) each.
+        rpe_frame_without_gaps_m: RPE of one frame without the steps across gaps.
+        steps: number of steps between successive poses of an epoch, both with ground truth.
+        gross_errors: number of these steps with an error of more than 5 cm or 3 degrees.
+        optimized_evaluation: metrics of the trajectory after loop closure, if it was enabled.
     """
 
     batch_result: BatchResult
@@ -57,38 +61,38 @@ class RunEvaluation:
 
     @property
     def outcome(self) -> RunOutcome:
-        """How the run ended."""
+        """State and result of the run."""
         return self.batch_result.outcome
 
     @property
     def is_done(self) -> bool:
-        """Whether the run came to its end."""
+        """Whether the run is complete."""
         return self.outcome.state is RunState.DONE
 
     @property
     def lost_reasons(self) -> list[tuple[str, int]]:
-        """Why frames had no pose, and how many; numbers in the reasons are left out."""
+        """Reasons for lost frames and their counts; numbers in the reasons are replaced by #."""
         reasons = (re.sub(r"\d+(\.\d+)?", "#", text) for text in self.outcome.run.frames.reasons)
         return Counter(filter(None, reasons)).most_common()
 
     def as_json(self) -> dict[str, Any]:
-        """One flat object; null for what could not be computed."""
-        done = self.is_done
+        """Return one flat object; null for unknown metrics."""
+        is_done = self.is_done
         run = run_as_json(self.outcome.run)
-        evaluated = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
+        metrics = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
         return {
             "state": self.outcome.state,
             "trouble": self.outcome.error,
             "no_evaluation": self.no_evaluation_reason,
-            **(run if done else dict.fromkeys(run)),
-            **evaluated,
+            **(run if is_done else dict.fromkeys(run)),
+            **metrics,
             "coverage": self.coverage,
             "rpe_frame_without_gaps_m": self.rpe_frame_without_gaps_m,
             "steps": self.steps,
             "gross_errors": self.gross_errors,
             "gaps": [
-                {"across": str(crossing), **_gap_error_as_json(jump)}
-                for crossing, jump in zip(self.gap_outcomes, self.gap_errors, strict=True)
+                {"across": str(outcome), **_gap_error_as_json(error)}
+                for outcome, error in zip(self.gap_outcomes, self.gap_errors, strict=True)
             ],
             "why_lost": dict(self.lost_reasons),
             **self._loop_closure_as_json(),
@@ -100,26 +104,26 @@ class RunEvaluation:
         run = self.outcome.run.loop_closure
         if run is None:
             return dict.fromkeys(LOOP_CLOSURE_KEYS)
-        with_loops = LoopClosureSummary(
+        summary = LoopClosureSummary(
             run.map_keyframes, run.loop_closures, self.optimized_evaluation
         )
-        return {**with_loops.as_json(), LOOP_CLOSURE_MS_KEY: run.cpu_ms_per_frame}
+        return {**summary.as_json(), LOOP_CLOSURE_MS_KEY: run.cpu_ms_per_frame}
 
 
 def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
-    """Everything that can be told of a run."""
+    """Evaluate a run with all metrics that are possible."""
     run, recording = batch_result.outcome.run, batch_result.recording
     if batch_result.outcome.state is not RunState.DONE:
-        return RunEvaluation(batch_result, no_evaluation_reason="there is no result")
+        return RunEvaluation(batch_result, no_evaluation_reason="the run has no result")
     frames = run.frames
-    crossings = tuple(
+    gap_outcomes = tuple(
         classify_gap(gap, frames.stamps_s, frames.has_pose, frames.epochs) for gap in recording.gaps
     )
     without_truth = RunEvaluation(
         batch_result,
         coverage=len(run.trajectory) / len(recording.frame_stamps_s),
-        gap_outcomes=crossings,
-        gap_errors=(None,) * len(crossings),
+        gap_outcomes=gap_outcomes,
+        gap_errors=(None,) * len(gap_outcomes),
     )
     return _with_ground_truth(without_truth, run, recording)
 
@@ -127,7 +131,7 @@ def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
 def _with_ground_truth(
     run_evaluation: RunEvaluation, run: CompletedRun, recording: BenchmarkRecording
 ) -> RunEvaluation:
-    """With the figures that need the truth, where there is one; else with why not."""
+    """Add the metrics that need the truth, or the reason why there are none."""
     if recording.truth is None:
         return replace(run_evaluation, no_evaluation_reason="there is no groundtruth.txt")
     if not len(run.trajectory):
@@ -139,8 +143,8 @@ def _with_ground_truth(
     matched = associate(run.trajectory, recording.truth)
     pairs = consecutive_pairs(matched)
     steps_m = relative_errors(matched, pairs).translation_m
-    good = run.frames.has_pose
-    steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[good])
+    has_pose = run.frames.has_pose
+    steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[has_pose])
     return replace(
         run_evaluation,
         evaluation=evaluation,

@@ -1,4 +1,4 @@
-"""What the program and the process of one run say to each other."""
+"""Messages between the program and the worker process of one run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +12,16 @@ from vo_service.tools.benchmark.run import RunOutcome
 
 @dataclass(frozen=True)
 class RunRequest:
-    """To the process, once: follow this folder. `camera_file` as for `open_tum_folder`.
+    """Request to the worker, sent once: run a method on a recording.
 
-    listener          who hears what the method says
-    may_end_compiled  where kernels had to be compiled first, the last word is `KernelsCompiled`
+    Attributes:
+        folder: the recording.
+        camera_file: as for `open_tum_folder`.
+        factory: makes the method.
+        log_level: level of the log messages to forward.
+        frame_selection: frames to use.
+        stop_after_compiling: if kernels had to be compiled, end with `KernelsCompiled`.
+        observer_factory: makes the observer of the run.
     """
 
     folder: Path
@@ -29,14 +35,14 @@ class RunRequest:
 
 @dataclass(frozen=True)
 class RunPreparing:
-    """From the process: what is being compiled, loaded or tried out beforehand."""
+    """Message of the worker: the current stage of compilation, loading or warm-up."""
 
     stage: str
 
 
 @dataclass(frozen=True)
 class RunProgress:
-    """From the process: so many of the frames are done."""
+    """Message of the worker: number of processed frames."""
 
     done: int
     total: int
@@ -44,11 +50,11 @@ class RunProgress:
 
 @dataclass(frozen=True)
 class KernelsCompiled:
-    """From the process: kernels had to be compiled, so its memory is not what the method takes.
+    """Last message of a worker that had to compile kernels, so its memory use is not the method's.
 
-    They are kept: another process will find them.
+    The kernels are cached for the next process.
     """
 
 
-# The last word is one of the last two.
+# The last message is one of the last two types.
 RunMessage = RunPreparing | RunProgress | LogMessage | KernelsCompiled | RunOutcome

@@ -1,4 +1,4 @@
-"""How a method is made in the process that runs it."""
+"""Factories that make a method in the process that runs it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -15,18 +15,18 @@ from vo_service.types import Odometry
 
 
 class SfmScale(StrEnum):
-    """Where a method without a scale of its own gets its first metre from."""
+    """Source of the first scale of a method without metric scale."""
 
     FIRST_DEPTH = "first-depth"
     GROUND_TRUTH = "ground-truth"
 
 
 class MethodFactory(Protocol):
-    """Makes an odometry. Goes to another process, so it can be pickled."""
+    """Picklable factory of an odometry."""
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """All that changes the result, for JSON."""
+        """All settings that change the result, for JSON."""
         ...
 
     @property
@@ -35,17 +35,17 @@ class MethodFactory(Protocol):
         ...
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
-        """Compile what is to be compiled, and tell what is being done."""
+        """Compile or load the kernels; `on_progress` is called with each stage."""
         ...
 
     def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
-        """The odometry."""
+        """Make the odometry. `truth` is None if the recording has none."""
         ...
 
 
 @dataclass(frozen=True)
 class ConfiguredMethodFactory:
-    """A method with the settings of a configuration; see `Recipe`."""
+    """Factory of one of our methods with the settings of a configuration."""
 
     odometry: OdometryConfig
 
@@ -56,7 +56,7 @@ class ConfiguredMethodFactory:
 
     @property
     def uses_truth(self) -> bool:
-        """It sees the frames alone."""
+        """False: only the frames are used."""
         return False
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
@@ -64,24 +64,24 @@ class ConfiguredMethodFactory:
         warm_up(self.odometry.method, on_progress)
 
     def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
-        """As the service makes it."""
+        """Make the odometry as the service does."""
         return make_odometry(self.odometry, stopwatch)
 
 
 @dataclass(frozen=True)
 class TrueScaleSfmFactory:
-    """The color-only method with its first scale from the ground truth; see `Recipe`."""
+    """Factory of the color-only method with its first scale from the ground truth."""
 
     odometry: OdometryConfig
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """The `[odometry]` table, and where the scale comes from."""
+        """The `[odometry]` table and the source of the scale."""
         return {**asdict(self.odometry), "sfm_scale": SfmScale.GROUND_TRUTH}
 
     @property
     def uses_truth(self) -> bool:
-        """The distance between its first two places."""
+        """True: the distance between its first two keyframes is used."""
         return True
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
@@ -89,7 +89,7 @@ class TrueScaleSfmFactory:
         warm_up(self.odometry.method, on_progress)
 
     def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
-        """As the service makes it, but for the scale. Raises InputError without truth."""
+        """Make the odometry, with scale from the truth. Raises InputError without a truth."""
         from vo_service.odometry.sfm.odometry import SfmOdometry
         from vo_service.odometry.sfm.scale_source import GivenBaselineScale
         from vo_service.odometry.surf import SurfExtractor

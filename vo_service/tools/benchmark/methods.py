@@ -1,4 +1,4 @@
-"""Who takes part: our methods and the peers, by the names that --methods takes."""
+"""Methods for --methods by name: ours and the baselines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,22 +18,21 @@ METHOD_NAMES = (*METHODS, *BASELINES)
 
 @dataclass(frozen=True)
 class UnavailableMethods:
-    """Methods that cannot take part, as their package is not installed."""
+    """Methods that cannot run because their package is not installed."""
 
     package: BaselinePackage
     methods: Sequence[str]
 
     def __str__(self) -> str:
-        what = ", ".join(self.methods)
-        return f"left out: {what}; to have it too: {self.package.install_command}"
+        return f"not available: {', '.join(self.methods)}; run: {self.package.install_command}"
 
     def as_json(self) -> dict[str, object]:
-        """For report.json."""
+        """Return the entry for report.json."""
         return {"methods": list(self.methods), "install": self.package.install_command}
 
 
 def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
-    """One entry a package that is missing."""
+    """Return one entry per missing package."""
     missing: dict[BaselinePackage, list[str]] = {}
     for name in names:
         if name in BASELINES and not BASELINES[name].package.is_installed:
@@ -44,8 +43,8 @@ def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
 def make_method_factories(
     names: Sequence[str], unavailable: Sequence[UnavailableMethods], odometry: OdometryConfig
 ) -> Mapping[str, MethodFactory]:
-    """How each is made, in the order of the names. Raises InputError if none can take part."""
-    absent = {name for each in unavailable for name in each.methods}
+    """Return factories in the order of the names. Raises InputError if none is available."""
+    absent = {name for entry in unavailable for name in entry.methods}
     present = [name for name in names if name not in absent]
     if not present:
         raise InputError("; ".join(map(str, unavailable)))

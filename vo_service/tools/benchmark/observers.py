@@ -1,7 +1,7 @@
-"""Who else hears what a method says in a run: nobody, or what knows places again.
+"""Observers of a run: none, or loop closure.
 
-Listeners change nothing of what the method says, nor of its times: they hear each frame after both
-were taken down.
+Observers change neither a method's estimates nor its times: they get each frame after both were
+recorded.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,64 +13,64 @@ from vo_service.types import Estimate
 
 
 class RunObserver(Protocol):
-    """Hears a run."""
+    """Observer of a run."""
 
     def observe(self, frame: RgbdFrame, estimate: Estimate) -> None:
-        """Take what the method says of the next frame."""
+        """Process the next frame and its estimate."""
         ...
 
     @property
     def result(self) -> LoopClosureRun | None:
-        """What has come of it by now; None of nothing."""
+        """Result so far; None without loop closure."""
         ...
 
 
 class ObserverFactory(Protocol):
-    """Makes a listener. Goes to another process, so it can be pickled."""
+    """Picklable factory of an observer."""
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """What a run is told apart by, for JSON; empty where nothing is added to it."""
+        """Settings that change the result, for JSON; empty without an observer."""
         ...
 
     @property
     def config_tables(self) -> Mapping[str, Mapping[str, object]]:
-        """The tables of a configuration that count, with what was chosen there."""
+        """Tables of the configuration that the observer uses, with their values."""
         ...
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
-        """Compile what is to be compiled, and tell what is being done."""
+        """Compile or load the kernels; `on_progress` is called with each stage."""
         ...
 
     def make(self) -> RunObserver:
-        """A listener, new."""
+        """Make a new observer."""
         ...
 
 
 class NullObserver:
-    """Nobody listens: recipe and listener."""
+    """Factory and observer that do nothing."""
 
     result = None
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """Nothing."""
+        """No settings."""
         return {}
 
     @property
     def config_tables(self) -> Mapping[str, Mapping[str, object]]:
-        """None."""
+        """No tables."""
         return {}
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
-        """Nothing to prepare."""
+        """Do nothing."""
 
     def make(self) -> RunObserver:
-        """Itself: it has no state."""
+        """Return itself; it has no state."""
         return self
 
     def observe(self, frame: RgbdFrame, estimate: Estimate) -> None:
-        """Not."""
+        """Do nothing."""
 
 
 NULL_OBSERVER = NullObserver()

@@ -1,4 +1,4 @@
-"""A recording that methods are compared on."""
+"""Recordings of a comparison."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -18,10 +18,14 @@ from vo_service.tools.evaluation.gaps import Gap, find_gaps
 
 @dataclass(frozen=True)
 class BenchmarkRecording:
-    """A folder that has been checked, or an excerpt of it, with a name of its own.
+    """A checked recording, or a selection of its frames.
 
-    camera_file  what it was opened with
-    opened       its frames are those of the excerpt
+    Attributes:
+        name: name of the recording and of its cache folder.
+        folder: folder of the recording.
+        camera_file: camera file that it was opened with.
+        tum_folder: contents, with the selected frames.
+        frame_selection: the selection.
     """
 
     name: str
@@ -31,63 +35,68 @@ class BenchmarkRecording:
     frame_selection: FrameSelection = ALL_FRAMES
 
     def select(self, frame_selection: FrameSelection) -> "BenchmarkRecording":
-        """An excerpt of the whole recording."""
+        """Return the recording with a selection of its frames."""
         frames = self.tum_folder.frames
-        part = replace(frames, pairs=frame_selection.select(frames.pairs))
-        opened = replace(self.tum_folder, frames=part)
+        selected = replace(frames, pairs=frame_selection.select(frames.pairs))
+        tum_folder = replace(self.tum_folder, frames=selected)
         return replace(
             self,
             name=f"{self.name}{frame_selection.suffix}",
             frame_selection=frame_selection,
-            tum_folder=opened,
+            tum_folder=tum_folder,
         )
 
     @cached_property
     def frame_stamps_s(self) -> Array:
-        """(F,) stamps of the frames that it lists."""
+        """(F,) stamps of the frames."""
         return np.array([pair.color.stamp_s for pair in self.tum_folder.frames.pairs])
 
     @cached_property
     def gaps(self) -> list[Gap]:
-        """Pauses between its frames."""
+        """Gaps between its frames."""
         return find_gaps(self.frame_stamps_s)
 
     @property
     def truth(self) -> Trajectory | None:
-        """The ground truth, where it has one."""
+        """The ground truth; None if it has none."""
         return self.tum_folder.ground_truth
 
     @property
     def duration_s(self) -> float:
-        """From the first frame to the last."""
+        """Time from the first frame to the last."""
         return float(self.frame_stamps_s[-1] - self.frame_stamps_s[0])
 
     @property
     def path_m(self) -> float | None:
-        """Length of the true way, from frame to frame; None where it is not known."""
+        """Length of the true trajectory, from frame to frame; None if not known."""
         if self.truth is None:
             return None
-        known_s = self.frame_stamps_s[has_match(self.frame_stamps_s, self.truth.stamps_s)]
-        if len(known_s) < 2:
+        matched_s = self.frame_stamps_s[has_match(self.frame_stamps_s, self.truth.stamps_s)]
+        if len(matched_s) < 2:
             return None
         positions_m = self.truth.T_world_camera[
-            nearest_indices(self.truth.stamps_s, known_s), :3, 3
+            nearest_indices(self.truth.stamps_s, matched_s), :3, 3
         ]
         return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
 
 
 def open_recordings(folders: Sequence[Path], camera_file: Path | None) -> list[BenchmarkRecording]:
-    """Check the folders before hours go into them; `camera_file` as for `open_tum_folder`.
+    """Check and open recordings before long runs.
 
-    Raises InputError for a folder without use, and for two of one name: results are kept by name.
+    Args:
+        folders: folders of the recordings.
+        camera_file: as for `open_tum_folder`.
+
+    Raises:
+        InputError: a folder is not usable, or two folders have the same name.
     """
     names = [folder.resolve().name for folder in folders]
     for name, count in Counter(names).items():
         if count > 1:
-            twice = [str(folder) for folder in folders if folder.resolve().name == name]
+            same_name = [str(folder) for folder in folders if folder.resolve().name == name]
             raise InputError(
-                f"{' and '.join(twice)}: results are kept by the folder's name, and these have the "
-                "same; rename one, or compare them one at a time, each with an --output of its own"
+                f"{' and '.join(same_name)}: results are stored by the folder's name, and these "
+                "names are equal; rename one folder, or use separate runs with their own --output"
             )
     return [
         BenchmarkRecording(name, folder, camera_file, open_tum_folder(folder, camera_file))

@@ -1,4 +1,4 @@
-"""How far the camera really went: the first scale of a method that has none of its own."""
+"""True distances, for the first scale of a method without metric scale."""
 
 import math
 
@@ -8,19 +8,19 @@ from drivers.core.trajectory import Trajectory, has_match
 
 
 class GroundTruthDistance:
-    """Distances between the true places of two frames."""
+    """Distances between the true positions of two frames."""
 
     def __init__(self, truth: Trajectory) -> None:
         self._truth = truth
 
     def __call__(self, from_s: float, to_s: float) -> float:
-        """Metres between the places at two stamps, each interpolated between its neighbours.
+        """Return the distance between the interpolated positions at two stamps, m.
 
-        NaN where no truth is within 20 ms of a stamp: motion capture has gaps.
+        NaN if no truth is within 20 ms of a stamp, because motion capture has gaps.
         """
         stamps_s, truth = np.array([from_s, to_s]), self._truth
         if not has_match(stamps_s, truth.stamps_s).all():
             return math.nan
         positions_m = truth.T_world_camera[:, :3, 3]
-        places_m = [np.interp(stamps_s, truth.stamps_s, axis_m) for axis_m in positions_m.T]
-        return float(np.linalg.norm(np.diff(places_m, axis=1)))
+        interpolated_m = [np.interp(stamps_s, truth.stamps_s, axis_m) for axis_m in positions_m.T]
+        return float(np.linalg.norm(np.diff(interpolated_m, axis=1)))

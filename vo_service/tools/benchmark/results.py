@@ -1,4 +1,4 @@
-"""All results, recording by recording."""
+"""Results of a comparison by recording."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -8,24 +8,26 @@ from vo_service.tools.benchmark.batch import BatchResult
 from vo_service.tools.benchmark.evaluate_run import RunEvaluation, evaluate_run
 from vo_service.tools.benchmark.recordings import BenchmarkRecording
 
-# A method that gives a pose to fewer frames than this has the easy ones alone.
+# A method with a lower coverage may have poses of the easy frames only.
 MIN_RANKED_COVERAGE = 0.9
 
 
 @dataclass(frozen=True)
 class SequenceResults:
-    """One recording, and how good each method was on it."""
+    """One recording and the evaluations of all methods on it."""
 
     recording: BenchmarkRecording
     evaluations: Mapping[str, RunEvaluation]
 
     @property
     def has_loop_closure(self) -> bool:
-        """Whether they were asked for."""
-        return any(judged.batch_result.has_loop_closure for judged in self.evaluations.values())
+        """Whether loop closure was enabled."""
+        return any(
+            evaluation.batch_result.has_loop_closure for evaluation in self.evaluations.values()
+        )
 
     def as_json(self) -> dict[str, Any]:
-        """What the recording is, and the figures of each method."""
+        """Return the facts of the recording and the metrics of each method."""
         recording = self.recording
         return {
             "name": recording.name,
@@ -38,28 +40,30 @@ class SequenceResults:
                 {"begin_s": gap.begin_s, "end_s": gap.end_s, "length_s": gap.length_s}
                 for gap in recording.gaps
             ],
-            "methods": {method: judged.as_json() for method, judged in self.evaluations.items()},
+            "methods": {
+                method: evaluation.as_json() for method, evaluation in self.evaluations.items()
+            },
         }
 
     def best_method(self, value: Callable[[RunEvaluation], float | None]) -> str | None:
-        """The method of the smallest value; None where fewer than two have one.
+        """Return the method with the smallest value, or None if fewer than two have one.
 
-        One that placed few of the frames is not the best of anything.
+        Methods with low coverage do not count.
         """
         values = {
-            method: value(judged)
-            for method, judged in self.evaluations.items()
-            if judged.coverage is not None and judged.coverage >= MIN_RANKED_COVERAGE
+            method: value(evaluation)
+            for method, evaluation in self.evaluations.items()
+            if evaluation.coverage is not None and evaluation.coverage >= MIN_RANKED_COVERAGE
         }
-        known = {method: found for method, found in values.items() if found is not None}
+        known = {method: number for method, number in values.items() if number is not None}
         return min(known, key=lambda method: known[method]) if len(known) > 1 else None
 
 
 def collect_results(batch_results: Iterable[BatchResult]) -> list[SequenceResults]:
-    """Judge all runs; in the order in which they come."""
+    """Evaluate all runs, in their order."""
     recordings: dict[str, BenchmarkRecording] = {}
-    judged: dict[str, dict[str, RunEvaluation]] = {}
-    for entry in batch_results:
-        recordings[entry.recording.name] = entry.recording
-        judged.setdefault(entry.recording.name, {})[entry.method] = evaluate_run(entry)
-    return [SequenceResults(recordings[name], judged[name]) for name in recordings]
+    evaluations: dict[str, dict[str, RunEvaluation]] = {}
+    for result in batch_results:
+        recordings[result.recording.name] = result.recording
+        evaluations.setdefault(result.recording.name, {})[result.method] = evaluate_run(result)
+    return [SequenceResults(recordings[name], evaluations[name]) for name in recordings]

@@ -1,4 +1,4 @@
-"""What one method did on one recording, and how it ended."""
+"""Result of one method on one recording."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,26 +12,28 @@ from drivers.core.trajectory import Trajectory
 
 
 class RunState(StrEnum):
-    """How a run ended; as a word for people and for scripts."""
+    """State of a run, as text for people and scripts."""
 
     DONE = "done"
-    CRASHED = "crashed"  # its process ended without an answer
-    ERROR = "error"  # an error of the program
-    FAILED = "failed"  # an error that says what to do
+    CRASHED = "crashed"  # its process ended without a result
+    ERROR = "error"  # a program error
+    FAILED = "failed"  # a user-facing error
     TIMED_OUT = "timed out"
-    NOT_RUN = "not run"  # the program was stopped before
+    NOT_RUN = "not run"  # the program was stopped earlier
 
 
 @dataclass(frozen=True)
 class FrameLog:
-    """What became of each of F frames, in order of time.
+    """Results of F frames, in order of time.
 
-    stamps_s         (F,) as recorded
-    is_good          (F,) has a pose of its own
-    epochs           (F,) counts how often the pose was not continuous with the one before
-    inliers          (F,)
-    cpu_ms, wall_ms  (F,) of the estimate alone: reading and decoding are not in them
-    reasons          (F,) why there is no pose, "" where there is one
+    Attributes:
+        stamps_s: (F,) recorded stamps.
+        has_pose: (F,) whether the frame has a pose.
+        epochs: (F,) number of discontinuities of the pose so far.
+        inliers: (F,) inliers of the estimate.
+        cpu_ms: (F,) processor time of the estimate, without reading and decoding.
+        wall_ms: (F,) elapsed time of the same.
+        reasons: (F,) why there is no pose; "" with a pose.
     """
 
     stamps_s: Array
@@ -47,7 +49,7 @@ class FrameLog:
 
     @classmethod
     def from_rows(cls, rows: list[tuple[float, bool, int, int, float, float, str]]) -> "FrameLog":
-        """From one row a frame: the fields in their order."""
+        """Make it from one row per frame, with the fields in order."""
         columns = list(zip(*rows, strict=True)) if rows else [()] * 7
         return cls(
             np.array(columns[0], np.float64),
@@ -62,11 +64,13 @@ class FrameLog:
 
 @dataclass(frozen=True)
 class LoopClosureRun:
-    """What known places made of a run.
+    """Result of loop closure in a run.
 
-    trajectory     corrected by what was known in the end, of the frames that lie by a place
-    places, loops  how many there are in the end
-    cpu_ms         mean processor time of a frame, beside that of the method
+    Attributes:
+        trajectory: final optimized poses of the frames that are connected to a map keyframe.
+        map_keyframes: number of map keyframes at the end.
+        loop_closures: number of loop closures at the end.
+        cpu_ms_per_frame: mean processor time per frame, in addition to the method's.
     """
 
     trajectory: Trajectory
@@ -77,14 +81,15 @@ class LoopClosureRun:
 
 @dataclass(frozen=True)
 class CompletedRun:
-    """A run to its end.
+    """Result of a complete run.
 
-    frames      what became of each frame
-    trajectory  the poses of the good ones, optical axes, the first camera as world
-    skipped     frames that could not be read
-    stage_ms    median CPU milliseconds by stage
-    memory_mb   the most memory that its process took
-    with_loops  None where they were not asked for
+    Attributes:
+        frames: result of each frame.
+        trajectory: poses in optical axes; the first camera is the world frame.
+        skipped: number of unreadable frames.
+        stage_ms: median processor time by stage, ms.
+        memory_mb: peak memory of the process, 10^6 bytes.
+        loop_closure: None if loop closure was not enabled.
     """
 
     frames: FrameLog
@@ -96,27 +101,27 @@ class CompletedRun:
 
     @property
     def cpu_s(self) -> float:
-        """Processor time of all frames together."""
+        """Total processor time of all frames, s."""
         return float(self.frames.cpu_ms.sum()) / 1e3
 
     @property
     def wall_s(self) -> float:
-        """Time that passed during it."""
+        """Total elapsed time of all frames, s."""
         return float(self.frames.wall_ms.sum()) / 1e3
 
     @property
     def cpu_ms_per_frame(self) -> float:
-        """Median; 0 of no frames."""
+        """Median processor time of a frame, ms; 0 without frames."""
         return float(np.median(self.frames.cpu_ms)) if len(self.frames) else 0.0
 
     @property
     def failed(self) -> int:
-        """Frames without a pose."""
+        """Number of frames without a pose."""
         return int(np.count_nonzero(~self.frames.has_pose))
 
     @property
     def new_epochs(self) -> int:
-        """How often the pose was not continuous with the one before."""
+        """Number of discontinuities of the pose."""
         return int(self.frames.epochs[-1]) if len(self.frames) else 0
 
 
@@ -125,10 +130,13 @@ EMPTY_RUN = CompletedRun(FrameLog.from_rows([]), Trajectory(np.empty(0), np.empt
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """How a run ended: with a result, or with the trouble that there was.
+    """Outcome of a run: a result or an error.
 
-    trouble  one line for people, "" when done
-    details  the program's own account of an error: its traceback
+    Attributes:
+        state: how the run ended.
+        run: the result; empty unless the run is done.
+        error: one line for people; "" if the run is done.
+        details: traceback of a program error.
     """
 
     state: RunState
@@ -137,6 +145,6 @@ class RunOutcome:
     details: str = ""
 
     def __str__(self) -> str:
-        """The state and the trouble, which may say the state already."""
+        """Return state and error, without repeating the state."""
         has_state = not self.error or self.error.startswith(self.state)
         return (self.error or self.state) if has_state else f"{self.state}: {self.error}"

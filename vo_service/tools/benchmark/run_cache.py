@@ -1,4 +1,4 @@
-"""The folder of one run: what it did is kept there, so that it need not be done again."""
+"""Cache folder of one run."""
 
 import csv
 import io
@@ -34,13 +34,13 @@ FRAME_COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms",
 
 
 class RunCache:
-    """Keeps an outcome in files that are written whole, result.json last."""
+    """Cache of an outcome in files that are written atomically, result.json last."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def load(self, key: str) -> RunOutcome | None:
-        """What was kept under this very key; None if there is no such thing, or it is damaged."""
+        """Return the outcome stored with this key, or None if it is missing or damaged."""
         try:
             result = json.loads((self.path / RESULT_FILE).read_text())
             if result["schema"] != SCHEMA or result["key"] != key:
@@ -53,7 +53,7 @@ class RunCache:
             return None
 
     def save(self, key: str, outcome: RunOutcome, description: Mapping[str, object]) -> None:
-        """Keep it; `about` goes into result.json as well. Raises as `write_file`."""
+        """Store an outcome; the description goes into result.json, too. Raises as `write_file`."""
         run = outcome.run
         create_output_folder(self.path)
         for name in (
@@ -103,16 +103,16 @@ class RunCache:
 
     def _load_loop_closure(self, result: Mapping[str, Any]) -> LoopClosureRun:
         count = int(result["optimized_poses"])
-        corrected = (
+        optimized = (
             read_trajectory(self.path / OPTIMIZED_TRAJECTORY_FILE)
             if count
             else EMPTY_RUN.trajectory
         )
-        if len(corrected) != count:
-            raise ValueError("the files are not of one run")
+        if len(optimized) != count:
+            raise ValueError("the files belong to different runs")
         cpu_ms = float(result["loop_closure_ms_per_frame"])
         return LoopClosureRun(
-            corrected, int(result["map_keyframes"]), int(result["loop_closures"]), cpu_ms
+            optimized, int(result["map_keyframes"]), int(result["loop_closures"]), cpu_ms
         )
 
     def _load_details(self) -> str:
@@ -121,7 +121,7 @@ class RunCache:
 
 
 def run_as_json(run: CompletedRun) -> dict[str, object]:
-    """The figures of a run that need no ground truth."""
+    """Return the metrics of a run that need no ground truth."""
     return {
         "frames": len(run.frames),
         "failed": run.failed,
@@ -130,13 +130,13 @@ def run_as_json(run: CompletedRun) -> dict[str, object]:
         "cpu_s": round(run.cpu_s, 6),
         "wall_s": round(run.wall_s, 6),
         "cpu_ms_per_frame": round(run.cpu_ms_per_frame, 3),
-        "stage_ms": {stage: round(spent, 3) for stage, spent in run.stage_ms.items()},
+        "stage_ms": {stage: round(ms, 3) for stage, ms in run.stage_ms.items()},
         "memory_mb": round(run.memory_mb, 1),
     }
 
 
 def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, object]:
-    """The figures of loops that need no ground truth; none where there are no loops."""
+    """Return the metrics of loop closure that need no ground truth; empty without it."""
     if loop_closure is None:
         return {}
     return {
@@ -148,13 +148,13 @@ def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, objec
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a whole file or none. Raises UserFacingError for a full disk, InputError otherwise."""
+    """Write a file atomically. Raises UserFacingError for a full disk, else InputError."""
     try:
         atomic_write(path, data)
     except OSError as error:
         raise (UserFacingError if is_disk_full(error) else InputError)(
-            f"{path}: cannot be written: {error.strerror}; make room, or name another folder with "
-            "--output"
+            f"{path}: cannot be written: {error.strerror}; free some space, or name another "
+            "folder with --output"
         ) from error
 
 
@@ -192,7 +192,7 @@ def _read_frames(text: str) -> FrameLog:
 
 
 def _check_consistent(frames: FrameLog, trajectory: Trajectory, count: int) -> None:
-    """Raise ValueError unless the files belong together."""
-    is_whole = len(frames) == count
-    if not is_whole or not np.array_equal(frames.stamps_s[frames.has_pose], trajectory.stamps_s):
-        raise ValueError("the files are not of one run")
+    """Raise ValueError unless the files belong to the same run."""
+    is_complete = len(frames) == count
+    if not is_complete or not np.array_equal(frames.stamps_s[frames.has_pose], trajectory.stamps_s):
+        raise ValueError("the files belong to different runs")

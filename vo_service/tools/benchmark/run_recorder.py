@@ -1,4 +1,4 @@
-"""What becomes of each frame of a run, taken down while it goes on."""
+"""Recorder of each frame's result during a run."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from vo_service.types import Estimate
 
 
 class RunRecorder:
-    """One line a frame."""
+    """Recorder with one row per frame."""
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, bool, int, int, float, float, str]] = []
@@ -28,7 +28,7 @@ class RunRecorder:
         return len(self._rows)
 
     def add_frame(self, frame: RgbdFrame, estimate: Estimate, cpu_s: float, wall_s: float) -> None:
-        """What a frame came to, and what that took."""
+        """Add the result of a frame and its processor and elapsed time, s."""
         self._epoch += estimate.is_reset
         times_ms = 1e3 * cpu_s, 1e3 * wall_s
         state = frame.stamp_s, estimate.ok, self._epoch, estimate.inliers
@@ -38,29 +38,29 @@ class RunRecorder:
             self._poses.append(estimate.T_world_camera)
 
     def add_stages(self, stages_ms: Mapping[str, float]) -> None:
-        """Milliseconds by stage of one frame."""
-        for stage, spent_ms in stages_ms.items():
-            self._stages_ms[stage].append(spent_ms)
+        """Add the times of one frame by stage, ms."""
+        for stage, time_ms in stages_ms.items():
+            self._stages_ms[stage].append(time_ms)
 
     def finish(self, skipped: int, loop_closure: LoopClosureRun | None = None) -> CompletedRun:
-        """All of it. Raises UserFacingError if a pose is no pose."""
+        """Return the complete run. Raises UserFacingError if a pose is not finite."""
         poses = np.array(self._poses, np.float64).reshape(-1, 4, 4)
         if not np.isfinite(poses).all():
-            raise UserFacingError("a pose is not finite: the method has a fault")
+            raise UserFacingError("a pose is not finite; this is an error of the method, report it")
         return CompletedRun(
             frames=FrameLog.from_rows(self._rows),
             trajectory=Trajectory(np.array(self._stamps_s), poses),
             skipped=skipped,
-            stage_ms={stage: median(spent) for stage, spent in self._stages_ms.items()},
+            stage_ms={stage: median(times_ms) for stage, times_ms in self._stages_ms.items()},
             memory_mb=peak_memory_mb(),
             loop_closure=loop_closure,
         )
 
 
 def peak_memory_mb() -> float:
-    """The most memory that this process has had at a time, in 10^6 bytes.
+    """Return the peak memory of this process, 10^6 bytes.
 
-    Not that of `getrusage`: it begins with what the process had that started this one.
+    The peak of `getrusage` would include the parent process before the fork.
     """
     lines = Path("/proc/self/status").read_text().splitlines()
     peak = next(line for line in lines if line.startswith("VmHWM:"))

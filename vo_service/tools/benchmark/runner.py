@@ -1,8 +1,7 @@
-"""One method over one recording, frame by frame, with its times.
+"""Run of one method on one recording, with times of each frame.
 
-Frames are read one at a time, between two estimates: nothing is decoded while a method works, so
-all processor time meanwhile is the method's, whatever threads it has, and no frames but the newest
-take memory.
+Frames are read one at a time between two estimates. So nothing is decoded while a method works:
+all processor time belongs to the method and its threads, and only the newest frame takes memory.
 """
 
 import logging
@@ -24,23 +23,25 @@ from vo_service.tools.benchmark.run_recorder import RunRecorder
 from vo_service.types import Estimate, Odometry
 
 PROGRESS_PERIOD_S = 0.1
-# A method is first tried on so many frames and then made anew: what it loads, compiles and sets up
-# the first time is not counted.
+# A method first processes this many frames and is then made again, so that loading, compilation
+# and setup do not count.
 WARM_UP_FRAMES = 3
 
 logger = logging.getLogger(__name__)
 
 
-class KernelsCompiledFirst(Exception):  # noqa: N818 (no error: all is well, but for the memory)
-    """Kernels had to be compiled in this process, and no frame has been counted yet."""
+class KernelsCompiledFirst(Exception):  # noqa: N818 (not an error: only the memory would be wrong)
+    """Kernels had to be compiled in this process; no frame has been counted yet."""
 
 
 def run_method(
     request: RunRequest, send: Callable[[RunPreparing | RunProgress], None]
 ) -> CompletedRun:
-    """All frames of the excerpt. Raises UserFacingError if the folder or a pose is without use.
+    """Run a method on the selected frames.
 
-    Raises CompiledFirst where the job allows it, and kernels had to be compiled.
+    Raises:
+        UserFacingError: the folder is not usable, or a pose is not finite.
+        KernelsCompiledFirst: kernels had to be compiled, and the request allows to stop then.
     """
     folder = open_tum_folder(request.folder, request.camera_file)
     pairs = request.frame_selection.select(folder.frames.pairs)
@@ -49,16 +50,16 @@ def run_method(
         request.observer_factory.prepare(lambda stage: send(RunPreparing(stage)))
     if request.stop_after_compiling and compiled.buffer:
         raise KernelsCompiledFirst
-    stages, diary = CpuStageTimer(), RunRecorder()
+    stages, recorder = CpuStageTimer(), RunRecorder()
     odometry = request.factory.make(stages, folder.ground_truth)
-    listener = request.observer_factory.make()
-    told_s = 0.0
+    observer = request.observer_factory.make()
+    progress_sent_s = 0.0
     for frame in _read_frames(folder, pairs):
-        listener.observe(frame, _process_frame(diary, odometry, frame, stages))
-        if time.monotonic() - told_s > PROGRESS_PERIOD_S:
-            told_s = time.monotonic()
+        observer.observe(frame, _process_frame(recorder, odometry, frame, stages))
+        if time.monotonic() - progress_sent_s > PROGRESS_PERIOD_S:
+            progress_sent_s = time.monotonic()
             send(RunProgress(frame.seq + 1, len(pairs)))
-    return diary.finish(skipped=len(pairs) - len(diary), loop_closure=listener.result)
+    return recorder.finish(skipped=len(pairs) - len(recorder), loop_closure=observer.result)
 
 
 def warm_up_method(
@@ -67,7 +68,7 @@ def warm_up_method(
     pairs: Sequence[FramePair],
     on_progress: Callable[[str], None],
 ) -> None:
-    """Compile or load what there is, and let the method see the first frames once."""
+    """Compile or load the kernels, and process the first frames once."""
     factory.prepare(on_progress)
     on_progress("first frames")
     odometry = factory.make(CpuStageTimer(), folder.ground_truth)
@@ -75,14 +76,14 @@ def warm_up_method(
     for seq, pair in enumerate(pairs[:WARM_UP_FRAMES]):
         try:
             odometry.estimate(reader.read(pair, seq))
-        except UnreadableFrameError:  # to be told when its turn comes
+        except UnreadableFrameError:  # will be reported in the run
             continue
 
 
 def _process_frame(
     recorder: RunRecorder, odometry: Odometry, frame: RgbdFrame, stages: CpuStageTimer
 ) -> Estimate:
-    """Let the method see a frame, and take down what it says and takes."""
+    """Estimate a frame, and record the result and the times."""
     begin_s, begin_cpu_s = time.monotonic(), time.process_time()
     estimate = odometry.estimate(frame)
     cpu_s, wall_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
@@ -92,7 +93,7 @@ def _process_frame(
 
 
 def _read_frames(folder: TumFolder, pairs: Sequence[FramePair]) -> Iterator[RgbdFrame]:
-    """Those that can be read; the others are named in the log."""
+    """Yield the readable frames, and log the others."""
     reader = TumFrameReader(folder)
     for seq, pair in enumerate(pairs):
         try:

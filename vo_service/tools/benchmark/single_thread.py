@@ -1,6 +1,6 @@
-"""Import this before numpy: numeric libraries then run on one thread, whatever the user has set.
+"""Limit numeric libraries to one thread. Import this before numpy.
 
-They read these variables when they are loaded.
+The libraries read these variables when they are loaded.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""One run in a process of its own, where it may crash or hang without harm to the others."""
+"""Run in a subprocess, where it may crash or hang without harm to other runs."""
 
 import logging
 import threading
@@ -29,18 +29,26 @@ def run_in_subprocess(
     on_progress: Callable[[RunPreparing | RunProgress], None],
     stop: threading.Event,
 ) -> RunOutcome:
-    """Run to the end, for at most `limit_s`; a set `stop` ends it at once, without a result.
+    """Run a method in a subprocess.
 
-    Where kernels have to be compiled first, that is done in a process of its own.
-    Raises UserFacingError if no process can be started.
+    If kernels have to be compiled, this happens in another subprocess before.
+
+    Args:
+        request: the run.
+        time_limit_s: the run is killed after this time.
+        on_progress: is called with each progress message.
+        stop: if set, the run is killed and has no result.
+
+    Raises:
+        UserFacingError: no process can be started.
     """
-    last_word = _run_once(request, time_limit_s, on_progress, stop)
-    if isinstance(last_word, KernelsCompiled):
-        last_word = _run_once(
+    result = _run_once(request, time_limit_s, on_progress, stop)
+    if isinstance(result, KernelsCompiled):
+        result = _run_once(
             replace(request, stop_after_compiling=False), time_limit_s, on_progress, stop
         )
-    assert isinstance(last_word, RunOutcome)
-    return last_word
+    assert isinstance(result, RunOutcome)
+    return result
 
 
 def _run_once(
@@ -49,16 +57,16 @@ def _run_once(
     on_progress: Callable[[RunPreparing | RunProgress], None],
     stop: threading.Event,
 ) -> RunOutcome | KernelsCompiled:
-    """The last word of a process, or how it ended without one."""
+    """Return the last message of a worker, or how it ended without one."""
     try:
-        with WorkerProcess(RUN_WORKER, (), SHUTDOWN_TIMEOUT_S) as child:
-            child.send(request)
-            last_word = _receive_outcome(child, time_limit_s, on_progress, stop)
+        with WorkerProcess(RUN_WORKER, (), SHUTDOWN_TIMEOUT_S) as worker:
+            worker.send(request)
+            result = _receive_outcome(worker, time_limit_s, on_progress, stop)
     except OSError as error:
         raise UserFacingError(
-            f"a process for the run cannot be started: {error.strerror}; see to memory and limits"
+            f"the process of a run cannot be started: {error.strerror}; check memory and limits"
         ) from error
-    return last_word or RunOutcome(RunState.CRASHED, error=child.exit_reason)
+    return result or RunOutcome(RunState.CRASHED, error=worker.exit_reason)
 
 
 def _receive_outcome(
@@ -67,24 +75,24 @@ def _receive_outcome(
     on_progress: Callable[[RunPreparing | RunProgress], None],
     stop: threading.Event,
 ) -> RunOutcome | KernelsCompiled | None:
-    """Listen until it has its last word; None if it ended without one."""
-    due_s = time.monotonic() + time_limit_s
+    """Receive messages until the last one; None if the worker ended without it."""
+    deadline_s = time.monotonic() + time_limit_s
     while not stop.is_set():
-        left_s = due_s - time.monotonic()
-        if left_s <= 0:
+        remaining_s = deadline_s - time.monotonic()
+        if remaining_s <= 0:
             worker.kill()
-            trouble = f"took longer than {time_limit_s:g} s (--time-limit)"
-            return RunOutcome(RunState.TIMED_OUT, error=trouble)
+            error = f"took longer than {time_limit_s:g} s (--time-limit)"
+            return RunOutcome(RunState.TIMED_OUT, error=error)
         try:
-            word: RunMessage | None = worker.receive(min(POLL_PERIOD_S, left_s))
+            message: RunMessage | None = worker.receive(min(POLL_PERIOD_S, remaining_s))
         except EOFError:
             return None
-        match word:
+        match message:
             case RunOutcome() | KernelsCompiled():
-                return word
+                return message
             case LogMessage(level, logger, text):
                 logging.getLogger(logger).log(level, "%s", text)
             case RunPreparing() | RunProgress():
-                on_progress(word)
+                on_progress(message)
     worker.kill()
     return RunOutcome(RunState.NOT_RUN, error="stopped before its end")

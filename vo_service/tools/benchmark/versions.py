@@ -1,4 +1,4 @@
-"""What ran: versions, the source itself, and the computer that its times belong to."""
+"""Versions of the software, digest of the source, and the computer of a run."""
 
 import hashlib
 import platform
@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 PROJECT_ROOT = Path(__file__).parents[3]
-# What the poses and their times come from, beside the libraries.
+# Sources of the poses and their times besides the libraries.
 SOURCES = (
     "drivers",
     "vo_service/odometry",
@@ -23,7 +23,7 @@ VERSIONED_PACKAGES = ("kinect-vo", "numpy", "opencv-python-headless", "numba")
 
 @cache
 def collect_versions() -> dict[str, str]:
-    """Versions by name; `source` is a digest of the code that makes the poses."""
+    """Return versions by name; `source` is a digest of the code that makes the poses."""
     return {
         **{name: version(name) for name in VERSIONED_PACKAGES},
         "python": platform.python_version(),
@@ -35,7 +35,7 @@ def collect_versions() -> dict[str, str]:
 
 @cache
 def digest_sources(sources: tuple[str, ...]) -> str:
-    """Of files and folders of the program: its code, and the arrays that are kept with it."""
+    """Return a digest of code and arrays in files and folders of the program."""
     digest = hashlib.sha256()
     for source in sources:
         path = PROJECT_ROOT / source
@@ -46,7 +46,7 @@ def digest_sources(sources: tuple[str, ...]) -> str:
 
 
 def _processor_name() -> str:
-    """The processor's name where the kernel tells one."""
+    """Return the processor's name; "" if not known."""
     try:
         lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
     except OSError:

@@ -1,7 +1,7 @@
-"""The process of one run: ``python -m vo_service.tools.benchmark.worker_main FD``, started by `run_in_subprocess`.
+"""Worker process of one run, started by `run_in_subprocess`.
 
-It ends with the program that started it, whatever happens: in order where that is possible, by
-force where not.
+Run as ``python -m vo_service.tools.benchmark.worker_main FD``. It always ends with its parent,
+by force if needed.
 """
 
 import vo_service.tools.benchmark.single_thread  # noqa: F401
@@ -30,30 +30,30 @@ from vo_service.tools.benchmark.messages import KernelsCompiled, RunMessage, Run
 from vo_service.tools.benchmark.run import RunOutcome, RunState
 from vo_service.tools.benchmark.runner import KernelsCompiledFirst, run_method
 
-# Native code that holds Python's lock stops every thread; after so long the kernel steps in.
+# Native code that holds Python's lock blocks all threads; SIGALRM ends the process after this time.
 ORPHAN_TIMEOUT_S = 60.0
 
 
 def main(connection: "Connection[Any, Any]") -> None:
-    """Follow one folder and tell the outcome."""
+    """Receive one request, run it and send the outcome."""
     ignore_terminal_signals()
     signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_exit_with_parent`
-    job: RunRequest = connection.recv()
-    outbox = ParentConnection(connection)
-    forward_logs(outbox, job.log_level)
+    request: RunRequest = connection.recv()
+    parent = ParentConnection(connection)
+    forward_logs(parent, request.log_level)
     pin_to_one_cpu()
     cv2.setNumThreads(1)
-    watching = threading.Thread(target=_exit_with_parent, args=(connection,), daemon=True)
-    watching.start()
+    watchdog = threading.Thread(target=_exit_with_parent, args=(connection,), daemon=True)
+    watchdog.start()
 
-    def tell(word: RunMessage) -> None:
-        outbox.send(word)
+    def send(message: RunMessage) -> None:
+        parent.send(message)
 
-    tell(run_request(job, tell))
+    send(run_request(request, send))
 
 
 def pin_to_one_cpu() -> None:
-    """Libraries that ask nobody how many threads to make then make one."""
+    """Pin the process to one CPU, because some libraries start a thread per CPU."""
     allowed = sorted(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {allowed[os.getpid() % len(allowed)]})
 
@@ -61,7 +61,7 @@ def pin_to_one_cpu() -> None:
 def run_request(
     request: RunRequest, send: Callable[[RunMessage], None]
 ) -> RunOutcome | KernelsCompiled:
-    """Whatever a method raises is an outcome."""
+    """Run a method and convert its exceptions to an outcome."""
     try:
         return RunOutcome(RunState.DONE, run_method(request, send))
     except KernelsCompiledFirst:
@@ -69,19 +69,19 @@ def run_request(
     except UserFacingError as error:
         return RunOutcome(RunState.FAILED, error=str(error))
     except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
+        location = traceback.extract_tb(error.__traceback__)[-1]
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        trouble = f"{text} ({os.path.basename(where.filename)}:{where.lineno})"  # noqa: PTH119
-        return RunOutcome(RunState.ERROR, error=trouble, details=traceback.format_exc())
+        message = f"{text} ({os.path.basename(location.filename)}:{location.lineno})"  # noqa: PTH119
+        return RunOutcome(RunState.ERROR, error=message, details=traceback.format_exc())
 
 
 def _exit_with_parent(connection: "Connection[Any, Any]") -> None:
-    """Body of the thread that ends the process when the program that started this one is gone."""
+    """Exit when the parent process has ended; runs in a thread."""
     with suppress(EOFError, OSError):
         while True:
             signal.setitimer(signal.ITIMER_REAL, ORPHAN_TIMEOUT_S)
             if connection.poll(ORPHAN_TIMEOUT_S / 3):
-                connection.recv()  # nothing follows the job: this is the end
+                connection.recv()  # nothing follows the request but the end of file
     os._exit(1)
 
 

@@ -1,4 +1,4 @@
-"""Methods that do what a test needs: follow, hang, or go wrong in each of the known ways."""
+"""Methods that succeed, hang or fail as a test needs it."""
 
 import os
 import signal
@@ -18,17 +18,18 @@ from vo_service.tools.benchmark.method_factory import MethodFactory
 from vo_service.types import Estimate
 
 
-def _same(number: int) -> int:
+def _identity(number: int) -> int:
     return number
 
 
 @dataclass(frozen=True)
 class FaultyMethodFactory:
-    """A recipe whose method stands still, until it comes to frame 3.
+    """Factory of a method that reports no motion and performs an action at frame 3.
 
-    act  what it does there: "go on", "lose it" (and every frame after it), "raise", "refuse",
-         "segfault", "exit", "hang"; or, before any frame is counted, "compile" a kernel if none
-         is kept
+    Attributes:
+        action: "go on", "lose it" (and all later frames), "raise", "refuse", "segfault", "exit"
+            or "hang"; "compile" compiles a kernel in the preparation if none is cached.
+        uses_truth: value of the property.
     """
 
     action: str = "go on"
@@ -38,27 +39,27 @@ class FaultyMethodFactory:
     def settings(self) -> Mapping[str, object]:
         return {"act": self.action}
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
-        tell("nothing")
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        on_progress("nothing")
         if self.action == "compile":
-            numba.njit("i8(i8)", cache=True)(_same)
+            numba.njit("i8(i8)", cache=True)(_identity)
 
     def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> "FaultyMethod":
         return FaultyMethod(self.action, stopwatch)
 
 
 class FaultyMethod:
-    """The method of a `FaultyMethodFactory`."""
+    """Method of a `FaultyMethodFactory`."""
 
-    def __init__(self, act: str, stopwatch: StageTimer) -> None:
-        self._act = act
+    def __init__(self, action: str, stopwatch: StageTimer) -> None:
+        self._action = action
         self._stopwatch = stopwatch
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        with self._stopwatch.stage("standing"):
-            is_lost = frame.seq >= 3 and self._act == "lose it"
+        with self._stopwatch.stage("static"):
+            is_lost = frame.seq >= 3 and self._action == "lose it"
             if frame.seq == 3:
-                ACTIONS[self._act]()
+                ACTIONS[self._action]()
         reason = "7 of 20 matches agree" if is_lost else ""
         return Estimate(not is_lost, reason, np.eye(4), np.eye(4), np.zeros((6, 6)), inliers=50)
 
@@ -92,5 +93,5 @@ ACTIONS: Mapping[str, Callable[[], object]] = {
 
 
 def make_faulty_factories(**acts: str) -> Callable[..., dict[str, MethodFactory]]:
-    """Trials in place of the methods asked for."""
-    return lambda *_: {method: FaultyMethodFactory(act) for method, act in acts.items()}
+    """Return a function that makes faulty methods in place of the real ones."""
+    return lambda *_: {method: FaultyMethodFactory(action) for method, action in acts.items()}

@@ -1,4 +1,4 @@
-"""Recordings without images and runs that nobody made, whose figures are known."""
+"""Recordings without images and simulated runs with known metrics."""
 
 from decimal import Decimal
 from pathlib import Path
@@ -30,60 +30,65 @@ STEP_M = 0.01
 def make_recording(
     name: str = "walk", gap_s: float = 0.0, has_truth: bool = True
 ) -> BenchmarkRecording:
-    """40 frames at 30 Hz, 1 cm to the right each; a pause before the 21st."""
+    """Make 40 frames at 30 Hz with steps of 1 cm to the right, and a gap before the 21st."""
     stamps_s = np.arange(FRAMES) / 30 + np.where(np.arange(FRAMES) >= 20, gap_s, 0.0)
     images = [ListedImage(Decimal(f"{s:.6f}"), Path(f"{s:.6f}.png"), "rgb.txt") for s in stamps_s]
     frames = FolderFrames([FramePair(image, image) for image in images])
     truth = Trajectory(np.array([image.stamp_s for image in images]), poses_along_x(FRAMES))
-    opened = TumFolder(
+    tum_folder = TumFolder(
         frames, TUM_CALIBRATIONS["1"], truth if has_truth else None, read_gravity(Path("nowhere"))
     )
-    return BenchmarkRecording(name, Path(name), None, opened)
+    return BenchmarkRecording(name, Path(name), None, tum_folder)
 
 
 def poses_along_x(count: int, step_m: float = STEP_M) -> Array:
-    """(count, 4, 4) poses, one step to the right after another."""
+    """Return (count, 4, 4) poses with equal steps to the right."""
     return np.array([rigid_transform(np.eye(3), [step_m * k, 0, 0]) for k in range(count)])
 
 
 def make_run(
-    of: BenchmarkRecording,
+    recording: BenchmarkRecording,
     step_m: float = STEP_M,
     lost: range = range(0),
     epoch_from: int = FRAMES,
-    with_loops: LoopClosureRun | None = None,
+    loop_closure: LoopClosureRun | None = None,
 ) -> CompletedRun:
-    """Along x with steps of so much, 8 ms of CPU and 10 ms of time a frame."""
-    stamps_s = of.frame_stamps_s
-    good = np.array([k not in lost for k in range(FRAMES)])
+    """Make a run along x, with 8 ms of processor time and 10 ms of elapsed time per frame."""
+    stamps_s = recording.frame_stamps_s
+    has_pose = np.array([k not in lost for k in range(FRAMES)])
     rows = [
-        (stamps_s[k], bool(good[k]), int(k >= epoch_from), 100, 8.0, 10.0, "")
-        if good[k]
+        (stamps_s[k], bool(has_pose[k]), int(k >= epoch_from), 100, 8.0, 10.0, "")
+        if has_pose[k]
         else (stamps_s[k], False, int(k >= epoch_from), 4, 8.0, 10.0, f"{k} of 60 matches agree")
         for k in range(FRAMES)
     ]
-    poses = Trajectory(stamps_s[good], poses_along_x(FRAMES, step_m)[good])
-    return CompletedRun(FrameLog.from_rows(rows), poses, 0, {"surf": 5.0}, 100.0, with_loops)
+    poses = Trajectory(stamps_s[has_pose], poses_along_x(FRAMES, step_m)[has_pose])
+    return CompletedRun(FrameLog.from_rows(rows), poses, 0, {"surf": 5.0}, 100.0, loop_closure)
 
 
-def make_loop_closure_run(of: BenchmarkRecording, step_m: float = STEP_M) -> LoopClosureRun:
-    """The same way, corrected: 3 places, one of which was seen twice again."""
-    return LoopClosureRun(Trajectory(of.frame_stamps_s, poses_along_x(FRAMES, step_m)), 3, 2, 1.5)
+def make_loop_closure_run(recording: BenchmarkRecording, step_m: float = STEP_M) -> LoopClosureRun:
+    """Make an optimized trajectory with 3 map keyframes and 2 loop closures."""
+    return LoopClosureRun(
+        Trajectory(recording.frame_stamps_s, poses_along_x(FRAMES, step_m)), 3, 2, 1.5
+    )
 
 
-def make_outcome(of: BenchmarkRecording, **how: object) -> RunOutcome:
-    """A run that came to its end."""
-    return RunOutcome(RunState.DONE, make_run(of, **how))  # type: ignore[arg-type]
+def make_outcome(recording: BenchmarkRecording, **options: object) -> RunOutcome:
+    """Make the outcome of a complete run."""
+    return RunOutcome(RunState.DONE, make_run(recording, **options))  # type: ignore[arg-type]
 
 
 def make_results(
-    of: BenchmarkRecording, has_loops: bool = False, **outcomes: RunOutcome
+    recording: BenchmarkRecording, has_loop_closure: bool = False, **outcomes: RunOutcome
 ) -> SequenceResults:
-    """The results of one recording, by method."""
-    entries = {
-        method: BatchResult(of, method, outcome, has_loops) for method, outcome in outcomes.items()
+    """Make the results of one recording, by method."""
+    results = {
+        method: BatchResult(recording, method, outcome, has_loop_closure)
+        for method, outcome in outcomes.items()
     }
-    return SequenceResults(of, {method: evaluate_run(entry) for method, entry in entries.items()})
+    return SequenceResults(
+        recording, {method: evaluate_run(result) for method, result in results.items()}
+    )
 
 
 CRASH = RunOutcome(RunState.CRASHED, error="crashed (signal 11, Segmentation fault)")

@@ -1,4 +1,4 @@
-"""All runs, one after another, and what is kept from one time to the next."""
+"""Batches of runs and their cache."""
 
 import io
 import os
@@ -28,113 +28,115 @@ LIMIT_S = 100.0
 
 
 class FakeBatchTerminal(io.StringIO):
-    """A terminal that remembers."""
+    """Terminal that records its output."""
 
     def isatty(self) -> bool:
         return True
 
 
-def compare(
+def run_all(
     folder: Path,
     output: Path,
-    recipes: Mapping[str, MethodFactory],
+    factories: Mapping[str, MethodFactory],
     stopped: bool = False,
-    again: bool = False,
-    listener: ObserverFactory = NULL_OBSERVER,
+    force: bool = False,
+    observer: ObserverFactory = NULL_OBSERVER,
 ) -> tuple[list[BatchResult], str]:
-    """All runs, and what was to be seen."""
+    """Run a batch and return the results and the terminal's output."""
     screen = FakeBatchTerminal()
     stop = threading.Event()
     if stopped:
         stop.set()
-    plan = BatchPlan(open_recordings([folder], None), recipes, output, LIMIT_S, again, listener)
+    plan = BatchPlan(open_recordings([folder], None), factories, output, LIMIT_S, force, observer)
     return list(run_batch(plan, Terminal(screen), stop)), screen.getvalue()
 
 
-def states(entries: list[BatchResult]) -> list[RunState]:
-    return [entry.outcome.state for entry in entries]
+def run_states(results: list[BatchResult]) -> list[RunState]:
+    return [result.outcome.state for result in results]
 
 
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("forked_runs")
-def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
+def test_after_a_failure_the_others_run_and_it_is_run_again(
     recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    entries, _ = compare(
+    results, _ = run_all(
         recording, tmp_path, {"bad": FaultyMethodFactory("segfault"), "good": FaultyMethodFactory()}
     )
-    assert states(entries) == [RunState.CRASHED, RunState.DONE]
+    assert run_states(results) == [RunState.CRASHED, RunState.DONE]
     assert "corner, bad (run 1 of 2): crashed (signal 11" in caplog.text
-    kept, _ = compare(recording, tmp_path, {"bad": FaultyMethodFactory("segfault")}, stopped=True)
-    assert states(kept) == [RunState.CRASHED]  # known from before, and not run
-    entries, seen = compare(
+    cached, _ = run_all(recording, tmp_path, {"bad": FaultyMethodFactory("segfault")}, stopped=True)
+    assert run_states(cached) == [RunState.CRASHED]  # from the cache, not run
+    results, output_text = run_all(
         recording, tmp_path, {"bad": FaultyMethodFactory("segfault"), "good": FaultyMethodFactory()}
     )
-    assert states(entries) == [RunState.CRASHED, RunState.DONE]
-    assert "bad (run 1 of 2): starting" in seen
-    assert "good (run 2 of 2): kept from before" in seen
+    assert run_states(results) == [RunState.CRASHED, RunState.DONE]
+    assert "bad (run 1 of 2): starting" in output_text
+    assert "good (run 2 of 2): cached" in output_text
 
 
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("forked_runs")
-def test_what_is_kept_is_made_anew_when_asked_for_or_when_the_settings_change(
+def test_a_cached_run_is_run_again_by_force_or_with_other_settings(
     recording: Path, tmp_path: Path
 ) -> None:
-    first, _ = compare(recording, tmp_path, {"trial": FaultyMethodFactory()})
-    kept, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()})
-    assert "kept from before" in seen
-    assert kept[0].outcome.run.wall_s == first[0].outcome.run.wall_s
-    _, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()}, again=True)
-    assert "starting" in seen
-    changed, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory("lose it")})
-    assert "starting" in seen
+    first, _ = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    cached, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    assert "cached" in output_text
+    assert cached[0].outcome.run.wall_s == first[0].outcome.run.wall_s
+    _, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()}, force=True)
+    assert "starting" in output_text
+    changed, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory("lose it")})
+    assert "starting" in output_text
     assert changed[0].outcome.run.failed == 9
 
 
-def test_after_a_stop_nothing_is_begun(recording: Path, tmp_path: Path) -> None:
-    recipes = {"one": FaultyMethodFactory(), "two": FaultyMethodFactory()}
-    entries, seen = compare(recording, tmp_path, recipes, stopped=True)
-    assert states(entries) == [RunState.NOT_RUN, RunState.NOT_RUN]
-    assert "starting" not in seen
+def test_after_a_stop_no_run_is_started(recording: Path, tmp_path: Path) -> None:
+    factories = {"one": FaultyMethodFactory(), "two": FaultyMethodFactory()}
+    results, output_text = run_all(recording, tmp_path, factories, stopped=True)
+    assert run_states(results) == [RunState.NOT_RUN, RunState.NOT_RUN]
+    assert "starting" not in output_text
     assert list(tmp_path.iterdir()) == []
 
 
 def key(
     folder: Path,
-    recipe: MethodFactory,
+    factory: MethodFactory,
     versions: Mapping[str, str] = VERSIONS,
-    listener: ObserverFactory = NULL_OBSERVER,
+    observer: ObserverFactory = NULL_OBSERVER,
 ) -> str:
-    return make_cache_key(open_recordings([folder], None)[0], recipe, versions, listener)
+    return make_cache_key(open_recordings([folder], None)[0], factory, versions, observer)
 
 
-def test_the_key_changes_with_whatever_changes_the_result(copy_recording: CopyRecording) -> None:
-    folder, recipe = copy_recording(), ConfiguredMethodFactory(OdometryConfig())
-    keys = [key(folder, recipe)]
+def test_the_key_changes_with_everything_that_changes_the_result(
+    copy_recording: CopyRecording,
+) -> None:
+    folder, factory = copy_recording(), ConfiguredMethodFactory(OdometryConfig())
+    keys = [key(folder, factory)]
     keys.append(key(folder, ConfiguredMethodFactory(OdometryConfig(feature_count=500))))
-    keys.append(key(folder, recipe, {"numpy": "3"}))
+    keys.append(key(folder, factory, {"numpy": "3"}))
     os.utime(folder / "depth" / "0.200000.png", (1, 1))
-    keys.append(key(folder, recipe))
+    keys.append(key(folder, factory))
     camera = folder / "camera.toml"
     camera.write_text(camera.read_text().replace("fx = ", "fx = 1"))
-    keys.append(key(folder, recipe))
+    keys.append(key(folder, factory))
     assert len(set(keys)) == 5
-    assert key(folder, recipe) == keys[-1]
+    assert key(folder, factory) == keys[-1]
 
 
-def test_runs_with_loops_are_told_apart_from_those_without(recording: Path) -> None:
-    listeners = (
+def test_runs_with_and_without_loop_closure_have_different_keys(recording: Path) -> None:
+    observers = (
         NULL_OBSERVER,
         LoopClosureObserverFactory(MapConfig()),
         LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20)),
     )
-    keys = [key(recording, FaultyMethodFactory(), listener=listener) for listener in listeners]
+    keys = [key(recording, FaultyMethodFactory(), observer=observer) for observer in observers]
     assert len(set(keys)) == 3
     assert (
         key(
             recording,
             FaultyMethodFactory(),
-            listener=LoopClosureObserverFactory(MapConfig(enabled=False)),
+            observer=LoopClosureObserverFactory(MapConfig(enabled=False)),
         )
         == keys[1]
     )
@@ -142,37 +144,50 @@ def test_runs_with_loops_are_told_apart_from_those_without(recording: Path) -> N
 
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("forked_runs")
-def test_a_run_with_loops_is_kept_with_them(recording: Path, tmp_path: Path) -> None:
-    loops = LoopClosureObserverFactory(MapConfig())
-    first, _ = compare(recording, tmp_path, {"trial": FaultyMethodFactory()}, listener=loops)
-    kept, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()}, listener=loops)
-    assert "kept from before" in seen
-    with_loops, before = kept[0].outcome.run.loop_closure, first[0].outcome.run.loop_closure
-    assert with_loops is not None
-    assert before is not None
-    assert (with_loops.map_keyframes, with_loops.loop_closures, with_loops.cpu_ms_per_frame) == (
+def test_a_run_with_loop_closure_is_cached_with_it(recording: Path, tmp_path: Path) -> None:
+    loop_closure = LoopClosureObserverFactory(MapConfig())
+    first, _ = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()}, observer=loop_closure)
+    cached, output_text = run_all(
+        recording, tmp_path, {"trial": FaultyMethodFactory()}, observer=loop_closure
+    )
+    assert "cached" in output_text
+    cached_result, first_result = (
+        cached[0].outcome.run.loop_closure,
+        first[0].outcome.run.loop_closure,
+    )
+    assert cached_result is not None
+    assert first_result is not None
+    assert (
+        cached_result.map_keyframes,
+        cached_result.loop_closures,
+        cached_result.cpu_ms_per_frame,
+    ) == (
         1,
         0,
-        before.cpu_ms_per_frame,
+        first_result.cpu_ms_per_frame,
     )
-    assert len(with_loops.trajectory) == FRAMES
-    without, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()})
-    assert "starting" in seen
+    assert len(cached_result.trajectory) == FRAMES
+    without, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    assert "starting" in output_text
     assert without[0].outcome.run.loop_closure is None
-    assert [entry.has_loop_closure for entry in (*kept, *without)] == [True, False]
+    assert [result.has_loop_closure for result in (*cached, *without)] == [True, False]
 
 
-def test_the_truth_is_in_the_key_only_where_it_is_used(copy_recording: CopyRecording) -> None:
+def test_the_truth_is_in_the_key_only_if_it_is_used(copy_recording: CopyRecording) -> None:
     folder = copy_recording()
-    blind, cheat = FaultyMethodFactory(), FaultyMethodFactory(uses_truth=True)
-    before = key(folder, blind), key(folder, cheat)
+    without_truth, with_truth = FaultyMethodFactory(), FaultyMethodFactory(uses_truth=True)
+    keys = key(folder, without_truth), key(folder, with_truth)
     truth = folder / "groundtruth.txt"
     truth.write_text("\n".join(truth.read_text().splitlines()[:-1]) + "\n")
-    assert key(folder, blind) == before[0]
-    assert key(folder, cheat) != before[1]
+    assert key(folder, without_truth) == keys[0]
+    assert key(folder, with_truth) != keys[1]
 
 
-def test_two_folders_of_one_name_are_refused(copy_recording: CopyRecording, tmp_path: Path) -> None:
+def test_two_folders_with_the_same_name_are_rejected(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
     folders = [copy_recording(name="a/desk"), copy_recording(name="b/desk")]
-    with pytest.raises(InputError, match=r"a/desk and .*b/desk: results are kept by the folder's"):
+    with pytest.raises(
+        InputError, match=r"a/desk and .*b/desk: results are stored by the folder's"
+    ):
         open_recordings(folders, None)

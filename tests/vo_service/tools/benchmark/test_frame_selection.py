@@ -1,4 +1,4 @@
-"""Runs that are given some of a recording's frames."""
+"""Runs on a selection of a recording's frames."""
 
 import logging
 import threading
@@ -9,7 +9,7 @@ import pytest
 
 from tests.conftest import FRAMES
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory
-from tests.vo_service.tools.benchmark.sample_runs import make_recording as made_up
+from tests.vo_service.tools.benchmark.sample_runs import make_recording
 from vo_service.tools.benchmark.frame_selection import ALL_FRAMES, FrameSelection
 from vo_service.tools.benchmark.messages import RunProgress, RunRequest
 from vo_service.tools.benchmark.recordings import open_recordings
@@ -17,7 +17,7 @@ from vo_service.tools.benchmark.subprocess_run import run_in_subprocess
 
 
 @pytest.mark.parametrize(
-    ("excerpt", "used", "suffix"),
+    ("selection", "used", "suffix"),
     [
         (ALL_FRAMES, list(range(8)), ""),
         (FrameSelection(step=3), [0, 3, 6], "-every-3"),
@@ -26,29 +26,29 @@ from vo_service.tools.benchmark.subprocess_run import run_in_subprocess
         (FrameSelection(step=100), [0], "-every-100"),
     ],
 )
-def test_every_so_manyth_of_the_first_is_used(
-    excerpt: FrameSelection, used: list[int], suffix: str
+def test_every_nth_of_the_first_frames_is_used(
+    selection: FrameSelection, used: list[int], suffix: str
 ) -> None:
-    assert excerpt.select(range(8)) == used
-    assert excerpt.suffix == suffix
+    assert selection.select(range(8)) == used
+    assert selection.suffix == suffix
 
 
-def test_an_excerpt_of_a_recording_has_its_own_name_and_frames_and_the_same_truth() -> None:
-    whole = made_up("walk")
-    part = whole.select(FrameSelection(step=10))
-    assert part.name == "walk-every-10"
-    np.testing.assert_array_equal(part.frame_stamps_s, whole.frame_stamps_s[::10])
-    assert part.truth is whole.truth
+def test_a_selection_has_its_own_name_and_frames_and_the_same_truth() -> None:
+    whole = make_recording("walk")
+    selected = whole.select(FrameSelection(step=10))
+    assert selected.name == "walk-every-10"
+    np.testing.assert_array_equal(selected.frame_stamps_s, whole.frame_stamps_s[::10])
+    assert selected.truth is whole.truth
     assert whole.select(ALL_FRAMES).name == "walk"
 
 
 @pytest.mark.subprocess
-def test_the_method_sees_the_frames_of_the_excerpt_alone(recording: Path) -> None:
-    excerpt = FrameSelection(step=2, max_frames=9)
-    expected_s = open_recordings([recording], None)[0].select(excerpt).frame_stamps_s
-    words: list[object] = []
-    job = RunRequest(recording, None, FaultyMethodFactory(), logging.WARNING, excerpt)
-    outcome = run_in_subprocess(job, 60.0, words.append, threading.Event())
+def test_the_method_gets_the_selected_frames_only(recording: Path) -> None:
+    selection = FrameSelection(step=2, max_frames=9)
+    expected_s = open_recordings([recording], None)[0].select(selection).frame_stamps_s
+    messages: list[object] = []
+    request = RunRequest(recording, None, FaultyMethodFactory(), logging.WARNING, selection)
+    outcome = run_in_subprocess(request, 60.0, messages.append, threading.Event())
     np.testing.assert_array_equal(outcome.run.frames.stamps_s, expected_s)
     assert len(expected_s) == 5 < FRAMES
-    assert RunProgress(1, 5) in words
+    assert RunProgress(1, 5) in messages

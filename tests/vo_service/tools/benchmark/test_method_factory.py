@@ -1,4 +1,4 @@
-"""The service's own methods, as a run makes them."""
+"""Factories of our methods."""
 
 import pickle
 
@@ -20,20 +20,20 @@ from vo_service.tools.benchmark.method_factory import (
 )
 
 
-def recipe(method: str, scale: SfmScale = SfmScale.FIRST_DEPTH) -> MethodFactory:
+def make_factory(method: str, scale: SfmScale = SfmScale.FIRST_DEPTH) -> MethodFactory:
     return make_method_factories(Config(), list(METHODS), scale)[method]
 
 
-def test_every_method_is_made_as_the_service_makes_it() -> None:
+def test_every_method_is_made_as_in_the_service() -> None:
     assert set(make_method_factories(Config(), list(METHODS), SfmScale.FIRST_DEPTH)) == set(METHODS)
-    surf = recipe("surf")
+    surf = make_factory("surf")
     assert surf == ConfiguredMethodFactory(OdometryConfig(method="surf"))
     assert isinstance(surf.make(NullStageTimer(), None), SurfOdometry)
     assert not surf.uses_truth
 
 
 def test_the_scale_of_sfm_alone_comes_from_the_truth() -> None:
-    sfm, surf = (recipe(method, SfmScale.GROUND_TRUTH) for method in ("sfm", "surf"))
+    sfm, surf = (make_factory(method, SfmScale.GROUND_TRUTH) for method in ("sfm", "surf"))
     assert (sfm.uses_truth, surf.uses_truth) == (True, False)
     assert sfm == TrueScaleSfmFactory(OdometryConfig(method="sfm"))
     assert sfm.settings["sfm_scale"] == "ground-truth"
@@ -42,10 +42,10 @@ def test_the_scale_of_sfm_alone_comes_from_the_truth() -> None:
 
 def test_without_truth_there_is_no_such_scale() -> None:
     with pytest.raises(InputError, match=r"no groundtruth.txt"):
-        recipe("sfm", SfmScale.GROUND_TRUTH).make(NullStageTimer(), None)
+        make_factory("sfm", SfmScale.GROUND_TRUTH).make(NullStageTimer(), None)
 
 
-def test_recipes_go_to_another_process() -> None:
+def test_factories_can_be_pickled() -> None:
     for scale in SfmScale:
-        sfm = recipe("sfm", scale)
+        sfm = make_factory("sfm", scale)
         assert pickle.loads(pickle.dumps(sfm)) == sfm

@@ -1,4 +1,4 @@
-"""Who takes part, and what is told of those who cannot."""
+"""Available and unavailable methods."""
 
 import pytest
 
@@ -19,44 +19,44 @@ from vo_service.tools.benchmark.methods import (
     make_method_factories,
 )
 
-NOBODYS = BaselinePackage("nobodys_odometry", ("nobodys-odometry", "nobodys"))
+MISSING_PACKAGE = BaselinePackage("nobodys_odometry", ("nobodys-odometry", "nobodys"))
 
 
 @pytest.fixture
-def absent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two peers of a package that is not installed."""
-    peer = Baseline(NOBODYS, BASELINES["orb"].make)
+def missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make two baselines belong to a package that is not installed."""
+    baseline = Baseline(MISSING_PACKAGE, BASELINES["orb"].make)
     for name in ("open3d-icp", "open3d-hybrid"):
-        monkeypatch.setitem(registry.BASELINES, name, peer)
+        monkeypatch.setitem(registry.BASELINES, name, baseline)
 
 
-def test_ours_come_first_and_then_the_peers() -> None:
+def test_our_methods_come_first_and_then_the_baselines() -> None:
     assert (*METHODS, *BASELINES) == METHOD_NAMES
     assert find_unavailable_methods(["surf", "cv2-rgb", "orb"]) == []
     odometry = OdometryConfig(feature_count=500)
-    recipes = make_method_factories(["orb", "icp"], [], odometry)
-    assert list(recipes) == ["orb", "icp"]
-    assert recipes["orb"] == BaselineFactory("orb", FeatureConfig(500))
-    assert recipes["icp"] == ConfiguredMethodFactory(OdometryConfig("icp", feature_count=500))
+    factories = make_method_factories(["orb", "icp"], [], odometry)
+    assert list(factories) == ["orb", "icp"]
+    assert factories["orb"] == BaselineFactory("orb", FeatureConfig(500))
+    assert factories["icp"] == ConfiguredMethodFactory(OdometryConfig("icp", feature_count=500))
 
 
-@pytest.mark.usefixtures("absent")
-def test_those_of_a_missing_package_are_left_out_with_one_note() -> None:
+@pytest.mark.usefixtures("missing_package")
+def test_methods_of_a_missing_package_are_unavailable_with_one_note() -> None:
     names = ["surf", "open3d-icp", "sift", "open3d-hybrid"]
-    (left_out,) = find_unavailable_methods(names)
-    assert str(left_out) == (
-        "left out: open3d-icp, open3d-hybrid; to have it too: pip install nobodys-odometry"
+    (unavailable,) = find_unavailable_methods(names)
+    assert str(unavailable) == (
+        "not available: open3d-icp, open3d-hybrid; run: pip install nobodys-odometry"
     )
-    assert list(make_method_factories(names, [left_out], OdometryConfig())) == ["surf", "sift"]
+    assert list(make_method_factories(names, [unavailable], OdometryConfig())) == ["surf", "sift"]
 
 
-@pytest.mark.usefixtures("absent")
-def test_when_nobody_can_take_part_it_says_what_to_install() -> None:
-    left_out = find_unavailable_methods(["open3d-icp"])
+@pytest.mark.usefixtures("missing_package")
+def test_without_any_method_the_error_names_the_install_command() -> None:
+    unavailable = find_unavailable_methods(["open3d-icp"])
     with pytest.raises(InputError, match="pip install nobodys-odometry"):
-        make_method_factories(["open3d-icp"], left_out, OdometryConfig())
+        make_method_factories(["open3d-icp"], unavailable, OdometryConfig())
 
 
-def test_a_package_knows_its_version_where_there_is_one() -> None:
+def test_a_package_has_its_version_if_installed() -> None:
     assert registry.OPENCV.version.startswith("5")
-    assert NOBODYS.version == ""
+    assert MISSING_PACKAGE.version == ""

@@ -1,4 +1,4 @@
-"""Who hears what a method says: loops gain from it, and the method does not notice."""
+"""Observers of a run: loop closure uses the estimates and does not change them."""
 
 import logging
 import pickle
@@ -21,50 +21,58 @@ from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.run import CompletedRun, LoopClosureRun
 from vo_service.tools.benchmark.runner import run_method
 
-LOOPS = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
+LOOP_CLOSURE = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
 
 
-def followed(folder: Path, listener: ObserverFactory) -> CompletedRun:
-    recipe = ConfiguredMethodFactory(OdometryConfig())
-    job = RunRequest(
-        folder, None, recipe, logging.WARNING, stop_after_compiling=False, observer_factory=listener
+def run_observed(folder: Path, observer: ObserverFactory) -> CompletedRun:
+    factory = ConfiguredMethodFactory(OdometryConfig())
+    request = RunRequest(
+        folder,
+        None,
+        factory,
+        logging.WARNING,
+        stop_after_compiling=False,
+        observer_factory=observer,
     )
-    return run_method(job, lambda word: None)
+    return run_method(request, lambda message: None)
 
 
-def heard_of_a_way_there_and_back(last: int) -> LoopClosureRun:
-    """What becomes of an odometry that drifts and says nothing of how sure it is."""
-    listener = LOOPS.make()
+def observe_round_trip(last: int) -> LoopClosureRun:
+    """Run loop closure on an odometry that drifts and gives no covariance."""
+    observer = LOOP_CLOSURE.make()
     for n in range(last + 1):
         frame = replace(render_corner(true_pose(n), n), stamp_s=0.1 * n)
-        listener.observe(frame, good_estimate(odometry_pose(n)))
-    assert listener.result is not None
-    return listener.result
+        observer.observe(frame, good_estimate(odometry_pose(n)))
+    assert observer.result is not None
+    return observer.result
 
 
 @pytest.mark.slow
-def test_what_a_method_says_is_the_same_bit_for_bit_whoever_listens(recording: Path) -> None:
-    alone, heard = followed(recording, NULL_OBSERVER), followed(recording, LOOPS)
-    assert alone.loop_closure is None
-    assert heard.loop_closure is not None
-    np.testing.assert_array_equal(
-        heard.trajectory.T_world_camera, alone.trajectory.T_world_camera, strict=True
+def test_estimates_are_the_same_bit_for_bit_with_any_observer(recording: Path) -> None:
+    unobserved, observed = (
+        run_observed(recording, NULL_OBSERVER),
+        run_observed(recording, LOOP_CLOSURE),
     )
-    assert len(heard.loop_closure.trajectory) == FRAMES
-    assert heard.loop_closure.cpu_ms_per_frame > 0
+    assert unobserved.loop_closure is None
+    assert observed.loop_closure is not None
+    np.testing.assert_array_equal(
+        observed.trajectory.T_world_camera, unobserved.trajectory.T_world_camera, strict=True
+    )
+    assert len(observed.loop_closure.trajectory) == FRAMES
+    assert observed.loop_closure.cpu_ms_per_frame > 0
 
 
-def test_a_way_there_and_back_is_corrected_though_the_method_is_never_unsure() -> None:
+def test_a_round_trip_is_corrected_without_the_methods_covariance() -> None:
     last = 3 * STEPS
-    found = heard_of_a_way_there_and_back(last)
-    assert min(found.map_keyframes, found.loop_closures) > 0
+    result = observe_round_trip(last)
+    assert min(result.map_keyframes, result.loop_closures) > 0
     end = true_pose(last)[:3, 3]
-    off_m = np.linalg.norm(odometry_pose(last)[:3, 3] - end)
-    assert np.linalg.norm(found.trajectory.T_world_camera[-1, :3, 3] - end) < 0.2 * off_m
+    drift_m = np.linalg.norm(odometry_pose(last)[:3, 3] - end)
+    assert np.linalg.norm(result.trajectory.T_world_camera[-1, :3, 3] - end) < 0.2 * drift_m
 
 
-def test_of_no_frame_there_is_no_figure_and_no_error() -> None:
-    result = LOOPS.make().result
+def test_without_frames_the_result_is_empty() -> None:
+    result = LOOP_CLOSURE.make().result
     assert result is not None
     assert (
         len(result.trajectory),
@@ -75,9 +83,9 @@ def test_of_no_frame_there_is_no_figure_and_no_error() -> None:
     assert NULL_OBSERVER.make().result is None
 
 
-def test_settings_that_matter_are_told_and_go_to_another_process() -> None:
-    loops = pickle.loads(pickle.dumps(LOOPS)).settings["loop_closure"]
-    assert loops["keyframe_database_mb"] == 20
-    assert set(loops) == {"keyframe_database_mb", "source", "scipy"}
-    assert LOOPS.config_tables == {"map": {"keyframe_database_mb": 20}}
+def test_settings_are_complete_after_pickling() -> None:
+    settings = pickle.loads(pickle.dumps(LOOP_CLOSURE)).settings["loop_closure"]
+    assert settings["keyframe_database_mb"] == 20
+    assert set(settings) == {"keyframe_database_mb", "source", "scipy"}
+    assert LOOP_CLOSURE.config_tables == {"map": {"keyframe_database_mb": 20}}
     assert (NULL_OBSERVER.settings, NULL_OBSERVER.config_tables) == ({}, {})

@@ -1,4 +1,4 @@
-"""How far the camera went by the truth."""
+"""True distances between frames."""
 
 import math
 
@@ -13,13 +13,15 @@ WALK = Trajectory(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving_along_x([1.0, 
 
 
 @pytest.mark.parametrize(
-    ("from_s", "to_s", "metres"),
+    ("from_s", "to_s", "meters"),
     [(10.0, 10.02, 0.3), (10.02, 10.0, 0.3), (10.005, 10.015, 0.15), (10.0, 10.0, 0.0)],
 )
-def test_places_lie_between_the_true_poses(from_s: float, to_s: float, metres: float) -> None:
-    assert GroundTruthDistance(WALK)(from_s, to_s) == pytest.approx(metres, abs=1e-9)
+def test_positions_are_interpolated_between_the_true_poses(
+    from_s: float, to_s: float, meters: float
+) -> None:
+    assert GroundTruthDistance(WALK)(from_s, to_s) == pytest.approx(meters, abs=1e-9)
 
 
 @pytest.mark.parametrize("to_s", [9.9, 10.2, 10.6])
-def test_where_the_truth_is_not_known_there_is_no_distance(to_s: float) -> None:
+def test_without_truth_the_distance_is_nan(to_s: float) -> None:
     assert math.isnan(GroundTruthDistance(WALK)(10.0, to_s))

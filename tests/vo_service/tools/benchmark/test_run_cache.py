@@ -1,4 +1,4 @@
-"""What is kept of a run comes back the same, or not at all."""
+"""A cached run is loaded unchanged or not at all."""
 
 import json
 from dataclasses import fields
@@ -33,122 +33,129 @@ WALK = make_recording("walk")
 
 
 @pytest.fixture
-def kept(tmp_path: Path) -> RunCache:
-    """A folder with a run that lost frames 5 to 9."""
-    folder = RunCache(tmp_path / "walk" / "surf")
-    folder.save(
+def cache(tmp_path: Path) -> RunCache:
+    """Cache with a run that lost frames 5 to 9."""
+    cache = RunCache(tmp_path / "walk" / "surf")
+    cache.save(
         KEY, make_outcome(make_recording(), lost=range(5, 10), epoch_from=30), {"method": "surf"}
     )
-    return folder
+    return cache
 
 
-def test_a_run_comes_back_as_it_was(kept: RunCache) -> None:
-    found, before = kept.load(KEY), make_outcome(make_recording(), lost=range(5, 10), epoch_from=30)
-    assert found is not None
-    assert found.state is RunState.DONE
-    for field in fields(FrameLog):
-        mine, theirs = (getattr(o.run.frames, field.name) for o in (found, before))
-        np.testing.assert_array_equal(mine, theirs)
-    np.testing.assert_allclose(
-        found.run.trajectory.T_world_camera, before.run.trajectory.T_world_camera, atol=1e-6
+def test_a_run_is_loaded_unchanged(cache: RunCache) -> None:
+    loaded, expected = (
+        cache.load(KEY),
+        make_outcome(make_recording(), lost=range(5, 10), epoch_from=30),
     )
-    assert (found.run.stage_ms, found.run.memory_mb) == ({"surf": 5.0}, 100.0)
+    assert loaded is not None
+    assert loaded.state is RunState.DONE
+    for field in fields(FrameLog):
+        actual, desired = (getattr(o.run.frames, field.name) for o in (loaded, expected))
+        np.testing.assert_array_equal(actual, desired)
+    np.testing.assert_allclose(
+        loaded.run.trajectory.T_world_camera, expected.run.trajectory.T_world_camera, atol=1e-6
+    )
+    assert (loaded.run.stage_ms, loaded.run.memory_mb) == ({"surf": 5.0}, 100.0)
 
 
 @pytest.fixture
-def looped(tmp_path: Path) -> RunCache:
-    """A folder with a run that has a corrected trajectory beside its own."""
-    folder = RunCache(tmp_path / "walk" / "surf")
-    folder.save(KEY, make_outcome(WALK, step_m=0.02, with_loops=make_loop_closure_run(WALK)), {})
-    return folder
+def loop_closure_cache(tmp_path: Path) -> RunCache:
+    """Cache with a run that has an optimized trajectory."""
+    cache = RunCache(tmp_path / "walk" / "surf")
+    cache.save(KEY, make_outcome(WALK, step_m=0.02, loop_closure=make_loop_closure_run(WALK)), {})
+    return cache
 
 
-def test_what_loops_made_of_a_run_comes_back_too(looped: RunCache) -> None:
-    found = looped.load(KEY)
-    assert found is not None
-    assert found.run.loop_closure is not None
-    with_loops = found.run.loop_closure
-    assert (with_loops.map_keyframes, with_loops.loop_closures, with_loops.cpu_ms_per_frame) == (
+def test_the_result_of_loop_closure_is_loaded(loop_closure_cache: RunCache) -> None:
+    loaded = loop_closure_cache.load(KEY)
+    assert loaded is not None
+    assert loaded.run.loop_closure is not None
+    loop_closure = loaded.run.loop_closure
+    assert (
+        loop_closure.map_keyframes,
+        loop_closure.loop_closures,
+        loop_closure.cpu_ms_per_frame,
+    ) == (
         3,
         2,
         1.5,
     )
     np.testing.assert_allclose(
-        with_loops.trajectory.T_world_camera, poses_along_x(FRAMES), atol=1e-6
+        loop_closure.trajectory.T_world_camera, poses_along_x(FRAMES), atol=1e-6
     )
 
 
-def test_a_run_whose_corrected_trajectory_is_cut_or_gone_does_not_count(
-    looped: RunCache,
+def test_a_run_with_a_cut_or_missing_optimized_trajectory_is_not_loaded(
+    loop_closure_cache: RunCache,
 ) -> None:
-    file = looped.path / OPTIMIZED_TRAJECTORY_FILE
+    file = loop_closure_cache.path / OPTIMIZED_TRAJECTORY_FILE
     lines = file.read_text().splitlines(keepends=True)
     file.write_text("".join(lines[:-1]))
-    assert looped.load(KEY) is None
+    assert loop_closure_cache.load(KEY) is None
     file.unlink()
-    assert looped.load(KEY) is None
+    assert loop_closure_cache.load(KEY) is None
 
 
-def test_a_run_without_loops_leaves_none_of_those_before(looped: RunCache) -> None:
-    looped.save(KEY, make_outcome(WALK), {})
-    found = looped.load(KEY)
-    assert found is not None
-    assert found.run.loop_closure is None
-    assert not (looped.path / OPTIMIZED_TRAJECTORY_FILE).exists()
+def test_a_run_without_loop_closure_removes_an_earlier_one(loop_closure_cache: RunCache) -> None:
+    loop_closure_cache.save(KEY, make_outcome(WALK), {})
+    loaded = loop_closure_cache.load(KEY)
+    assert loaded is not None
+    assert loaded.run.loop_closure is None
+    assert not (loop_closure_cache.path / OPTIMIZED_TRAJECTORY_FILE).exists()
 
 
-def test_result_json_tells_the_figures_that_need_no_truth(kept: RunCache) -> None:
-    result = json.loads((kept.path / RESULT_FILE).read_text())
-    figures = {name: result[name] for name in ("frames", "failed", "new_epochs", "cpu_s", "method")}
-    assert figures == {"frames": 40, "failed": 5, "new_epochs": 1, "cpu_s": 0.32, "method": "surf"}
-    assert len((kept.path / TRAJECTORY_FILE).read_text().splitlines()) == FRAMES - 5
-    assert len((kept.path / FRAMES_FILE).read_text().splitlines()) == FRAMES + 1
+def test_result_json_has_the_metrics_that_need_no_truth(cache: RunCache) -> None:
+    result = json.loads((cache.path / RESULT_FILE).read_text())
+    metrics = {name: result[name] for name in ("frames", "failed", "new_epochs", "cpu_s", "method")}
+    assert metrics == {"frames": 40, "failed": 5, "new_epochs": 1, "cpu_s": 0.32, "method": "surf"}
+    assert len((cache.path / TRAJECTORY_FILE).read_text().splitlines()) == FRAMES - 5
+    assert len((cache.path / FRAMES_FILE).read_text().splitlines()) == FRAMES + 1
 
 
-def test_a_run_of_another_key_does_not_count(kept: RunCache) -> None:
-    assert kept.load("another") is None
-    assert RunCache(kept.path.parent / "icp").load(KEY) is None
+def test_a_run_with_another_key_is_not_loaded(cache: RunCache) -> None:
+    assert cache.load("another") is None
+    assert RunCache(cache.path.parent / "icp").load(KEY) is None
 
 
 @pytest.mark.parametrize("name", [RESULT_FILE, TRAJECTORY_FILE, FRAMES_FILE])
 @pytest.mark.parametrize("damage", ["gone", "cut", "nonsense"])
-def test_a_damaged_run_does_not_count(kept: RunCache, name: str, damage: str) -> None:
-    file = kept.path / name
+def test_a_damaged_run_is_not_loaded(cache: RunCache, name: str, damage: str) -> None:
+    file = cache.path / name
     data = file.read_bytes()
     file.write_bytes({"gone": b"", "cut": data[: len(data) // 2], "nonsense": b"[]"}[damage])
     if damage == "gone":
         file.unlink()
-    assert kept.load(KEY) is None
+    assert cache.load(KEY) is None
 
 
-def test_a_failure_is_kept_with_its_traceback_and_without_figures(kept: RunCache) -> None:
-    kept.save(KEY, RunOutcome(RunState.ERROR, error="no", details="Traceback\n"), {})
-    assert kept.load(KEY) == RunOutcome(RunState.ERROR, error="no", details="Traceback\n")
-    assert sorted(path.name for path in kept.path.iterdir()) == [DETAILS_FILE, RESULT_FILE]
-    kept.save(KEY, CRASH, {})
-    assert kept.load(KEY) == CRASH
+def test_a_failure_is_cached_with_its_traceback_and_without_metrics(cache: RunCache) -> None:
+    cache.save(KEY, RunOutcome(RunState.ERROR, error="no", details="Traceback\n"), {})
+    assert cache.load(KEY) == RunOutcome(RunState.ERROR, error="no", details="Traceback\n")
+    assert sorted(path.name for path in cache.path.iterdir()) == [DETAILS_FILE, RESULT_FILE]
+    cache.save(KEY, CRASH, {})
+    assert cache.load(KEY) == CRASH
 
 
-def test_a_run_without_a_pose_is_a_run(kept: RunCache) -> None:
-    kept.save(KEY, make_outcome(make_recording(), lost=range(FRAMES)), {})
-    found = kept.load(KEY)
-    assert found is not None
-    assert (found.run.failed, len(found.run.trajectory)) == (FRAMES, 0)
-    assert isinstance(found.run.trajectory, Trajectory)
+def test_a_run_without_a_pose_is_loaded(cache: RunCache) -> None:
+    cache.save(KEY, make_outcome(make_recording(), lost=range(FRAMES)), {})
+    loaded = cache.load(KEY)
+    assert loaded is not None
+    assert (loaded.run.failed, len(loaded.run.trajectory)) == (FRAMES, 0)
+    assert isinstance(loaded.run.trajectory, Trajectory)
 
 
-def test_a_full_disk_leaves_no_result_and_is_no_mistake_of_the_user(tmp_path: Path) -> None:
-    folder = RunCache(tmp_path)
+def test_a_full_disk_leaves_no_result_and_is_not_an_input_error(tmp_path: Path) -> None:
+    cache = RunCache(tmp_path)
     with (
         limit_file_size(1000),
         pytest.raises(UserFacingError, match=r"cannot be written: ") as caught,
     ):
-        folder.save(KEY, make_outcome(make_recording()), {})
+        cache.save(KEY, make_outcome(make_recording()), {})
     assert caught.value.exit_code == 1
-    assert folder.load(KEY) is None
+    assert cache.load(KEY) is None
 
 
-def test_a_place_that_cannot_be_written_to_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"file/surf: cannot be created: .*--output"):
         RunCache(tmp_path / "file" / "surf").save(KEY, CRASH, {})

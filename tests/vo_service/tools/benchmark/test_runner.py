@@ -1,4 +1,4 @@
-"""A method over a recording, within this process."""
+"""Run of a method on a recording, in this process."""
 
 import logging
 import os
@@ -24,57 +24,57 @@ from vo_service.tools.benchmark.run import CompletedRun
 from vo_service.tools.benchmark.runner import WARM_UP_FRAMES, KernelsCompiledFirst, run_method
 from vo_service.types import Estimate
 
-BURNT_S = 0.02
+BUSY_S = 0.02
 KERNEL = "import numba\nnumba.njit('i8(i8)', cache=True)(lambda number: number)\n"
 
 
 @dataclass
-class Watched:
-    """A recipe that remembers which frames each odometry that it made has seen."""
+class RecordingFactory:
+    """Factory that records the frames of each odometry that it made."""
 
-    act: Callable[[], None] = lambda: None
-    seen: list[list[int]] = field(default_factory=list)
+    action: Callable[[], None] = lambda: None
+    frames: list[list[int]] = field(default_factory=list)
     uses_truth = False
 
     @property
     def settings(self) -> Mapping[str, object]:
         return {}
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
-        tell("nothing")
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        on_progress("nothing")
 
-    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> "Watching":
-        self.seen.append([])
-        return Watching(self.seen[-1], self.act)
+    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> "RecordingMethod":
+        self.frames.append([])
+        return RecordingMethod(self.frames[-1], self.action)
 
 
 @dataclass
-class Watching:
-    """Stands still."""
+class RecordingMethod:
+    """Method that reports no motion and performs an action at each frame."""
 
-    seen: list[int]
-    act: Callable[[], None]
+    frames: list[int]
+    action: Callable[[], None]
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        self.seen.append(frame.seq)
-        self.act()
+        self.frames.append(frame.seq)
+        self.action()
         return Estimate(True, "", np.eye(4), np.eye(4), np.zeros((6, 6)))
 
 
-def followed(folder: Path, recipe: Watched, first: int | None = None) -> CompletedRun:
-    words: list[object] = []
+def run_all(folder: Path, factory: RecordingFactory, max_frames: int | None = None) -> CompletedRun:
+    messages: list[object] = []
     run = run_method(
-        RunRequest(folder, None, recipe, logging.WARNING, FrameSelection(max_frames=first)),
-        words.append,
+        RunRequest(folder, None, factory, logging.WARNING, FrameSelection(max_frames=max_frames)),
+        messages.append,
     )
-    assert words[:2] == [RunPreparing("nothing"), RunPreparing("first frames")]
+    assert messages[:2] == [RunPreparing("nothing"), RunPreparing("first frames")]
     return run
 
 
-def test_a_method_warms_up_on_the_first_frames_and_is_then_made_anew(recording: Path) -> None:
-    recipe = Watched()
-    run = followed(recording, recipe)
-    assert recipe.seen == [list(range(WARM_UP_FRAMES)), list(range(FRAMES))]
+def test_a_method_warms_up_on_the_first_frames_and_is_made_again(recording: Path) -> None:
+    factory = RecordingFactory()
+    run = run_all(recording, factory)
+    assert factory.frames == [list(range(WARM_UP_FRAMES)), list(range(FRAMES))]
     assert (len(run.frames), run.skipped) == (FRAMES, 0)
 
 
@@ -82,51 +82,51 @@ def test_a_broken_frame_at_the_start_is_skipped_once(copy_recording: Callable[..
     folder = copy_recording()
     second = sorted((folder / "depth").iterdir())[1]
     os.truncate(second, 500)
-    recipe = Watched()
-    run = followed(folder, recipe)
-    assert recipe.seen == [[0, 2], [0, *range(2, FRAMES)]]
+    factory = RecordingFactory()
+    run = run_all(folder, factory)
+    assert factory.frames == [[0, 2], [0, *range(2, FRAMES)]]
     assert (len(run.frames), run.skipped) == (FRAMES - 1, 1)
 
 
 @pytest.mark.slow
-def test_where_kernels_had_to_be_compiled_no_frame_is_counted_unless_it_has_to(
+def test_after_compilation_no_frame_is_counted_unless_requested(
     recording: Path,
 ) -> None:
-    recipe = Watched(_compile_a_kernel)
+    factory = RecordingFactory(_compile_a_kernel)
     with pytest.raises(KernelsCompiledFirst):
-        followed(recording, recipe)
-    assert recipe.seen == [list(range(WARM_UP_FRAMES))]
-    job = RunRequest(recording, None, recipe, logging.WARNING, stop_after_compiling=False)
-    assert len(run_method(job, lambda word: None).frames) == FRAMES
+        run_all(recording, factory)
+    assert factory.frames == [list(range(WARM_UP_FRAMES))]
+    request = RunRequest(recording, None, factory, logging.WARNING, stop_after_compiling=False)
+    assert len(run_method(request, lambda message: None).frames) == FRAMES
 
 
 @pytest.mark.subprocess
-def test_what_another_process_compiles_meanwhile_does_not_count(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_compilation_in_another_process_does_not_count(recording: Path, tmp_path: Path) -> None:
     kernel = tmp_path / "kernel.py"
     kernel.write_text(KERNEL)
 
-    def compile_elsewhere() -> None:
+    def compile_in_subprocess() -> None:
         subprocess.run([sys.executable, kernel], check=True)
 
-    assert len(followed(recording, Watched(compile_elsewhere), first=1).frames) == 1
+    assert (
+        len(run_all(recording, RecordingFactory(compile_in_subprocess), max_frames=1).frames) == 1
+    )
 
 
 def _compile_a_kernel() -> None:
     numba.njit("i8(i8)")(lambda number: number)
 
 
-def _burn_in_a_thread() -> None:
-    def burn() -> None:
-        while time.thread_time() < BURNT_S:
+def _use_cpu_in_a_thread() -> None:
+    def use_cpu() -> None:
+        while time.thread_time() < BUSY_S:
             pass
 
-    thread = threading.Thread(target=burn)
+    thread = threading.Thread(target=use_cpu)
     thread.start()
     thread.join()
 
 
 def test_the_time_of_a_methods_own_threads_counts(recording: Path) -> None:
-    run = followed(recording, Watched(_burn_in_a_thread), first=2)
-    assert run.frames.cpu_ms.min() >= 1e3 * BURNT_S
+    run = run_all(recording, RecordingFactory(_use_cpu_in_a_thread), max_frames=2)
+    assert run.frames.cpu_ms.min() >= 1e3 * BUSY_S

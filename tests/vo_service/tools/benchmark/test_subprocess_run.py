@@ -1,4 +1,4 @@
-"""A run in a process of its own: whatever a method does, the others go on."""
+"""Run in a subprocess, which may crash or hang without harm to other runs."""
 
 import logging
 import os
@@ -22,19 +22,21 @@ from vo_service.tools.benchmark.worker_main import pin_to_one_cpu
 pytestmark = pytest.mark.subprocess
 
 
-def ran(folder: Path, act: str, limit_s: float = DEFAULT_TIMEOUT_S) -> RunOutcome:
-    """The outcome of a trial; nothing may be left of its process."""
+def run_faulty_method(
+    folder: Path, action: str, time_limit_s: float = DEFAULT_TIMEOUT_S
+) -> RunOutcome:
+    """Run a faulty method and check that its process leaves no resources."""
     before = resources_in_use()
-    job = RunRequest(folder, None, FaultyMethodFactory(act), logging.WARNING)
-    outcome = run_in_subprocess(job, limit_s, lambda word: None, threading.Event())
+    request = RunRequest(folder, None, FaultyMethodFactory(action), logging.WARNING)
+    outcome = run_in_subprocess(request, time_limit_s, lambda message: None, threading.Event())
     assert resources_in_use() <= before
     return outcome
 
 
-def test_a_run_to_the_end_has_every_frame_with_its_times(recording: Path) -> None:
-    words: list[RunPreparing | RunProgress] = []
-    job = RunRequest(recording, None, FaultyMethodFactory(), logging.WARNING)
-    outcome = run_in_subprocess(job, DEFAULT_TIMEOUT_S, words.append, threading.Event())
+def test_a_complete_run_has_every_frame_with_its_times(recording: Path) -> None:
+    messages: list[RunPreparing | RunProgress] = []
+    request = RunRequest(recording, None, FaultyMethodFactory(), logging.WARNING)
+    outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, messages.append, threading.Event())
     frames = outcome.run.frames
     assert (outcome.state, outcome.error, len(frames)) == (RunState.DONE, "", FRAMES)
     truth = read_trajectory(recording / "groundtruth.txt")
@@ -42,14 +44,14 @@ def test_a_run_to_the_end_has_every_frame_with_its_times(recording: Path) -> Non
     np.testing.assert_array_equal(frames.inliers, 50)
     assert np.all(frames.wall_ms > 0)
     assert np.all(frames.cpu_ms >= 0)
-    assert list(outcome.run.stage_ms) == ["standing"]
+    assert list(outcome.run.stage_ms) == ["static"]
     assert outcome.run.memory_mb > 10
-    assert words[0] == RunPreparing("nothing")
-    assert RunProgress(1, FRAMES) in words
+    assert messages[0] == RunPreparing("nothing")
+    assert RunProgress(1, FRAMES) in messages
 
 
 @pytest.mark.parametrize(
-    ("act", "state", "trouble"),
+    ("action", "state", "error"),
     [
         ("raise", RunState.ERROR, "ZeroDivisionError: integer division or modulo by zero (faulty_"),
         ("refuse", RunState.FAILED, "out of luck; try again"),
@@ -57,38 +59,40 @@ def test_a_run_to_the_end_has_every_frame_with_its_times(recording: Path) -> Non
         ("exit", RunState.CRASHED, "ended (exit code 1); last line: enough"),
     ],
 )
-def test_what_goes_wrong_is_told_in_one_line(
-    recording: Path, act: str, state: RunState, trouble: str
+def test_errors_are_reported_in_one_line(
+    recording: Path, action: str, state: RunState, error: str
 ) -> None:
-    outcome = ran(recording, act)
+    outcome = run_faulty_method(recording, action)
     assert (outcome.state, len(outcome.run.frames)) == (state, 0)
-    assert outcome.error.startswith(trouble)
+    assert outcome.error.startswith(error)
     assert "\n" not in outcome.error
-    assert ("_divide" in outcome.details) == (act == "raise")
+    assert ("_divide" in outcome.details) == (action == "raise")
 
 
-def test_kernels_are_compiled_in_a_process_of_their_own(
+def test_kernels_are_compiled_in_a_separate_process(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    words: list[RunPreparing | RunProgress] = []
-    job = RunRequest(recording, None, FaultyMethodFactory("compile"), logging.WARNING)
-    outcome = run_in_subprocess(job, DEFAULT_TIMEOUT_S, words.append, threading.Event())
+    messages: list[RunPreparing | RunProgress] = []
+    request = RunRequest(recording, None, FaultyMethodFactory("compile"), logging.WARNING)
+    outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, messages.append, threading.Event())
     assert (outcome.state, len(outcome.run.frames)) == (RunState.DONE, FRAMES)
-    assert words.count(RunPreparing("nothing")) == 2
+    assert messages.count(RunPreparing("nothing")) == 2
 
 
 def test_a_run_stays_on_one_processor(monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen: list[set[int]] = []
+    affinities: list[set[int]] = []
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 5, 7})
-    monkeypatch.setattr(os, "sched_setaffinity", lambda _, processors: chosen.append(processors))
+    monkeypatch.setattr(
+        os, "sched_setaffinity", lambda _, processors: affinities.append(processors)
+    )
     pin_to_one_cpu()
-    assert len(chosen) == len(chosen[0]) == 1
-    assert chosen[0] <= {2, 5, 7}
+    assert len(affinities) == len(affinities[0]) == 1
+    assert affinities[0] <= {2, 5, 7}
 
 
-def test_a_run_that_takes_too_long_is_ended(recording: Path) -> None:
-    outcome = ran(recording, "hang", limit_s=1.0)
+def test_a_run_that_takes_too_long_is_killed(recording: Path) -> None:
+    outcome = run_faulty_method(recording, "hang", time_limit_s=1.0)
     assert (outcome.state, outcome.error) == (
         RunState.TIMED_OUT,
         "took longer than 1 s (--time-limit)",
@@ -97,17 +101,17 @@ def test_a_run_that_takes_too_long_is_ended(recording: Path) -> None:
 
 def test_a_stop_ends_the_run_at_once(recording: Path) -> None:
     stop = threading.Event()
-    job = RunRequest(recording, None, FaultyMethodFactory("hang"), logging.WARNING)
-    outcome = run_in_subprocess(job, DEFAULT_TIMEOUT_S, lambda word: stop.set(), stop)
+    request = RunRequest(recording, None, FaultyMethodFactory("hang"), logging.WARNING)
+    outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, lambda message: stop.set(), stop)
     assert (outcome.state, outcome.error) == (RunState.NOT_RUN, "stopped before its end")
 
 
-def test_a_frame_that_cannot_be_read_is_in_our_log(
+def test_an_unreadable_frame_is_in_our_log(
     copy_recording: Callable[..., Path], caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = copy_recording()
-    broken = folder / "rgb" / "0.200000.png"
-    os.truncate(broken, 500)
-    outcome = ran(folder, "go on")
+    damaged = folder / "rgb" / "0.200000.png"
+    os.truncate(damaged, 500)
+    outcome = run_faulty_method(folder, "go on")
     assert (len(outcome.run.frames), outcome.run.skipped) == (FRAMES - 1, 1)
-    assert f"frame 6 is skipped: {broken}" in caplog.text
+    assert f"frame 6 is skipped: {damaged}" in caplog.text

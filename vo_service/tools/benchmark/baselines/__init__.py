@@ -1,1 +1,1 @@
-"""Methods of other libraries."""
+"""Odometry methods of other libraries."""

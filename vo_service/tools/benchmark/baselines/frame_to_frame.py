@@ -1,4 +1,4 @@
-"""An odometry made of a method that aligns two frames."""
+"""Odometry from a method that aligns two frames."""
 
 from typing import Any, Protocol
 
@@ -8,26 +8,26 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from vo_service.types import Estimate
 
-# After so many frames without success it begins afresh, as `SurfOdometry` does.
+# After this many failed frames, tracking is reset, as in `SurfOdometry`.
 MAX_FAILURES = 30
 
 
 class PairwiseMethod(Protocol):
-    """Aligns two frames."""
+    """Method that aligns two frames."""
 
     def prepare(self, frame: RgbdFrame) -> Any:
-        """What is needed of a frame, both as the later and as the earlier one."""
+        """Prepare a frame for alignment, as the later and as the earlier one."""
         ...
 
     def align(self, earlier: Any, later: Any, T_earlier_later: Array) -> Array | None:
-        """4x4 T_earlier_later from an expected one; None without success."""
+        """Return the 4x4 T_earlier_later from a predicted one, or None on failure."""
         ...
 
 
 class FrameToFrameOdometry:
-    """Each frame against the last good one; it expects the motion to go on as it was.
+    """Odometry that aligns each frame with the last good one, with a constant-velocity prediction.
 
-    A frame that fails is left out of the chain.
+    Failed frames are skipped.
     """
 
     def __init__(self, method: PairwiseMethod) -> None:
@@ -38,12 +38,12 @@ class FrameToFrameOdometry:
         self._failures = 0
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Where the camera is, from this frame and the last good one."""
-        view = self._method.prepare(frame)
+        """Estimate the camera's pose from this frame and the last good one."""
+        prepared = self._method.prepare(frame)
         if self._reference is None:
-            return self._accept(view, np.eye(4))
-        step = self._method.align(self._reference, view, self._T_reference_camera)
-        return self._reject(view) if step is None else self._accept(view, step)
+            return self._accept(prepared, np.eye(4))
+        step = self._method.align(self._reference, prepared, self._T_reference_camera)
+        return self._reject(prepared) if step is None else self._accept(prepared, step)
 
     def _accept(self, prepared: Any, step: Array, restarted: bool = False) -> Estimate:
         self._reference = prepared
@@ -60,7 +60,7 @@ class FrameToFrameOdometry:
         return self._make_estimate("no alignment", np.eye(4))
 
     def _make_estimate(self, reason: str, step: Array, restarted: bool = False) -> Estimate:
-        """These methods say nothing of their covariance."""
+        """Make an estimate without covariance, because these methods give none."""
         unknown = np.zeros((6, 6))
         pose = self._T_world_reference.copy()
         return Estimate(not reason, reason, pose, step, unknown, is_reset=restarted)

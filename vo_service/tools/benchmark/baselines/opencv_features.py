@@ -1,4 +1,4 @@
-"""OpenCV's SIFT and ORB in the place of SURF: the features differ, all the rest is ours."""
+"""OpenCV's SIFT and ORB in our feature-based odometry, in place of SURF."""
 
 from collections.abc import Callable
 from math import sqrt
@@ -12,13 +12,13 @@ from vo_service.odometry.surf import Features
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.parameters import SurfParameters
 
-# Lowe's ratio, on the distance that is each method's own: ORB's is the number of bits that
-# differ, which is the square of the distance between vectors of 0 and 1.
+# Lowe's ratio, for each method's own distance. ORB's is the number of different bits, which is
+# the square of the distance between vectors of 0 and 1.
 MATCH_RATIO = 0.8
 
 
 class OpenCvExtractor:
-    """Descriptors of OpenCV as whole numbers in float32; bits become one number each."""
+    """Extractor of OpenCV features; descriptors are float32 vectors, with one element per bit."""
 
     def __init__(
         self, create: Callable[[int], cv2.Feature2D], count: int, binary: bool = False
@@ -29,7 +29,7 @@ class OpenCvExtractor:
 
     @property
     def count(self) -> int:
-        """Features to find at most."""
+        """Maximum number of features."""
         return self._count
 
     @count.setter
@@ -38,11 +38,11 @@ class OpenCvExtractor:
         self._detector = self._create(count)
 
     def extract(self, gray: NDArray[np.uint8]) -> Features:
-        """Features of a (H, W) image, in OpenCV's order. All signs are +1: nothing is left out."""
-        keypoints, found = self._detector.detectAndCompute(gray, None)
+        """Extract features of a (H, W) image. All signs are +1, so all features are compared."""
+        keypoints, descriptors = self._detector.detectAndCompute(gray, None)
         n = len(keypoints)
         size = self._detector.descriptorSize()
-        table = np.asarray(found) if n else np.empty((0, size))
+        table = np.asarray(descriptors) if n else np.empty((0, size))
         angle_rad = np.radians([k.angle for k in keypoints])
         return Features(
             position_px=np.array([k.pt for k in keypoints], np.float32).reshape(-1, 2),
@@ -60,12 +60,12 @@ class OpenCvExtractor:
 
 
 def sift_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:
-    """`SurfOdometry`, fed by SIFT (Lowe 2004)."""
+    """Make a `SurfOdometry` with SIFT features (Lowe 2004)."""
     extractor = OpenCvExtractor(cv2.SIFT_create, count)  # type: ignore[attr-defined]
     return SurfOdometry(extractor, SurfParameters(match_ratio=MATCH_RATIO), timer=stopwatch)
 
 
 def orb_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:
-    """`SurfOdometry`, fed by ORB (Rublee et al. 2011)."""
+    """Make a `SurfOdometry` with ORB features (Rublee et al. 2011)."""
     extractor = OpenCvExtractor(cv2.ORB_create, count, binary=True)  # type: ignore[attr-defined]
     return SurfOdometry(extractor, SurfParameters(match_ratio=sqrt(MATCH_RATIO)), timer=stopwatch)

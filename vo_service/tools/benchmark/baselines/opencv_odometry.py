@@ -1,4 +1,4 @@
-"""OpenCV's `cv2.Odometry`, frame to frame, with its own settings but for the intrinsics."""
+"""OpenCV's `cv2.Odometry`, frame to frame, with default settings except for the intrinsics."""
 
 from typing import Any
 
@@ -10,9 +10,10 @@ from drivers.core.geometry import Array
 
 
 class OpenCvOdometry:
-    """Frames prepared and aligned by `cv2.Odometry`; see `PairwiseMethod`.
+    """`PairwiseMethod` of `cv2.Odometry`.
 
-    kind  cv2.OdometryType_RGB, _RGB_DEPTH or _DEPTH
+    Attributes:
+        kind: cv2.OdometryType_RGB, _RGB_DEPTH or _DEPTH.
     """
 
     def __init__(self, kind: int) -> None:
@@ -20,7 +21,7 @@ class OpenCvOdometry:
         self._odometry: Any = None
 
     def prepare(self, frame: RgbdFrame) -> Any:
-        """Its own pyramids, gradients and normals, once a frame."""
+        """Compute OpenCV's pyramids, gradients and normals, once per frame."""
         if self._odometry is None:
             settings = cv2.OdometrySettings()
             settings.setCameraMatrix(frame.camera.K.astype(np.float32))
@@ -31,9 +32,9 @@ class OpenCvOdometry:
         return prepared
 
     def align(self, earlier: Any, later: Any, T_earlier_later: Array) -> Array | None:
-        """It takes no start. The later frame is laid onto the earlier one.
+        """Align the later frame with the earlier one, without a prediction.
 
-        The other way round would do as well, but is less accurate on all recordings tried.
+        The opposite order is less accurate on all recordings tried.
         """
-        found, T_found = self._odometry.compute(later, earlier)
-        return np.asarray(T_found, np.float64) if found else None
+        succeeded, T_result = self._odometry.compute(later, earlier)
+        return np.asarray(T_result, np.float64) if succeeded else None

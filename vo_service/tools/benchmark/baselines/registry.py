@@ -1,4 +1,4 @@
-"""The peers by name: the one place where another is listed."""
+"""Baselines by name. New baselines are listed here only."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -17,24 +17,24 @@ from vo_service.types import Odometry
 
 @dataclass(frozen=True)
 class BaselinePackage:
-    """A library that a peer is part of: what it is imported as, and what pip calls it."""
+    """Library of a baseline: the name of its module, and its names for pip."""
 
     module: str
     pip_names: tuple[str, ...]
 
     @property
     def is_installed(self) -> bool:
-        """Without importing it: that may take seconds."""
+        """Whether it is installed, without importing it, which may take seconds."""
         return find_spec(self.module) is not None
 
     @property
     def install_command(self) -> str:
-        """A command."""
+        """Command that installs it."""
         return f"pip install {self.pip_names[0]}"
 
     @property
     def version(self) -> str:
-        """As installed; "" where the files are there without their description."""
+        """Installed version; "" if it has no metadata."""
         for name in self.pip_names:
             try:
                 return version(name)
@@ -43,12 +43,12 @@ class BaselinePackage:
         return ""
 
     def load(self) -> ModuleType:
-        """Import it."""
+        """Import and return the module."""
         return importlib.import_module(self.module)
 
 
 OPENCV = BaselinePackage("cv2", ("opencv-python-headless",))
-# Only for x86_64 there is one without CUDA's libraries.
+# The package without CUDA's libraries exists for x86_64 only.
 OPEN3D = BaselinePackage(
     "open3d", ("open3d-cpu", "open3d") if machine() == "x86_64" else ("open3d",)
 )
@@ -57,7 +57,7 @@ SMALL_GICP = BaselinePackage("small_gicp", ("small-gicp",))
 
 @dataclass(frozen=True)
 class Baseline:
-    """An odometry of other people's making."""
+    """Odometry of another library."""
 
     package: BaselinePackage
     make: Callable[[FeatureConfig, StageTimer], Odometry]
@@ -122,14 +122,14 @@ BASELINES: Mapping[str, Baseline] = {
 
 @dataclass(frozen=True)
 class BaselineFactory:
-    """One of PEERS by its name; see `Recipe`. The features are for those that have any."""
+    """`MethodFactory` of a baseline; `features` is for those that use features."""
 
     name: str
     features: FeatureConfig
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """Which version of what."""
+        """Name, package version and number of features."""
         package = BASELINES[self.name].package
         return {
             "peer": self.name,
@@ -139,14 +139,14 @@ class BaselineFactory:
 
     @property
     def uses_truth(self) -> bool:
-        """It sees the frames alone."""
+        """False: only the frames are used."""
         return False
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
-        """Load its library, and use it once."""
+        """Load its library and process warm-up frames."""
         on_progress(BASELINES[self.name].package.module)
         run_warm_up_frames(lambda: self.make(StageReporter(on_progress), None))
 
     def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
-        """The odometry, new."""
+        """Make a new odometry."""
         return BASELINES[self.name].make(self.features, stopwatch)

@@ -1,1 +1,1 @@
-"""Tables, figures and pages of what was compared."""
+"""Tables, figures and HTML page of a comparison."""

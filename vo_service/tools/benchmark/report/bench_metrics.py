@@ -1,4 +1,4 @@
-"""The columns of the bench: what is told of each run."""
+"""Metrics of the bench: the columns of its tables."""
 
 from collections.abc import Callable, Mapping
 
@@ -24,20 +24,20 @@ STATISTICS: Mapping[str, Callable[[Array], float]] = {
 
 
 def _time_metrics(
-    key: str, heading: str, of: Callable[[FrameLog], Array]
+    key: str, heading: str, times_of: Callable[[FrameLog], Array]
 ) -> tuple[MetricColumn, ...]:
-    """How milliseconds a frame are spread; the first says what they are."""
+    """Return columns with statistics of the times per frame; the first heading names the time."""
 
-    def metric(name: str, figure: Callable[[Array], float]) -> MetricColumn:
-        def value(judged: RunEvaluation) -> float | None:
-            times_ms = of(judged.outcome.run.frames)
-            return figure(times_ms) if len(times_ms) else None
+    def metric(name: str, statistic: Callable[[Array], float]) -> MetricColumn:
+        def value(evaluation: RunEvaluation) -> float | None:
+            times_ms = times_of(evaluation.outcome.run.frames)
+            return statistic(times_ms) if len(times_ms) else None
 
         return MetricColumn(
             f"{key}_{name}", f"{heading} {name}" if name == "mean" else name, value, 1
         )
 
-    return tuple(metric(name, figure) for name, figure in STATISTICS.items())
+    return tuple(metric(name, statistic) for name, statistic in STATISTICS.items())
 
 
 ERROR_METRICS = (
@@ -51,50 +51,50 @@ ERROR_METRICS = (
     MetricColumn("rpe_1s_deg", "RPE 1 s °", from_evaluation("rpe_1s_deg"), 3),
 )
 ROBUSTNESS_METRICS = (
-    MetricColumn("coverage", "cover %", lambda judged: judged.coverage, 1, 100.0),
+    MetricColumn("coverage", "coverage %", lambda evaluation: evaluation.coverage, 1, 100.0),
     MetricColumn("failed", "lost", from_run(lambda run: run.failed), 0),
     MetricColumn("new_epochs", "epochs", from_run(lambda run: run.new_epochs), 0),
-    MetricColumn("gross_errors", "gross", lambda judged: judged.gross_errors, 0),
-    MetricColumn("steps", "of", lambda judged: judged.steps, 0),
+    MetricColumn("gross_errors", "gross", lambda evaluation: evaluation.gross_errors, 0),
+    MetricColumn("steps", "of", lambda evaluation: evaluation.steps, 0),
 )
 CPU_METRICS = _time_metrics("cpu_ms", "CPU ms", lambda frames: frames.cpu_ms)
 WALL_METRICS = _time_metrics("wall_ms", "wall ms", lambda frames: frames.wall_ms)
 MEMORY_METRIC = MetricColumn("memory_mb", "memory MB", from_run(lambda run: run.memory_mb), 0)
-# Where loops were asked for, beside the others.
+# Additional columns with loop closure.
 LOOP_CLOSURE_METRICS = (
-    MetricColumn("optimized_ate_rmse_m", "optimized ATE mm", from_optimized_evaluation("ate_rmse_m"), 2, 1e3),
     MetricColumn(
-        "optimized_mean_global_error_m", "corrected global mm",
+        "optimized_ate_rmse_m", "optimized ATE mm",
+        from_optimized_evaluation("ate_rmse_m"), 2, 1e3,
+    ),
+    MetricColumn(
+        "optimized_mean_global_error_m", "optimized global mm",
         from_optimized_evaluation("mean_global_error_m"), 2, 1e3,
     ),
-    MetricColumn("map_keyframes", "map_keyframes", from_loop_closure(lambda loops: loops.map_keyframes), 0),
-    MetricColumn("loop_closures", "loop_closures", from_loop_closure(lambda loops: loops.loop_closures), 0),
+    MetricColumn("map_keyframes", "keyframes", from_loop_closure(lambda run: run.map_keyframes), 0),
+    MetricColumn("loop_closures", "loops", from_loop_closure(lambda run: run.loop_closures), 0),
 )  # fmt: skip
 LOOP_CLOSURE_CPU_METRIC = MetricColumn(
-    "loop_closure_ms_per_frame",
-    "loops ms",
-    from_loop_closure(lambda loops: loops.cpu_ms_per_frame),
-    2,
+    "loop_closure_ms_per_frame", "loops ms", from_loop_closure(lambda run: run.cpu_ms_per_frame), 2
 )
 
 ALL_METRICS = (*ERROR_METRICS, *ROBUSTNESS_METRICS, *CPU_METRICS, *WALL_METRICS, MEMORY_METRIC)
-# Those that say how good a method is by their size: these are divided by another method's.
+# Metrics whose ratio to the baseline method is meaningful.
 RATIO_METRICS = (*ERROR_METRICS, *CPU_METRICS, *WALL_METRICS, MEMORY_METRIC)
 
 
 def ratio(
     metric: MetricColumn, evaluation: RunEvaluation, reference: RunEvaluation
 ) -> float | None:
-    """How many times the other's; None where it cannot be told."""
-    mine, theirs = metric.value(evaluation), metric.value(reference)
-    return mine / theirs if mine is not None and theirs else None
+    """Return the ratio of a metric to that of the baseline method, or None if not known."""
+    value, reference_value = metric.value(evaluation), metric.value(reference)
+    return value / reference_value if value is not None and reference_value else None
 
 
 def metric_values(evaluation: RunEvaluation) -> dict[str, float | None]:
-    """Every metric by its key."""
+    """Return every metric by its key."""
     return {metric.key: metric.value(evaluation) for metric in ALL_METRICS}
 
 
 def metric_ratios(evaluation: RunEvaluation, reference: RunEvaluation) -> dict[str, float | None]:
-    """Every ratio by its metric's key."""
+    """Return every ratio by its metric's key."""
     return {metric.key: ratio(metric, evaluation, reference) for metric in RATIO_METRICS}

@@ -1,4 +1,4 @@
-"""The bench's files: every figure for scripts, and what it was made with."""
+"""Files of the bench: all metrics for scripts, and the settings."""
 
 import json
 import os
@@ -23,15 +23,19 @@ DATA_FILE, TABLE_FILE, CONFIG_FILE = "report.json", "bench.csv", "config.toml"
 
 @dataclass(frozen=True)
 class BenchMetadata:
-    """The choices of a bench.
+    """Settings of a bench.
 
-    methods      those that take part, in order
-    left_out     those that could not
-    against      the method whose figures the others are divided by
-    every        of so many frames one is used; one pass over the recordings each
-    frames       only the first so many of each recording; None: all
-    camera_file  given for all folders; None: each folder's own
-    listener     who heard what the methods said
+    Attributes:
+        methods: methods that run, in order.
+        unavailable: requested methods that are not installed.
+        reference_method: baseline for relative figures.
+        frame_steps: every n-th frame is used, with one pass over the recordings for each n.
+        max_frames: number of first frames of each recording to use; None for all.
+        odometry: settings of our methods.
+        camera_file: camera file for all recordings; None for each recording's own.
+        time_limit_s: time limit of each run.
+        observer_factory: made the observer of each run.
+        created: time of the bench.
     """
 
     methods: Sequence[str]
@@ -46,9 +50,9 @@ class BenchMetadata:
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     def as_json(self) -> dict[str, Any]:
-        """For report.json."""
+        """Return the settings and versions for report.json."""
         packages = {BASELINES[name].package for name in self.methods if name in BASELINES}
-        peers = {package.pip_names[0]: package.version for package in packages}
+        baselines = {package.pip_names[0]: package.version for package in packages}
         return {
             "created": self.created.isoformat(timespec="seconds"),
             "methods": list(self.methods),
@@ -60,30 +64,30 @@ class BenchMetadata:
             "camera_file": None if self.camera_file is None else str(self.camera_file),
             "time_limit_s": self.time_limit_s,
             **self.observer_factory.settings,
-            "versions": {**collect_versions(), **dict(sorted(peers.items()))},
+            "versions": {**collect_versions(), **dict(sorted(baselines.items()))},
             "processors": os.cpu_count(),
         }
 
 
 def report_content(metadata: BenchMetadata, results: Sequence[RelativeResults]) -> dict[str, Any]:
-    """All of it, for report.json."""
+    """Return the whole content of report.json."""
     return {"schema": 1, **metadata.as_json(), "results": [_as_json(each) for each in results]}
 
 
 def _as_json(results: RelativeResults) -> dict[str, Any]:
-    """One recording at one rate: as in the comparison's report, and the figures of the bench."""
-    told = results.results.as_json()
+    """Return one recording at one frame step, with the metrics of comparison and bench."""
+    content = results.results.as_json()
     recording = results.results.recording
     methods = {
         method: {
-            **told["methods"][method],
-            **metric_values(judged),
-            "ratios": metric_ratios(judged, results.reference_evaluation),
+            **content["methods"][method],
+            **metric_values(evaluation),
+            "ratios": metric_ratios(evaluation, results.reference_evaluation),
         }
-        for method, judged in results.results.evaluations.items()
+        for method, evaluation in results.results.evaluations.items()
     }
     name = recording.folder.resolve().name
-    return {**told, "name": name, "every": recording.frame_selection.step, "methods": methods}
+    return {**content, "name": name, "every": recording.frame_selection.step, "methods": methods}
 
 
 def write_bench_report(
@@ -91,7 +95,7 @@ def write_bench_report(
 ) -> None:
     """Write the files, report.json last. Raises InputError or UserFacingError as `write_file`."""
     notes = (
-        f"Methods: {', '.join(metadata.methods)}; `method` below counts where one is to be run.",
+        f"Methods: {', '.join(metadata.methods)}; `method` below applies to runs of the service.",
         f"--every {' '.join(map(str, metadata.frame_steps))}"
         + ("" if metadata.max_frames is None else f" --frames {metadata.max_frames}"),
     )

@@ -1,4 +1,4 @@
-"""The report's folder: the page, and every table and figure of it as a file of its own."""
+"""Report folder: the page, and each table and figure as a separate file."""
 
 import io
 import json
@@ -30,7 +30,7 @@ PAGE_FILE, DATA_FILE, CONFIG_FILE = "report.html", "report.json", "config.toml"
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """Where the report is, and all its figures as one object."""
+    """Path of the page, and all metrics as one object."""
 
     page: Path
     content: dict[str, Any]
@@ -43,9 +43,7 @@ def write_comparison_report(
     terminal: Terminal,
 ) -> ComparisonReport:
     """Write everything, the page last. Raises InputError or UserFacingError as `write_file`."""
-    drawings = {
-        result.recording.name: _draw_figures(folder, result, terminal) for result in results
-    }
+    figures = {result.recording.name: _draw_figures(folder, result, terminal) for result in results}
     for table in _make_tables(results):
         write_file(folder / f"{table.name}.csv", table.as_csv().encode())
     content = {
@@ -57,7 +55,7 @@ def write_comparison_report(
     }
     write_file(folder / DATA_FILE, (json.dumps(content, indent=2) + "\n").encode())
     write_file(folder / CONFIG_FILE, metadata.config_text.encode())
-    write_file(folder / PAGE_FILE, render_page(results, drawings, metadata).encode())
+    write_file(folder / PAGE_FILE, render_page(results, figures, metadata).encode())
     return ComparisonReport(folder / PAGE_FILE, content)
 
 
@@ -73,22 +71,22 @@ def _make_tables(results: Sequence[SequenceResults]) -> Iterator[Table]:
 def _draw_figures(
     folder: Path, result: SequenceResults, terminal: Terminal
 ) -> list[RenderedFigure]:
-    """Every figure as PNG and SVG; those of an earlier report that have no successor go."""
-    figures = folder / "figures"
-    create_output_folder(figures)
+    """Write every figure as PNG and SVG, and remove those of an earlier report."""
+    figure_folder = folder / "figures"
+    create_output_folder(figure_folder)
     for kind in ("frame_error", "global_error", "trajectory"):
         for suffix in ("png", "svg"):
-            (figures / f"{result.recording.name}-{kind}.{suffix}").unlink(missing_ok=True)
-    drawings = []
+            (figure_folder / f"{result.recording.name}-{kind}.{suffix}").unlink(missing_ok=True)
+    figures = []
     for named in _make_figures(result):
         terminal.show(f"{result.recording.name}: drawing {named.name.replace('_', ' ')}")
-        path = figures / f"{result.recording.name}-{named.name}"
+        path = figure_folder / f"{result.recording.name}-{named.name}"
         write_file(path.with_name(f"{path.name}.png"), render_figure(named, "png"))
         svg = render_figure(named, "svg")
         write_file(path.with_name(f"{path.name}.svg"), svg)
-        drawings.append(RenderedFigure(path.relative_to(folder).as_posix(), named.caption, svg))
+        figures.append(RenderedFigure(path.relative_to(folder).as_posix(), named.caption, svg))
     terminal.clear()
-    return drawings
+    return figures
 
 
 def _published_as_json(result: SequenceResults) -> dict[str, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""The tables of a comparison: the paper's two, and all other figures."""
+"""Tables of a comparison: the paper's two, and all other metrics."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -29,10 +29,10 @@ ERROR_METRIC = MetricColumn(
 CPU_METRIC = MetricColumn("cpu_s", "CPU s", from_run(lambda run: run.cpu_s), 2)
 WALL_METRIC = MetricColumn("wall_s", "wall s", from_run(lambda run: run.wall_s), 2)
 ALL_METRICS = (
-    MetricColumn("coverage", "coverage %", lambda judged: judged.coverage, 1, 100.0),
+    MetricColumn("coverage", "coverage %", lambda evaluation: evaluation.coverage, 1, 100.0),
     MetricColumn("failed", "lost frames", from_run(lambda run: run.failed), 0),
     MetricColumn("new_epochs", "new epochs", from_run(lambda run: run.new_epochs), 0),
-    MetricColumn("gross_errors", "gross errors", lambda judged: judged.gross_errors, 0),
+    MetricColumn("gross_errors", "gross errors", lambda evaluation: evaluation.gross_errors, 0),
     ERROR_METRIC,
     MetricColumn("ate_rmse_m", "ATE mm", from_evaluation("ate_rmse_m"), 2, MM_PER_M),
     MetricColumn("rpe_frame_m", "RPE frame mm", from_evaluation("rpe_frame_m"), 2, MM_PER_M),
@@ -49,47 +49,55 @@ ALL_METRICS = (
 )  # fmt: skip
 LOOP_CLOSURE_METRICS = (
     MetricColumn("ate_rmse_m", "ATE mm", from_evaluation("ate_rmse_m"), 2, MM_PER_M),
-    MetricColumn("optimized_ate_rmse_m", "optimized ATE mm", from_optimized_evaluation("ate_rmse_m"), 2, MM_PER_M),
+    MetricColumn(
+        "optimized_ate_rmse_m", "optimized ATE mm",
+        from_optimized_evaluation("ate_rmse_m"), 2, MM_PER_M,
+    ),
     ERROR_METRIC,
     MetricColumn(
-        "optimized_mean_global_error_m", "corrected global error mm",
+        "optimized_mean_global_error_m", "optimized global error mm",
         from_optimized_evaluation("mean_global_error_m"), 2, MM_PER_M,
     ),
-    MetricColumn("map_keyframes", "map_keyframes", from_loop_closure(lambda loops: loops.map_keyframes), 0),
-    MetricColumn("loop_closures", "loop_closures", from_loop_closure(lambda loops: loops.loop_closures), 0),
-    MetricColumn("loop_closure_ms_per_frame", "loops ms a frame", from_loop_closure(lambda loops: loops.cpu_ms_per_frame), 2),
+    MetricColumn("map_keyframes", "keyframes", from_loop_closure(lambda run: run.map_keyframes), 0),
+    MetricColumn("loop_closures", "loops", from_loop_closure(lambda run: run.loop_closures), 0),
+    MetricColumn(
+        "loop_closure_ms_per_frame", "loops ms a frame",
+        from_loop_closure(lambda run: run.cpu_ms_per_frame), 2,
+    ),
 )  # fmt: skip
-# Of the frames: where fewer have a pose, the share stands beside the figure.
+# If the coverage is lower, it is shown beside the error.
 MIN_FULL_COVERAGE = 0.99
 HEADINGS = {ERROR_METRIC.key: "mean global error mm"}
 
 
 def error_table(results: Sequence[SequenceResults]) -> Table:
-    """Table I: the mean global error."""
+    """Return Table I: the mean global error."""
     return Table(
         "table_1_mean_global_error",
-        "Table I: mean global error, in millimetres",
-        *_columns_by_method(results, (ERROR_METRIC,), lambda figures: figures.mean_global_error_m),
+        "Table I: mean global error, in millimeters",
+        *_columns_by_method(
+            results, (ERROR_METRIC,), lambda published: published.mean_global_error_m
+        ),
     )
 
 
 def time_table(results: Sequence[SequenceResults]) -> Table:
-    """Table II: the processing time."""
+    """Return Table II: the processing time."""
     return Table(
         "table_2_processing_time",
         "Table II: processing time of the whole recording, in seconds",
-        *_columns_by_method(results, (CPU_METRIC, WALL_METRIC), lambda figures: figures.time_s),
+        *_columns_by_method(results, (CPU_METRIC, WALL_METRIC), lambda published: published.time_s),
     )
 
 
 def metrics_table(results: Sequence[SequenceResults]) -> Table:
-    """Every figure, one row a run."""
-    return _table_by_run("metrics", "All figures", results, ALL_METRICS)
+    """Return all metrics, one row per run."""
+    return _table_by_run("metrics", "All metrics", results, ALL_METRICS)
 
 
 def loop_closure_table(results: Sequence[SequenceResults]) -> Table:
-    """What loops have gained, one row a run."""
-    return _table_by_run("loop_closures", "With loops", results, LOOP_CLOSURE_METRICS)
+    """Return the effect of loop closure, one row per run."""
+    return _table_by_run("loop_closures", "Loop closure", results, LOOP_CLOSURE_METRICS)
 
 
 def _table_by_run(
@@ -101,43 +109,43 @@ def _table_by_run(
         [
             text_cell(result.recording.name),
             text_cell(method, describe_method(method).name),
-            *(_metric_cell(judged, metric) for metric in metrics),
-            text_cell(judged.outcome.state),
-            text_cell(judged.outcome.error),
+            *(_metric_cell(evaluation, metric) for metric in metrics),
+            text_cell(evaluation.outcome.state),
+            text_cell(evaluation.outcome.error),
         ]
         for result in results
-        for method, judged in result.evaluations.items()
+        for method, evaluation in result.evaluations.items()
     ]
-    return Table(name, title, keys, [*head, "trouble"], rows)
+    return Table(name, title, keys, [*head, "error"], rows)
 
 
 def gap_table(results: Sequence[SequenceResults]) -> Table:
-    """Every pause of every recording, and what each method did across it."""
-    head = ["sequence", "at s", "pause s", "method", "across", "error mm", "error °"]
+    """Return every gap of every recording with the result of each method."""
+    head = ["sequence", "at s", "pause s", "method", "result", "error mm", "error °"]
     keys = ["sequence", "at_s", "length_s", "method", "across", "error_m", "error_deg"]
     return Table("gaps", "Pauses", keys, head, [row for r in results for row in gap_rows(r)])
 
 
 def gap_rows(result: SequenceResults) -> list[list[TableCell]]:
-    """Those of one recording; a method without a result has none."""
+    """Return the rows of one recording; methods without a result have none."""
     rows = []
     for k, gap in enumerate(result.recording.gaps):
         at_s = gap.begin_s - float(result.recording.frame_stamps_s[0])
-        for method, judged in result.evaluations.items():
-            if not judged.is_done:
+        for method, evaluation in result.evaluations.items():
+            if not evaluation.is_done:
                 continue
-            jump = judged.gap_errors[k]
+            error = evaluation.gap_errors[k]
             rows.append(
                 [
                     text_cell(result.recording.name),
                     number_cell(at_s, 2),
                     number_cell(gap.length_s, 2),
                     text_cell(method, describe_method(method).name),
-                    text_cell(str(judged.gap_outcomes[k])),
+                    text_cell(str(evaluation.gap_outcomes[k])),
                     number_cell(
-                        None if jump is None else float(jump.translation_m[0]), 2, MM_PER_M
+                        None if error is None else float(error.translation_m[0]), 2, MM_PER_M
                     ),
-                    number_cell(None if jump is None else float(jump.rotation_deg[0]), 3),
+                    number_cell(None if error is None else float(error.rotation_deg[0]), 3),
                 ]
             )
     return rows
@@ -148,14 +156,14 @@ def _columns_by_method(
     metrics: Sequence[MetricColumn],
     published_value: Callable[[PublishedResult], float],
 ) -> tuple[list[str], list[str], list[list[TableCell]]]:
-    """Keys, headings and rows: one row a recording, the methods beside each other."""
+    """Return keys, headings and rows: one row per recording, with columns for each method."""
     methods = list(results[0].evaluations)
     paper = [find_published_results(result.recording.folder) for result in results]
-    known = [method for method in methods if any(method in figures for figures in paper)]
+    known = [method for method in methods if any(method in published for published in paper)]
     keys = ["sequence", *(f"{method}_{m.key}" for method in methods for m in metrics)]
     head = ["sequence", *(_heading(method, m, metrics) for method in methods for m in metrics)]
     rows = []
-    for result, figures in zip(results, paper, strict=True):
+    for result, published in zip(results, paper, strict=True):
         best = result.best_method(metrics[0].value)
         cells = [
             _cell_or_state(
@@ -164,11 +172,11 @@ def _columns_by_method(
             for method in methods
             for metric in metrics
         ]
-        theirs = [
-            published_value(figures[method]) if method in figures else None for method in known
+        values = [
+            published_value(published[method]) if method in published else None for method in known
         ]
-        beside = [number_cell(value, 0, metrics[0].display_factor) for value in theirs]
-        rows.append([text_cell(result.recording.name), *cells, *beside])
+        paper_cells = [number_cell(value, 0, metrics[0].display_factor) for value in values]
+        rows.append([text_cell(result.recording.name), *cells, *paper_cells])
     keys += [f"paper_{method}" for method in known]
     return keys, head + [f"paper: {describe_method(method).name}" for method in known], rows
 
@@ -179,14 +187,14 @@ def _heading(method: str, metric: MetricColumn, metrics: Sequence[MetricColumn])
 
 
 def _cell_or_state(evaluation: RunEvaluation, metric: MetricColumn, is_best: bool) -> TableCell:
-    """In the paper's tables a run without a result says so, and an error of how many frames."""
+    """Return a cell of the paper's tables: metric and coverage, or the run's state."""
     if not evaluation.is_done:
         return TableCell(None, evaluation.outcome.state)
     cell = _metric_cell(evaluation, metric, is_best)
-    share = 1.0 if evaluation.coverage is None else evaluation.coverage
-    if share >= MIN_FULL_COVERAGE or metric is not ERROR_METRIC or cell.value is None:
+    coverage = 1.0 if evaluation.coverage is None else evaluation.coverage
+    if coverage >= MIN_FULL_COVERAGE or metric is not ERROR_METRIC or cell.value is None:
         return cell
-    return replace(cell, text=f"{cell.text} ({100 * share:.0f} %)")
+    return replace(cell, text=f"{cell.text} ({100 * coverage:.0f} %)")
 
 
 def _metric_cell(

@@ -1,4 +1,4 @@
-"""The configuration that runs were made with, as a file."""
+"""Configuration of the runs as a file."""
 
 import json
 from collections.abc import Mapping
@@ -15,18 +15,25 @@ def format_effective_config(
     tables: Mapping[str, Mapping[str, object]],
     *notes: str,
 ) -> str:
-    """Text that `--config` takes again, with other tables; the notes stand above as comments."""
+    """Format a configuration for `--config`.
+
+    Args:
+        odometry: the table `[odometry]`.
+        camera_file: camera file; None if not given.
+        tables: additional tables by name.
+        *notes: comments at the top.
+    """
     camera = [] if camera_file is None else _format_table("camera", {"file": camera_file})
-    about = "What the methods ran with; everything else was at its default, or is not used."
-    comments = [f"# {note}" for note in (about, *notes)]
+    summary = "Settings of the methods; all other settings have default values or are not used."
+    comments = [f"# {note}" for note in (summary, *notes)]
     odometry_lines = _format_table("odometry", asdict(odometry))
-    others = [line for name, values in tables.items() for line in _format_table(name, values)]
-    lines = [*comments, f"schema = {SCHEMA_VERSION}", *camera, *odometry_lines, *others]
+    other_lines = [line for name, values in tables.items() for line in _format_table(name, values)]
+    lines = [*comments, f"schema = {SCHEMA_VERSION}", *camera, *odometry_lines, *other_lines]
     return "\n".join(lines) + "\n"
 
 
 def _format_table(name: str, values: Mapping[str, object]) -> list[str]:
-    """A table of TOML; JSON's texts, numbers and lists are TOML's too."""
+    """Format a TOML table; texts, numbers and lists are written as in JSON."""
     keys = [
         f"{key} = {json.dumps(value, default=str, ensure_ascii=False)}"
         for key, value in values.items()

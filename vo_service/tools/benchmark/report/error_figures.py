@@ -1,6 +1,6 @@
-"""The figures of one recording: the paper's Figures 6 to 9 and 10, all methods in one plot.
+"""Error figures of one recording, like the paper's Figures 6 to 9, with all methods in one plot.
 
-Drawn without pyplot: no global state, no window.
+They are drawn without pyplot: no global state, no window.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,23 +16,23 @@ from vo_service.tools.benchmark.results import SequenceResults
 from vo_service.tools.evaluation.error_series import ErrorSeries, error_series
 from vo_service.tools.evaluation.plot import insert_nan_at_gaps, label_axes
 
-if TYPE_CHECKING:  # drawn with rarely, and slow to import
+if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Told apart by people who see colors differently too (Okabe and Ito).
+# Colors for color-blind readers, too (Okabe and Ito).
 METHOD_COLORS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73", "direct": "#CC79A7"}
 OTHER_METHOD_COLORS = ("#56B4E9", "#E69F00", "#000000")
-# Frames that a thick line's median is taken over.
+# A thick line is the median of this many frames.
 SMOOTHING_FRAMES = 15
-# Where the methods differ by more than this, a linear axis would hide the better ones.
+# If the methods differ by more than this, a linear axis would hide the better ones.
 MAX_LINEAR_RATIO = 20.0
 GAP_STYLE: dict[str, Any] = {"color": "0.45", "linestyle": (0, (4, 3)), "linewidth": 1.0}
 
 
 @dataclass(frozen=True)
 class NamedFigure:
-    """A figure with the end of its file's name, and what a stranger must know of it."""
+    """Figure with the suffix of its file name and a caption."""
 
     name: str
     caption: str
@@ -40,7 +40,7 @@ class NamedFigure:
 
 
 def method_color(method: str, methods: list[str]) -> str:
-    """The same in every figure and report for the methods that are known."""
+    """Return a method's color; known methods have the same color in all figures and reports."""
     others = [other for other in methods if other not in METHOD_COLORS]
     return (
         METHOD_COLORS.get(method)
@@ -49,11 +49,11 @@ def method_color(method: str, methods: list[str]) -> str:
 
 
 def make_error_figures(result: SequenceResults) -> Iterator[NamedFigure]:
-    """Error frame by frame, and global error; none where no method could be judged."""
+    """Yield the figures of step errors and global errors; none without an evaluation."""
     series = {
-        method: error_series(judged.matched)
-        for method, judged in result.evaluations.items()
-        if judged.matched is not None
+        method: error_series(evaluation.matched)
+        for method, evaluation in result.evaluations.items()
+        if evaluation.matched is not None
     }
     if series:
         yield NamedFigure("frame_error", _FRAME_CAPTION, _draw_steps(result, series))
@@ -61,16 +61,16 @@ def make_error_figures(result: SequenceResults) -> Iterator[NamedFigure]:
 
 
 _FRAME_CAPTION = (
-    "Error frame by frame (as the paper's Figures 6 to 9): how wrong the motion from each frame to "
-    "the next is, in millimetres and in degrees. Low is good; a peak is one bad step. Thin lines "
-    f"are the frames themselves, thick ones the median of {SMOOTHING_FRAMES} of them. The scale is "
-    "logarithmic. Marks at the bottom, if any, are frames that a method could not place."
+    "Error frame by frame (as the paper's Figures 6 to 9): the error of the motion from each frame "
+    "to the next, in millimeters and in degrees. Low is good; a peak is one bad step. Thin lines "
+    f"are single frames, thick lines the median of {SMOOTHING_FRAMES} frames. The scale is "
+    "logarithmic. Marks at the bottom, if any, are frames without a pose."
 )
 _GLOBAL_CAPTION = (
-    "Global error (as the paper's Figures 6 to 9): how far the estimated camera is from the true "
-    "one, with both trajectories joined at the first frame. Errors of single steps add up, "
+    "Global error (as the paper's Figures 6 to 9): the distance between the estimated and the true "
+    "camera, with both trajectories aligned at the first frame. Errors of single steps add up, "
     "so the lines drift; their mean is the mean global error of Table I. Marks at the bottom, if "
-    "any, are frames that a method could not place."
+    "any, are frames without a pose."
 )
 
 
@@ -117,7 +117,7 @@ def _draw_global(result: SequenceResults, series: Mapping[str, ErrorSeries]) -> 
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """A figure that can be saved, of so many inches."""
+    """Make a figure that can be saved; the size is in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -129,7 +129,7 @@ def new_figure(width: float, height: float) -> "Figure":
 def _draw_smoothed(
     plot: "Axes", result: SequenceResults, stamps_s: Array, values: Array, color: str
 ) -> None:
-    """The values thin, their median thick; no line is drawn where frames are lost."""
+    """Draw the values as a thin line and their median as a thick one, without lost frames."""
     frames = _frame_numbers(result, stamps_s)
     line = insert_nan_at_gaps(stamps_s, np.column_stack([frames, _mask_non_positive(values)]))
     plot.plot(*line.T, color=color, linewidth=0.5, alpha=0.35)
@@ -141,7 +141,7 @@ def _draw_smoothed(
 
 
 def _set_log_scale(plot: "Axes") -> None:
-    """With plain numbers at its ticks; left as it is where nothing is more than 0."""
+    """Set a logarithmic axis with plain numbers; do nothing without positive values."""
     if not np.isfinite(plot.dataLim.minposy):
         return
     plot.set_yscale("log")
@@ -149,18 +149,19 @@ def _set_log_scale(plot: "Axes") -> None:
 
 
 def _mask_non_positive(values: Array) -> Array:
-    """Without what a logarithmic axis cannot show."""
+    """Replace values that a logarithmic axis cannot show by NaN."""
     return np.where(values > 0, values, np.nan)
 
 
 def _draw_lost_frames(plot: "Axes", result: SequenceResults) -> None:
-    """A row of marks a method, at the foot of the plot."""
-    for row, (method, judged) in enumerate(result.evaluations.items()):
-        log = judged.outcome.run.frames
+    """Draw one row of marks per method at the bottom of the plot."""
+    for row, (method, evaluation) in enumerate(result.evaluations.items()):
+        log = evaluation.outcome.run.frames
         frames = _frame_numbers(result, log.stamps_s[~log.has_pose])
         heights = np.full(len(frames), 0.015 + 0.03 * row)
         plot.plot(
-            frames, heights, "|", color=method_color(method, list(result.evaluations)), markersize=5,
+            frames, heights, "|",
+            color=method_color(method, list(result.evaluations)), markersize=5,
             transform=plot.get_xaxis_transform(), clip_on=True, zorder=3,
         )  # fmt: skip
 
@@ -172,12 +173,12 @@ def _draw_gaps(plot: "Axes", result: SequenceResults) -> None:
 
 
 def _frame_numbers(result: SequenceResults, stamps_s: Array) -> Array:
-    """Which of the recording's frames these are, from 0."""
+    """Return the numbers of the recording's frames at these stamps, from 0."""
     return nearest_indices(result.recording.frame_stamps_s, stamps_s).astype(np.float64)
 
 
 def _draw_legend(figure: "Figure", result: SequenceResults, methods: list[str]) -> None:
-    """Above the plots; also of what only some recordings have."""
+    """Draw the legend above the plots, with lost frames and pauses if there are any."""
     from matplotlib.lines import Line2D
 
     all_methods = list(result.evaluations)
@@ -191,7 +192,7 @@ def _draw_legend(figure: "Figure", result: SequenceResults, methods: list[str]) 
         )
         for method in methods
     ]
-    if any(judged.outcome.run.failed for judged in result.evaluations.values()):
+    if any(evaluation.outcome.run.failed for evaluation in result.evaluations.values()):
         handles.append(Line2D([], [], color="0.3", marker="|", linestyle="", label="frame lost"))
     if result.recording.gaps:
         handles.append(Line2D([], [], **GAP_STYLE, label="pause in the recording"))

@@ -1,4 +1,4 @@
-"""The report as one page of HTML that needs no other file and no network."""
+"""Report as one HTML page that needs no other file and no network."""
 
 import base64
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +32,7 @@ TITLE = "Visual odometry methods compared"
 
 @dataclass(frozen=True)
 class RenderedFigure:
-    """A figure: its file without the suffix, beside the page; its caption; its SVG."""
+    """Figure: its path relative to the page without suffix, its caption and its SVG."""
 
     path: str
     caption: str
@@ -44,7 +44,7 @@ def render_page(
     figures: Mapping[str, Sequence[RenderedFigure]],
     metadata: ComparisonMetadata,
 ) -> str:
-    """The whole page; `drawings` by the recording's name."""
+    """Return the whole page; `figures` is keyed by the recording's name."""
     body = "\n".join(
         [
             *_render_header(results, metadata),
@@ -65,8 +65,8 @@ def _render_header(
     results: Sequence[SequenceResults], metadata: ComparisonMetadata
 ) -> Iterator[str]:
     yield f"<h1>{TITLE}</h1>"
-    made = f"{metadata.created:%d %B %Y, %H:%M} UTC"
-    yield html_paragraph(f"kinect-vo {collect_versions()['kinect-vo']}, {made}", "facts")
+    created = f"{metadata.created:%d %B %Y, %H:%M} UTC"
+    yield html_paragraph(f"kinect-vo {collect_versions()['kinect-vo']}, {created}", "facts")
     links = [f'<a href="#s{k}">{escape(r.recording.name)}</a>' for k, r in enumerate(results)]
     inner = ['<a href="#tables">Tables</a>', *links, '<a href="#setup">Settings</a>']
     yield f"<nav>{' '.join(inner)}</nav>"
@@ -96,7 +96,7 @@ def _render_overview(
         yield html_paragraph(help_texts.LOOP_CLOSURE_TEXT, "note")
     if any(find_published_results(result.recording.folder) for result in results):
         yield html_paragraph(help_texts.PAPER_TEXT, "note")
-    yield "<h3>What the figures of each recording mean</h3>"
+    yield "<h3>Meaning of the metrics</h3>"
     yield html_definitions(help_texts.METRIC_TEXTS)
 
 
@@ -107,8 +107,8 @@ def _render_sequence(
     yield html_paragraph(_sequence_facts(result), "facts")
     yield html_table(metrics_table([result]), hidden=("sequence", "trouble"))
     yield from html_run_errors(result)
-    for drawing in figures[result.recording.name]:
-        yield _render_figure(drawing)
+    for figure in figures[result.recording.name]:
+        yield _render_figure(figure)
     if result.recording.gaps:
         yield html_table(gap_table([result]), hidden=("sequence",))
         yield html_paragraph(help_texts.GAPS_TEXT + describe_rpe_without_gaps(result), "note")
@@ -117,18 +117,18 @@ def _render_sequence(
 
 def _sequence_facts(result: SequenceResults) -> str:
     recording = result.recording
-    path = "" if recording.path_m is None else f", a way of {recording.path_m:.1f} m"
+    path = "" if recording.path_m is None else f", a path of {recording.path_m:.1f} m"
     truth = "with ground truth" if recording.truth is not None else "without ground truth"
     pauses = len(recording.gaps)
     paused_s = sum(gap.length_s for gap in recording.gaps)
     count = "one pause" if pauses == 1 else f"{pauses} pauses"
-    gaps = f", {count} of {paused_s:.1f} s together" if pauses else ", no pauses"
+    gaps = f", {count} of {paused_s:.1f} s in total" if pauses else ", no pauses"
     frames = len(recording.frame_stamps_s)
     return f"{frames} frames in {recording.duration_s:.1f} s{path}, {truth}{gaps}."
 
 
 def _render_figure(figure: RenderedFigure) -> str:
-    # As an image, not inline: the names inside one SVG must not meet those of another.
+    # As an image, not inline, because names in different SVGs could collide.
     data = base64.b64encode(figure.svg).decode()
     link = quote(figure.path)
     caption = escape(figure.caption)
@@ -147,32 +147,32 @@ def _render_footer(metadata: ComparisonMetadata) -> Iterator[str]:
     lines = "\n".join(f"{name}: {value}" for name, value in collect_versions().items())
     yield f"<pre>{escape(lines)}</pre>"
     yield html_paragraph(
-        "Beside this page: the tables as CSV, report.json with every figure, config.toml, the "
+        "Beside this page: the tables as CSV, report.json with all metrics, config.toml, the "
         "figures as PNG and SVG, and in runs/ the trajectory and the frames of every run.",
         "note",
     )
 
 
 def html_paragraph(text: str, css_class: str = "") -> str:
-    """A paragraph of plain text, of a class of the style sheet."""
+    """Return a paragraph of plain text with an optional CSS class."""
     return f"<p{_class_attribute(css_class)}>{escape(text)}</p>"
 
 
 def html_definitions(entries: Sequence[tuple[str, str]]) -> str:
-    """Words and what they mean."""
+    """Return a list of terms and their definitions."""
     items = "".join(f"<dt>{escape(word)}</dt><dd>{escape(text)}</dd>" for word, text in entries)
     return f"<dl>{items}</dl>"
 
 
 def html_table(table: Table, hidden: Sequence[str] = ()) -> str:
-    """A table that scrolls by itself where it is too wide, without the columns in `hidden`."""
-    shown = [k for k, key in enumerate(table.keys) if key not in hidden]
-    kinds = [_class_attribute(_cell_class([row[k] for row in table.rows])) for k in shown]
-    titles = [escape(table.headings[k]) for k in shown]
+    """Return a table, without the `hidden` columns, that scrolls if it is too wide."""
+    visible = [k for k, key in enumerate(table.keys) if key not in hidden]
+    kinds = [_class_attribute(_cell_class([row[k] for row in table.rows])) for k in visible]
+    titles = [escape(table.headings[k]) for k in visible]
     head = "".join(
         f'<th scope="col"{kind}>{title}</th>' for kind, title in zip(kinds, titles, strict=True)
     )
-    rows = "".join(f"<tr>{''.join(_html_cell(row[k]) for k in shown)}</tr>" for row in table.rows)
+    rows = "".join(f"<tr>{''.join(_html_cell(row[k]) for k in visible)}</tr>" for row in table.rows)
     return (
         f'<div class="wide"><table><caption>{escape(table.title)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
@@ -180,15 +180,17 @@ def html_table(table: Table, hidden: Sequence[str] = ()) -> str:
 
 
 def html_run_errors(result: SequenceResults) -> Iterator[str]:
-    """What went wrong with the runs of a recording, in full."""
-    for method, judged in result.evaluations.items():
+    """Yield the errors of a recording's runs."""
+    for method, evaluation in result.evaluations.items():
         name = describe_method(method).name
-        if not judged.is_done:
-            yield html_paragraph(f"{name}: {judged.outcome}", "bad")
-        elif judged.no_evaluation_reason and result.recording.truth is not None:
-            yield html_paragraph(f"{name} is not judged: {judged.no_evaluation_reason}", "bad")
-        if judged.outcome.details:
-            details = escape(judged.outcome.details)
+        if not evaluation.is_done:
+            yield html_paragraph(f"{name}: {evaluation.outcome}", "bad")
+        elif evaluation.no_evaluation_reason and result.recording.truth is not None:
+            yield html_paragraph(
+                f"{name} is not evaluated: {evaluation.no_evaluation_reason}", "bad"
+            )
+        if evaluation.outcome.details:
+            details = escape(evaluation.outcome.details)
             yield f"<details><summary>Traceback</summary><pre>{details}</pre></details>"
 
 
@@ -200,8 +202,8 @@ def html_lost_reasons(result: SequenceResults) -> Iterator[str]:
             text_cell(reason),
             TableCell(count, str(count)),
         ]
-        for method, judged in result.evaluations.items()
-        for reason, count in judged.lost_reasons
+        for method, evaluation in result.evaluations.items()
+        for reason, count in evaluation.lost_reasons
     ]
     if rows:
         head = ["method", "why", "frames"]
@@ -215,7 +217,7 @@ def _html_cell(cell: TableCell) -> str:
 
 
 def _cell_class(cells: Sequence[TableCell]) -> str:
-    """Words stand at the left."""
+    """Return the CSS class of a column; texts are left-aligned."""
     return "text" if any(isinstance(cell.value, str) for cell in cells) else ""
 
 

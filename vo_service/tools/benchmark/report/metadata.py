@@ -1,4 +1,4 @@
-"""What a comparison was made with, as the report tells it."""
+"""Settings and versions of a comparison for its report."""
 
 import os
 from collections.abc import Sequence
@@ -16,10 +16,16 @@ from vo_service.tools.benchmark.versions import collect_versions
 
 @dataclass(frozen=True)
 class ComparisonMetadata:
-    """The choices of a comparison.
+    """Settings of a comparison.
 
-    camera_file  given for all folders; None: each folder's own
-    listener     who heard what the methods said
+    Attributes:
+        methods: methods that run, in order.
+        config: configuration of our methods.
+        sfm_scale: source of the first scale of `sfm`.
+        camera_file: camera file for all recordings; None for each recording's own.
+        time_limit_s: time limit of each run.
+        observer_factory: made the observer of each run.
+        created: time of the comparison.
     """
 
     methods: Sequence[str]
@@ -32,17 +38,17 @@ class ComparisonMetadata:
 
     @property
     def config_text(self) -> str:
-        """The effective configuration, as `--config` takes it again."""
+        """The effective configuration, in the format of `--config`."""
         return format_effective_config(
             self.config.odometry,
             self.camera_file,
             self.observer_factory.config_tables,
-            f"Methods: {', '.join(self.methods)}; `method` below counts where one is to be run.",
+            f"Methods: {', '.join(self.methods)}; `method` below applies to runs of the service.",
             f"First scale of sfm: --sfm-scale {self.sfm_scale}",
         )
 
     def as_json(self) -> dict[str, Any]:
-        """For report.json."""
+        """Return the settings and versions for report.json."""
         return {
             "created": self.created.isoformat(timespec="seconds"),
             "methods": list(self.methods),

@@ -1,4 +1,4 @@
-"""What a recording shows, in a sentence or two."""
+"""Summary of a recording's results in a few sentences."""
 
 from vo_service.tools.benchmark.evaluate_run import RunEvaluation
 from vo_service.tools.benchmark.report.comparison_tables import MIN_FULL_COVERAGE
@@ -7,7 +7,7 @@ from vo_service.tools.benchmark.results import MIN_RANKED_COVERAGE, SequenceResu
 
 
 def summarize_sequence(result: SequenceResults) -> str:
-    """Which method was nearest to the truth, and which did not come through."""
+    """Return sentences on the best method, low coverage and failed runs."""
     sentences = [
         _ranking_sentence(result),
         *_partial_coverage_sentences(result),
@@ -17,30 +17,30 @@ def summarize_sequence(result: SequenceResults) -> str:
 
 
 def describe_rpe_without_gaps(result: SequenceResults) -> str:
-    """The error of a step where the recording does not pause; "" where it is not known."""
+    """Return a sentence on the RPE without pauses; "" if not known."""
     known = [
-        f"{1e3 * judged.rpe_frame_without_gaps_m:.1f} mm for {describe_method(method).name}"
-        for method, judged in result.evaluations.items()
-        if judged.rpe_frame_without_gaps_m is not None
+        f"{1e3 * evaluation.rpe_frame_without_gaps_m:.1f} mm for {describe_method(method).name}"
+        for method, evaluation in result.evaluations.items()
+        if evaluation.rpe_frame_without_gaps_m is not None
     ]
     return f" Without the pauses, the RPE of one frame is {', '.join(known)}." if known else ""
 
 
 def _ranking_sentence(result: SequenceResults) -> str:
     known = sorted(
-        (_error_m(judged), describe_method(method).name)
-        for method, judged in result.evaluations.items()
-        if judged.evaluation is not None and (judged.coverage or 0.0) >= MIN_RANKED_COVERAGE
+        (_error_m(evaluation), describe_method(method).name)
+        for method, evaluation in result.evaluations.items()
+        if evaluation.evaluation is not None and (evaluation.coverage or 0.0) >= MIN_RANKED_COVERAGE
     )
     if result.recording.truth is None:
-        return "without ground truth, errors cannot be told."
+        return "without ground truth, errors are not known."
     if not known:
-        return "no method could be judged over most of the frames."
-    (least_m, best), *others = known
+        return "no method has poses for most of the frames."
+    (smallest_m, best), *others = known
     if not others:
-        return f"the mean global error of {best} is {1e3 * least_m:.2f} mm."
+        return f"the mean global error of {best} is {1e3 * smallest_m:.2f} mm."
     rest = ", ".join(f"{name} {1e3 * error_m:.2f} mm" for error_m, name in others)
-    return f"{best} has the smallest mean global error, {1e3 * least_m:.2f} mm; {rest}."
+    return f"{best} has the smallest mean global error, {1e3 * smallest_m:.2f} mm; {rest}."
 
 
 def _error_m(evaluation: RunEvaluation) -> float:
@@ -49,17 +49,18 @@ def _error_m(evaluation: RunEvaluation) -> float:
 
 
 def _partial_coverage_sentences(result: SequenceResults) -> list[str]:
-    """Methods that lost more than a few frames: their errors are taken over the others."""
+    """Return a sentence for each method with incomplete coverage."""
     return [
-        f"{describe_method(method).name} placed {100 * judged.coverage:.0f} % of the frames only."
-        for method, judged in result.evaluations.items()
-        if judged.coverage is not None and judged.coverage < MIN_FULL_COVERAGE
+        f"{describe_method(method).name} has poses for only "
+        f"{100 * evaluation.coverage:.0f} % of the frames."
+        for method, evaluation in result.evaluations.items()
+        if evaluation.coverage is not None and evaluation.coverage < MIN_FULL_COVERAGE
     ]
 
 
 def _failed_run_sentences(result: SequenceResults) -> list[str]:
     return [
-        f"{describe_method(method).name} has no result ({judged.outcome.state})."
-        for method, judged in result.evaluations.items()
-        if not judged.is_done
+        f"{describe_method(method).name} has no result ({evaluation.outcome.state})."
+        for method, evaluation in result.evaluations.items()
+        if not evaluation.is_done
     ]

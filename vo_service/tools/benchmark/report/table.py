@@ -1,4 +1,4 @@
-"""A table, for people as text and for scripts as CSV."""
+"""Tables, as text for people and as CSV for scripts."""
 
 import csv
 import io
@@ -11,7 +11,7 @@ from vo_service.tools.benchmark.run import CompletedRun, LoopClosureRun
 
 @dataclass(frozen=True)
 class TableCell:
-    """A value as scripts get it (None: cannot be told), and as people do."""
+    """Cell with a value for scripts (None if not known) and a text for people."""
 
     value: float | str | None
     text: str
@@ -20,11 +20,14 @@ class TableCell:
 
 @dataclass(frozen=True)
 class Table:
-    """Named rows and columns.
+    """Table with named columns.
 
-    name   of its file
-    title  for people
-    keys   of the columns, for scripts; head for people
+    Attributes:
+        name: name of its file.
+        title: title for people.
+        keys: column names for scripts.
+        headings: column headings for people.
+        rows: cells by row.
     """
 
     name: str
@@ -34,7 +37,7 @@ class Table:
     rows: Sequence[Sequence[TableCell]]
 
     def as_csv(self) -> str:
-        """Comma-separated, values in full; empty for what cannot be told."""
+        """Return comma-separated values with full precision; empty if not known."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.keys)
@@ -43,7 +46,7 @@ class Table:
         return text.getvalue()
 
     def as_text(self) -> str:
-        """Aligned columns under the title; the best of a row has a star."""
+        """Return aligned columns below the title; the best cell of a row has a star."""
         rows = [[f"{cell.text}{'*' if cell.is_best else ' '}" for cell in row] for row in self.rows]
         head = [f"{text} " for text in self.headings]
         widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
@@ -54,14 +57,14 @@ class Table:
 def number_cell(
     value: float | None, digits: int, display_factor: float = 1.0, is_best: bool = False
 ) -> TableCell:
-    """A number with so many digits after the point; `factor` is for the eyes alone."""
+    """Make a cell of a number; digits and factor apply to the displayed text only."""
     if value is None:
         return TableCell(None, "-")
     return TableCell(value, f"{display_factor * value:.{digits}f}", is_best)
 
 
 def text_cell(value: str, text: str | None = None) -> TableCell:
-    """A word, and how people call it."""
+    """Make a cell of a text, with an optional other text for people."""
     return TableCell(value, value if text is None else text)
 
 
@@ -76,9 +79,14 @@ MetricFunction = Callable[[RunEvaluation], float | None]
 
 @dataclass(frozen=True)
 class MetricColumn:
-    """Its name in files, its heading for people, how it is got, and how it is shown.
+    """Column of a metric.
 
-    digits  after the point; `factor` is for the eyes alone
+    Attributes:
+        key: name for scripts.
+        heading: heading for people.
+        value: function that returns the metric of a run.
+        digits: displayed digits after the decimal point.
+        display_factor: factor of the displayed value.
     """
 
     key: str
@@ -89,27 +97,27 @@ class MetricColumn:
 
 
 def from_evaluation(key: str) -> MetricFunction:
-    """A field of the `Evaluation`, where there is one."""
-    return lambda judged: getattr(judged.evaluation, key) if judged.evaluation else None
+    """Return a function for a field of the `Evaluation`, None without one."""
+    return lambda evaluation: getattr(evaluation.evaluation, key) if evaluation.evaluation else None
 
 
 def from_optimized_evaluation(key: str) -> MetricFunction:
-    """A field of the `Evaluation` of the trajectory that loops have corrected."""
-    return lambda judged: (
-        getattr(judged.optimized_evaluation, key) if judged.optimized_evaluation else None
+    """Return a function for a field of the optimized trajectory's `Evaluation`."""
+    return lambda evaluation: (
+        getattr(evaluation.optimized_evaluation, key) if evaluation.optimized_evaluation else None
     )
 
 
 def from_loop_closure(value: Callable[[LoopClosureRun], float]) -> MetricFunction:
-    """A figure of the loops of a run, where they were asked for."""
+    """Return a function for a value of a run's loop closure, None without it."""
 
-    def judge(judged: RunEvaluation) -> float | None:
-        with_loops = judged.outcome.run.loop_closure
-        return None if with_loops is None else value(with_loops)
+    def loop_closure_value(evaluation: RunEvaluation) -> float | None:
+        run = evaluation.outcome.run.loop_closure
+        return None if run is None else value(run)
 
-    return judge
+    return loop_closure_value
 
 
 def from_run(value: Callable[[CompletedRun], float]) -> MetricFunction:
-    """A figure of a run that came to its end."""
-    return lambda judged: value(judged.outcome.run) if judged.is_done else None
+    """Return a function for a value of a complete run, None for others."""
+    return lambda evaluation: value(evaluation.outcome.run) if evaluation.is_done else None

@@ -1,4 +1,4 @@
-"""The tables, for people and for scripts, and the paper's figures in them."""
+"""The tables for people and scripts, with the paper's results."""
 
 import csv
 import io
@@ -32,10 +32,13 @@ FLOOR = "rgbd_dataset_freiburg1_floor"
 
 @pytest.fixture
 def floor() -> SequenceResults:
-    """A sequence of the paper's, with a pause: surf is right, icp drifts, sfm has crashed."""
-    of = make_recording(FLOOR, gap_s=1.0)
+    """Sequence of the paper with a gap: surf is exact, icp drifts, sfm has crashed."""
+    recording = make_recording(FLOOR, gap_s=1.0)
     return make_results(
-        of, surf=make_outcome(of, lost=range(20, 22)), icp=make_outcome(of, step_m=0.02), sfm=CRASH
+        recording,
+        surf=make_outcome(recording, lost=range(20, 22)),
+        icp=make_outcome(recording, step_m=0.02),
+        sfm=CRASH,
     )
 
 
@@ -59,27 +62,32 @@ def test_table_two_has_both_times_and_the_papers(floor: SequenceResults) -> None
     assert (row["sfm_cpu_s"], row["paper_sfm"], row["paper_surf"]) == ("", "950", "458")
 
 
-def test_for_people_the_best_has_a_star_and_a_crash_says_so(floor: SequenceResults) -> None:
+def test_in_text_the_best_has_a_star_and_a_crash_its_state(floor: SequenceResults) -> None:
     title, head, row = error_table([floor]).as_text().splitlines()
-    assert title == "Table I: mean global error, in millimetres"
+    assert title == "Table I: mean global error, in millimeters"
     assert head.split("  ")[0] == "sequence"
     assert row.split() == [FLOOR, "0.00", "(95", "%)*", "195.00", "crashed", "50", "120", "510"]
 
 
-def test_a_method_of_few_frames_is_never_the_best() -> None:
-    of = make_recording()
-    few, all_frames = make_outcome(of, lost=range(10, 40)), make_outcome(of, step_m=0.02)
-    (row,) = error_table([make_results(of, surf=few, icp=all_frames, sfm=all_frames)]).rows
+def test_a_method_with_low_coverage_is_never_the_best() -> None:
+    recording = make_recording()
+    few, all_frames = (
+        make_outcome(recording, lost=range(10, 40)),
+        make_outcome(recording, step_m=0.02),
+    )
+    (row,) = error_table([make_results(recording, surf=few, icp=all_frames, sfm=all_frames)]).rows
     assert [cell.is_best for cell in row] == [False, False, True, False]
     assert row[1].text == "0.00 (25 %)"
 
 
-def test_errors_below_a_millimetre_differ_for_people_and_are_metres_for_scripts() -> None:
-    of = make_recording()
+def test_errors_below_a_millimeter_are_visible_and_in_meters_for_scripts() -> None:
+    recording = make_recording()
     table = error_table(
         [
             make_results(
-                of, surf=make_outcome(of, step_m=0.01002), icp=make_outcome(of, step_m=0.01004)
+                recording,
+                surf=make_outcome(recording, step_m=0.01002),
+                icp=make_outcome(recording, step_m=0.01004),
             )
         ]
     )
@@ -89,25 +97,29 @@ def test_errors_below_a_millimetre_differ_for_people_and_are_metres_for_scripts(
 
 
 def test_other_sequences_have_no_paper_columns() -> None:
-    of = make_recording("kitchen")
-    table = error_table([make_results(of, surf=make_outcome(of))])
+    recording = make_recording("kitchen")
+    table = error_table([make_results(recording, surf=make_outcome(recording))])
     assert table.keys == ["sequence", "surf_mean_global_error_m"]
-    assert not table.rows[0][1].is_best  # alone it is not the best of anything
+    assert not table.rows[0][1].is_best  # a single method is not the best
 
 
-def test_every_run_is_a_row_of_all_figures(floor: SequenceResults) -> None:
-    found = rows(metrics_table([floor]).as_csv())
-    assert [row["method"] for row in found] == ["surf", "icp", "sfm"]
-    assert [row["state"] for row in found] == ["done", "done", "crashed"]
-    assert found[2]["trouble"] == CRASH.error
-    assert (found[0]["coverage"], found[0]["failed"], found[2]["coverage"]) == ("0.95", "2", "")
+def test_every_run_is_a_row_of_all_metrics(floor: SequenceResults) -> None:
+    metrics = rows(metrics_table([floor]).as_csv())
+    assert [row["method"] for row in metrics] == ["surf", "icp", "sfm"]
+    assert [row["state"] for row in metrics] == ["done", "done", "crashed"]
+    assert metrics[2]["trouble"] == CRASH.error
+    assert (metrics[0]["coverage"], metrics[0]["failed"], metrics[2]["coverage"]) == (
+        "0.95",
+        "2",
+        "",
+    )
 
 
-def test_every_pause_is_a_row_for_every_run_with_a_result(floor: SequenceResults) -> None:
+def test_every_gap_is_a_row_for_every_run_with_a_result(floor: SequenceResults) -> None:
     surf, icp = rows(gap_table([floor]).as_csv())
     assert float(surf["length_s"]) == pytest.approx(1 + 1 / 30, abs=1e-5)
-    assert (surf["method"], surf["across"]) == ("surf", "lost 2 frames, then found again")
-    assert (icp["across"], round(float(icp["error_m"]), 6)) == ("followed on", 0.01)
+    assert (surf["method"], surf["across"]) == ("surf", "lost 2 frames, then recovered")
+    assert (icp["across"], round(float(icp["error_m"]), 6)) == ("kept tracking", 0.01)
 
 
 @pytest.mark.parametrize(
@@ -121,11 +133,11 @@ def test_every_pause_is_a_row_for_every_run_with_a_result(floor: SequenceResults
         ("floor", False),
     ],
 )
-def test_only_the_papers_own_whole_sequences_have_its_figures(folder: str, known: bool) -> None:
+def test_only_the_papers_complete_sequences_have_its_results(folder: str, known: bool) -> None:
     assert bool(find_published_results(Path("/data") / folder)) == known
 
 
-def test_the_papers_figures_are_those_of_the_paper() -> None:
+def test_the_published_results_are_correct() -> None:
     errors = {
         name: [PUBLISHED_RESULTS[name][m].mean_global_error_m for m in PUBLISHED_RESULTS[name]]
         for name in PUBLISHED_RESULTS
@@ -139,13 +151,13 @@ def test_the_papers_figures_are_those_of_the_paper() -> None:
     assert times == {"floor": [458, 621, 950], "teddy": [953, 1155, 1430]}
 
 
-def test_a_method_that_is_not_known_is_called_by_its_name() -> None:
+def test_an_unknown_method_has_its_own_name() -> None:
     assert describe_method("orb").name == "ORB"
 
 
-def test_what_loops_have_gained_is_a_table_of_its_own() -> None:
+def test_the_effect_of_loop_closure_is_a_separate_table() -> None:
     walk = make_recording("walk")
-    drifting = make_outcome(walk, step_m=0.02, with_loops=make_loop_closure_run(walk))
+    drifting = make_outcome(walk, step_m=0.02, loop_closure=make_loop_closure_run(walk))
     surf, icp = rows(
         loop_closure_table([make_results(walk, True, surf=drifting, icp=CRASH)]).as_csv()
     )

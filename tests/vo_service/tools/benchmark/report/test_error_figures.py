@@ -1,4 +1,4 @@
-"""The figures: what they show, and that a stranger finds axes, units and a legend."""
+"""The figures: their content, axes, units and legends."""
 
 from xml.etree import ElementTree
 
@@ -26,19 +26,19 @@ from vo_service.tools.benchmark.report.trajectory_figure import make_trajectory_
 from vo_service.tools.benchmark.results import SequenceResults
 
 
-def walk(**how: object) -> SequenceResults:
-    """Surf is 1 mm off a step, icp 3 mm and loses frames at a pause, sfm has crashed."""
-    of = make_recording(gap_s=1.0)
+def walk(**options: object) -> SequenceResults:
+    """Make results: surf is off by 1 mm per step, icp by 3 mm with lost frames, sfm crashed."""
+    recording = make_recording(gap_s=1.0)
     surf, icp = (
-        make_outcome(of, step_m=STEP_M + 0.001),
-        make_outcome(of, step_m=0.013, lost=range(20, 24)),
+        make_outcome(recording, step_m=STEP_M + 0.001),
+        make_outcome(recording, step_m=0.013, lost=range(20, 24)),
     )
-    return make_results(of, surf=surf, icp=icp, sfm=CRASH, **how)  # type: ignore[arg-type]
+    return make_results(recording, surf=surf, icp=icp, sfm=CRASH, **options)  # type: ignore[arg-type]
 
 
-def figures(of: SequenceResults) -> dict[str, Figure]:
-    drawn = [*make_error_figures(of), *make_trajectory_figures(of)]
-    return {named.name: named.figure for named in drawn}
+def figures(results: SequenceResults) -> dict[str, Figure]:
+    named_figures = [*make_error_figures(results), *make_trajectory_figures(results)]
+    return {named.name: named.figure for named in named_figures}
 
 
 def legend(figure: Figure) -> list[str]:
@@ -46,25 +46,29 @@ def legend(figure: Figure) -> list[str]:
 
 
 def curve(figure: Figure, plot: int, method: str) -> Array:
-    """The first line of a method's color; where it is broken is left out."""
+    """Return the points of the first line with a method's color, without gaps."""
     color = method_color(method, ["surf", "icp", "sfm"])
     line = next(line for line in figure.axes[plot].lines if line.get_color() == color)
     points = np.asarray(line.get_xydata(), np.float64)
     return points[np.isfinite(points[:, 1])]
 
 
-def test_there_is_one_of_each_kind_with_what_it_is_for() -> None:
-    drawn = [*make_error_figures(walk()), *make_trajectory_figures(walk())]
-    assert [named.name for named in drawn] == ["frame_error", "global_error", "trajectory"]
-    captions = [named.caption for named in drawn]
+def test_there_is_one_figure_of_each_kind_with_a_caption() -> None:
+    named_figures = [*make_error_figures(walk()), *make_trajectory_figures(walk())]
+    assert [named.name for named in named_figures] == [
+        "frame_error",
+        "global_error",
+        "trajectory",
+    ]
+    captions = [named.caption for named in named_figures]
     for word in ("Error frame by frame", "Global error"):
         assert any(
             caption.startswith(f"{word} (as the paper's Figures 6 to 9)") for caption in captions
         )
-    assert captions[2].startswith("The way of the camera (as the paper's Figure 10)")
+    assert captions[2].startswith("Trajectory of the camera (as the paper's Figure 10)")
 
 
-def test_the_error_of_every_step_stands_at_its_frame() -> None:
+def test_the_error_of_every_step_is_at_its_frame() -> None:
     above = curve(figures(walk())["frame_error"], 0, "surf")
     np.testing.assert_allclose(above, [[k, 1.0] for k in range(1, FRAMES)], atol=1e-6)
 
@@ -75,53 +79,61 @@ def test_the_global_error_grows_with_the_steps() -> None:
 
 
 def test_every_plot_has_axes_with_units_and_a_legend() -> None:
-    drawn = figures(walk())
-    above, below = drawn["frame_error"].axes
+    figures_by_name = figures(walk())
+    above, below = figures_by_name["frame_error"].axes
     assert (above.get_ylabel(), below.get_ylabel()) == (
         "error of a step (mm)",
         "error of a step (degrees)",
     )
     assert below.get_xlabel() == "frame"
-    (plot,) = drawn["global_error"].axes
+    (plot,) = figures_by_name["global_error"].axes
     assert (plot.get_xlabel(), plot.get_ylabel()) == ("frame", "distance from the truth (m)")
-    left, right = drawn["trajectory"].axes
+    left, right = figures_by_name["trajectory"].axes
     assert (left.get_xlabel(), left.get_ylabel()) == ("right (m)", "forward (m)")
     assert (right.get_xlabel(), right.get_ylabel()) == ("forward (m)", "up (m)")
     known = ["SURF (proposed)", "ICP", "frame lost", "pause in the recording"]
-    assert legend(drawn["frame_error"]) == legend(drawn["global_error"]) == known
-    assert legend(drawn["trajectory"]) == ["ground truth", "SURF (proposed)", "ICP"]
+    assert (
+        legend(figures_by_name["frame_error"]) == legend(figures_by_name["global_error"]) == known
+    )
+    assert legend(figures_by_name["trajectory"]) == ["ground truth", "SURF (proposed)", "ICP"]
 
 
-def test_methods_that_differ_much_are_drawn_to_a_logarithmic_scale() -> None:
-    of = make_recording()
-    much = figures(
+def test_very_different_methods_have_a_logarithmic_scale() -> None:
+    recording = make_recording()
+    result_figures = figures(
         make_results(
-            of, surf=make_outcome(of, step_m=STEP_M + 1e-4), icp=make_outcome(of, step_m=0.05)
+            recording,
+            surf=make_outcome(recording, step_m=STEP_M + 1e-4),
+            icp=make_outcome(recording, step_m=0.05),
         )
     )
-    (plot,) = much["global_error"].axes
+    (plot,) = result_figures["global_error"].axes
     assert (plot.get_yscale(), plot.get_ylabel()) == (
         "log",
         "distance from the truth (m), logarithmic",
     )
 
 
-def test_a_method_that_flies_off_does_not_make_the_others_small() -> None:
-    of = make_recording()
-    figure = figures(make_results(of, surf=make_outcome(of), icp=make_outcome(of, step_m=1.0)))[
-        "trajectory"
-    ]
+def test_a_diverging_method_does_not_shrink_the_others() -> None:
+    recording = make_recording()
+    figure = figures(
+        make_results(
+            recording, surf=make_outcome(recording), icp=make_outcome(recording, step_m=1.0)
+        )
+    )["trajectory"]
     low, high = figure.axes[0].get_xlim()
     assert high - low < 5 * STEP_M * FRAMES
-    assert "ICP (leaves the picture)" in legend(figure)
+    assert "ICP (leaves the figure)" in legend(figure)
 
 
-def test_without_truth_there_are_trajectories_alone() -> None:
-    of = make_recording(has_truth=False)
-    drawn = list(make_trajectory_figures(make_results(of, surf=make_outcome(of))))
-    assert list(make_error_figures(make_results(of, surf=make_outcome(of)))) == []
-    assert legend(drawn[0].figure) == ["SURF (proposed)"]
-    assert "gray" not in drawn[0].caption
+def test_without_truth_there_are_only_trajectories() -> None:
+    recording = make_recording(has_truth=False)
+    figures_by_name = list(
+        make_trajectory_figures(make_results(recording, surf=make_outcome(recording)))
+    )
+    assert list(make_error_figures(make_results(recording, surf=make_outcome(recording)))) == []
+    assert legend(figures_by_name[0].figure) == ["SURF (proposed)"]
+    assert "gray" not in figures_by_name[0].caption
 
 
 def test_without_any_result_there_is_no_figure() -> None:
@@ -129,16 +141,16 @@ def test_without_any_result_there_is_no_figure() -> None:
 
 
 def test_a_run_without_any_error_can_be_drawn() -> None:
-    of = make_recording()
-    drawn = figures(make_results(of, surf=make_outcome(of)))
-    assert curve(drawn["global_error"], 0, "surf")[:, 1].max() < 1e-9
-    assert render_figure(NamedFigure("frame_error", "", drawn["frame_error"]), "svg")
+    recording = make_recording()
+    figures_by_name = figures(make_results(recording, surf=make_outcome(recording)))
+    assert curve(figures_by_name["global_error"], 0, "surf")[:, 1].max() < 1e-9
+    assert render_figure(NamedFigure("frame_error", "", figures_by_name["frame_error"]), "svg")
 
 
 @pytest.mark.parametrize("lost", [range(3, FRAMES), range(16, FRAMES), range(FRAMES - 2)])
-def test_a_run_of_few_poses_can_be_drawn(lost: range) -> None:
-    of = make_recording()
-    assert "trajectory" in figures(make_results(of, surf=make_outcome(of, lost=lost)))
+def test_a_run_with_few_poses_can_be_drawn(lost: range) -> None:
+    recording = make_recording()
+    assert "trajectory" in figures(make_results(recording, surf=make_outcome(recording, lost=lost)))
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What a recording shows, in a sentence or two."""
+"""Summary of a recording's results."""
 
 from tests.vo_service.tools.benchmark.sample_runs import (
     CRASH,
@@ -13,7 +13,7 @@ from vo_service.tools.benchmark.report.summary_text import (
 )
 
 
-def test_the_finding_names_the_best_the_partial_and_the_missing() -> None:
+def test_the_summary_names_the_best_the_partial_and_the_failed() -> None:
     walk = make_recording()
     text = summarize_sequence(
         make_results(
@@ -25,21 +25,21 @@ def test_the_finding_names_the_best_the_partial_and_the_missing() -> None:
     )
     assert text == (
         "SURF (proposed) has the smallest mean global error, 0.00 mm; ICP 195.00 mm. "
-        "SURF (proposed) placed 90 % of the frames only. SfM has no result (crashed)."
+        "SURF (proposed) has poses for only 90 % of the frames. SfM has no result (crashed)."
     )
 
 
-def test_the_finding_says_so_where_errors_cannot_be_told() -> None:
-    bare = make_recording(has_truth=False)
-    assert summarize_sequence(make_results(bare, surf=make_outcome(bare))) == (
-        "without ground truth, errors cannot be told."
+def test_the_summary_says_if_errors_are_not_known() -> None:
+    recording = make_recording(has_truth=False)
+    assert summarize_sequence(make_results(recording, surf=make_outcome(recording))) == (
+        "without ground truth, errors are not known."
     )
     assert summarize_sequence(make_results(make_recording(), surf=CRASH)).startswith(
-        "no method could be judged"
+        "no method has poses for most"
     )
 
 
-def test_the_error_of_a_step_is_also_told_without_the_pauses() -> None:
+def test_the_rpe_is_also_given_without_pauses() -> None:
     walk = make_recording(gap_s=1.0)
     text = describe_rpe_without_gaps(
         make_results(walk, surf=make_outcome(walk, step_m=STEP_M + 0.001))

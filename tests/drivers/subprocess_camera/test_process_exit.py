@@ -101,7 +101,10 @@ def test_ctrl_c_and_sigterm_for_all_processes_are_for_the_service_alone(script: 
 
 
 def test_a_driver_starts_without_what_only_the_service_needs() -> None:
-    names = "import json, sys, drivers.subprocess_camera.worker_main; print(json.dumps(list(sys.modules)))"
+    names = (
+        "import json, sys, drivers.subprocess_camera.worker_main; "
+        "print(json.dumps(list(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", names], capture_output=True, check=True)
     loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
     assert {"numpy", "cv2", "drivers"} <= loaded

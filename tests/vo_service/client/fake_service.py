@@ -67,7 +67,8 @@ class FakeService:
         """Make payload and attachment."""
         T = rigid_transform(np.eye(3), [0.0, y_m, 0.0])
         default = {
-            "schema": 1, "seq": 0, "epoch": 0, "is_localized": True, "map_keyframes": 3, "loop_closures": 1,
+            "schema": 1, "seq": 0, "epoch": 0, "is_localized": True,
+            "map_keyframes": 3, "loop_closures": 1,
         }  # fmt: skip
         payload = encode_transform(TransformMessage(12.5, "map", "odom", T))
         return payload, json.dumps(default | attachment).encode()

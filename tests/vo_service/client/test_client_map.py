@@ -70,7 +70,8 @@ def test_a_service_without_a_map_says_so() -> None:
         (b"", b'{"schema": 2}', "a message has version 2, but this client reads only 1"),
         (
             b"nonsense",
-            b'{"schema": 1, "seq": 1, "epoch": 0, "is_localized": true, "map_keyframes": 1, "loop_closures": 0}',
+            b'{"schema": 1, "seq": 1, "epoch": 0, "is_localized": true, "map_keyframes": 1, '
+            b'"loop_closures": 0}',
             "CDR",
         ),
     ],

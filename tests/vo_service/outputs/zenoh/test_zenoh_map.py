@@ -72,7 +72,8 @@ def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
     assert message.stamp_s == update.stamp_s
     np.testing.assert_allclose(message.T_frame_child, update.map.T_map_odom, atol=1e-15)
     assert attachment_of(connected.maps[0]) == {
-        "schema": 1, "seq": 7, "epoch": 1, "is_localized": True, "map_keyframes": 4, "loop_closures": 1,
+        "schema": 1, "seq": 7, "epoch": 1, "is_localized": True,
+        "map_keyframes": 4, "loop_closures": 1,
     }  # fmt: skip
 
 

@@ -132,7 +132,7 @@ ENVIRONMENT_FAULTS = (
     EnvironmentFault(
         "map's process killed",
         kill_mapper,
-        "map: its process ended and is started again; the map begins anew",
+        "map: the mapper process died and is restarted with an empty map",
         do_nothing,
     ),
     EnvironmentFault(

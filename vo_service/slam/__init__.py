@@ -1,1 +1,1 @@
-"""Simultaneous localization and mapping: place recognition, loop closure, pose graph, saved maps."""
+"""SLAM: place recognition, loop closure, pose graph, saved maps, and the mapper process."""

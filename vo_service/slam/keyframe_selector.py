@@ -1,4 +1,4 @@
-"""How far apart two views are, in steps: 15 cm or 10 degrees, whichever is more of them."""
+"""Keyframe selection by the distance of poses in steps of 15 cm or 10 degrees."""
 
 import math
 
@@ -12,7 +12,7 @@ STEP_RAD = math.radians(10.0)
 
 
 def pose_distance_steps(T_world_camera: Array, others: Array) -> Array:
-    """Steps from one pose (4, 4) to others (..., 4, 4); shape (...)."""
+    """Steps (...) from a pose (4, 4) to others (..., 4, 4): the larger of distance and angle."""
     distance_m = np.linalg.norm(others[..., :3, 3] - T_world_camera[:3, 3], axis=-1)
     trace = (others[..., :3, :3] * T_world_camera[:3, :3]).sum(axis=(-2, -1))
     angle_rad = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
@@ -21,9 +21,12 @@ def pose_distance_steps(T_world_camera: Array, others: Array) -> Array:
 
 
 class KeyframeSelector:
-    """Lets a frame through when it is tracked and some steps away from the last one let through.
+    """Select tracked frames that are some steps away from the last selected one.
 
-    The first good frame of an epoch always is.
+    The first good frame of an epoch is always selected.
+
+    Args:
+        min_steps: Smallest distance from the last selected frame.
     """
 
     def __init__(self, min_steps: float = 1.0) -> None:
@@ -31,7 +34,7 @@ class KeyframeSelector:
         self._last_accepted: tuple[int, Array] | None = None  # epoch and pose
 
     def accepts(self, update: OdometryUpdate) -> bool:
-        """Whether this frame is to be a keyframe."""
+        """Whether this frame becomes a keyframe."""
         last, T_world_camera = self._last_accepted, update.T_world_camera
         if update.state is not TrackingState.TRACKING:
             return False
@@ -46,5 +49,5 @@ class KeyframeSelector:
         return True
 
     def reset(self) -> None:
-        """Let the next good frame through. Safe from any thread."""
+        """Select the next good frame. May be called from any thread."""
         self._last_accepted = None

@@ -1,1 +1,1 @@
-"""Places that are known again: loops, and what they say of the way."""
+"""Loop closure."""

@@ -1,4 +1,4 @@
-"""Where a camera was, as seen from a place: it moves along when the map is corrected."""
+"""A pose relative to a keyframe: it moves with the keyframe when the map is optimized."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,23 +14,24 @@ if TYPE_CHECKING:  # its libraries are slow to load
 
 @dataclass(frozen=True, eq=False)
 class AnchoredPose:
-    """A pose of the camera.
+    """A pose of the camera relative to a keyframe.
 
-    place           number of the last place before it; None where there is none
-    T_place_camera  4x4, from there; from the map where there is none
+    Attributes:
+        keyframe_number: Number of the last keyframe before it; None if there is none.
+        T_keyframe_camera: 4x4 relative to the keyframe, or to the map if there is none.
     """
 
     keyframe_number: int | None
     T_keyframe_camera: Array
 
     def re_anchor(self, removal: "NodeRemoval") -> "AnchoredPose":
-        """The same when a place is no more: its own is told from a neighbour of that."""
+        """Return the pose relative to the neighbor, if its keyframe is the removed one."""
         if self.keyframe_number != removal.number:
             return self
         return AnchoredPose(removal.neighbor, removal.T_neighbor_removed @ self.T_keyframe_camera)
 
     def to_map(self, T_map_keyframe: Callable[[int], Array]) -> Array:
-        """4x4 T_map_camera, the places being where `T_map_keyframe` says."""
+        """4x4 T_map_camera, with the keyframes' poses by `T_map_keyframe`."""
         if self.keyframe_number is None:
             return self.T_keyframe_camera
         return np.asarray(T_map_keyframe(self.keyframe_number) @ self.T_keyframe_camera)

@@ -1,4 +1,4 @@
-"""Making the loops: where they are asked for, since their libraries are slow to load."""
+"""Factory of the loop closure. It is imported only when needed: its libraries are slow to load."""
 
 from dataclasses import replace
 
@@ -12,27 +12,27 @@ from vo_service.slam.saved_maps.map_file import MapContents
 
 
 def create_synchronous_loop_closure(settings: MapConfig) -> SynchronousLoopClosure:
-    """Loops on the caller's own thread, that know no place yet."""
+    """Create a loop closure on the caller's thread, with an empty map."""
     return SynchronousLoopClosure(create_loop_closer(settings))
 
 
 def create_loop_closer(settings: MapConfig) -> LoopCloser:
-    """A loop closer that knows no place yet."""
+    """Create a loop closer with an empty map."""
     return LoopCloser(
         PlaceRecognizer(), KeyframeDatabase(settings.keyframe_database_mb * MEGABYTE), PoseGraph()
     )
 
 
 def create_loop_closer_from_map(contents: MapContents, settings: MapConfig) -> LoopCloser:
-    """A loop closer that knows the places of a map that was kept.
+    """Create a loop closer with a saved map.
 
-    Its worlds get negative numbers: those of today are counted from 0.
+    The map's world frames get negative numbers: new ones are counted from 0.
     """
-    worlds = sorted({place.world_id for place in contents.keyframes})
-    today = {world: rank - len(worlds) for rank, world in enumerate(worlds)}
-    places = KeyframeDatabase(settings.keyframe_database_mb * MEGABYTE)
-    for place in contents.keyframes:
-        places.add(replace(place, world_id=today[place.world_id]))
-    nodes = (replace(node, world_id=today[node.world_id]) for node in contents.nodes)
+    saved_ids = sorted({keyframe.world_id for keyframe in contents.keyframes})
+    world_ids = {saved_id: rank - len(saved_ids) for rank, saved_id in enumerate(saved_ids)}
+    database = KeyframeDatabase(settings.keyframe_database_mb * MEGABYTE)
+    for keyframe in contents.keyframes:
+        database.add(replace(keyframe, world_id=world_ids[keyframe.world_id]))
+    nodes = (replace(node, world_id=world_ids[node.world_id]) for node in contents.nodes)
     graph = PoseGraph(nodes, contents.edges)
-    return LoopCloser(PlaceRecognizer(), places, graph, contents.next_number)
+    return LoopCloser(PlaceRecognizer(), database, graph, contents.next_number)

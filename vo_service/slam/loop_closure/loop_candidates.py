@@ -1,4 +1,4 @@
-"""Which places a new view may show: those that look like it, and those that should be there."""
+"""Loop candidates for a view: keyframes that look similar, and keyframes nearby."""
 
 from collections import deque
 
@@ -11,51 +11,52 @@ from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
 from vo_service.slam.place_recognition.query_frame import QueryFrame
 from vo_service.slam.pose_graph.pose_graph import PoseGraph
 
-# The last places of the way are no loop: the odometry was laid on them itself.
+# The last keyframes are no loop candidates: the odometry itself was aligned with them.
 MAX_RECENT_KEYFRAMES = 8
-# So many places are looked at closely: those that look most alike, and those nearest to where the
-# camera should be.
+# Number of candidates: the most similar ones, and those nearest to the camera's expected pose.
 MAX_SIMILAR_KEYFRAMES, MAX_NEARBY_KEYFRAMES = 5, 2
-# A place should be in view from so many steps away.
+# Largest distance of a nearby keyframe.
 MAX_NEARBY_STEPS = 4.0
 
 
 class LoopCandidates:
-    """Chooses among places."""
+    """Selection of loop candidates from the database."""
 
     def __init__(self, database: KeyframeDatabase, graph: PoseGraph) -> None:
         self._database = database
         self._graph = graph
         self._recent: deque[int] = deque(maxlen=MAX_RECENT_KEYFRAMES)
-        self._world_id: int | None = None  # of these
+        self._world_id: int | None = None
 
     def mark_visited(self, keyframe: MapKeyframe) -> None:
-        """The camera has come by this place."""
+        """Mark a keyframe as recently visited."""
         self._recent.append(keyframe.number)
 
     def find_similar(self, query: QueryFrame) -> list[MapKeyframe]:
-        """Those that look like a view, the most alike first."""
-        return self._database.find_similar(query, MAX_SIMILAR_KEYFRAMES, lambda place: True)
+        """Find keyframes that look like a view, the most similar first."""
+        return self._database.find_similar(query, MAX_SIMILAR_KEYFRAMES, lambda keyframe: True)
 
     def find_loop_candidates(
         self, query: QueryFrame, world_id: int, T_map_camera: Array
     ) -> list[MapKeyframe]:
-        """Those that would be a loop, for a view in a world, from where the graph has it."""
+        """Find loop candidates of a view in a world frame, at its pose in the map."""
         if world_id != self._world_id:
             self._world_id = world_id
             self._recent.clear()
-        found = self._database.find_similar(query, MAX_SIMILAR_KEYFRAMES, self._is_not_recent)
-        known = {place.number for place in found}
-        return found + [
-            each for each in self._find_nearby(T_map_camera) if each.number not in known
+        similar = self._database.find_similar(query, MAX_SIMILAR_KEYFRAMES, self._is_not_recent)
+        numbers = {keyframe.number for keyframe in similar}
+        return similar + [
+            each for each in self._find_nearby(T_map_camera) if each.number not in numbers
         ]
 
     def _find_nearby(self, T_map_camera: Array) -> list[MapKeyframe]:
-        old = [place for place in self._database if self._is_not_recent(place)]
+        old = [keyframe for keyframe in self._database if self._is_not_recent(keyframe)]
         if not old:
             return []
-        T_map_places = np.array([self._graph.T_map_keyframe(place.number) for place in old])
-        steps = pose_distance_steps(T_map_camera, T_map_places)
+        T_map_keyframes = np.array(
+            [self._graph.T_map_keyframe(keyframe.number) for keyframe in old]
+        )
+        steps = pose_distance_steps(T_map_camera, T_map_keyframes)
         nearest = np.argsort(steps, kind="stable")[:MAX_NEARBY_KEYFRAMES]
         return [old[index] for index in nearest if steps[index] <= MAX_NEARBY_STEPS]
 

@@ -1,7 +1,6 @@
-"""Loop closure: a view that is a step away from the last is a place, and is compared with others.
+"""Loop closer: each keyframe is compared with older ones, and loops optimize the pose graph.
 
-Where one of those is known again, the graph of all places is corrected.
-Pose graphs as in Kuemmerle et al., "g2o" (ICRA 2011); views are summed up as in Jegou et al.,
+Pose graphs as in Kuemmerle et al., "g2o" (ICRA 2011); views are described as in Jegou et al.,
 "Aggregating local descriptors into a compact image representation" (CVPR 2010).
 """
 
@@ -29,19 +28,21 @@ from vo_service.slam.pose_graph.pose_graph import NodeRemoval, PoseGraph
 from vo_service.slam.saved_maps.map_file import MapContents
 from vo_service.types import MapSnapshot
 
-# A loop that says that the map is off by so much calls for a correction.
+# A loop that differs from the map by more than this calls for an optimization.
 MIN_CORRECTION_M, MIN_CORRECTION_RAD = 0.005, 0.005
-# So many loops of a place say where it is; more cost time and say the same.
+# Largest number of loops of a keyframe; more cost time and add little.
 MAX_LOOPS_PER_KEYFRAME = 3
 
 
 @dataclass(frozen=True)
 class KeyframeObservation:
-    """A tracked frame that is to be a place.
+    """A tracked frame that becomes a keyframe.
 
-    world           number of the world that its pose is in
-    T_world_camera  4x4
-    hop             from the place before, if that is of this world
+    Attributes:
+        frame: The frame.
+        world_id: Number of the world frame of its pose.
+        T_world_camera: 4x4.
+        constraint: Motion from the last keyframe, if that is in this world frame.
     """
 
     frame: RgbdFrame
@@ -52,14 +53,21 @@ class KeyframeObservation:
 
 @dataclass(frozen=True)
 class MapUpdate:
-    """What has become of the map: a new place, and those that had to go for it."""
+    """Change of the map: a new keyframe, and the removed ones."""
 
     keyframe: MapKeyframe
     removals: Sequence[NodeRemoval]
 
 
 class LoopCloser:
-    """Knows the places that were seen, and how they lie to each other in the map."""
+    """The map of keyframes, with loop closure and relocalization.
+
+    Args:
+        recognizer: Recognizes places.
+        database: The keyframes; those of a saved map are in other world frames than new ones.
+        graph: Their poses and edges.
+        next_number: Number of the next keyframe.
+    """
 
     def __init__(
         self,
@@ -68,7 +76,6 @@ class LoopCloser:
         graph: PoseGraph,
         next_number: int = 0,
     ) -> None:
-        """Places and their graph may be those of an earlier day: what comes is a new world."""
         self.database = database
         self.graph = graph
         self.loop_count = 0
@@ -82,7 +89,7 @@ class LoopCloser:
 
     @property
     def T_map_world(self) -> Array:
-        """4x4 correction of the poses of the world that the camera is in."""
+        """4x4 correction of the poses in the current world frame."""
         last = self._last_keyframe
         if last is None:
             return np.eye(4)
@@ -90,11 +97,11 @@ class LoopCloser:
 
     @property
     def world_id(self) -> int:
-        """That the camera is in: the last place's; 0 before the first."""
+        """The current world frame: that of the last keyframe; 0 before the first one."""
         return 0 if self._last_keyframe is None else self._last_keyframe.world_id
 
     def anchor_to_last_keyframe(self, T_world_camera: Array) -> AnchoredPose:
-        """A pose in the world of the last place, as seen from there."""
+        """Anchor a pose in the current world frame to the last keyframe."""
         last = self._last_keyframe
         if last is None:
             return AnchoredPose(None, T_world_camera)
@@ -104,7 +111,7 @@ class LoopCloser:
 
     @property
     def contents(self) -> MapContents:
-        """What there is to keep of the map."""
+        """Contents of the map, to be saved."""
         nodes = tuple(self.graph.nodes.values())
         return MapContents(tuple(self.database), nodes, self.graph.edges, self._next_number)
 
@@ -126,43 +133,43 @@ class LoopCloser:
 
     @property
     def _is_localized(self) -> bool:
-        """Whether the world that the camera is in is joined to the oldest place of all."""
+        """Whether the current world frame is connected with the oldest keyframe."""
         last, oldest = self._last_keyframe, next(iter(self.database), None)
         return oldest is None or (last is not None and self._are_connected(oldest, last))
 
     def process_keyframe(self, observation: KeyframeObservation) -> MapUpdate:
-        """Make a place of a view, and close the loops that it shows."""
-        # What does it look like, and where does the odometry say it is?
-        view = self._recognizer.create_query(observation.frame, observation.constraint.velocity)
-        place = self._add_keyframe(view, observation)
-        # Which older places does it show?
-        T_map_place = self.graph.T_map_keyframe(place.number)
-        older = self._candidates.find_loop_candidates(view, observation.world_id, T_map_place)
-        recognised = self._match_candidates(view, place, older)
-        # Is that plausible? Then the map is corrected.
-        loops = [loop for each in recognised for loop in self._loop_edges(place, each)]
+        """Add a keyframe, close its loops, and cull the map."""
+        query = self._recognizer.create_query(observation.frame, observation.constraint.velocity)
+        new_keyframe = self._add_keyframe(query, observation)
+        T_map_keyframe = self.graph.T_map_keyframe(new_keyframe.number)
+        candidates = self._candidates.find_loop_candidates(
+            query, observation.world_id, T_map_keyframe
+        )
+        matches = self._match_candidates(query, new_keyframe, candidates)
+        # Implausible matches are dropped.
+        loops = [loop for each in matches for loop in self._loop_edges(new_keyframe, each)]
         self._add_loop_closures(loops)
-        self.database.add(place)
-        self._candidates.mark_visited(place)
-        # Places that tell nothing new go: the map grows with what was seen, not with time.
-        return MapUpdate(place, self._keyframe_culler.cull(place, loops))
+        self.database.add(new_keyframe)
+        self._candidates.mark_visited(new_keyframe)
+        # Duplicates are culled: the map grows with the explored space, not with time.
+        return MapUpdate(new_keyframe, self._keyframe_culler.cull(new_keyframe, loops))
 
     def optimize(self) -> None:
-        """Correct the map by the loops that have waited for it."""
+        """Optimize the graph if there are pending loops."""
         if self._optimization_schedule.has_pending_loops:
             self.graph.optimize()
             self._optimization_schedule.mark_optimized()
 
     def relocalize(self, frame: RgbdFrame) -> RelocalizationResult | None:
-        """Where a frame was taken, in the world of the last place; None if no place is known."""
+        """Find a frame's pose in the current world frame; None if no keyframe is recognized."""
         last = self._last_keyframe
         if last is None:
             return None
-        view = self._recognizer.create_query(frame, np.zeros(6), LOST_VELOCITY_SIGMA)
-        places = [
-            each for each in self._candidates.find_similar(view) if self._are_connected(each, last)
+        query = self._recognizer.create_query(frame, np.zeros(6), LOST_VELOCITY_SIGMA)
+        keyframes = [
+            each for each in self._candidates.find_similar(query) if self._are_connected(each, last)
         ]
-        found = self._recognizer.recognize(view, places, self._T_map_keyframes(places))
+        found = self._recognizer.recognize(query, keyframes, self._T_map_keyframes(keyframes))
         if found is None:
             return None
         T_map_camera = self.graph.T_map_keyframe(found.keyframe_number) @ found.T_keyframe_camera
@@ -171,36 +178,36 @@ class LoopCloser:
         )
 
     def _add_keyframe(self, query: QueryFrame, observation: KeyframeObservation) -> MapKeyframe:
-        """A new place, tied to the last by the motion that the odometry gave."""
+        """Create a keyframe and connect it with the last one by the odometry's motion."""
         last, number = self._last_keyframe, self._next_number
-        place = self._recognizer.create_keyframe(
+        new_keyframe = self._recognizer.create_keyframe(
             query, number, observation.world_id, observation.T_world_camera
         )
         if last is None or last.world_id != observation.world_id:
-            # Until it is known how a new world lies, the correction stays as it was.
+            # The correction stays until the new world frame is connected with the map.
             self.graph.add_node(
                 number, observation.world_id, self.T_map_world @ observation.T_world_camera
             )
         else:
-            T_last_place = inverse(last.T_world_keyframe) @ observation.T_world_camera
+            T_last_keyframe = inverse(last.T_world_keyframe) @ observation.T_world_camera
             motion = Edge(
                 last.number,
                 number,
-                T_last_place,
+                T_last_keyframe,
                 observation.constraint.covariance,
                 False,
                 observation.constraint.length_m,
             )
             self.graph.add_odometry_edge(motion)
-        self._last_keyframe, self._next_number = place, number + 1
-        return place
+        self._last_keyframe, self._next_number = new_keyframe, number + 1
+        return new_keyframe
 
     def _match_candidates(
         self, query: QueryFrame, keyframe: MapKeyframe, candidates: Sequence[MapKeyframe]
     ) -> list[PlaceMatch]:
-        """The first of the candidates that the view of a new place shows.
+        """Match the view of a new keyframe with the candidates, in their order.
 
-        Of places in another world, whose way from here is not known, none may contradict.
+        Candidates in unconnected world frames are used only if they do not contradict each other.
         """
         others = [each for each in candidates if not self._are_connected(each, keyframe)]
         if (
@@ -212,17 +219,17 @@ class LoopCloser:
         return list(islice((each for each in found if each is not None), MAX_LOOPS_PER_KEYFRAME))
 
     def _T_map_keyframes(self, keyframes: Sequence[MapKeyframe]) -> dict[int, Array]:
-        return {place.number: self.graph.T_map_keyframe(place.number) for place in keyframes}
+        return {each.number: self.graph.T_map_keyframe(each.number) for each in keyframes}
 
     def _loop_edges(self, keyframe: MapKeyframe, match: PlaceMatch) -> list[Edge]:
-        """What is to be closed of a recognition; more than one where two worlds are joined."""
+        """Loop edges of a match; more than one where two world frames are merged."""
         old = self.database[match.keyframe_number]
         loop = Edge(
             old.number, keyframe.number, match.T_keyframe_camera, match.covariance, True, 0.0
         )
         if not self._are_connected(old, keyframe):
             agreed = self._map_merger.add_loop(loop, old, keyframe)
-            # A place that one of them waited for may have been left out since.
+            # A keyframe of a pending loop may have been culled.
             return [each for each in agreed if {each.a, each.b} <= self.graph.nodes.keys()]
         return [loop] if self.graph.is_plausible(loop) else []
 
@@ -232,13 +239,13 @@ class LoopCloser:
         )
 
     def _add_loop_closures(self, loops: Sequence[Edge]) -> None:
-        """Add loops to the graph, and correct it when that is due."""
-        is_off = any(self._is_inconsistent(loop) for loop in loops)
+        """Add loops to the graph, and optimize it when due."""
+        has_inconsistency = any(self._is_inconsistent(loop) for loop in loops)
         for loop in loops:
             self.graph.add_loop_closure(loop)
         self.loop_count += len(loops)
         if self._optimization_schedule.add_keyframe(
-            len(self.graph.nodes), has_loops=bool(loops), is_inconsistent=is_off
+            len(self.graph.nodes), has_loops=bool(loops), is_inconsistent=has_inconsistency
         ):
             self.optimize()
 

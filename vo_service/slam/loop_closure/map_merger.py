@@ -1,4 +1,4 @@
-"""When two worlds are one: after a loss, or a restart, nothing is known of how they lie."""
+"""Merging of world frames, whose relative pose is unknown after a loss or a restart."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,13 @@ from drivers.core.geometry import Array, inverse, poses_close
 from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
 from vo_service.slam.pose_graph.edges import Edge
 
-# Two loops agree about how two worlds lie to each other to within this.
+# Largest difference of two loops that agree on the relative pose of two world frames.
 MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD = 0.10, 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class _MergeHypothesis:
-    """A loop between two worlds, and how these lie to each other if it is right."""
+    """A loop between two world frames, and their relative pose by it."""
 
     loop: Edge
     world_ids: tuple[int, int]
@@ -20,29 +20,37 @@ class _MergeHypothesis:
 
 
 class MapMerger:
-    """Waits for a second opinion: one loop between two worlds is not believed."""
+    """Merge two world frames once two loops agree on their relative pose."""
 
     def __init__(self) -> None:
         self._pending_hypotheses: list[_MergeHypothesis] = []
 
     def add_loop(self, loop: Edge, old: MapKeyframe, new: MapKeyframe) -> list[Edge]:
-        """The loops to be closed now: none, or this one and those that waited for it.
+        """Add a loop between two world frames.
 
-        loop  from the old place to the new one
+        Args:
+            loop: From the old keyframe to the new one.
+            old: The old keyframe.
+            new: The new keyframe.
+
+        Returns:
+            The loops to close: none, or this one and the pending ones that agree with it.
         """
         T_old_new = old.T_world_keyframe @ loop.T_a_b @ inverse(new.T_world_keyframe)
-        opinion = _MergeHypothesis(loop, (old.world_id, new.world_id), T_old_new)
-        others = [each for each in self._pending_hypotheses if each.world_ids == opinion.world_ids]
+        hypothesis = _MergeHypothesis(loop, (old.world_id, new.world_id), T_old_new)
+        others = [
+            each for each in self._pending_hypotheses if each.world_ids == hypothesis.world_ids
+        ]
         agreed = [
             each
             for each in others
             if poses_close(each.T_old_new, T_old_new, MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD)
         ]
-        settled = others if agreed else []
+        resolved = others if agreed else []
         self._pending_hypotheses = [
-            each for each in self._pending_hypotheses if each not in settled
+            each for each in self._pending_hypotheses if each not in resolved
         ]
         if agreed:
             return [*(each.loop for each in agreed), loop]
-        self._pending_hypotheses.append(opinion)
+        self._pending_hypotheses.append(hypothesis)
         return []

@@ -1,4 +1,4 @@
-"""What the odometry has said since the last place: the motion, how sure it is, how long."""
+"""Odometry constraint between two keyframes: covariance, velocity and path length."""
 
 from dataclasses import dataclass
 
@@ -9,19 +9,20 @@ from vo_service.odometry.covariance_accumulator import CovarianceAccumulator
 from vo_service.slam.keyframe_selector import KeyframeSelector
 from vo_service.types import OdometryUpdate
 
-# From one place to the next, in steps of 15 cm or 10 degrees.
+# Distance of two keyframes, in steps of 15 cm or 10 degrees.
 MIN_KEYFRAME_STEPS = 2.0
-# Two frames further apart in time say nothing of the velocity.
+# Longest time between two frames that gives a velocity.
 MAX_VELOCITY_INTERVAL_S = 0.2
 
 
 @dataclass(frozen=True)
 class OdometryConstraint:
-    """From one place to the next.
+    """Motion from one keyframe to the next.
 
-    velocity    (6,) twist of the camera in its own axes at the end, m/s and rad/s
-    covariance  6x6 of the motion, as a small motion in the camera's axes
-    length_m    how far the camera has travelled
+    Attributes:
+        velocity: (6,) twist of the camera in its own axes at the end, m/s and rad/s.
+        covariance: 6x6 of the motion, as a small motion in the camera's axes.
+        length_m: Length of the camera's path.
     """
 
     velocity: Array
@@ -30,7 +31,7 @@ class OdometryConstraint:
 
 
 class ConstraintAccumulator:
-    """Sees every result of the odometry, and says which frames are to be places."""
+    """Accumulate the odometry between keyframes, and select these."""
 
     def __init__(self) -> None:
         self._keyframe_selector = KeyframeSelector(MIN_KEYFRAME_STEPS)
@@ -39,23 +40,23 @@ class ConstraintAccumulator:
         self._last: tuple[int, float, Array] | None = None  # epoch, stamp and pose
 
     def update(self, update: OdometryUpdate) -> OdometryConstraint | None:
-        """The hop that ends with this frame, if it is to be a place."""
+        """Add a result; return the constraint if the frame becomes a keyframe."""
         if not update.estimate.ok:
             return None
         velocity = self._accumulate(update)
         if not self._keyframe_selector.accepts(update):
             return None
-        hop = OdometryConstraint(velocity, self._covariance.pose, self._length_m)
+        constraint = OdometryConstraint(velocity, self._covariance.pose, self._length_m)
         self._covariance.reset()
         self._length_m = 0.0
-        return hop
+        return constraint
 
     def force_keyframe(self) -> None:
-        """Let the next good frame be a place. Safe from any thread."""
+        """Make the next good frame a keyframe. May be called from any thread."""
         self._keyframe_selector.reset()
 
     def _accumulate(self, update: OdometryUpdate) -> Array:
-        """Go on to the next good frame; the velocity there."""
+        """Add a good frame, and return its velocity (6,)."""
         epoch, stamp_s, T_world_camera = update.epoch, update.frame.stamp_s, update.T_world_camera
         last, self._last = self._last, (epoch, stamp_s, T_world_camera)
         if last is None or last[0] != epoch:
@@ -73,10 +74,10 @@ class ConstraintAccumulator:
 
 
 class NullConstraintAccumulator:
-    """Where no place is remembered."""
+    """Accumulator without loop closure: no frame becomes a keyframe of the map."""
 
     def update(self, update: OdometryUpdate) -> None:
-        """Never."""
+        """Return None."""
 
     def force_keyframe(self) -> None:
-        """Nothing is known."""
+        """Do nothing."""

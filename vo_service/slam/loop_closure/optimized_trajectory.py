@@ -1,4 +1,4 @@
-"""The whole trajectory, corrected by what was known in the end."""
+"""The whole trajectory, by the final map."""
 
 from collections import defaultdict
 
@@ -11,22 +11,20 @@ from vo_service.slam.pose_graph.pose_graph import NodeRemoval, PoseGraph
 
 
 class OptimizedTrajectory:
-    """Remembers each frame from the place before it, so that it moves along when that does."""
+    """Trajectory whose poses are anchored to keyframes and move with them."""
 
     def __init__(self, graph: PoseGraph) -> None:
         self._graph = graph
-        self._poses: dict[float, AnchoredPose] = {}  # by their stamps
-        self._stamps_s_by_keyframe: defaultdict[int | None, list[float]] = defaultdict(
-            list
-        )  # by their places
+        self._poses: dict[float, AnchoredPose] = {}  # by stamp
+        self._stamps_s_by_keyframe: defaultdict[int | None, list[float]] = defaultdict(list)
 
     def add(self, stamp_s: float, keyframe_number: int, T_keyframe_camera: Array) -> None:
-        """Remember a frame; of frames with one stamp the last."""
+        """Add a frame; it replaces one with the same stamp."""
         self._poses[stamp_s] = AnchoredPose(keyframe_number, T_keyframe_camera)
         self._stamps_s_by_keyframe[keyframe_number].append(stamp_s)
 
     def re_anchor(self, removal: NodeRemoval) -> None:
-        """The same poses, from the neighbour of a place that is no more."""
+        """Anchor the poses of a removed keyframe to its neighbor."""
         stamps_s = self._stamps_s_by_keyframe.pop(removal.number, [])
         for stamp_s in stamps_s:
             self._poses[stamp_s] = self._poses[stamp_s].re_anchor(removal)
@@ -34,7 +32,7 @@ class OptimizedTrajectory:
 
     @property
     def trajectory(self) -> Trajectory:
-        """By rising stamps, from the first pose on."""
+        """Poses by ascending stamps; the first one is the identity."""
         stamps_s = sorted(self._poses)
         poses = np.array(
             [self._poses[stamp_s].to_map(self._graph.T_map_keyframe) for stamp_s in stamps_s]

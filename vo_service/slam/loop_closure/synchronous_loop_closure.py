@@ -1,4 +1,4 @@
-"""Loops on the caller's own thread: a replay is the same every time."""
+"""Loop closure on the caller's thread: a replay is deterministic."""
 
 from collections.abc import Sequence
 
@@ -16,71 +16,71 @@ from vo_service.types import Odometry, OdometryUpdate, Status
 
 
 class SynchronousLoopClosure:
-    """An output that makes places of the frames, and the finder of a `RelocalizingOdometry`.
+    """Output that makes keyframes of the frames, and relocalizer of a `RelocalizingOdometry`.
 
-    The world of its places is `odom`, as that of the poses that go out.
+    The world frame of its keyframes is `odom`, as that of the published poses.
     """
 
     warning = ""
 
     def __init__(self, loop_closer: LoopCloser) -> None:
         self.loop_closer = loop_closer
-        self._T_world_odom = np.eye(4)  # from `odom` to the odometry's own world
+        self._T_world_odom = np.eye(4)  # from `odom` to the odometry's world frame
         self._constraints = ConstraintAccumulator()
-        self._last_keyframe: MapKeyframe | None = None  # the last
-        self._answers: list[RelocalizationResult] = []
+        self._last_keyframe: MapKeyframe | None = None
+        self._results: list[RelocalizationResult] = []
         self._optimized_trajectory = OptimizedTrajectory(loop_closer.graph)
-        self.snapshot = loop_closer.snapshot  # as `LoopClosure`
+        self.snapshot = loop_closer.snapshot
 
     @property
     def trajectory(self) -> Trajectory:
-        """Poses of all good frames in the map as it is known by now; the first is identity."""
+        """Poses of all good frames by the current map; the first is the identity."""
         return self._optimized_trajectory.trajectory
 
     def wrap(self, odometry: Odometry) -> Odometry:
-        """As `LoopClosure`."""
+        """Wrap the odometry so that it relocalizes after a loss."""
         return RelocalizingOdometry(odometry, self)
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Take one result; make a place of it where it is one."""
-        T_odom_camera, hop = update.T_odom_camera, self._constraints.update(update)
-        if hop is not None:
+        """Add a result; make it a keyframe if it is selected."""
+        T_odom_camera, constraint = update.T_odom_camera, self._constraints.update(update)
+        if constraint is not None:
             self._process_keyframe(
-                KeyframeObservation(update.frame, update.epoch, T_odom_camera, hop)
+                KeyframeObservation(update.frame, update.epoch, T_odom_camera, constraint)
             )
-        place = self._last_keyframe
-        if update.estimate.ok and place is not None and place.world_id == update.epoch:
+        keyframe = self._last_keyframe
+        if update.estimate.ok and keyframe is not None and keyframe.world_id == update.epoch:
             self._T_world_odom = update.T_world_camera @ inverse(T_odom_camera)
-            T_place_camera = inverse(place.T_world_keyframe) @ T_odom_camera
-            self._optimized_trajectory.add(update.frame.stamp_s, place.number, T_place_camera)
+            T_keyframe_camera = inverse(keyframe.T_world_keyframe) @ T_odom_camera
+            self._optimized_trajectory.add(update.frame.stamp_s, keyframe.number, T_keyframe_camera)
 
     def on_status(self, status: Status) -> None:
-        """Nothing to remember."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """No more frames come: the last loops count as well."""
+        """Optimize the last loops."""
         self.loop_closer.optimize()
         self.snapshot = self.loop_closer.snapshot
 
     @property
     def has_map(self) -> bool:
-        """As `Relocalizer`."""
+        """Whether there is a keyframe."""
         return len(self.loop_closer.database) > 0
 
     def query(self, frame: RgbdFrame) -> None:
-        """As `Relocalizer`."""
-        located = self.loop_closer.relocalize(frame)
-        if located is not None:
-            self._answers.append(located.transform_to(self._T_world_odom))
+        """Relocalize the frame at once."""
+        result = self.loop_closer.relocalize(frame)
+        if result is not None:
+            self._results.append(result.transform_to(self._T_world_odom))
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
-        """As `Relocalizer`."""
-        answers, self._answers = self._answers, []
-        return answers
+        """Return the results since the last call."""
+        results, self._results = self._results, []
+        return results
 
     def _process_keyframe(self, observation: KeyframeObservation) -> None:
-        change = self.loop_closer.process_keyframe(observation)
-        for removal in change.removals:
+        map_update = self.loop_closer.process_keyframe(observation)
+        for removal in map_update.removals:
             self._optimized_trajectory.re_anchor(removal)
-        self._last_keyframe = change.keyframe
+        self._last_keyframe = map_update.keyframe
         self.snapshot = self.loop_closer.snapshot

@@ -1,4 +1,4 @@
-"""Compile what loops are closed with, or load it from the cache."""
+"""Warm-up of the loop closure: compile its kernels, or load them from the cache."""
 
 import time
 from collections.abc import Callable
@@ -15,25 +15,31 @@ from vo_service.types import Estimate
 
 
 def warm_up_loop_closure(report_stage: Callable[[str], None]) -> float:
-    """See made-up places, and know them again; returns the seconds that took.
+    """Run the loop closure on generated frames.
 
-    `tell` gets the name of the only stage as it begins.
+    Args:
+        report_stage: Called with the name of the only stage when it starts.
+
+    Returns:
+        The elapsed seconds.
     """
-    begin_s = time.monotonic()
+    start_s = time.monotonic()
     report_stage("places")
     run_warm_up_frames(_StationaryOdometry)
-    return time.monotonic() - begin_s
+    return time.monotonic() - start_s
 
 
 class _StationaryOdometry:
-    """An odometry that stands still; each frame is a place, in a world of its own."""
+    """Odometry at rest; each frame is a keyframe in a world frame of its own."""
 
     def __init__(self) -> None:
         self._loop_closer = create_loop_closer(MapConfig())
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Make a place of the frame, and look for it."""
-        hop = OdometryConstraint(np.zeros(6), np.eye(6), 0.0)
-        self._loop_closer.process_keyframe(KeyframeObservation(frame, frame.seq, np.eye(4), hop))
+        """Make a keyframe of the frame, and recognize it."""
+        constraint = OdometryConstraint(np.zeros(6), np.eye(6), 0.0)
+        self._loop_closer.process_keyframe(
+            KeyframeObservation(frame, frame.seq, np.eye(4), constraint)
+        )
         self._loop_closer.relocalize(frame)
         return Estimate(True, "", np.eye(4), np.eye(4), np.zeros((6, 6)))

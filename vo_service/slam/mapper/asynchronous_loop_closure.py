@@ -1,4 +1,4 @@
-"""Loops in the running service: the map's process knows the places, the loop asks and goes on."""
+"""Asynchronous loop closure: the mapper process has the map; the main loop does not wait for it."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -12,31 +12,33 @@ from vo_service.odometry.relocalization import RelocalizationResult, Relocalizin
 from vo_service.slam.mapper.messages import RelocalizationQuery
 from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 
-# Answers that nobody has come for.
+# Largest number of results that are not polled.
 _MAX_PENDING_RESULTS = 10
 
 
 class AsynchronousLoopClosure:
-    """The finder of a `RelocalizingOdometry`, and the map as the process told it last.
+    """Relocalizer of a `RelocalizingOdometry`, with the last snapshot of the map.
 
-    `hear` and `begin_anew` are called on another thread than the rest.
+    `handle_message` and `reset` are called on another thread than the rest.
+
+    Args:
+        submit: Sends a frame to the process.
     """
 
     def __init__(self, submit: Callable[[OdometryUpdate, RelocalizationQuery], None]) -> None:
-        """`put` passes a frame on to the process, soon."""
         self._submit = submit
-        # From `odom` to the odometry's own world, and the epoch that this is for.
+        # From `odom` to the odometry's world frame, and its epoch.
         self._T_world_odom, self._epoch = np.eye(4), 0
         self._last_update: OdometryUpdate | None = None
         self._results: deque[RelocalizationResult] = deque(maxlen=_MAX_PENDING_RESULTS)
         self.snapshot: MapSnapshot = NO_MAP
 
     def wrap(self, odometry: Odometry) -> Odometry:
-        """As `LoopClosure`."""
+        """Wrap the odometry so that it relocalizes after a loss."""
         return RelocalizingOdometry(odometry, self)
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Remember how the odometry's world lies in `odom`."""
+        """Update the transform between the odometry's world frame and `odom`."""
         self._last_update = update
         if update.estimate.ok:
             self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
@@ -44,30 +46,30 @@ class AsynchronousLoopClosure:
 
     @property
     def has_map(self) -> bool:
-        """As `Relocalizer`."""
+        """Whether the map has a keyframe."""
         return self.snapshot.keyframes > 0
 
     def query(self, frame: RgbdFrame) -> None:
-        """As `Relocalizer`."""
+        """Send the frame to the process as a query."""
         if self._last_update is not None:
             self._submit(
                 replace(self._last_update, frame=frame, epoch=self._epoch), RelocalizationQuery()
             )
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
-        """As `Relocalizer`."""
-        found = []
+        """Return the results since the last call."""
+        results = []
         while self._results:
-            found.append(self._results.popleft().transform_to(self._T_world_odom))
-        return found
+            results.append(self._results.popleft().transform_to(self._T_world_odom))
+        return results
 
     def handle_message(self, message: RelocalizationResult | MapSnapshot) -> None:
-        """What the process has found out."""
+        """Handle a message of the process."""
         if isinstance(message, RelocalizationResult):
             self._results.append(message)
         else:
             self.snapshot = message
 
     def reset(self) -> None:
-        """The process has lost its places."""
+        """Drop the map after the process has lost it."""
         self.snapshot = NO_MAP

@@ -1,4 +1,4 @@
-"""Opening the mapper, or what stands in for it where there is none."""
+"""Factory of the mapper."""
 
 import logging
 
@@ -11,17 +11,17 @@ logger = logging.getLogger(__name__)
 
 
 def open_mapper(settings: MapConfig) -> Mapper:
-    """The mapper that the settings ask for. The service goes on without where it cannot be had."""
+    """Open the mapper of the settings; a `NullMapper` if it is disabled or fails."""
     if not settings.enabled:
-        return NullMapper("the map is switched off (map.enabled)")
-    # It compiles kernels: `kinect-vo --help` is spared them.
+        return NullMapper("the map is disabled (map.enabled)")
+    # This import compiles kernels, which `kinect-vo --help` does not need.
     from vo_service.slam.mapper.live_mapper import LiveMapper
 
     try:
         return LiveMapper(settings, state_folder() / "maps")
     except UserFacingError as error:
-        reason = f"map: switched off: {error}"
+        reason = f"map: disabled: {error}"
     except OSError as error:
-        reason = f"map: switched off: its memory cannot be had: {error.strerror}"
+        reason = f"map: disabled: no shared memory: {error.strerror}"
     logger.warning("%s", reason)
     return NullMapper(reason, reason)

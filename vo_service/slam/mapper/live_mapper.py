@@ -1,4 +1,4 @@
-"""The map as the service sees it: an output that passes keyframes and places on."""
+"""Live mapper: an output that sends frames to the mapper process."""
 
 import logging
 from dataclasses import replace
@@ -22,23 +22,29 @@ from vo_service.types import LoopClosure, MapState, NullLoopClosure, OdometryUpd
 
 logger = logging.getLogger(__name__)
 
-# The process takes keyframes out several times a second: so much is far more than it needs.
+# The process reads the ring several times a second: this is far more than it needs.
 _RING_S, _RING_BYTES = 60.0, 24_000_000
 _CLOSE_TIMEOUT_S = 1.0
 
 
-# A frame on its way to the process, and what goes with it into its note.
+# A frame for the process, and what is attached to it.
 _QueueItem = tuple[OdometryUpdate, OdometryConstraint | RelocalizationQuery | None]
 
 
 class LiveMapper:
-    """Frames go through shared memory to a process that keeps them, knows them again, makes maps.
+    """Mapper whose frames go through shared memory to a process.
 
-    The loop only compares two poses; a thread copies the images of a frame.
+    The main loop only compares two poses; a thread copies the images of a frame.
+
+    Args:
+        settings: Config table `map`.
+        maps_folder: Folder of the saved maps.
+
+    Raises:
+        OSError: The shared memory cannot be allocated.
     """
 
     def __init__(self, settings: MapConfig, maps_folder: Path) -> None:
-        """Start. `maps` is the folder of the maps. Raises OSError if the memory cannot be had."""
         self._keyframe_selector = KeyframeSelector()
         self._constraints = (
             ConstraintAccumulator() if settings.loop_closure else NullConstraintAccumulator()
@@ -48,12 +54,17 @@ class LiveMapper:
         compile_kernels()
         self._ring = RecordRingWriter("map-keyframes", _RING_S, _RING_BYTES)
         level = logging.getLogger().getEffectiveLevel()
-        places = AsynchronousLoopClosure(self._enqueue)
-        self.loop_closure: LoopClosure = places if settings.loop_closure else NullLoopClosure()
-        self._asynchronous_loop_closure = places
-        job = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings, level)
+        loop_closure = AsynchronousLoopClosure(self._enqueue)
+        self.loop_closure: LoopClosure = (
+            loop_closure if settings.loop_closure else NullLoopClosure()
+        )
+        self._asynchronous_loop_closure = loop_closure
+        worker_config = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings, level)
         self._client = MapperClient(
-            job, places.handle_message, self._force_keyframe, self._handle_worker_death
+            worker_config,
+            loop_closure.handle_message,
+            self._force_keyframe,
+            self._handle_worker_death,
         )
         self._worker: WorkerThread[_QueueItem] = WorkerThread(
             "map", DropOldestQueue(2), self._write_to_ring, lambda: None
@@ -61,43 +72,43 @@ class LiveMapper:
 
     @property
     def warning(self) -> str:
-        """What is wrong with it, in one clause."""
+        """Current faults as one clause; "" for none."""
         return self._memory_fault or self._client.warning
 
     @property
     def state(self) -> MapState:
-        """As `Mapper`."""
+        """State of the map."""
         return self._client.state
 
     @property
     def is_ready(self) -> bool:
-        """Whether its process takes orders."""
+        """Whether its process is ready for requests."""
         return self._client.is_ready
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Pass a frame on (soon) if it is to be a keyframe or a place."""
+        """Send the frame if it is selected as a keyframe of the mesh or of the map."""
         self._asynchronous_loop_closure.on_update(update)
-        hop = self._constraints.update(update)
-        if self._keyframe_selector.accepts(update) or hop is not None:
-            self._enqueue(update, hop)
+        constraint = self._constraints.update(update)
+        if self._keyframe_selector.accepts(update) or constraint is not None:
+            self._enqueue(update, constraint)
 
     def on_status(self, status: Status) -> None:
-        """Nothing to remember."""
+        """Do nothing."""
 
     def save(self, name: str) -> MapState:
-        """As `Mapper`."""
+        """Start saving the map. Raises CommandError if that is not possible."""
         return self._client.save(name)
 
     def load(self, name: str) -> MapState:
-        """As `Mapper`."""
+        """Start loading a map. Raises CommandError if that is not possible."""
         return self._client.load(name)
 
     def configure(self, settings: MapConfig) -> None:
-        """As `Mapper`."""
+        """Apply settings to later keyframes and the next map."""
         self._client.configure(settings)
 
     def close(self) -> None:
-        """Forget everything; a map that is being made is given up."""
+        """End the process; a running save is cancelled."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -112,23 +123,23 @@ class LiveMapper:
         self._worker.put((update, attachment))
 
     def _write_to_ring(self, item: _QueueItem) -> None:
-        """Body of the worker's thread. The map's world is `odom`, as the poses that go out."""
-        update, more = item
+        """Write a frame to the ring, on the worker thread. The map's world frame is `odom`."""
+        update, attachment = item
         in_odom = replace(update, T_world_camera=update.T_odom_camera)
         try:
-            write_frame(self._ring, in_odom, pack_depth, more)
+            write_frame(self._ring, in_odom, pack_depth, attachment)
             self._memory_fault = ""
         except OSError as error:
             self._memory_fault = f"map: no memory for a keyframe: {error.strerror}"
 
     def _force_keyframe(self) -> None:
-        """The next good frame is a keyframe and a place, wherever it is."""
+        """Make the next good frame a keyframe of the mesh and of the map."""
         self._keyframe_selector.reset()
         self._constraints.force_keyframe()
 
     def _handle_worker_death(self) -> int:
-        """Keyframes and places are lost."""
-        first = self._ring.record_count
+        """Reset after the loss of all keyframes; return the number of the next valid frame."""
+        first_frame = self._ring.record_count
         self._force_keyframe()
         self._asynchronous_loop_closure.reset()
-        return first
+        return first_frame

@@ -1,4 +1,4 @@
-"""What the map's process does about places: makes them, closes loops, tells where a frame was."""
+"""Loop closure in the mapper process: keyframes, loops and relocalization."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -22,34 +22,36 @@ from vo_service.slam.saved_maps.map_store import MapStore
 
 
 class LoopClosureWorker:
-    """Answers what the notes of frames ask for; their world is `odom`."""
+    """Processes frames of the ring by their attachment; their world frame is `odom`."""
 
     def __init__(self, settings: MapConfig, send: SendMapperMessage) -> None:
-        """It loads libraries and compiled kernels, which takes seconds."""
+        """Load libraries and kernels, which takes seconds."""
         warm_up_loop_closure(lambda _: None)
-        release_memory()  # all kernels are there
+        release_memory()  # of the compiler
         self._settings = settings
         self._loop_closer = create_loop_closer(settings)
         self._send = send
         self._pending_query: RingRecord | None = None
 
     def process_record(self, record: RingRecord) -> Sequence[NodeRemoval]:
-        """Make a place of a frame, or remember that it was asked about; which places went."""
-        note = decode_metadata(record.metadata)
-        if isinstance(note.extra, RelocalizationQuery):
-            self._pending_query = record  # an older one is worth no answer any more
-        elif isinstance(note.extra, OdometryConstraint):
-            frame, said = decode_frame(record, 0.0), note.published
-            sight = KeyframeObservation(frame, said.epoch, said.T_world_camera, note.extra)
-            change = self._loop_closer.process_keyframe(sight)
+        """Add a keyframe, or remember a query; return the removed nodes."""
+        metadata = decode_metadata(record.metadata)
+        if isinstance(metadata.extra, RelocalizationQuery):
+            self._pending_query = record  # it replaces an older one
+        elif isinstance(metadata.extra, OdometryConstraint):
+            frame, published = decode_frame(record, 0.0), metadata.published
+            observation = KeyframeObservation(
+                frame, published.epoch, published.T_world_camera, metadata.extra
+            )
+            map_update = self._loop_closer.process_keyframe(observation)
             self._send(self._loop_closer.snapshot)
-            return change.removals
+            return map_update.removals
         return ()
 
     def answer_query(self) -> None:
-        """Tell where the frame was taken that was asked about last, if that is known.
+        """Relocalize the frame of the last query, and send the result.
 
-        After a reset `odom` lies elsewhere: until a place was seen in that, nobody can tell.
+        After a reset the pose of `odom` in the map is unknown until the epoch has a keyframe.
         """
         record, self._pending_query = self._pending_query, None
         if (
@@ -57,26 +59,26 @@ class LoopClosureWorker:
             or decode_metadata(record.metadata).published.epoch != self._loop_closer.world_id
         ):
             return
-        located = self._loop_closer.relocalize(decode_frame(record, 0.0))
-        if located is not None:
-            self._send(located)
+        result = self._loop_closer.relocalize(decode_frame(record, 0.0))
+        if result is not None:
+            self._send(result)
 
     def save(self, store: MapStore, name: str, max_total_bytes: int) -> None:
-        """Write all places. Raises UserFacingError."""
+        """Write the map. Raises UserFacingError."""
         write = partial(write_map, contents=self._loop_closer.contents)
         store.write(store.map_file(name), max_total_bytes, write)
 
     def load(self, file: Path) -> int:
-        """Know the places of a file, and no others; how many. Raises InputError."""
+        """Replace the map by that of a file; return its number of keyframes. Raises InputError."""
         with announce_if_slow(f"loading {file}"):
             self._loop_closer = create_loop_closer_from_map(read_map(file), self._settings)
         self._send(self._loop_closer.snapshot)
         return len(self._loop_closer.database)
 
     def anchor_to_last_keyframe(self, T_odom_camera: Array) -> AnchoredPose:
-        """A pose as seen from the last place."""
+        """Anchor a pose to the last keyframe."""
         return self._loop_closer.anchor_to_last_keyframe(T_odom_camera)
 
     def T_map_camera(self, pose: AnchoredPose) -> Array:
-        """4x4, by what is known now."""
+        """4x4 pose in the current map."""
         return pose.to_map(self._loop_closer.graph.T_map_keyframe)

@@ -1,4 +1,4 @@
-"""What became of the maps that were to be saved or loaded, and what went wrong with them."""
+"""Client of the mapper process: requests, their results and faults."""
 
 import logging
 import threading
@@ -30,7 +30,14 @@ WORKER_SPEC = BackgroundWorkerSpec("vo_service.mapper_process", NAME)
 
 
 class MapperClient:
-    """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
+    """Client of the mapper process. It may be called from any thread and does not block.
+
+    Args:
+        config: Of the mapper process.
+        on_map_message: Called with messages about the map.
+        on_map_loaded: Called when a map has been loaded.
+        on_worker_died: Called when the process died; returns the number of the next valid frame.
+    """
 
     def __init__(
         self,
@@ -39,11 +46,6 @@ class MapperClient:
         on_map_loaded: Callable[[], None],
         on_worker_died: Callable[[], int],
     ) -> None:
-        """`hear` gets what the process says of places.
-
-        `on_map_loaded` is called when a map has been loaded, `begin_anew` when all is lost: the
-        number of the next frame that counts.
-        """
         self._store = MapStore(config.maps_folder)
         self._on_map_message = on_map_message
         self._on_map_loaded, self._on_worker_died = on_map_loaded, on_worker_died
@@ -57,39 +59,39 @@ class MapperClient:
         )
         self._process_fault = ""
         self.state = MapState()
-        with self._lock:  # a process that dies at once waits until there is a keeper
+        with self._lock:  # the callbacks wait until there is a supervisor
             self._supervisor = WorkerSupervisor(
                 WORKER_SPEC, config, self._handle_message, self._handle_worker_death
             )
 
     @property
     def is_ready(self) -> bool:
-        """Whether the process takes orders."""
+        """Whether the process is ready for requests."""
         return self._supervisor.is_ready
 
     @property
     def warning(self) -> str:
-        """One clause; "" while all is well."""
+        """Current faults as one clause; "" for none."""
         if self._supervisor.is_ready and self._supervisor.is_unresponsive:
-            return f"{NAME}: its process does not answer; is the disk hung?"
-        troubles = (
+            return f"{NAME}: the mapper process does not respond; the disk may be blocked"
+        faults = (
             self._process_fault,
             self._save_faults.text,
             self._folder_faults.text,
             self._load_faults.text,
         )
-        trouble = "; ".join(filter(None, troubles))
-        return f"{NAME}: {trouble}" if trouble else ""
+        fault = "; ".join(filter(None, faults))
+        return f"{NAME}: {fault}" if fault else ""
 
     def save(self, name: str) -> MapState:
-        """Have a map made. Raises CommandError if that cannot be."""
+        """Start saving a map. Raises CommandError if that is not possible."""
         _check_name(name)
         with self._lock:
             self._check_responsive()
             if self.state.saving:
-                raise _not_possible_error(f"a map is being made already: {self.state.saving}")
+                raise _not_possible_error(f"a map is already being saved: {self.state.saving}")
             if name in self._map_names:
-                raise _not_possible_error(f"there is a map {name!r} already; give another name")
+                raise _not_possible_error(f"map {name!r} already exists; choose another name")
             if not self.state.keyframes:
                 raise _not_possible_error("the map is empty: no frame has been tracked yet")
             self._save_faults.set("")
@@ -98,16 +100,16 @@ class MapperClient:
             return self.state
 
     def load(self, name: str) -> MapState:
-        """Have the places of a map loaded. Raises CommandError if that cannot be."""
+        """Start loading a map. Raises CommandError if that is not possible."""
         _check_name(name)
         with self._lock:
             self._check_responsive()
             if self.state.loading:
-                raise _not_possible_error(f"a map is being loaded already: {self.state.loading}")
+                raise _not_possible_error(f"a map is already being loaded: {self.state.loading}")
             if name not in self._loadable_names:
-                known = ", ".join(sorted(self._loadable_names)) or "none"
+                available = ", ".join(sorted(self._loadable_names)) or "none"
                 raise _not_possible_error(
-                    f"there is no map {name!r} with places; there are: {known}"
+                    f"there is no map {name!r} to load; available: {available}"
                 )
             self._load_faults.set("")
             self.state = replace(self.state, loading=str(self._store.map_file(name)))
@@ -115,23 +117,27 @@ class MapperClient:
             return self.state
 
     def configure(self, settings: MapConfig) -> None:
-        """For the keyframes from now on, and the next map."""
+        """Apply settings to later keyframes and the next map."""
         self._supervisor.config = replace(self._supervisor.config, map_config=settings)
         self._supervisor.send(settings)
 
     def close(self) -> None:
-        """End the process; a map that is being made is given up."""
+        """End the process; a running save is cancelled."""
         self._supervisor.close()
         if self.state.saving:
-            logger.warning("%s: the service ends; %s is given up", NAME, self.state.saving)
+            logger.warning("%s: the service stops; saving %s is cancelled", NAME, self.state.saving)
 
     def _handle_message(self, message: MapperMessage) -> None:
         match message:
-            case MapperStatus(keyframes, maps, places, trouble):
+            case MapperStatus(keyframes, map_names, loadable_names, fault):
                 with self._lock:
-                    self._map_names, self._loadable_names, self._process_fault = maps, places, ""
+                    self._map_names, self._loadable_names, self._process_fault = (
+                        map_names,
+                        loadable_names,
+                        "",
+                    )
                     self.state = replace(self.state, keyframes=keyframes)
-                self._folder_faults.set(trouble)
+                self._folder_faults.set(fault)
             case SaveMapResult():
                 self._handle_save_result(message)
             case LoadMapResult():
@@ -142,56 +148,54 @@ class MapperClient:
                 logging.getLogger(name).log(level, "%s: %s", NAME, text)
 
     def _handle_save_result(self, result: SaveMapResult) -> None:
-        file, trouble = result.file, result.error
-        if not trouble:
-            said = "%s: %s: %d triangles from %d keyframes"
-            logger.info(said, NAME, file, result.triangle_count, result.keyframe_count)
+        file, fault = result.file, result.error
+        if not fault:
+            log_format = "%s: %s: %d triangles from %d keyframes"
+            logger.info(log_format, NAME, file, result.triangle_count, result.keyframe_count)
         if result.is_truncated:
-            trouble = (
-                f"{file} lacks what did not fit into map.mesh_memory_mb; raise that or map.voxel_m"
-            )
-        self._save_faults.set(trouble)
+            fault = f"{file} is incomplete: increase map.mesh_memory_mb or map.voxel_m"
+        self._save_faults.set(fault)
         with self._lock:
             saved = self.state.saved if result.error else str(file)
-            taken = self._map_names if result.error else self._map_names | {file.stem}
-            self._map_names, self.state = taken, replace(self.state, saving="", saved=saved)
+            map_names = self._map_names if result.error else self._map_names | {file.stem}
+            self._map_names, self.state = map_names, replace(self.state, saving="", saved=saved)
 
     def _handle_load_result(self, result: LoadMapResult) -> None:
         if not result.error:
-            logger.info("%s: %s: %d places are known", NAME, result.file, result.keyframe_count)
+            logger.info("%s: %s: loaded %d keyframes", NAME, result.file, result.keyframe_count)
         self._load_faults.set(result.error)
         with self._lock:
             file = self.state.loaded if result.error else str(result.file)
             self.state = replace(self.state, loading="", loaded=file)
-            if not result.error:  # a process that is started again begins in it as well
+            if not result.error:  # a restarted process loads it as well
                 settings = replace(self._supervisor.config.map_config, load=result.file.stem)
                 self._supervisor.config = replace(self._supervisor.config, map_config=settings)
         if not result.error:
             self._on_map_loaded()
 
     def _check_responsive(self) -> None:
-        """Raises CommandError where orders would be lost. Called with the lock held."""
+        """Raise CommandError if requests would be lost. Called with the lock held."""
         if not self._supervisor.is_ready or self._supervisor.is_unresponsive:
-            raise _not_possible_error("the map's process does not answer; try again in a moment")
+            raise _not_possible_error("the mapper process does not respond; try again in a moment")
 
     def _handle_worker_death(self) -> None:
         with self._lock:
             saving = self.state.saving
             self.state = replace(self.state, keyframes=0, saving="", loading="", loaded="")
-            self._process_fault = "its process ended and is started again; the map begins anew"
+            self._process_fault = "the mapper process died and is restarted with an empty map"
             self._supervisor.config = replace(
                 self._supervisor.config, first_frame=self._on_worker_died()
             )
         logger.warning("%s: %s", NAME, self._process_fault)
         if saving:
-            self._save_faults.set(f"{saving} was cut off")
+            self._save_faults.set(f"saving {saving} was interrupted")
 
 
 def _check_name(name: str) -> None:
     if not fullmatch(NAME_PATTERN, name):
         raise CommandError(
             ErrorCode.BAD_REQUEST,
-            "a map's name is up to 64 letters, digits, dots, dashes and underscores",
+            "a map name has up to 64 letters, digits, dots, dashes and underscores",
         )
 
 

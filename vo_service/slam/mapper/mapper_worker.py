@@ -1,4 +1,4 @@
-"""What the mapper's process does when it is told to, and with what comes through the ring."""
+"""Worker of the mapper process: it handles requests and the frames of the ring."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -29,7 +29,13 @@ from vo_service.types import TrackingState
 
 
 class MapperWorker:
-    """Keeps the keyframes, and has a map made of them, one at a time."""
+    """Stores keyframes, and builds meshes of them, one at a time.
+
+    Args:
+        config: Of the mapper.
+        send: Sends a message to the service.
+        close_inherited: Called in each process that builds a mesh, to close inherited connections.
+    """
 
     def __init__(
         self,
@@ -38,47 +44,46 @@ class MapperWorker:
         close_inherited: Callable[[], None],
         fuse_keyframes: FuseKeyframes,
     ) -> None:
-        """`close_inherited` is called in each process that makes a map, to let go of what is ours."""
         self._settings, self._send, self._close_inherited = config.map_config, send, close_inherited
         self._ring, self._next_record = RecordRingReader(config.frame_ring), config.first_frame
         self._keyframes = MeshKeyframeStore(config.map_config.max_mb * MEGABYTE)
         self._store = MapStore(config.maps_folder)
         self._loop_closure = open_loop_closure_worker(config.map_config, send)
         self._fuse_keyframes = fuse_keyframes
-        self._mesh_jobs: list[MeshJob] = []  # one at most
-        with suppress(OSError):  # the facts tell what is wrong with the folder
+        self._mesh_jobs: list[MeshJob] = []  # at most one
+        with suppress(OSError):  # the status reports the error
             self._store.clean_up()
         if config.map_config.load is not None:
             self._load_map(config.map_config.load)
 
     @property
     def status(self) -> MapperStatus:
-        """What is told every second."""
-        names = with_places = frozenset[str]()
-        with suppress(OSError):  # it is the trouble
-            names, with_places = self._store.names, self._store.loadable_names
+        """Status for the service."""
+        names = loadable_names = frozenset[str]()
+        with suppress(OSError):  # the status reports the error
+            names, loadable_names = self._store.names, self._store.loadable_names
         return MapperStatus(
-            len(self._keyframes), names, with_places, check_writable(self._store.folder)
+            len(self._keyframes), names, loadable_names, check_writable(self._store.folder)
         )
 
     @property
     def result_connections(self) -> "list[Connection[Any, Any]]":
-        """Of which one is ready when a map has ended."""
-        return [making.result_connection for making in self._mesh_jobs]
+        """Connections that are ready when a mesh job has finished."""
+        return [job.result_connection for job in self._mesh_jobs]
 
     def process_frames(self) -> bool:
-        """Take the frames that have come, and answer what was asked; whether there were any."""
-        end = self._ring.record_count
-        begin, self._next_record = max(self._next_record, self._ring.oldest_number), end
-        for number in range(begin, end):
+        """Process new frames and answer the pending query; return whether there were frames."""
+        last = self._ring.record_count
+        first, self._next_record = max(self._next_record, self._ring.oldest_number), last
+        for number in range(first, last):
             record = self._ring.read_record(number)
-            if record is not None:  # else they came too fast: the next is not far
+            if record is not None:  # None if it is already overwritten
                 self._process_record(record)
         self._loop_closure.answer_query()
-        return begin < end
+        return first < last
 
     def handle(self, request: SaveMapRequest | LoadMapRequest | MapConfig) -> None:
-        """Begin what is ordered; how it ends is told."""
+        """Start the request; its result is sent to the service."""
         match request:
             case SaveMapRequest(name):
                 self._save_map(name)
@@ -89,12 +94,12 @@ class MapperWorker:
                 self._keyframes.set_max_bytes(request.max_mb * MEGABYTE)
 
     def send_job_results(self) -> None:
-        """Tell of a map that has ended; waits for it."""
+        """Send the result of the mesh job; waits for it."""
         while self._mesh_jobs:
             self._send(self._mesh_jobs.pop().wait_for_result())
 
     def cancel_jobs(self) -> None:
-        """End what is being made, and leave nothing of it."""
+        """Kill the mesh job, and remove its partial files."""
         while self._mesh_jobs:
             self._mesh_jobs.pop().kill()
         with suppress(OSError):
@@ -103,28 +108,28 @@ class MapperWorker:
     def _process_record(self, record: RingRecord) -> None:
         for removal in self._loop_closure.process_record(record):
             self._keyframes.re_anchor(removal)
-        said = decode_metadata(record.metadata).published
-        is_sure = said.state is TrackingState.TRACKING  # else it was only asked about
-        if is_sure and self._keyframes.accepts(said.epoch, said.T_world_camera):
+        published = decode_metadata(record.metadata).published
+        is_tracked = published.state is TrackingState.TRACKING  # else it is only a query
+        if is_tracked and self._keyframes.accepts(published.epoch, published.T_world_camera):
             self._keyframes.add(
                 MeshKeyframe.from_record(
-                    record, self._loop_closure.anchor_to_last_keyframe(said.T_world_camera)
+                    record, self._loop_closure.anchor_to_last_keyframe(published.T_world_camera)
                 )
             )
 
     def _load_map(self, name: str) -> None:
-        """Know the places of a map. Keyframes of before lie in a map that is no more."""
+        """Load a map. Earlier mesh keyframes belong to the old map and are dropped."""
         file = self._store.map_file(name)
         try:
-            places = self._loop_closure.load(file)
+            keyframe_count = self._loop_closure.load(file)
         except InputError as error:
             self._send(LoadMapResult(file, error=str(error)))
             return
         self._keyframes.clear()
-        self._send(LoadMapResult(file, places))
+        self._send(LoadMapResult(file, keyframe_count))
 
     def _save_map(self, name: str) -> None:
-        """Write the places, and begin to make the surface."""
+        """Write the map, and start the mesh job."""
         file = self._store.mesh_file(name)
         try:
             self._loop_closure.save(self._store, name, self._settings.total_mb * MEGABYTE)
@@ -142,10 +147,14 @@ class MapperWorker:
         if not keyframes:
             self._send(SaveMapResult(file, error=f"{file}: there is no keyframe yet"))
             return
-        make = partial(
+        build = partial(
             build_mesh, self._store, name, keyframes, self._settings, self._fuse_keyframes
         )
         try:
-            self._mesh_jobs.append(MeshJob(file, make, self._close_inherited))
+            self._mesh_jobs.append(MeshJob(file, build, self._close_inherited))
         except OSError as error:
-            self._send(SaveMapResult(file, error=f"{file}: cannot be begun: {error.strerror}"))
+            self._send(
+                SaveMapResult(
+                    file, error=f"{file}: the mesh process cannot be started: {error.strerror}"
+                )
+            )

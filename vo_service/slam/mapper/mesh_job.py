@@ -1,7 +1,7 @@
-"""Making a map, in a process of its own: killed at once where it must be, and nothing else with it.
+"""Mesh job: a process that builds a mesh, and that can be killed at any time.
 
-It is a copy of the mapper's process, by `fork`, and so has the keyframes as they were, in the same
-memory. What it takes itself goes back to the system when it ends.
+It is a fork of the mapper process, so it shares the memory of the keyframes. Its own memory is
+released when it ends.
 """
 
 import os
@@ -20,13 +20,22 @@ from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
 from vo_service.slam.mapper.messages import SaveMapResult
 from vo_service.slam.saved_maps.map_store import MapStore
 
-# Of all processes it is the one that takes most, and that can best be done without.
+# The process uses the most memory and is the least important one.
 OOM_SCORE = 1000
 JOIN_TIMEOUT_S = 5.0
 
 
 class MeshJob:
-    """One map on its way to its file."""
+    """A running process that builds a mesh.
+
+    Args:
+        file: Path of the mesh.
+        build: Runs in the new process.
+        close_inherited: Called there before, to close inherited connections.
+
+    Raises:
+        OSError: The process cannot be started.
+    """
 
     def __init__(
         self,
@@ -34,33 +43,32 @@ class MeshJob:
         build: Callable[[], SaveMapResult],
         close_inherited: Callable[[], None],
     ) -> None:
-        """Start. `make` runs in the new process; `forget` there before, to leave our things.
-
-        Raises OSError if the system has no room for another process.
-        """
         self._file = file
         context = get_context("fork")
-        self._result, theirs = context.Pipe(duplex=False)
-        with theirs:
-            self._process = context.Process(target=_run_job, args=(theirs, build, close_inherited))
+        self._result, sender = context.Pipe(duplex=False)
+        with sender:
+            self._process = context.Process(target=_run_job, args=(sender, build, close_inherited))
             self._process.start()
 
     @property
     def result_connection(self) -> "Connection[Any, Any]":
-        """Becomes ready when it has ended."""
+        """Connection that is ready when the process has ended."""
         return self._result
 
     def wait_for_result(self) -> SaveMapResult:
-        """How; waits for it."""
+        """Wait for the result."""
         try:
-            end: SaveMapResult = self._result.recv()
+            result: SaveMapResult = self._result.recv()
         except EOFError:
-            end = SaveMapResult(self._file, error=f"{self._file}: its process was ended; memory?")
+            result = SaveMapResult(
+                self._file,
+                error=f"{self._file}: the mesh process was killed, perhaps as memory was low",
+            )
         self._release()
-        return end
+        return result
 
     def kill(self) -> None:
-        """End it now."""
+        """Kill the process."""
         self._process.kill()
         self._release()
 
@@ -95,21 +103,19 @@ def build_mesh(
     config: MapConfig,
     fuse_keyframes: FuseKeyframes,
 ) -> SaveMapResult:
-    """Fuse the keyframes and write the surface; how it ended."""
+    """Fuse the keyframes and write the mesh."""
     set_oom_score(OOM_SCORE)
     file = store.mesh_file(name)
     try:
         mesh = fuse_keyframes(_throttle(keyframes), config)
         if not mesh.triangle_count:
-            return SaveMapResult(file, error=f"{file}: no surface was seen well enough")
+            return SaveMapResult(file, error=f"{file}: no surface was observed well enough")
         _exit_if_orphaned()
         store.write(file, config.total_mb * MEGABYTE, mesh.write)
     except UserFacingError as error:
         return SaveMapResult(file, error=str(error))
     except MemoryError:
-        return SaveMapResult(
-            file, error=f"{file}: there is not enough memory; lower map.mesh_memory_mb"
-        )
+        return SaveMapResult(file, error=f"{file}: not enough memory; decrease map.mesh_memory_mb")
     return SaveMapResult(file, len(keyframes), mesh.triangle_count, mesh.is_full)
 
 
@@ -126,7 +132,7 @@ def _throttle(keyframes: Iterable[MeshKeyframe]) -> Iterator[MeshKeyframe]:
 
 
 def _exit_if_orphaned() -> None:
-    """End, leaving nothing, where the mapper's process has been killed."""
+    """Exit at once if the mapper process has been killed."""
     mapper = parent_process()
     if mapper is None or not mapper.is_alive():
         os._exit(1)

@@ -1,4 +1,4 @@
-"""The keyframes of a map, in memory: packed, and thinned out evenly where there are too many."""
+"""Keyframes for the mesh: compressed in memory, and thinned out evenly to limit their size."""
 
 import math
 import zlib
@@ -22,15 +22,22 @@ if TYPE_CHECKING:  # its libraries are slow to load
     from vo_service.slam.pose_graph.pose_graph import NodeRemoval
 
 JPEG_QUALITY = 90
-# How much further apart keyframes are after each thinning.
+# Factor of the spacing after each thinning.
 _SPACING_GROWTH = math.sqrt(2.0)
 
 
 @dataclass(frozen=True)
 class MeshKeyframe:
-    """One view: color as JPEG, depth without loss, and where the camera was.
+    """A view with color as JPEG, lossless depth and its pose.
 
-    from_place  the same pose, for when the map is corrected
+    Attributes:
+        epoch: Of the pose.
+        T_odom_camera: 4x4.
+        camera: Intrinsics.
+        depth_factor: Depth value per meter.
+        jpeg: Color image.
+        packed_depth: Depth image.
+        anchored_pose: The pose relative to a keyframe of the map, which moves with the map.
     """
 
     epoch: int
@@ -43,17 +50,17 @@ class MeshKeyframe:
 
     @classmethod
     def from_record(cls, record: RingRecord, anchored_pose: AnchoredPose) -> Self:
-        """From a frame in the ring, whose `T_world_camera` leads to `odom`."""
-        note = decode_metadata(record.metadata)
+        """Make a keyframe of a frame in the ring, whose world frame is `odom`."""
+        metadata = decode_metadata(record.metadata)
         color_bgr = decode_frame(record, 0.0).color_bgr
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         return cls(
-            epoch=note.published.epoch,
-            T_odom_camera=note.published.T_world_camera,
-            camera=note.camera,
-            depth_factor=note.depth_factor,
+            epoch=metadata.published.epoch,
+            T_odom_camera=metadata.published.T_world_camera,
+            camera=metadata.camera,
+            depth_factor=metadata.depth_factor,
             jpeg=cv2.imencode(".jpg", color_bgr, options)[1].tobytes(),
-            packed_depth=zlib.compress(record.payload[: note.depth_bytes], level=1),
+            packed_depth=zlib.compress(record.payload[: metadata.depth_bytes], level=1),
             anchored_pose=anchored_pose,
         )
 
@@ -64,21 +71,25 @@ class MeshKeyframe:
 
     @property
     def color_bgr(self) -> NDArray[np.uint8]:
-        """(height, width, 3) uint8, nearly as it was."""
+        """(height, width, 3) uint8, with the loss of JPEG."""
         data = np.frombuffer(self.jpeg, np.uint8)
         color: NDArray[np.uint8] = cv2.imdecode(data, cv2.IMREAD_COLOR)  # type: ignore[assignment]
         return color
 
     @property
     def depth_m(self) -> NDArray[np.float32]:
-        """(height, width) float32 metres, 0 = no reading: every bit as it was."""
+        """(height, width) float32 meters, 0 = no reading; lossless."""
         packed = zlib.decompress(self.packed_depth)
         depth_raw = unpack_depth(packed, self.camera.height, self.camera.width)
         return depth_raw * np.float32(1.0 / self.depth_factor)
 
 
 class MeshKeyframeStore:
-    """Those of one epoch, no two closer than `spacing` steps, in the order they were taken."""
+    """Mesh keyframes of one epoch in chronological order, with a minimum spacing.
+
+    Args:
+        max_bytes: Largest size.
+    """
 
     def __init__(self, max_bytes: int) -> None:
         self.spacing_steps = 1.0
@@ -94,15 +105,15 @@ class MeshKeyframeStore:
 
     @property
     def epoch(self) -> int | None:
-        """The epoch they are of; None while there are none."""
+        """Epoch of the keyframes; None if there are none."""
         return self._keyframes[-1].epoch if self._keyframes else None
 
     def accepts(self, epoch: int, T_odom_camera: Array) -> bool:
-        """Whether a view from there would be kept: to be asked before it is packed."""
+        """Whether a view at a pose would be stored; to be called before it is compressed."""
         return epoch != self.epoch or self._is_far_from_all(T_odom_camera)
 
     def add(self, keyframe: MeshKeyframe) -> None:
-        """Take a keyframe, unless there is one from nearly there; the first of an epoch empties."""
+        """Add a keyframe unless one is near; the first one of an epoch removes all others."""
         if keyframe.epoch != self.epoch:
             self.clear()
         if self._is_far_from_all(keyframe.T_odom_camera):
@@ -110,18 +121,18 @@ class MeshKeyframeStore:
             self.set_max_bytes(self._max_bytes)
 
     def re_anchor(self, removal: "NodeRemoval") -> None:
-        """The same, when a place is no more."""
+        """Re-anchor the poses after the removal of a map keyframe."""
         self._keyframes = [
             replace(each, anchored_pose=each.anchored_pose.re_anchor(removal))
             for each in self._keyframes
         ]
 
     def clear(self) -> None:
-        """All of them."""
+        """Remove all keyframes."""
         self._keyframes, self.size_bytes, self.spacing_steps = [], 0, 1.0
 
     def set_max_bytes(self, max_bytes: int) -> None:
-        """From now on; wider apart if they are too many. The first of all stays."""
+        """Set the largest size; the spacing grows if it is exceeded. The first keyframe stays."""
         self._max_bytes = max_bytes
         while self.size_bytes > max_bytes and len(self._keyframes) > 1:
             self.spacing_steps *= _SPACING_GROWTH
@@ -135,8 +146,8 @@ class MeshKeyframeStore:
         self.size_bytes += keyframe.size_bytes
 
     def _is_far_from_all(self, T_odom_camera: Array) -> bool:
-        """Whether no keyframe is from nearly there."""
+        """Whether no keyframe is near a pose."""
         if not self._keyframes:
             return True
-        others = np.array([kept.T_odom_camera for kept in self._keyframes])
+        others = np.array([each.T_odom_camera for each in self._keyframes])
         return bool(pose_distance_steps(T_odom_camera, others).min() >= self.spacing_steps)

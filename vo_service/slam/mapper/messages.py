@@ -1,4 +1,4 @@
-"""What the service and the mapper's process say to each other; frames go through the ring."""
+"""Messages between the service and the mapper process; frames go through the ring."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,12 +13,14 @@ from vo_service.types import MapSnapshot
 
 @dataclass(frozen=True)
 class MapperWorkerConfig:
-    """To the mapper, first and once.
+    """Config of the mapper process, sent first.
 
-    frames     the ring that keyframes come through
-    first      number of the first of them that counts
-    maps       folder of the maps
-    log_level  of the service's log
+    Attributes:
+        frame_ring: Ring with the keyframes.
+        first_frame: Number of the first valid frame.
+        maps_folder: Folder of the saved maps.
+        map_config: Config table `map`.
+        log_level: Of the service's log.
     """
 
     frame_ring: RecordRingMemory
@@ -29,29 +31,29 @@ class MapperWorkerConfig:
 
     @property
     def fds(self) -> tuple[int, ...]:
-        """The ring."""
+        """File descriptors that the process inherits."""
         return (self.frame_ring.fd,)
 
 
 @dataclass(frozen=True)
 class RelocalizationQuery:
-    """In the note of a frame in the ring, to ask where it was taken.
+    """Marks a frame in the ring as a request for its pose.
 
-    A frame whose note has a `OdometryConstraint` is to be a place; one with neither is a keyframe
-    alone.
+    A frame with an `OdometryConstraint` is a keyframe of the map; one with neither is only a mesh
+    keyframe.
     """
 
 
 @dataclass(frozen=True)
 class SaveMapRequest:
-    """To the mapper: make a map of what there is now, and write it under this name."""
+    """To the mapper: save the map under this name, with its mesh."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class LoadMapRequest:
-    """To the mapper: forget all places, and know those of the map of this name."""
+    """To the mapper: drop the map, and load the map with this name."""
 
     name: str
 
@@ -61,12 +63,13 @@ MapperRequest = SaveMapRequest | LoadMapRequest | MapConfig | Shutdown
 
 @dataclass(frozen=True)
 class MapperStatus(Heartbeat):
-    """From the mapper, every second and after each keyframe.
+    """From the mapper: status, every second and after each keyframe.
 
-    keyframes  how many it has
-    maps       names that are taken
-    places     names of the maps whose places can be loaded
-    trouble    why nothing can be kept in the folder; "" while all is well
+    Attributes:
+        keyframe_count: Number of mesh keyframes.
+        map_names: Names of the saved maps.
+        loadable_names: Names of the maps that can be loaded.
+        error: Why the folder is not writable; "" if it is.
     """
 
     keyframe_count: int
@@ -77,9 +80,14 @@ class MapperStatus(Heartbeat):
 
 @dataclass(frozen=True)
 class SaveMapResult:
-    """From the mapper: how a `SaveMap` ended. `trouble` is "" if the file is there.
+    """From the mapper: result of a `SaveMapRequest`.
 
-    is_cut_off  True if there was not enough memory for all that was seen
+    Attributes:
+        file: Path of the mesh.
+        keyframe_count: Number of fused keyframes.
+        triangle_count: Number of triangles.
+        is_truncated: Whether the memory was not enough for the whole mesh.
+        error: "" for success.
     """
 
     file: Path
@@ -91,14 +99,14 @@ class SaveMapResult:
 
 @dataclass(frozen=True)
 class LoadMapResult:
-    """From the mapper: how a `LoadMap` ended. `trouble` is "" if its places are known now."""
+    """From the mapper: result of a `LoadMapRequest`; `error` is "" for success."""
 
     file: Path
     keyframe_count: int = 0
     error: str = ""
 
 
-# A snapshot comes when the map has changed, a place where a frame was taken when that is known.
+# A snapshot is sent when the map has changed, a relocalization result when a frame is recognized.
 MapperMessage = (
     MapperStatus | SaveMapResult | LoadMapResult | MapSnapshot | RelocalizationResult | LogMessage
 )

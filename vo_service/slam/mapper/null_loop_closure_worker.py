@@ -1,4 +1,4 @@
-"""Opening what knows places, or what stands in for it where there is none."""
+"""Null loop closure worker, and the factory of loop closure workers."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,35 +18,35 @@ if TYPE_CHECKING:  # its libraries take a second and a hundred megabytes
 
 
 class NullLoopClosureWorker:
-    """Where no places are remembered."""
+    """Loop closure worker that does nothing."""
 
     def process_record(self, record: RingRecord) -> "Sequence[NodeRemoval]":
-        """It is a keyframe alone."""
+        """Do nothing; no node is removed."""
         return ()
 
     def answer_query(self) -> None:
-        """Nobody asks."""
+        """Do nothing."""
 
     def save(self, store: MapStore, name: str, max_total_bytes: int) -> None:
-        """There are none."""
+        """Do nothing."""
 
     def load(self, file: Path) -> int:
-        """Never possible. Raises InputError."""
-        raise InputError(f"{file}: no places are remembered (map.loop_closure)")
+        """Raise InputError, as loop closure is disabled."""
+        raise InputError(f"{file}: loop closure is disabled (map.loop_closure)")
 
     def anchor_to_last_keyframe(self, T_odom_camera: Array) -> AnchoredPose:
-        """There is none: the map is `odom`."""
+        """Return the pose relative to the map, which is `odom`."""
         return AnchoredPose(None, T_odom_camera)
 
     def T_map_camera(self, pose: AnchoredPose) -> Array:
-        """As it is."""
+        """4x4 pose in the map."""
         return pose.T_keyframe_camera
 
 
 def open_loop_closure_worker(
     settings: MapConfig, send: SendMapperMessage
 ) -> "LoopClosureWorker | NullLoopClosureWorker":
-    """What the settings ask for."""
+    """Open the loop closure worker of the settings."""
     if not settings.loop_closure:
         return NullLoopClosureWorker()
     from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker

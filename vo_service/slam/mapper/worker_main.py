@@ -1,6 +1,6 @@
 """The main function of the mapper's process; see `vo_service.mapper_process`.
 
-It keeps the keyframes, at low priority; for each map that is asked for it makes another process.
+It is started by `WorkerSupervisor` and runs at low priority. Each mesh is built in another process.
 """
 
 import math
@@ -21,35 +21,35 @@ POLL_PERIOD_S = 0.2
 
 
 def run_mapper(connection: "Connection[Any, Any]", fuse_keyframes: FuseKeyframes) -> None:
-    """Work until the service says `Shutdown` or is gone; what is being made then is given up."""
+    """Run until `Shutdown` or the end of the service; a running mesh job is cancelled."""
     configure_background_process()
-    outbox = ParentConnection(connection)
-    with suppress(EOFError, OSError):  # also: gone before it said what to do
-        job: MapperWorkerConfig = connection.recv()
-        forward_logs(outbox, job.log_level)
-        desk = MapperWorker(job, outbox.send, connection.close, fuse_keyframes)
+    parent = ParentConnection(connection)
+    with suppress(EOFError, OSError):  # the service is gone
+        config: MapperWorkerConfig = connection.recv()
+        forward_logs(parent, config.log_level)
+        worker = MapperWorker(config, parent.send, connection.close, fuse_keyframes)
         try:
-            _serve(connection, desk, outbox)
+            _serve(connection, worker, parent)
         finally:
-            desk.cancel_jobs()
+            worker.cancel_jobs()
 
 
 def _serve(
     connection: "Connection[Any, Any]", worker: MapperWorker, parent: ParentConnection
 ) -> None:
-    """Take in keyframes and orders until `Shutdown`. Raises EOFError or OSError without a service."""
-    told_s = -math.inf
+    """Run until `Shutdown`. Raises EOFError or OSError if the service is gone."""
+    last_status_s = -math.inf
     while parent.is_connected:
-        is_due = time.monotonic() - told_s >= STATUS_PERIOD_S
+        is_due = time.monotonic() - last_status_s >= STATUS_PERIOD_S
         if worker.process_frames() or is_due:
-            told_s = time.monotonic()
+            last_status_s = time.monotonic()
             parent.send(worker.status)
         ready = wait([connection, *worker.result_connections], POLL_PERIOD_S)
         if connection in ready:
-            order = connection.recv()
-            if isinstance(order, Shutdown):
+            request = connection.recv()
+            if isinstance(request, Shutdown):
                 return
-            worker.process_frames()  # what came before the order counts
-            worker.handle(order)
+            worker.process_frames()  # frames before the request
+            worker.handle(request)
         elif ready:
             worker.send_job_results()

@@ -1,1 +1,1 @@
-"""Places: views that are kept, so that the camera knows where it has been."""
+"""Place recognition: keyframes of a map and their recognition in new views."""

@@ -1,4 +1,4 @@
-"""The features of a view that have depth, in as little memory as will do."""
+"""Features of a view with depth, in compact form."""
 
 from dataclasses import dataclass
 
@@ -21,11 +21,12 @@ from vo_service.odometry.surf import SurfExtractor
 
 @dataclass(frozen=True, eq=False)
 class DepthFeatures:
-    """SURF features and where they are, strongest first.
+    """SURF features with 3-D points, strongest first.
 
-    look        (N, 64) int8: descriptors, whole numbers; the few beyond 127 are cut
-    sign        (N,) int8 of the Laplacian: +1 dark blob, -1 bright blob
-    position_m  (N, 3) float32 in the camera's axes at the stamp
+    Attributes:
+        descriptor_int8: (N, 64) int8 whole numbers; the few beyond 127 are clipped.
+        sign: (N,) int8 of the Laplacian: +1 dark blob, -1 bright blob.
+        position_m: (N, 3) float32 in the camera's axes at the stamp.
     """
 
     descriptor_int8: NDArray[np.int8]
@@ -37,16 +38,16 @@ class DepthFeatures:
 
     @property
     def descriptor(self) -> NDArray[np.float32]:
-        """(N, 64) as they are matched."""
+        """(N, 64) float32, for matching."""
         return self.descriptor_int8.astype(np.float32)
 
     @property
     def size_bytes(self) -> int:
-        """What they take."""
+        """Memory of the arrays."""
         return self.descriptor_int8.nbytes + self.sign.nbytes + self.position_m.nbytes
 
     def to_feature_points(self, focal_px: float) -> FeaturePoints:
-        """The same in space, with how far off they are."""
+        """Convert to points with their standard deviations."""
         depth_m = self.position_m[:, 2].astype(np.float64)
         return FeaturePoints(
             position_m=self.position_m.astype(np.float64),
@@ -59,24 +60,28 @@ class DepthFeatures:
 def extract_depth_features(
     frame: RgbdFrame, extractor: SurfExtractor, velocity: Array, max_features: int
 ) -> DepthFeatures:
-    """The strongest features with depth.
+    """Extract the strongest features with depth.
 
-    velocity  (6,) twist of the camera in its own axes, m/s and rad/s: rows that were taken earlier
-              or later are brought to the stamp
+    Args:
+        frame: The frame.
+        extractor: Of the features.
+        velocity: (6,) twist of the camera in its own axes, m/s and rad/s; it corrects each row for
+            its time.
+        max_features: Largest number of features with depth.
     """
     features = extractor.extract(frame.gray)
     points = backproject_features(features, frame)
-    chosen = np.flatnonzero(points.has_depth)[:max_features]
+    selected = np.flatnonzero(points.has_depth)[:max_features]
     position_m = compensate_rolling_shutter(
-        points.position_m[chosen],
-        features.position_px[chosen, 1].astype(np.float64),
+        points.position_m[selected],
+        features.position_px[selected, 1].astype(np.float64),
         frame.camera.height,
         frame.readout_s,
         constant_velocity_motion(velocity),
     )
     return DepthFeatures(
-        descriptor_int8=np.clip(features.descriptor[chosen], -127, 127).astype(np.int8),
-        sign=features.sign[chosen].astype(np.int8),
+        descriptor_int8=np.clip(features.descriptor[selected], -127, 127).astype(np.int8),
+        sign=features.sign[selected].astype(np.int8),
         position_m=position_m.astype(np.float32),
     )
 
@@ -85,15 +90,15 @@ def extract_depth_features(
 def compensate_rolling_shutter(
     position_m: Array, row_px: Array, height: int, readout_s: float, motion: Array
 ) -> Array:
-    """Points (N, 3), each seen by its row (N,), as they are at the instant of the middle row.
+    """Transform points (N, 3), observed in rows (N,), to the time of the middle row.
 
-    movement  (9,) of the camera in its own axes, see `movement`
+    motion is (9,) of the camera in its own axes, see `rolling_shutter`.
     """
-    settled = np.empty_like(position_m)
+    compensated = np.empty_like(position_m)
     for n in range(len(position_m)):
         x, y, z = position_m[n]
         tau = row_time(row_px[n], height, readout_s)
-        settled[n, 0], settled[n, 1], settled[n, 2] = propagate_point(
+        compensated[n, 0], compensated[n, 1], compensated[n, 2] = propagate_point(
             propagate_motion(motion, tau), x, y, z, -tau
         )
-    return settled
+    return compensated

@@ -1,4 +1,4 @@
-"""The places of a map, and which of them look like a view."""
+"""Database of a map's keyframes, searched by similarity."""
 
 from collections.abc import Callable, Iterator
 
@@ -9,7 +9,11 @@ from vo_service.slam.place_recognition.query_frame import QueryFrame
 
 
 class KeyframeDatabase:
-    """Places by their numbers, which rise."""
+    """Keyframes by their ascending numbers.
+
+    Args:
+        max_bytes: Capacity.
+    """
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
@@ -30,33 +34,35 @@ class KeyframeDatabase:
 
     @property
     def size_bytes(self) -> int:
-        """What all of them take."""
+        """Memory of all keyframes."""
         return self._size_bytes
 
     @property
     def is_over_capacity(self) -> bool:
-        """Whether they take more than they may."""
+        """Whether the keyframes take more memory than the capacity."""
         return self._size_bytes > self._max_bytes
 
     def add(self, keyframe: MapKeyframe) -> None:
-        """Add one, of a higher number than any before."""
+        """Add a keyframe with a higher number than all others."""
         if self._keyframes and keyframe.number <= next(reversed(self._keyframes)):
-            raise ValueError(f"place {keyframe.number} is no newer than the others")
+            raise ValueError(f"keyframe {keyframe.number} is not newer than the others")
         self._keyframes[keyframe.number] = keyframe
         self._size_bytes += keyframe.size_bytes
 
     def remove(self, number: int) -> None:
-        """Forget one. Raises KeyError if there is none of this number."""
+        """Remove a keyframe. Raises KeyError if there is none with this number."""
         self._size_bytes -= self._keyframes.pop(number).size_bytes
 
     def find_similar(
         self, query: QueryFrame, count: int, is_allowed: Callable[[MapKeyframe], bool]
     ) -> list[MapKeyframe]:
-        """The places among those allowed that look most like a view, the most alike first."""
-        places = [place for place in self if is_allowed(place)]
-        if not places:
+        """Find the allowed keyframes that look most like a view, the most similar first."""
+        keyframes = [keyframe for keyframe in self if is_allowed(keyframe)]
+        if not keyframes:
             return []
-        summaries = np.stack([place.vlad_descriptor for place in places]).astype(np.float32)
-        likeness = summaries @ query.vlad_descriptor.astype(np.float32)
-        best = np.argsort(-likeness, kind="stable")[:count]
-        return [places[n] for n in best]
+        descriptors = np.stack([keyframe.vlad_descriptor for keyframe in keyframes]).astype(
+            np.float32
+        )
+        similarity = descriptors @ query.vlad_descriptor.astype(np.float32)
+        best = np.argsort(-similarity, kind="stable")[:count]
+        return [keyframes[n] for n in best]

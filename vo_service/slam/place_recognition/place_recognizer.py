@@ -1,6 +1,6 @@
-"""Knowing a place again: features say that it may be, the dense alignment whether it is.
+"""Place recognition: features propose a keyframe, the dense alignment verifies it.
 
-A wrong recognition bends the whole map: whatever can be doubted is none.
+A wrong match would distort the whole map, so ambiguous matches are rejected.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,16 +38,16 @@ from vo_service.slam.place_recognition.map_keyframe import MapKeyframe, PackedPo
 from vo_service.slam.place_recognition.query_frame import TRACKED_VELOCITY_SIGMA, QueryFrame
 from vo_service.slam.place_recognition.vlad import VladVocabulary
 
-# Features sought in a view, and those kept of them that have depth.
+# Largest number of extracted features, and of stored ones with depth.
 MAX_EXTRACTED_FEATURES, MAX_STORED_FEATURES = 800, 500
-# This share of the place at least is in view.
+# Smallest share of the keyframe's points in view.
 MIN_OVERLAP = 0.3
-# Features and the dense alignment agree to this,
+# Largest difference between the motions by features and by the dense alignment.
 MAX_ALIGNMENT_SHIFT_M, MAX_ALIGNMENT_SHIFT_RAD = 0.04, np.radians(1.0)
-# and the place is known to this: the standard deviation in space.
+# Largest standard deviation of the position.
 MAX_SIGMA_M = 0.015
-# Another place with this share of the best one's features is a rival if the camera would be so far
-# from where the best one puts it: rooms may have corners that look the same.
+# A candidate with at least this share of the best one's inliers is a rival if its pose differs by
+# more than this: rooms may have corners that look alike.
 MIN_RIVAL_INLIER_RATIO, MIN_RIVAL_DISTANCE_M, MIN_RIVAL_DISTANCE_RAD = 0.5, 0.5, np.radians(30.0)
 
 KeyframePoses = Mapping[int, Array]
@@ -56,12 +56,14 @@ NO_POSES: KeyframePoses = MappingProxyType({})
 
 @dataclass(frozen=True)
 class PlaceMatch:
-    """That a view shows a place, and from where.
+    """A recognized keyframe, and the pose of the view relative to it.
 
-    number          of the place
-    T_place_camera  4x4
-    covariance      6x6 of it, as a small motion in the camera's axes: (translation m, rotation rad)
-    inliers         features that agree
+    Attributes:
+        keyframe_number: Number of the keyframe.
+        T_keyframe_camera: 4x4.
+        covariance: 6x6 of it, as a small motion in the camera's axes: (translation m, rotation
+            rad).
+        inliers: Number of features that agree.
     """
 
     keyframe_number: int
@@ -72,7 +74,7 @@ class PlaceMatch:
 
 @dataclass(frozen=True)
 class MatchCandidate:
-    """A place that features of a view agree with, and the motion (4x4) that they give."""
+    """A keyframe that features of a view agree with, and the motion (4x4) by them."""
 
     keyframe: MapKeyframe
     T_keyframe_camera: Array
@@ -80,7 +82,7 @@ class MatchCandidate:
 
 
 class PlaceRecognizer:
-    """Makes views and places of frames, and knows places again."""
+    """Makes queries and keyframes of frames, and recognizes keyframes."""
 
     def __init__(self) -> None:
         self._extractor = SurfExtractor(MAX_EXTRACTED_FEATURES)
@@ -93,15 +95,17 @@ class PlaceRecognizer:
         velocity: Array,
         velocity_sigma: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
     ) -> QueryFrame:
-        """Look at a frame; the velocity and how well it is known are as in `QueryFrame`."""
-        landmarks = extract_depth_features(frame, self._extractor, velocity, MAX_STORED_FEATURES)
-        summary = self._vocabulary.describe(landmarks.descriptor_int8)
-        return QueryFrame(landmarks, summary, build_image_pyramid(frame), velocity, velocity_sigma)
+        """Make a query of a frame; the velocity and its sigma are as in `QueryFrame`."""
+        features = extract_depth_features(frame, self._extractor, velocity, MAX_STORED_FEATURES)
+        vlad_descriptor = self._vocabulary.describe(features.descriptor_int8)
+        return QueryFrame(
+            features, vlad_descriptor, build_image_pyramid(frame), velocity, velocity_sigma
+        )
 
     def create_keyframe(
         self, query: QueryFrame, number: int, world_id: int, T_world_keyframe: Array
     ) -> MapKeyframe:
-        """Make a place of a view."""
+        """Make a keyframe of a query."""
         points = select_points(
             query.image_pyramid, constant_velocity_motion(query.velocity), ALL_STATIC
         )
@@ -123,63 +127,80 @@ class PlaceRecognizer:
         keyframes: Sequence[MapKeyframe],
         T_map_keyframe: KeyframePoses = NO_POSES,
     ) -> PlaceMatch | None:
-        """The place that most features agree with, if the view can be laid on it.
+        """Recognize the keyframe that most features agree with, if the alignment verifies it.
 
-        T_map_place  4x4 by number, as far as it is known where the places are: if another place
-                     says about as clearly that the camera is elsewhere, none is recognised
+        Args:
+            query: The view.
+            keyframes: The keyframes to match.
+            T_map_keyframe: 4x4 by number, for keyframes with a known pose in the map. If a rival
+                among them contradicts the best one, there is no match.
         """
-        sightings = list(self.find_candidates(query, keyframes))
-        if not sightings:
+        candidates = list(self.find_candidates(query, keyframes))
+        if not candidates:
             return None
-        best = max(sightings, key=lambda sighting: sighting.inliers)
-        if any(_contradicts(best, other, T_map_keyframe) for other in sightings):
+        best = max(candidates, key=lambda candidate: candidate.inliers)
+        if any(_contradicts(best, other, T_map_keyframe) for other in candidates):
             return None
         return self.verify(query, best)
 
     def find_candidates(
         self, query: QueryFrame, keyframes: Sequence[MapKeyframe]
     ) -> Iterator[MatchCandidate]:
-        """The places that features agree with beyond chance."""
+        """Find the keyframes that features agree with beyond chance."""
         parameters = self._parameters
         points = query.features.to_feature_points(query.camera.fx)
-        for place in keyframes:
-            pairs = match_features(query.features, place.features, parameters.match_ratio)
-            matches = pair_points(points, place.features.to_feature_points(place.camera.fx), pairs)
+        for keyframe in keyframes:
+            pairs = match_features(query.features, keyframe.features, parameters.match_ratio)
+            matches = pair_points(
+                points, keyframe.features.to_feature_points(keyframe.camera.fx), pairs
+            )
             consensus = find_consensus(matches, parameters.max_hypotheses, parameters.seed)
             motion = refine_rigid_motion(consensus, matches)
             inliers = int(motion.inlier.sum())
             if inliers >= parameters.min_inliers and FEATURE_MATCH_VERIFIER.accepts(
                 inliers, len(matches)
             ):
-                yield MatchCandidate(place, motion.T_reference_camera, inliers)
+                yield MatchCandidate(keyframe, motion.T_reference_camera, inliers)
 
     def verify(self, query: QueryFrame, candidate: MatchCandidate) -> PlaceMatch | None:
-        """Lay the view on the place, and believe it only where nothing speaks against it."""
-        place, points = candidate.keyframe, candidate.keyframe.alignment_points
-        tie = _motion_prior(query, candidate.T_keyframe_camera)
-        start = inverse(candidate.T_keyframe_camera)
-        light = (query.image_pyramid.brightness_ratio(place), 0.0)
-        found = align(points, query.image_pyramid, [start], tie, light, uniform_weights())
-        T_place_camera = inverse(found.T_camera_keyframe)
-        if _is_unreliable(found) or not poses_close(
-            T_place_camera,
+        """Align the view with a candidate; None if the alignment is not reliable."""
+        keyframe, points = candidate.keyframe, candidate.keyframe.alignment_points
+        prior = _motion_prior(query, candidate.T_keyframe_camera)
+        initial_guess = inverse(candidate.T_keyframe_camera)
+        affine_brightness = (query.image_pyramid.brightness_ratio(keyframe), 0.0)
+        alignment = align(
+            points,
+            query.image_pyramid,
+            [initial_guess],
+            prior,
+            affine_brightness,
+            uniform_weights(),
+        )
+        T_keyframe_camera = inverse(alignment.T_camera_keyframe)
+        if _is_unreliable(alignment) or not poses_close(
+            T_keyframe_camera,
             candidate.T_keyframe_camera,
             MAX_ALIGNMENT_SHIFT_M,
             MAX_ALIGNMENT_SHIFT_RAD,
         ):
             return None
-        sure = estimate_uncertainty(
-            points, query.image_pyramid, found, tie, np.array(VELOCITY_SIGMA)
+        uncertainty = estimate_uncertainty(
+            points, query.image_pyramid, alignment, prior, np.array(VELOCITY_SIGMA)
         )
-        if sure.rejection_reason or np.trace(sure.covariance[:3, :3]) > MAX_SIGMA_M**2:
+        if (
+            uncertainty.rejection_reason
+            or np.trace(uncertainty.covariance[:3, :3]) > MAX_SIGMA_M**2
+        ):
             return None
-        return PlaceMatch(place.number, T_place_camera, sure.covariance, candidate.inliers)
+        return PlaceMatch(
+            keyframe.number, T_keyframe_camera, uncertainty.covariance, candidate.inliers
+        )
 
 
 def _contradicts(
     best: MatchCandidate, other: MatchCandidate, T_map_keyframe: KeyframePoses
 ) -> bool:
-    """Whether another sighting of about as many features puts the camera elsewhere in the map."""
+    """Whether another candidate with about as many inliers puts the camera elsewhere."""
     if other.inliers < MIN_RIVAL_INLIER_RATIO * best.inliers or not (
         best.keyframe.number in T_map_keyframe and other.keyframe.number in T_map_keyframe
     ):
@@ -189,14 +210,14 @@ def _contradicts(
 
 
 def _motion_prior(query: QueryFrame, T_keyframe_camera: Array) -> MotionPrior:
-    """What is known of the velocity: no frame before ties it to the motion."""
-    movement = change_frame(constant_velocity_motion(-query.velocity), T_keyframe_camera)
+    """Prior of the velocity, without a last frame."""
+    motion = change_frame(constant_velocity_motion(-query.velocity), T_keyframe_camera)
     return MotionPrior(
-        T_keyframe_camera, 0.0, movement, velocity_information(np.array(query.velocity_sigma))
+        T_keyframe_camera, 0.0, motion, velocity_information(np.array(query.velocity_sigma))
     )
 
 
 def _is_unreliable(alignment: DirectAlignment) -> bool:
-    """Whether an alignment says too little: stricter than the odometry, which knows the way."""
+    """Whether an alignment is too weak; stricter than in the odometry, which has a prediction."""
     in_view = alignment.counts[IN_IMAGE] / max(len(alignment.samples), 1)
     return bool(rejection_reason(alignment) or occlusion_reason(alignment) or in_view < MIN_OVERLAP)

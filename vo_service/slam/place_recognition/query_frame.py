@@ -1,4 +1,4 @@
-"""A frame as a map looks at it."""
+"""A frame prepared for place recognition."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,21 @@ from drivers.core.geometry import Array
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.slam.place_recognition.depth_features import DepthFeatures
 
-# How well the camera's velocity is known, m/s and rad/s: where the odometry followed it up to this
-# frame, and where it was lost.
+# Sigma of the camera's velocity, m/s and rad/s: if the odometry tracked the frame, and if it was
+# lost.
 TRACKED_VELOCITY_SIGMA, LOST_VELOCITY_SIGMA = (0.01, 0.03), (0.3, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class QueryFrame:
-    """What is made of a frame to know its place again, or to make a place of it.
+    """A frame to be recognized, or to become a keyframe.
 
-    landmarks  in the camera's axes at the stamp
-    summary    (D,) int8, see `words`
-    images     for the dense alignment
-    velocity   (6,) twist of the camera in its own axes, m/s and rad/s
-    known_to   how well the velocity is known, m/s and rad/s
+    Attributes:
+        features: In the camera's axes at the stamp.
+        vlad_descriptor: (D,) int8, see `VladVocabulary`.
+        image_pyramid: For the dense alignment.
+        velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
+        velocity_sigma: Of the velocity, m/s and rad/s.
     """
 
     features: DepthFeatures
@@ -34,7 +35,7 @@ class QueryFrame:
 
     @property
     def stamp_s(self) -> float:
-        """Of the frame."""
+        """Stamp of the frame."""
         return self.image_pyramid.stamp_s
 
     @property

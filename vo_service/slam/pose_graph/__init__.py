@@ -1,1 +1,1 @@
-"""Where the places are: the motions between them, corrected where a place is met again."""
+"""Pose graph of the keyframes: odometry edges, loop closures and their optimization."""

@@ -1,4 +1,4 @@
-"""Rigid transforms by the thousand: (..., 4, 4) at once, as `drivers.core.geometry` does it for one."""
+"""Batched rigid transforms (..., 4, 4), as `drivers.core.geometry` has them for single ones."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def so3_exp_batch(vectors_rad: Array) -> Array:
 
 
 def so3_log_batch(R: Array) -> Array:
-    """Axis times angle (..., 3), radians, of rotations (..., 3, 3) by less than half a turn."""
+    """Axis times angle (..., 3), radians, of rotations (..., 3, 3) by less than pi."""
     twice = np.stack(
         [
             R[..., 2, 1] - R[..., 1, 2],
@@ -48,14 +48,13 @@ def so3_log_batch(R: Array) -> Array:
 
 
 def retract_poses(T: Array, steps: Array) -> Array:
-    """Rigid transforms (..., 4, 4) after steps (..., 6) in their own axes.
+    """Apply steps (..., 6) to rigid transforms (..., 4, 4) in their own axes.
 
-    A step is (translation m, rotation rad). One of Newton's iteration keeps the rotations
-    orthonormal, however often they are moved.
+    A step is (translation m, rotation rad). One Newton iteration keeps the rotations orthonormal.
     """
     R = T[..., :3, :3]
-    turned = R @ so3_exp_batch(steps[..., 3:])
+    rotated = R @ so3_exp_batch(steps[..., 3:])
     result = T.copy()
-    result[..., :3, :3] = 0.5 * turned @ (3.0 * np.eye(3) - np.swapaxes(turned, -1, -2) @ turned)
+    result[..., :3, :3] = 0.5 * rotated @ (3.0 * np.eye(3) - np.swapaxes(rotated, -1, -2) @ rotated)
     result[..., :3, 3] += (R @ steps[..., :3, None])[..., 0]
     return result

@@ -1,4 +1,4 @@
-"""What is connected in a graph of places, and how far apart."""
+"""Connected components and shortest paths of a pose graph."""
 
 import heapq
 from collections import defaultdict
@@ -8,44 +8,44 @@ import numpy as np
 
 from vo_service.slam.pose_graph.edges import Edge
 
-# The edges at each place that has any.
+# The edges of each node that has any.
 Adjacency = MutableMapping[int, list[Edge]]
 
 
 def build_adjacency(edges: Iterable[Edge]) -> Adjacency:
-    """The edges at each place that has any."""
-    around: Adjacency = defaultdict(list)
+    """Build the adjacency of edges."""
+    adjacency: Adjacency = defaultdict(list)
     for edge in edges:
-        add_to_adjacency(around, edge)
-    return around
+        add_to_adjacency(adjacency, edge)
+    return adjacency
 
 
 def add_to_adjacency(adjacency: Adjacency, edge: Edge) -> None:
-    """Add an edge to what `neighbours` found."""
+    """Add an edge to the adjacency."""
     adjacency[edge.a].append(edge)
     adjacency[edge.b].append(edge)
 
 
 def connected_components(numbers: Iterable[int], edges: Iterable[Edge]) -> list[set[int]]:
-    """The places, parted by what edges connect; the part with the oldest place comes first."""
-    around = build_adjacency(edges)
-    left, found = set(numbers), []
-    while left:
-        part = _reachable_nodes(min(left), around)
-        found.append(part)
-        left -= part
-    return found
+    """Find the connected components of nodes; the one with the oldest node is first."""
+    adjacency = build_adjacency(edges)
+    remaining, visited = set(numbers), []
+    while remaining:
+        component = _reachable_nodes(min(remaining), adjacency)
+        visited.append(component)
+        remaining -= component
+    return visited
 
 
 def _reachable_nodes(start: int, adjacency: Mapping[int, list[Edge]]) -> set[int]:
-    """The places that edges lead to from this one, itself among them."""
-    found, waiting = {start}, [start]
-    while waiting:
-        place = waiting.pop()
-        new = {edge.other_end(place) for edge in adjacency.get(place, ())} - found
-        found |= new
-        waiting += new
-    return found
+    """Nodes that are reachable from a node, including itself."""
+    visited, queue = {start}, [start]
+    while queue:
+        node = queue.pop()
+        new_nodes = {edge.other_end(node) for edge in adjacency.get(node, ())} - visited
+        visited |= new_nodes
+        queue += new_nodes
+    return visited
 
 
 def shortest_path_length(
@@ -55,23 +55,31 @@ def shortest_path_length(
     length: Callable[[Edge], float],
     max_length: float = np.inf,
 ) -> float:
-    """Length of the shortest way over edges; infinite where none is as short as asked for.
+    """Length of the shortest path.
 
     Dijkstra, "A note on two problems in connexion with graphs" (1959).
 
-    around  see `neighbours`
+    Args:
+        start: Number of a node.
+        goal: Number of a node.
+        adjacency: See `build_adjacency`.
+        length: Length of an edge.
+        max_length: Longer paths are not searched.
+
+    Returns:
+        The length; infinite without a path of at most `max_length`.
     """
-    far = {start: 0.0}
-    waiting = [(0.0, start)]
-    while waiting:
-        so_far, place = heapq.heappop(waiting)
-        if place == goal:
-            return so_far
-        if so_far > far[place]:
+    lengths = {start: 0.0}
+    queue = [(0.0, start)]
+    while queue:
+        path_length, node = heapq.heappop(queue)
+        if node == goal:
+            return path_length
+        if path_length > lengths[node]:
             continue
-        for edge in adjacency.get(place, ()):
-            next_place, there = edge.other_end(place), so_far + length(edge)
-            if there <= max_length and there < far.get(next_place, np.inf):
-                far[next_place] = there
-                heapq.heappush(waiting, (there, next_place))
+        for edge in adjacency.get(node, ()):
+            next_node, next_length = edge.other_end(node), path_length + length(edge)
+            if next_length <= max_length and next_length < lengths.get(next_node, np.inf):
+                lengths[next_node] = next_length
+                heapq.heappush(queue, (next_length, next_node))
     return np.inf

@@ -1,4 +1,4 @@
-"""What is known of the way from one place to another, and how such ways are put together."""
+"""Edges of a pose graph: relative poses of keyframes, and their composition."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,15 @@ from drivers.core.geometry import Array, inverse, orthonormalize, transport_cova
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """Where place b is, seen from place a.
+    """Relative pose of keyframe b in the axes of keyframe a.
 
-    T_a_b       4x4
-    covariance  6x6 of T_a_b, (translation m, rotation rad), as a small motion in b's axes
-    is_loop     a place was known again; otherwise the odometry went from a to b
-    length_m    of the way that the camera travelled; 0 for a loop
+    Attributes:
+        a: Number of a keyframe.
+        b: Number of a keyframe.
+        T_a_b: 4x4.
+        covariance: 6x6 of T_a_b, (translation m, rotation rad), as a small motion in b's axes.
+        is_loop: Whether it is a loop closure; otherwise an odometry edge.
+        length_m: Length of the camera's path; 0 for a loop closure.
     """
 
     a: int
@@ -26,15 +29,15 @@ class Edge:
 
     @property
     def variance_m2(self) -> float:
-        """How unsure it is, as one number: the variance of points that are a metre away."""
+        """Uncertainty as one number: variance of points at a distance of a meter."""
         return float(np.trace(self.covariance))
 
     def other_end(self, end: int) -> int:
-        """The end that is not this one."""
+        """The other one of the two nodes."""
         return self.a + self.b - end
 
     def oriented_from(self, end: int) -> "Edge":
-        """The same edge, told from this end."""
+        """Return the edge with this node as a."""
         if end == self.a:
             return self
         T_b_a = inverse(self.T_a_b)
@@ -42,7 +45,7 @@ class Edge:
         return Edge(self.b, self.a, T_b_a, covariance, self.is_loop, self.length_m)
 
     def compose(self, following: "Edge") -> "Edge":
-        """One edge of this one and another that starts where it ends; a loop if either is."""
+        """Compose the edge with a following one; the result is a loop if either is."""
         return Edge(
             self.a,
             following.b,

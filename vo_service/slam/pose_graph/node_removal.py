@@ -1,4 +1,4 @@
-"""How edges are passed on when a place is forgotten."""
+"""Edges of the neighbors of a removed node."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,34 +9,38 @@ from vo_service.slam.pose_graph.edges import Edge
 
 
 def marginalize_edges(number: int, edges: Sequence[Edge]) -> list[Edge]:
-    """What the edges of this place say of the others, motions first, then loops, the surest first.
+    """Move the edges of a removed node to one of its neighbors.
 
-    One neighbour inherits: every other edge now starts from there, by way of what joined the two.
-    A motion makes a better heir than a loop, which may be wrong; then the surest does.
+    Each other edge is composed with the edge to that neighbor. It is preferably connected by an
+    odometry edge, as a loop may be wrong, and by the most certain one.
+
+    Returns:
+        The edges, odometry edges first, then loops, the most certain first.
     """
-    way = edge_to_neighbor(number, edges)
-    if way is None:
+    link = edge_to_neighbor(number, edges)
+    if link is None:
         return []
-    from_heir = way.oriented_from(way.b)
-    its = (edge.oriented_from(number) for edge in edges if number in (edge.a, edge.b))
-    return sorted((from_heir.compose(edge) for edge in its if edge.b != way.b), key=_edge_priority)
+    from_neighbor = link.oriented_from(link.b)
+    own_edges = (edge.oriented_from(number) for edge in edges if number in (edge.a, edge.b))
+    return sorted(
+        (from_neighbor.compose(edge) for edge in own_edges if edge.b != link.b), key=_edge_priority
+    )
 
 
 def edge_to_neighbor(number: int, edges: Sequence[Edge]) -> Edge | None:
-    """The edge from this place to the one that inherits; None where nothing joins it to others."""
-    its = (edge.oriented_from(number) for edge in edges if number in (edge.a, edge.b))
-    return min(its, key=_edge_priority, default=None)
+    """The edge from a node to the neighbor that gets its edges; None if it has no edge."""
+    own_edges = (edge.oriented_from(number) for edge in edges if number in (edge.a, edge.b))
+    return min(own_edges, key=_edge_priority, default=None)
 
 
 def is_informative(loop: Edge, adjacency: Mapping[int, list[Edge]]) -> bool:
-    """True if no way over the edges around the places (see `neighbours`) is as sure as the loop.
+    """Whether no path over other edges is as certain as the loop.
 
-    Of the loops that are passed on again and again, only these are kept: else there would be more
-    and more of them.
+    Only such loops are passed on; else their number would grow without bound.
     """
-    own_m2 = loop.variance_m2
+    variance_m2 = loop.variance_m2
     return (
-        shortest_path_length(loop.a, loop.b, adjacency, lambda edge: edge.variance_m2, own_m2)
+        shortest_path_length(loop.a, loop.b, adjacency, lambda edge: edge.variance_m2, variance_m2)
         == np.inf
     )
 

@@ -1,6 +1,7 @@
-"""The graph of places: the odometry's motions, the loops, and where the places are by all of them.
+"""Pose graph: keyframes, odometry edges and loop closures, and the optimized poses.
 
-Whoever keeps a map asks `is_plausible` of a recognition, adds it with `close`, then `optimise`s.
+A loop closure is checked by `is_plausible` and added by `add_loop_closure`, then `optimize` is
+called.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,19 +30,20 @@ from vo_service.slam.pose_graph.solver import (
     squared_errors,
 )
 
-# The odometry may have been off by this much, and by so much for each metre of the way.
+# Largest drift of the odometry: a constant, and per meter of the path.
 MAX_DRIFT_M, MAX_DRIFT_M_PER_M = 0.05, 0.02
 MAX_DRIFT_RAD, MAX_DRIFT_RAD_PER_M = np.deg2rad(2.0), np.deg2rad(0.5)
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A place in the graph.
+    """A keyframe in the graph.
 
-    number         rises from place to place
-    world          in which the odometry saw it
-    T_world_place  4x4, where the odometry said it was
-    T_map_place    4x4, where it is by all that is known
+    Attributes:
+        number: Ascending from keyframe to keyframe.
+        world_id: World frame of the odometry.
+        T_world_keyframe: 4x4 pose by the odometry.
+        T_map_keyframe: 4x4 optimized pose.
     """
 
     number: int
@@ -52,11 +54,12 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class NodeRemoval:
-    """A place that was forgotten. What was told from there can be told from its neighbour.
+    """A removed node, and a neighbor that poses relative to it can be transformed to.
 
-    number               of the place
-    neighbour            None where nothing joined it to others: then it was told from the map
-    T_neighbour_removed  4x4
+    Attributes:
+        number: Of the removed node.
+        neighbor: Number of the neighbor; None if it had none: then the pose is that in the map.
+        T_neighbor_removed: 4x4.
     """
 
     number: int
@@ -65,147 +68,153 @@ class NodeRemoval:
 
 
 class PoseGraph:
-    """Places and what joins them.
+    """Keyframes and their edges.
 
-    All that is connected has one frame, map: there the oldest place stays where it is. Places that
-    nothing joins to the oldest have a frame of their own, until a loop does.
+    A connected component has one map frame, in which its oldest keyframe is fixed. Components are
+    separate until a loop closure connects them.
+
+    Args:
+        nodes: Of a saved map.
+        edges: Of a saved map.
     """
 
     def __init__(self, nodes: Iterable[Node] = (), edges: Iterable[Edge] = ()) -> None:
-        """A graph that was kept, or a new one."""
         self._nodes = {node.number: node for node in nodes}
         self._edges = list(edges)
 
     @property
     def nodes(self) -> Mapping[int, Node]:
-        """The places by number."""
+        """The nodes by number."""
         return self._nodes
 
     @property
     def edges(self) -> Sequence[Edge]:
-        """Motions and loops, in the order in which they came."""
+        """Odometry edges and loops, in chronological order."""
         return self._edges
 
     def add_node(self, number: int, world_id: int, T_world_keyframe: Array) -> None:
-        """A place that nothing joins to others yet: the first of a world."""
+        """Add an unconnected node: the first one of a world frame."""
         self._nodes[number] = Node(number, world_id, T_world_keyframe, T_world_keyframe)
 
     def add_odometry_edge(self, edge: Edge) -> None:
-        """The next place, `motion.b`: the odometry came to it from `motion.a`."""
-        before = self._nodes[edge.a]
+        """Add the next node, `edge.b`, by the odometry from `edge.a`."""
+        last = self._nodes[edge.a]
         self._nodes[edge.b] = Node(
             edge.b,
-            before.world_id,
-            orthonormalize(before.T_world_keyframe @ edge.T_a_b),
-            orthonormalize(before.T_map_keyframe @ edge.T_a_b),
+            last.world_id,
+            orthonormalize(last.T_world_keyframe @ edge.T_a_b),
+            orthonormalize(last.T_map_keyframe @ edge.T_a_b),
         )
         self._edges.append(edge)
 
     def T_map_keyframe(self, number: int) -> Array:
-        """4x4 pose of a place in the map."""
+        """4x4 pose of a node in the map."""
         return self._nodes[number].T_map_keyframe
 
     def connected_components(self) -> list[set[int]]:
-        """The places, parted by what is connected; the part with the oldest comes first."""
+        """The connected components; the one with the oldest node is first."""
         return connected_components(self._nodes, self._edges)
 
     def are_connected(self, world_a: int, world_b: int) -> bool:
-        """True if places of these two worlds are connected."""
-        worlds = [
-            {self._nodes[number].world_id for number in part}
-            for part in self.connected_components()
+        """Whether nodes of these two world frames are connected."""
+        world_ids = [
+            {self._nodes[number].world_id for number in component}
+            for component in self.connected_components()
         ]
-        return any({world_a, world_b} <= together for together in worlds)
+        return any({world_a, world_b} <= ids for ids in world_ids)
 
     def is_plausible(self, loop: Edge) -> bool:
-        """True if the odometry can have been as wrong as this loop says.
+        """Whether the odometry can have drifted as much as this loop says.
 
-        It may be off by so much for each metre of the shortest way between, over edges that are
-        believed. Of places that nothing connects, anything is plausible.
+        The largest drift is that of the shortest path over inlier edges. Any loop between
+        unconnected nodes is plausible.
         """
         T_expected = inverse(self.T_map_keyframe(loop.a)) @ self.T_map_keyframe(loop.b)
-        off_m, off_rad = pose_distance(T_expected, loop.T_a_b)
+        error_m, error_rad = pose_distance(T_expected, loop.T_a_b)
         needed_m = max(
-            (off_m - MAX_DRIFT_M) / MAX_DRIFT_M_PER_M,
-            (off_rad - MAX_DRIFT_RAD) / MAX_DRIFT_RAD_PER_M,
+            (error_m - MAX_DRIFT_M) / MAX_DRIFT_M_PER_M,
+            (error_rad - MAX_DRIFT_RAD) / MAX_DRIFT_RAD_PER_M,
         )
         if needed_m <= 0.0:
             return True
-        around = build_adjacency(self.inlier_edges())
-        way_m = shortest_path_length(loop.a, loop.b, around, lambda edge: edge.length_m, needed_m)
-        return bool(way_m >= needed_m)
+        adjacency = build_adjacency(self.inlier_edges())
+        path_m = shortest_path_length(
+            loop.a, loop.b, adjacency, lambda edge: edge.length_m, needed_m
+        )
+        return bool(path_m >= needed_m)
 
     def inlier_edges(self) -> list[Edge]:
-        """All motions, and the loops that agree with where the places are."""
+        """All odometry edges, and the loops that agree with the optimized poses."""
         if not self._edges:
             return []
-        squared = squared_errors(self._poses(), self._measurements())
+        errors = squared_errors(self._poses(), self._measurements())
         return [
             edge
-            for edge, error in zip(self._edges, squared, strict=True)
+            for edge, error in zip(self._edges, errors, strict=True)
             if error <= INLIER_CHI2 or not edge.is_loop
         ]
 
     def add_loop_closure(self, loop: Edge) -> None:
-        """Add a loop. If it joins what was not connected, the younger places come to the older."""
+        """Add a loop. If it connects two components, the younger one is moved to the older."""
         if self._nodes[loop.a].world_id == self._nodes[loop.b].world_id:
             self._edges.append(loop)
             return
-        of_a, of_b = (self._component_of(end) for end in (loop.a, loop.b))
+        component_a, component_b = (self._component_of(end) for end in (loop.a, loop.b))
         self._edges.append(loop)
         T_map_a, T_map_b = self.T_map_keyframe(loop.a), self.T_map_keyframe(loop.b)
-        if min(of_a) < min(of_b):
-            self._transform_nodes(of_b, T_map_a @ loop.T_a_b @ inverse(T_map_b))
-        elif min(of_b) < min(of_a):
-            self._transform_nodes(of_a, T_map_b @ inverse(T_map_a @ loop.T_a_b))
+        if min(component_a) < min(component_b):
+            self._transform_nodes(component_b, T_map_a @ loop.T_a_b @ inverse(T_map_b))
+        elif min(component_b) < min(component_a):
+            self._transform_nodes(component_a, T_map_b @ inverse(T_map_a @ loop.T_a_b))
 
     def optimize(self) -> None:
-        """Put every place where all edges agree best; the oldest of each part stays."""
+        """Optimize all poses; the oldest node of each component is fixed."""
         if not any(edge.is_loop for edge in self._edges):
             return
-        oldest = {min(part) for part in self.connected_components()}
-        is_held = np.array([number in oldest for number in self._nodes])
-        solved = solve(self._poses(), self._measurements(), is_held)
+        oldest = {min(component) for component in self.connected_components()}
+        is_fixed = np.array([number in oldest for number in self._nodes])
+        solved = solve(self._poses(), self._measurements(), is_fixed)
         for node, T in zip(list(self._nodes.values()), solved, strict=True):
             self._nodes[node.number] = replace(node, T_map_keyframe=T)
 
     def remove_redundant_node(self, loop: Edge) -> NodeRemoval:
-        """Forget a place, `loop.b`, that tells nothing that `loop.a` has not told.
+        """Remove a node, `loop.b`, that is a duplicate of `loop.a`.
 
-        The way past it stays, its loops go with it: passed on again and again, a loop would be
-        counted for as many. Where no way leads past, they are all that joins it to others, and
-        stay. What was told from there can be told from the older place, which does not go with
-        every correction of the newest.
+        Between two odometry edges its loops are dropped: passed on repeatedly, a loop would be
+        counted many times. Otherwise they may be its only connection and are kept. Poses relative
+        to it become relative to the older node, whose pose is more stable.
         """
         number = loop.b
         others = [edge for edge in self._edges if number not in (edge.a, edge.b)]
-        motions = [edge for edge in self._edges if number in (edge.a, edge.b) and not edge.is_loop]
-        if len(motions) == 2:
-            self._edges = [*others, *motions]
+        odometry_edges = [
+            edge for edge in self._edges if number in (edge.a, edge.b) and not edge.is_loop
+        ]
+        if len(odometry_edges) == 2:
+            self._edges = [*others, *odometry_edges]
         removal = self.remove_node(number)
         return NodeRemoval(number, loop.a, loop.T_a_b) if loop.a in self._nodes else removal
 
     def remove_node(self, number: int) -> NodeRemoval:
-        """Forget a place. What was connected by it stays connected, and all stay where they are."""
-        way, T_map_removed = edge_to_neighbor(number, self._edges), self.T_map_keyframe(number)
+        """Remove a node. Its neighbors stay connected, and their poses do not change."""
+        link, T_map_removed = edge_to_neighbor(number, self._edges), self.T_map_keyframe(number)
         inherited = marginalize_edges(number, self._edges)
-        believed = self.inlier_edges() if any(edge.is_loop for edge in inherited) else []
-        around = build_adjacency(edge for edge in believed if number not in (edge.a, edge.b))
+        inlier_edges = self.inlier_edges() if any(edge.is_loop for edge in inherited) else []
+        adjacency = build_adjacency(edge for edge in inlier_edges if number not in (edge.a, edge.b))
         self._edges = [edge for edge in self._edges if number not in (edge.a, edge.b)]
         del self._nodes[number]
         for edge in inherited:
-            if not edge.is_loop or is_informative(edge, around):
-                add_to_adjacency(around, edge)
+            if not edge.is_loop or is_informative(edge, adjacency):
+                add_to_adjacency(adjacency, edge)
                 self._edges.append(edge)
-        if way is None:
+        if link is None:
             return NodeRemoval(number, None, T_map_removed)
-        return NodeRemoval(number, way.b, inverse(self.T_map_keyframe(way.b)) @ T_map_removed)
+        return NodeRemoval(number, link.b, inverse(self.T_map_keyframe(link.b)) @ T_map_removed)
 
     def _component_of(self, number: int) -> set[int]:
-        return next(part for part in self.connected_components() if number in part)
+        return next(component for component in self.connected_components() if number in component)
 
     def _transform_nodes(self, numbers: Iterable[int], T: Array) -> None:
-        """Move places, all alike."""
+        """Transform the poses of nodes by T (4x4)."""
         for number in numbers:
             node = self._nodes[number]
             self._nodes[number] = replace(

@@ -1,8 +1,7 @@
-"""The poses that agree best with all edges of a graph: sparse least squares over rigid motions.
+"""Pose graph optimization: sparse least squares over rigid transforms.
 
 Grisetti, Kuemmerle, Stachniss and Burgard, "A tutorial on graph-based SLAM" (2010); damped after
-Levenberg and Marquardt. Loops count by Cauchy's function: one that contradicts all others pulls the
-less, the more it does.
+Levenberg and Marquardt. Loops have Cauchy's cost, so that wrong ones have little weight.
 """
 
 from collections.abc import Sequence
@@ -22,14 +21,14 @@ from vo_service.slam.pose_graph.batched_se3 import (
 )
 from vo_service.slam.pose_graph.edges import Edge
 
-# A loop is believed whose squared error, in standard deviations, is at most this: so are 99.9 % of
-# right ones (chi squared, six degrees of freedom). There it weighs half.
+# Largest squared error, in standard deviations, of an inlier loop: 99.9 % of right ones (chi
+# squared, six degrees of freedom). There the weight is half.
 INLIER_CHI2 = 22.5
 MAX_ITERATIONS = 30
 INITIAL_DAMPING, MAX_DAMPING = 1e-6, 1e3
-# Enough when a step changes the cost by less than this share.
+# The iteration ends when a step changes the cost by less than this share.
 MIN_COST_DECREASE_RATIO = 1e-4
-# Nothing is surer than this, in metres and radians.
+# Lower bound of an edge's sigma, in meters and radians.
 MIN_SIGMA = 1e-5
 
 Indices = NDArray[np.int64]
@@ -39,10 +38,12 @@ Indices = NDArray[np.int64]
 class EdgeMeasurements:
     """The edges as arrays.
 
-    a, b       (E,) rows of the poses that they join
-    T_b_a      (E, 4, 4) inverse of what was measured
-    whitening  (E, 6, 6) turns an error into one of standard deviations
-    is_loop    (E,)
+    Attributes:
+        a: (E,) row of the pose a.
+        b: (E,) row of the pose b.
+        T_b_a: (E, 4, 4) inverse of the measured T_a_b.
+        whitening: (E, 6, 6) transforms an error to standard deviations.
+        is_loop: (E,).
     """
 
     a: Indices
@@ -54,7 +55,7 @@ class EdgeMeasurements:
 
 @dataclass(frozen=True)
 class _LinearizedGraph:
-    """Poses (N, 4, 4), their cost, and the normal equations there of the poses that are free."""
+    """Poses (N, 4, 4), their cost, and the normal equations of the free poses."""
 
     T_map_keyframe: Array
     cost: float
@@ -63,7 +64,7 @@ class _LinearizedGraph:
 
 
 def collect_measurements(edges: Sequence[Edge], rows: dict[int, int]) -> EdgeMeasurements:
-    """What the edges say; `rows` tells the row of each place."""
+    """Collect the measurements of edges; `rows` has the row of each node."""
     covariance = np.array([edge.covariance for edge in edges]) + MIN_SIGMA**2 * np.eye(6)
     return EdgeMeasurements(
         np.array([rows[edge.a] for edge in edges]),
@@ -75,43 +76,48 @@ def collect_measurements(edges: Sequence[Edge], rows: dict[int, int]) -> EdgeMea
 
 
 def squared_errors(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array:
-    """(E,) squared errors of the edges in standard deviations, the places being at T_map."""
+    """(E,) squared errors of the edges in standard deviations, at poses (N, 4, 4)."""
     squared: Array = np.sum(_whitened_errors(T_map_keyframe, measured) ** 2, axis=1)
     return squared
 
 
 def solve(T_map_keyframe: Array, measured: EdgeMeasurements, is_fixed: NDArray[np.bool_]) -> Array:
-    """The poses (N, 4, 4) that agree best, near those given; those that are held stay.
+    """Optimize the poses (N, 4, 4).
 
-    is_held  (N,), at least one pose of all that are connected
+    Args:
+        T_map_keyframe: (N, 4, 4) initial poses.
+        measured: The edges.
+        is_fixed: (N,), at least one pose of each component.
     """
     damping = INITIAL_DAMPING
-    now = _linearize(T_map_keyframe, measured, is_fixed)
+    current = _linearize(T_map_keyframe, measured, is_fixed)
     for _ in range(MAX_ITERATIONS):
-        then = _linearize(_take_step(now, is_fixed, damping), measured, is_fixed)
-        gain = now.cost - then.cost
-        is_enough = abs(gain) <= MIN_COST_DECREASE_RATIO * (1.0 + now.cost)
+        stepped = _linearize(_take_step(current, is_fixed, damping), measured, is_fixed)
+        gain = current.cost - stepped.cost
+        has_converged = abs(gain) <= MIN_COST_DECREASE_RATIO * (1.0 + current.cost)
         if gain > 0.0:
-            now, damping = then, 0.1 * damping
+            current, damping = stepped, 0.1 * damping
         else:
             damping *= 10.0
-        if is_enough or damping > MAX_DAMPING:
+        if has_converged or damping > MAX_DAMPING:
             break
-    return now.T_map_keyframe
+    return current.T_map_keyframe
 
 
-def _take_step(now: _LinearizedGraph, is_fixed: NDArray[np.bool_], damping: float) -> Array:
-    """The poses after one damped step."""
-    damped = now.H + diags_array(damping * now.H.diagonal())
-    # Symmetric and positive: no pivot need be looked for, which keeps the factor sparse.
+def _take_step(current: _LinearizedGraph, is_fixed: NDArray[np.bool_], damping: float) -> Array:
+    """Poses after one damped step."""
+    damped = current.H + diags_array(damping * current.H.diagonal())
+    # Symmetric and positive definite: without pivoting the factor stays sparse.
     factor = splu(
         damped.tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    T_map = now.T_map_keyframe.copy()
-    T_map[~is_fixed] = retract_poses(T_map[~is_fixed], -factor.solve(now.gradient).reshape(-1, 6))
+    T_map = current.T_map_keyframe.copy()
+    T_map[~is_fixed] = retract_poses(
+        T_map[~is_fixed], -factor.solve(current.gradient).reshape(-1, 6)
+    )
     return T_map
 
 
@@ -134,7 +140,7 @@ def _linearize(
 
 
 def _whitened_errors(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array:
-    """(E, 6) how far each b is from where it was measured, in standard deviations."""
+    """(E, 6) error of each b against its measurement, in standard deviations."""
     T = measured.T_b_a @ invert_poses(T_map_keyframe[measured.a]) @ T_map_keyframe[measured.b]
     errors = np.concatenate([T[:, :3, 3], so3_log_batch(T[:, :3, :3])], axis=1)
     whitened: Array = (measured.whitening @ errors[..., None])[..., 0]
@@ -142,30 +148,29 @@ def _whitened_errors(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array
 
 
 def _jacobian_blocks(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array:
-    """(E, 6, 12) of the errors in metres and radians by small steps of a and of b (see `moved`)."""
+    """(E, 6, 12) Jacobians of the errors in m and rad by steps of a and b, see `retract_poses`."""
     T_a_b = invert_poses(T_map_keyframe[measured.a]) @ T_map_keyframe[measured.b]
     R_b_a = measured.T_b_a[:, :3, :3]
     R_error = R_b_a @ T_a_b[:, :3, :3]
-    # Of the rotation vector by a small turn afterwards: the inverse of the right Jacobian of SO(3),
-    # up to the third power.
+    # Inverse of the right Jacobian of SO(3), up to the third power.
     K = skew_matrices(so3_log_batch(R_error))
-    by_turn = np.eye(3) + K / 2.0 + K @ K / 12.0
+    right_jacobian_inverse = np.eye(3) + K / 2.0 + K @ K / 12.0
     J = np.zeros((len(T_a_b), 6, 12))
     J[:, :3, :3] = -R_b_a
     J[:, :3, 3:6] = R_b_a @ skew_matrices(T_a_b[:, :3, 3])
-    J[:, 3:, 3:6] = -by_turn @ np.swapaxes(T_a_b[:, :3, :3], 1, 2)
+    J[:, 3:, 3:6] = -right_jacobian_inverse @ np.swapaxes(T_a_b[:, :3, :3], 1, 2)
     J[:, :3, 6:9] = R_error
-    J[:, 3:, 9:] = by_turn
+    J[:, 3:, 9:] = right_jacobian_inverse
     return J
 
 
 def _sparse_jacobian(
     blocks: Array, measured: EdgeMeasurements, is_fixed: NDArray[np.bool_]
 ) -> csr_array:
-    """(6 E, 6 free) matrix of blocks (E, 6, 12), without the columns of what is held."""
-    place = np.empty(len(is_fixed), np.int32)
-    place[np.argsort(is_fixed, kind="stable")] = np.arange(len(is_fixed), dtype=np.int32)
-    first = 6 * place[np.stack([measured.a, measured.b], axis=1)]
+    """(6 E, 6 free) matrix of blocks (E, 6, 12), without the columns of fixed poses."""
+    rank = np.empty(len(is_fixed), np.int32)
+    rank[np.argsort(is_fixed, kind="stable")] = np.arange(len(is_fixed), dtype=np.int32)
+    first = 6 * rank[np.stack([measured.a, measured.b], axis=1)]
     columns = (first[..., None] + np.arange(6, dtype=np.int32)).reshape(-1, 1, 12)
     indices = np.broadcast_to(columns, blocks.shape).ravel()
     starts = np.arange(0, blocks.size + 1, 12)

@@ -1,6 +1,6 @@
-"""Named arrays as bytes, and back: an index in JSON, then the numbers. Nothing in it is ever run.
+"""Codec of named arrays: an index in JSON, then the numbers. Nothing in the data is executed.
 
-Whoever reads them says of each what it has to be: `take`.
+The reader checks each array by `require_array`.
 """
 
 import json
@@ -17,28 +17,30 @@ from drivers.core.geometry import Array, is_rigid
 Number = TypeVar("Number", bound=np.generic)
 Arrays = Mapping[str, NDArray[np.generic]]
 
-# Length of the index, in front of it.
+# Length of the index, before the index.
 _INDEX_LENGTH = struct.Struct("<Q")
-# Kinds of numbers, as NumPy names them, all little-endian.
+# NumPy dtypes, all little-endian.
 SUPPORTED_DTYPES = frozenset({"|b1", "|i1", "<i8", "<f2", "<f4", "<f8"})
-# No side of an array is longer.
+# Longest side of an array.
 MAX_DIMENSION = 2**40
-# Any length, where an array may be as long as it likes.
+# Side of any length.
 ANY_LENGTH = -1
 
 
 def pack_arrays(arrays: Arrays) -> bytes:
-    """Arrays of the kinds above, one after the other."""
+    """Pack arrays of the supported dtypes."""
     index = {name: [array.dtype.str, list(array.shape)] for name, array in arrays.items()}
     text = json.dumps(index).encode()
     return b"".join([_INDEX_LENGTH.pack(len(text)), text, *(a.tobytes() for a in arrays.values())])
 
 
 def unpack_arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
-    """The arrays again, each with memory of its own.
+    """Unpack arrays, each with its own memory.
 
-    Raises ValueError for anything that `pack` did not make. No memory is taken by a number in the
-    data before that many bytes are known to be there.
+    No memory is allocated before that many bytes are known to be in the data.
+
+    Raises:
+        ValueError: The data is not from `pack_arrays`.
     """
     if len(data) < _INDEX_LENGTH.size:
         raise ValueError("ends in its index")
@@ -55,7 +57,7 @@ def unpack_arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
         arrays[name] = np.frombuffer(data, kind, count, position).reshape(shape).copy()
         position += size
     if position != len(data):
-        raise ValueError("goes on after its last array")
+        raise ValueError("has data after its last array")
     return arrays
 
 
@@ -63,9 +65,9 @@ def _parse_index(text: bytes) -> dict[str, tuple[str, list[int]]]:
     try:
         index = json.loads(text)
     except (ValueError, RecursionError):
-        raise ValueError("its index is no JSON") from None
+        raise ValueError("has an index that is no JSON") from None
     if not isinstance(index, dict) or not all(map(_is_index_entry, index.values())):
-        raise ValueError("its index is none of arrays")
+        raise ValueError("has an invalid index")
     return index
 
 
@@ -82,22 +84,22 @@ def _is_index_entry(entry: object) -> bool:
 def require_array(
     arrays: Arrays, name: str, dtype: type[Number], shape: tuple[int, ...]
 ) -> NDArray[Number]:
-    """An array of finite numbers of this kind and shape. Raises ValueError if there is none."""
+    """Return an array of finite numbers with this dtype and shape. Raises ValueError if invalid."""
     if name not in arrays:
         raise ValueError(f"has no {name}")
     array = arrays[name]
-    is_of_shape = array.ndim == len(shape) and all(
-        wanted in (ANY_LENGTH, side) for wanted, side in zip(shape, array.shape, strict=True)
+    has_shape = array.ndim == len(shape) and all(
+        expected in (ANY_LENGTH, side) for expected, side in zip(shape, array.shape, strict=True)
     )
-    if array.dtype != dtype or not is_of_shape or not np.all(np.isfinite(array)):
-        raise ValueError(f"has a {name} that cannot be")
+    if array.dtype != dtype or not has_shape or not np.all(np.isfinite(array)):
+        raise ValueError(f"has an invalid {name}")
     typed: NDArray[Number] = array.astype(dtype, copy=False)
     return typed
 
 
 def require_poses(arrays: Arrays, name: str, count: int) -> Array:
-    """Rigid transforms (count, 4, 4). Raises ValueError if they are none."""
+    """Return rigid transforms (count, 4, 4). Raises ValueError if invalid."""
     T = require_array(arrays, name, np.float64, (count, 4, 4))
     if not all(map(is_rigid, T)):
-        raise ValueError(f"has a {name} that cannot be")
+        raise ValueError(f"has an invalid {name}")
     return T

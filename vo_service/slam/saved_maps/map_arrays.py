@@ -1,4 +1,4 @@
-"""The graph of places as named arrays, and back."""
+"""Conversion of a pose graph and its keyframes to named arrays, and back."""
 
 from collections.abc import Sequence, Set
 from dataclasses import astuple
@@ -20,7 +20,7 @@ from vo_service.slam.saved_maps.array_codec import ANY_LENGTH, Arrays, require_a
 
 
 def graph_to_arrays(nodes: Sequence[Node], edges: Sequence[Edge]) -> dict[str, NDArray[np.generic]]:
-    """In the order in which they are given."""
+    """Convert nodes and edges to arrays, in their order."""
     return {
         "node/number": np.array([node.number for node in nodes], np.int64),
         "node/world": np.array([node.world_id for node in nodes], np.int64),
@@ -35,17 +35,17 @@ def graph_to_arrays(nodes: Sequence[Node], edges: Sequence[Edge]) -> dict[str, N
 
 
 def nodes_from_arrays(arrays: Arrays) -> list[Node]:
-    """The places in the graph. Raises ValueError for arrays that are not those of a graph."""
+    """Convert arrays to nodes. Raises ValueError if they are invalid."""
     number = require_array(arrays, "node/number", np.int64, (ANY_LENGTH,))
-    world = require_array(arrays, "node/world", np.int64, (len(number),))
+    world_id = require_array(arrays, "node/world", np.int64, (len(number),))
     T_world = require_poses(arrays, "node/T_world", len(number))
     T_map = require_poses(arrays, "node/T_map", len(number))
-    rows = zip(number.tolist(), world.tolist(), T_world, T_map, strict=True)
+    rows = zip(number.tolist(), world_id.tolist(), T_world, T_map, strict=True)
     return [Node(*row) for row in rows]
 
 
 def edges_from_arrays(arrays: Arrays, numbers: Set[int]) -> list[Edge]:
-    """The edges between places of these numbers. Raises ValueError as `nodes_from_arrays`."""
+    """Convert arrays to edges between nodes of these numbers. Raises ValueError if invalid."""
     ends = require_array(arrays, "edge/ends", np.int64, (ANY_LENGTH, 2))
     count = len(ends)
     T = require_poses(arrays, "edge/T", count)
@@ -53,20 +53,22 @@ def edges_from_arrays(arrays: Arrays, numbers: Set[int]) -> list[Edge]:
     is_loop = require_array(arrays, "edge/is_loop", np.bool_, (count,))
     length_m = require_array(arrays, "edge/length_m", np.float64, (count,))
     if not set(ends.ravel().tolist()) <= numbers or np.any(ends[:, 0] == ends[:, 1]):
-        raise ValueError("has edges to places that are not there")
+        raise ValueError("has edges to missing keyframes")
     if np.any(length_m < 0) or not _are_positive_definite(covariance):
-        raise ValueError("has edges that cannot be")
+        raise ValueError("has invalid edges")
     rows = zip(*ends.T.tolist(), T, covariance, is_loop.tolist(), length_m.tolist(), strict=True)
     return [Edge(*row) for row in rows]
 
 
 def _are_positive_definite(covariance: Array) -> bool:
-    """Whether matrices (N, 6, 6) are symmetric, but for rounding, and positive definite."""
+    """Whether matrices (N, 6, 6) are symmetric, except for rounding, and positive definite."""
     if len(covariance) == 0:
         return True
-    uneven = np.abs(covariance - covariance.transpose(0, 2, 1)).max(axis=(1, 2))
-    sizes = np.abs(covariance).max(axis=(1, 2))
-    return bool(np.all(uneven <= 1e-6 * sizes) and np.linalg.eigvalsh(covariance).min() > 0.0)
+    asymmetry = np.abs(covariance - covariance.transpose(0, 2, 1)).max(axis=(1, 2))
+    magnitude = np.abs(covariance).max(axis=(1, 2))
+    return bool(
+        np.all(asymmetry <= 1e-6 * magnitude) and np.linalg.eigvalsh(covariance).min() > 0.0
+    )
 
 
 def _stack_matrices(matrices: Sequence[Array], side: int) -> Array:
@@ -74,60 +76,66 @@ def _stack_matrices(matrices: Sequence[Array], side: int) -> Array:
 
 
 def keyframes_to_arrays(keyframes: Sequence[MapKeyframe]) -> dict[str, NDArray[np.generic]]:
-    """What all places have, in one array each; then what is of another length in each place."""
+    """Convert keyframes to arrays: common ones, then those with a different length per keyframe."""
     arrays: dict[str, NDArray[np.generic]] = {
-        "place/number": np.array([place.number for place in keyframes], np.int64),
-        "place/world": np.array([place.world_id for place in keyframes], np.int64),
-        "place/stamp_s": np.array([place.stamp_s for place in keyframes], np.float64),
-        "place/T": np.array([place.T_world_keyframe for place in keyframes]).reshape(-1, 4, 4),
-        "place/camera": np.array([astuple(place.camera) for place in keyframes]).reshape(-1, 6),
-        "place/brightness": np.array([place.mean_brightness for place in keyframes], np.float64),
-        "place/levels": np.array([len(place.packed_points) for place in keyframes], np.int64),
+        "place/number": np.array([keyframe.number for keyframe in keyframes], np.int64),
+        "place/world": np.array([keyframe.world_id for keyframe in keyframes], np.int64),
+        "place/stamp_s": np.array([keyframe.stamp_s for keyframe in keyframes], np.float64),
+        "place/T": np.array([keyframe.T_world_keyframe for keyframe in keyframes]).reshape(
+            -1, 4, 4
+        ),
+        "place/camera": np.array([astuple(keyframe.camera) for keyframe in keyframes]).reshape(
+            -1, 6
+        ),
+        "place/brightness": np.array(
+            [keyframe.mean_brightness for keyframe in keyframes], np.float64
+        ),
+        "place/levels": np.array([len(keyframe.packed_points) for keyframe in keyframes], np.int64),
     }
-    for n, place in enumerate(keyframes):
-        arrays[f"{n}/look"] = place.features.descriptor_int8
-        arrays[f"{n}/sign"] = place.features.sign
-        arrays[f"{n}/landmarks_m"] = place.features.position_m
-        for level, points in enumerate(place.packed_points):
+    for n, keyframe in enumerate(keyframes):
+        arrays[f"{n}/look"] = keyframe.features.descriptor_int8
+        arrays[f"{n}/sign"] = keyframe.features.sign
+        arrays[f"{n}/landmarks_m"] = keyframe.features.position_m
+        for level, points in enumerate(keyframe.packed_points):
             arrays[f"{n}/points_m/{level}"] = points.position_m
             arrays[f"{n}/points/{level}"] = points.attributes
     return arrays
 
 
 def keyframes_from_arrays(arrays: Arrays) -> list[MapKeyframe]:
-    """The places. Raises ValueError for arrays that are not those of places."""
+    """Convert arrays to keyframes. Raises ValueError if they are invalid."""
     number = require_array(arrays, "place/number", np.int64, (ANY_LENGTH,))
     count = len(number)
-    world = require_array(arrays, "place/world", np.int64, (count,))
+    world_id = require_array(arrays, "place/world", np.int64, (count,))
     stamp_s = require_array(arrays, "place/stamp_s", np.float64, (count,))
-    T_world_place = require_poses(arrays, "place/T", count)
+    T_world_keyframe = require_poses(arrays, "place/T", count)
     camera = require_array(arrays, "place/camera", np.float64, (count, 6))
     brightness = require_array(arrays, "place/brightness", np.float64, (count,))
     levels = require_array(arrays, "place/levels", np.int64, (count,))
     if np.any(number < 0) or np.any(np.diff(number) <= 0):
-        raise ValueError("has places whose numbers do not rise")
+        raise ValueError("has keyframes whose numbers do not ascend")
     if np.any(camera[:, :4] <= 0) or np.any((levels < 1) | (levels > NUM_LEVELS)):
-        raise ValueError("has places that no camera has seen")
-    words = VladVocabulary.default()
-    places = []
+        raise ValueError("has keyframes with an invalid camera or number of levels")
+    vocabulary = VladVocabulary.default()
+    keyframes = []
     for n in range(count):
-        landmarks = _features_from_arrays(arrays, n)
-        places.append(
+        features = _features_from_arrays(arrays, n)
+        keyframes.append(
             MapKeyframe(
                 number=int(number[n]),
-                world_id=int(world[n]),
+                world_id=int(world_id[n]),
                 stamp_s=float(stamp_s[n]),
-                T_world_keyframe=T_world_place[n],
+                T_world_keyframe=T_world_keyframe[n],
                 camera=_camera_from_array(camera[n]),
-                features=landmarks,
-                vlad_descriptor=words.describe(landmarks.descriptor_int8),
+                features=features,
+                vlad_descriptor=vocabulary.describe(features.descriptor_int8),
                 packed_points=tuple(
                     _points_from_arrays(arrays, n, level) for level in range(levels[n])
                 ),
                 mean_brightness=float(brightness[n]),
             )
         )
-    return places
+    return keyframes
 
 
 def _camera_from_array(values: Array) -> PinholeCamera:
@@ -136,10 +144,12 @@ def _camera_from_array(values: Array) -> PinholeCamera:
 
 
 def _features_from_arrays(arrays: Arrays, n: int) -> DepthFeatures:
-    look = require_array(arrays, f"{n}/look", np.int8, (ANY_LENGTH, DESCRIPTOR_SIZE))
-    sign = require_array(arrays, f"{n}/sign", np.int8, (len(look),))
+    descriptor = require_array(arrays, f"{n}/look", np.int8, (ANY_LENGTH, DESCRIPTOR_SIZE))
+    sign = require_array(arrays, f"{n}/sign", np.int8, (len(descriptor),))
     return DepthFeatures(
-        look, sign, require_array(arrays, f"{n}/landmarks_m", np.float32, (len(look), 3))
+        descriptor,
+        sign,
+        require_array(arrays, f"{n}/landmarks_m", np.float32, (len(descriptor), 3)),
     )
 
 

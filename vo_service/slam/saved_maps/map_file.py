@@ -1,4 +1,4 @@
-"""A map as one file, so that a robot wakes up where it has been before."""
+"""Map file: all keyframes and the pose graph, so that a robot can relocalize after a restart."""
 
 import hashlib
 import os
@@ -25,22 +25,23 @@ from vo_service.slam.saved_maps.map_arrays import (
 )
 
 SCHEMA = 1
-# In front of everything: what the file is, its schema, how many bytes follow, and their SHA-256.
+# Header: magic, schema, number of bytes that follow, and their SHA-256.
 MAGIC = b"kinect-vo map\n\x00\x00"
 HEADER = struct.Struct("<16sIQ32s")
-# No map is larger: so much is read at most.
+# Largest map file.
 MAX_FILE_BYTES = 4 * 2**30
-REMEDY = "name another map, or begin a new one"
+REMEDY = "choose another map or start a new one"
 
 
 @dataclass(frozen=True)
 class MapContents:
-    """All that is kept of a map.
+    """Contents of a map file.
 
-    places       in the order of their numbers
-    nodes        of the graph, one for each place
-    edges        between them
-    next_number  of the place that is made next: no number is used twice
+    Attributes:
+        keyframes: In the order of their numbers.
+        nodes: Of the pose graph, one for each keyframe.
+        edges: Between the nodes.
+        next_number: Number of the next keyframe: no number is used twice.
     """
 
     keyframes: Sequence[MapKeyframe]
@@ -50,10 +51,10 @@ class MapContents:
 
 
 def write_map(path: Path, contents: MapContents) -> None:
-    """Write a map whole, for its owner alone: it shows the inside of a home.
+    """Write a map atomically, readable by its owner only, as it shows the inside of a home.
 
-    Whatever happens, even to the power, the file is the old one or the new one. Raises
-    UserFacingError if it cannot be written.
+    Raises:
+        UserFacingError: The file cannot be written.
     """
     data = _serialize(contents)
     header = HEADER.pack(MAGIC, SCHEMA, len(data), hashlib.sha256(data).digest())
@@ -71,17 +72,17 @@ def write_map(path: Path, contents: MapContents) -> None:
             part.unlink(missing_ok=True)
         cause = "the disk is full" if is_disk_full(error) else error.strerror
         raise UserFacingError(
-            f"{path}: the map cannot be written: {cause}; mend that and save it again"
+            f"{path}: the map cannot be written: {cause}; fix this and save it again"
         ) from error
 
 
 def read_map(path: Path) -> MapContents:
-    """Read a map. Raises InputError for whatever is none, damaged, or of another version."""
+    """Read a map. Raises InputError if it is none, damaged, or of another version."""
     data = _read_verified(path)
     try:
         return _deserialize(data)
     except ValueError as error:
-        raise InputError(f"{path}: no map of this program: it {error}; {REMEDY}") from None
+        raise InputError(f"{path}: invalid map: it {error}; {REMEDY}") from None
 
 
 def _serialize(contents: MapContents) -> bytes:
@@ -96,21 +97,21 @@ def _serialize(contents: MapContents) -> bytes:
 
 def _deserialize(data: bytes) -> MapContents:
     arrays = unpack_arrays(data)
-    places, nodes = keyframes_from_arrays(arrays), nodes_from_arrays(arrays)
-    numbers = {place.number for place in places}
-    if len(nodes) != len(places) or numbers != {node.number for node in nodes}:
-        raise ValueError("has places that are not in its graph")
+    keyframes, nodes = keyframes_from_arrays(arrays), nodes_from_arrays(arrays)
+    numbers = {keyframe.number for keyframe in keyframes}
+    if len(nodes) != len(keyframes) or numbers != {node.number for node in nodes}:
+        raise ValueError("has keyframes that are not in its graph")
     next_number = int(require_array(arrays, "next_number", np.int64, ()))
     if next_number <= max(numbers, default=-1):
-        raise ValueError("has used the number of its next place")
-    return MapContents(places, nodes, edges_from_arrays(arrays, numbers), next_number)
+        raise ValueError("has a keyframe with the number of the next one")
+    return MapContents(keyframes, nodes, edges_from_arrays(arrays, numbers), next_number)
 
 
 def _read_verified(path: Path) -> bytes:
-    """What follows the header. Raises InputError."""
+    """Read and verify the data after the header. Raises InputError."""
     try:
         if not path.is_file():
-            raise InputError(f"{path}: there is no such file; {REMEDY}")
+            raise InputError(f"{path}: no such file; {REMEDY}")
         with path.open("rb") as file:
             header, size = file.read(HEADER.size), os.fstat(file.fileno()).st_size
             digest = _check_header(path, header, size)
@@ -118,19 +119,17 @@ def _read_verified(path: Path) -> bytes:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}; {REMEDY}") from error
     if hashlib.sha256(data).digest() != digest:
-        raise InputError(f"{path}: a damaged map: its checksum is wrong; {REMEDY}")
+        raise InputError(f"{path}: damaged map: wrong checksum; {REMEDY}")
     return data
 
 
 def _check_header(path: Path, header: bytes, size: int) -> bytes:
-    """The SHA-256 that a header tells. Raises InputError if it is none, or of another version."""
+    """Return the header's SHA-256. Raises InputError if it is invalid or of another version."""
     if len(header) < HEADER.size or not header.startswith(MAGIC):
-        raise InputError(f"{path}: no map of kinect-vo; {REMEDY}")
+        raise InputError(f"{path}: not a kinect-vo map; {REMEDY}")
     _, schema, length, digest = HEADER.unpack(header)
     if schema != SCHEMA:
-        raise InputError(
-            f"{path}: a map of version {schema}, and this program reads version {SCHEMA}; {REMEDY}"
-        )
+        raise InputError(f"{path}: map version {schema} is not supported, only {SCHEMA}; {REMEDY}")
     if HEADER.size + length != size or size > MAX_FILE_BYTES:
-        raise InputError(f"{path}: a damaged map: its length is wrong; {REMEDY}")
+        raise InputError(f"{path}: damaged map: wrong length; {REMEDY}")
     return bytes(digest)

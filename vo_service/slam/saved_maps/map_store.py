@@ -1,4 +1,4 @@
-"""The folder of maps: their total size, and files that appear only when whole."""
+"""Folder of saved maps, with a limit of its size and atomic writes."""
 
 import shutil
 from collections.abc import Callable
@@ -14,10 +14,10 @@ MAP_SUFFIX = ".places"
 
 
 class MapStore:
-    """Maps, and nothing else: the folder is the mapper's own.
+    """Folder of saved maps, used only by the mapper.
 
-    What is being written lies in a folder that is locked, so that another service of the same user
-    leaves it alone.
+    Partial files are in a locked folder, so that another service of the same user does not remove
+    them.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -25,24 +25,24 @@ class MapStore:
 
     @property
     def names(self) -> frozenset[str]:
-        """Of the maps that are there. Raises OSError if the folder cannot be read."""
+        """Names of the maps. Raises OSError if the folder cannot be read."""
         return frozenset(file.stem for file in self._files())
 
     @property
     def loadable_names(self) -> frozenset[str]:
-        """Of the maps whose places can be loaded. Raises OSError if it cannot be read."""
+        """Names of the maps that can be loaded. Raises OSError if the folder cannot be read."""
         return frozenset(file.stem for file in self._files() if file.suffix == MAP_SUFFIX)
 
     def mesh_file(self, name: str) -> Path:
-        """Where a map's surface is, or will be."""
+        """Path of a map's mesh."""
         return self.folder / f"{name}{MESH_SUFFIX}"
 
     def map_file(self, name: str) -> Path:
-        """Where a map's places are, or will be."""
+        """Path of a map's keyframes."""
         return self.folder / f"{name}{MAP_SUFFIX}"
 
     def clean_up(self) -> None:
-        """Remove what an earlier mapper could not finish. Raises OSError."""
+        """Remove partial files of an earlier mapper. Raises OSError."""
         if self.folder.is_dir():
             for part in self.folder.glob(f"*{PARTIAL_SUFFIX}"):
                 with suppress(OSError), lock_folder(part):
@@ -51,15 +51,23 @@ class MapStore:
     def write(
         self, final: Path, max_total_bytes: int, write_content: Callable[[Path], None]
     ) -> Path:
-        """Let `fill` write a file of this folder; it gets its name when it is whole. Its path.
+        """Write a file of this folder atomically; the oldest maps are removed to make room.
 
-        The oldest maps make room for it, so that all together have at most `total_bytes`. Raises
-        UserFacingError, leaving nothing, if the disk refuses or `fill` does.
+        Args:
+            final: Path of the file.
+            max_total_bytes: Largest size of all maps.
+            write_content: Writes the content to a given path.
+
+        Returns:
+            The path of the file.
+
+        Raises:
+            UserFacingError: The file cannot be written; nothing is left of it.
         """
         part = self.folder / f"{final.name}{PARTIAL_SUFFIX}"
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self.clean_up()  # else what a process that was killed left is in the way
+            self.clean_up()  # a killed process may have left partial files
             part.mkdir(mode=0o700)
             try:
                 with lock_folder(part):
@@ -75,8 +83,8 @@ class MapStore:
     def _make_room(self, final: Path, size: int, max_total_bytes: int) -> None:
         if size > max_total_bytes:
             raise UserFacingError(
-                f"it has {size // MEGABYTE} MB, more than map.total_mb allows for all maps; raise "
-                "that, or map.voxel_m"
+                f"it needs {size // MEGABYTE} MB, more than map.total_mb allows for all maps; "
+                "increase map.total_mb or map.voxel_m"
             )
         others = [file for file in self._files() if file != final]
         ages_s = {file: file.stat().st_mtime for file in others if file.stem != final.stem}

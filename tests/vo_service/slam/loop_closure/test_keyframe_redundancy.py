@@ -27,7 +27,7 @@ def test_a_turn_counts_as_a_way() -> None:
 def test_the_first_and_the_newest_are_never_spared() -> None:
     assert redundant(along(0.0, 0.1, 3.0, 6.0, 6.1)) in (1, 3)
     assert redundant(along(0.0, 5.0, 0.0)) == 1
-    with pytest.raises(ValueError, match="never spared"):
+    with pytest.raises(ValueError, match="never culled"):
         redundant(along(0.0, 0.0))
 
 

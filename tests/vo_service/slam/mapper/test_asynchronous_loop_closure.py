@@ -136,7 +136,7 @@ def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
     data[len(data) // 2] ^= 1
     (tmp_path / "bad.places").write_bytes(data)
     with running_mapper(tmp_path, replace(WITH_PLACES, load="bad")) as opened:
-        wait_until(lambda: "bad.places: a damaged map" in opened.warning, "the warning")
+        wait_until(lambda: "bad.places: damaged map" in opened.warning, "the warning")
         assert "\n" not in opened.warning
         go(opened, 0, 2)
         assert opened.state.keyframes > 0
@@ -159,4 +159,4 @@ def test_without_places_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Pa
             lambda: "there are: some" in command_error(lambda: opened.load("x")), "the folder"
         )
         opened.load("some")
-        wait_until(lambda: "no places are remembered" in opened.warning, "the warning")
+        wait_until(lambda: "loop closure is disabled" in opened.warning, "the warning")

@@ -82,11 +82,11 @@ def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_told(
     with running_mapper(tmp_path / "maps") as opened:
         move_along_wall(opened, 1)
         opened.save("wall")
-        assert "is being made already" in command_error(lambda: opened.save("other"))
+        assert "a map is already being saved" in command_error(lambda: opened.save("other"))
         wait_until(lambda: bool(child_pids_of(mapper_pid())), "the process that makes it")
         os.kill(child_pids_of(mapper_pid())[0], signal.SIGKILL)
         wait_until(lambda: not opened.state.saving)
-        assert "wall.ply: its process was ended" in opened.warning
+        assert "wall.ply: the mesh process was killed" in opened.warning
         assert opened.state.saved == ""
         assert opened.state.keyframes == 1
     assert [record.levelname for record in caplog.records] == ["ERROR"]
@@ -100,9 +100,9 @@ def test_a_process_that_is_killed_begins_an_empty_map_and_says_so(tmp_path: Path
         wait_until(lambda: bool(child_pids_of(first)), "the process that makes it")
         (maker,) = child_pids_of(first)
         os.kill(first, signal.SIGKILL)
-        wait_until(lambda: "is started again; the map begins anew" in opened.warning)
+        wait_until(lambda: "is restarted with an empty map" in opened.warning)
         wait_until(lambda: opened.is_ready and first != mapper_pid())
-        assert opened.warning.endswith("wall.ply was cut off")
+        assert opened.warning.endswith("wall.ply was interrupted")
         assert (opened.state.keyframes, opened.state.saving) == (0, "")
         opened.on_update(
             make_wall_update(9, 0.4)
@@ -122,7 +122,7 @@ def test_an_end_gives_up_what_is_being_made_and_leaves_nothing(
         move_along_wall(opened, 2)
         file = opened.save("wall").saving
     assert resources_in_use() <= before
-    assert f"{file} is given up" in caplog.text
+    assert f"saving {file} is cancelled" in caplog.text
     assert not list(tmp_path.glob("maps/*"))
 
 
@@ -141,7 +141,7 @@ def test_the_service_goes_on_without_a_map_that_has_no_memory(
     with limit_file_size(1000):
         opened = open_mapper(COARSE)
     assert isinstance(opened, NullMapper)
-    assert opened.warning == "map: switched off: its memory cannot be had: File too large"
+    assert opened.warning == "map: disabled: no shared memory: File too large"
     assert command_error(lambda: opened.save("x")).startswith("not-possible: map: switched off")
 
 
@@ -149,4 +149,4 @@ def test_the_service_goes_on_without_a_map_that_has_no_memory(
 def test_a_map_that_is_switched_off_says_so_to_whoever_asks() -> None:
     opened = open_mapper(MapConfig(enabled=False))
     assert opened.warning == ""
-    assert command_error(lambda: opened.save("x")).endswith("the map is switched off (map.enabled)")
+    assert command_error(lambda: opened.save("x")).endswith("the map is disabled (map.enabled)")

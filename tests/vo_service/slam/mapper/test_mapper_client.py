@@ -76,10 +76,10 @@ def test_a_process_that_is_started_again_begins_in_the_map_that_was_loaded(desk:
 
 def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_told_until_the_next(desk: Desk) -> None:
     desk.load("home")
-    desk.load("bad", trouble="bad.places: a damaged map")
+    desk.load("bad", trouble="bad.places: damaged map")
     assert desk.clerk.state.loaded == "/maps/home.places"
     assert desk.keeper.config.map_config.load == "home"
-    assert desk.clerk.warning == "map: bad.places: a damaged map"
+    assert desk.clerk.warning == "map: bad.places: damaged map"
     assert len(desk.looked_anew) == 1
     desk.clerk.load("home")
     assert desk.clerk.warning == ""

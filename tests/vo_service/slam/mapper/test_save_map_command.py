@@ -48,7 +48,7 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> Non
     assert "triangles from 1 keyframes" in service.log
     again = asked(stage, "kitchen")
     assert again.returncode == 1
-    assert "there is a map 'kitchen' already; give another name (not-possible)" in again.stderr
+    assert "map 'kitchen' already exists; choose another name (not-possible)" in again.stderr
     assert asked(stage, "../kitchen").returncode == 2
     places = str(file.with_suffix(".places"))
     assert json.loads(asked(stage, "kitchen", "load-map").stdout) == {"file": places}

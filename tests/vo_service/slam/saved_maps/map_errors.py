@@ -14,6 +14,6 @@ def load_error(path: Path) -> str:
         read_map(path)
     line = str(refused.value)
     assert line.startswith(f"{path}: ")
-    assert line.endswith("name another map, or begin a new one")
+    assert line.endswith("choose another map or start a new one")
     assert "\n" not in line
     return line

@@ -90,4 +90,4 @@ def test_what_contradicts_itself_is_refused(
     tmp_path: Path, contents: MapContents, change: Changed
 ) -> None:
     write_map(tmp_path / "odd.map", change(contents))
-    assert "no map of this program: it has" in load_error(tmp_path / "odd.map")
+    assert "invalid map: it has" in load_error(tmp_path / "odd.map")

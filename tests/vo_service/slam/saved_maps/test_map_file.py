@@ -118,7 +118,7 @@ def test_the_old_map_stays_where_the_disk_is_full(saved: Path) -> None:
 def test_another_file_is_no_map(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "other"
     path.write_bytes(data)
-    assert "no map of kinect-vo" in load_error(path) or "version 0" in load_error(path)
+    assert "not a kinect-vo map" in load_error(path) or "version 0" in load_error(path)
 
 
 def test_what_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_another_version_is_refused(saved: Path) -> None:
 def test_a_map_cut_short_is_refused(saved: Path) -> None:
     data = saved.read_bytes()
     saved.write_bytes(data[: len(data) // 2])
-    assert "damaged map: its length" in load_error(saved)
+    assert "damaged map: wrong length" in load_error(saved)
 
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -29,7 +29,7 @@ from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.reload import ConfigChanges
-from vo_service.service import Service
+from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.types import (
@@ -176,20 +176,22 @@ def _build_replay_service(
     outputs: Sequence[Output],
     loop_closure: LoopClosure,
 ) -> Service:
-    stages = CpuStageTimer()
-    tracker = OdomFrame(config.T_base_camera.T_base_camera)
+    timer = CpuStageTimer()
+    odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
+    odometry = loop_closure.wrap(make_odometry(config.odometry, timer))
     return Service(
-        frame_source=frame_source,
-        odometry=loop_closure.wrap(make_odometry(config.odometry, stages)),
-        stage_timer=stages,
-        odom_frame=tracker,
-        clock=make_publish_clock(camera.clock, config.camera.stamp_offset_s),
-        outputs=outputs,
-        camera=camera,
-        method=config.odometry.method,
-        control=Control(tracker, camera),
+        _make_input(config, camera, frame_source),
+        Estimator(config.odometry.method, odometry, timer),
+        odom_frame,
+        Control(odom_frame, camera),
+        outputs,
         loop_closure=loop_closure,
     )
+
+
+def _make_input(config: Config, camera: RgbdCamera, frame_source: FrameSource) -> ServiceInput:
+    clock = make_publish_clock(camera.clock, config.camera.stamp_offset_s)
+    return ServiceInput(camera, frame_source, clock)
 
 
 @dataclass
@@ -231,28 +233,23 @@ def build_live_service(
     config: Config, camera: RgbdCamera, dependencies: ServiceDependencies
 ) -> LiveService:
     """The service for a camera that may come and go."""
-    stages = CpuStageTimer()
-    odometry = make_odometry(config.odometry, stages)
-    tracker = OdomFrame(config.T_base_camera.T_base_camera)
-    governor = ReconfigurableLoadShedder(dependencies.viewers, odometry)
-    governor.configure(config.load, config.odometry.feature_count)
+    timer = CpuStageTimer()
+    odometry = make_odometry(config.odometry, timer)
+    odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
+    load_shedder = ReconfigurableLoadShedder(dependencies.viewers, odometry)
+    load_shedder.configure(config.load, config.odometry.feature_count)
+    mapper = dependencies.mapper
     service = Service(
-        frame_source=ReconnectingSource(camera),
-        odometry=dependencies.mapper.loop_closure.wrap(odometry),
-        stage_timer=stages,
-        odom_frame=tracker,
-        clock=make_publish_clock(camera.clock, config.camera.stamp_offset_s),
-        outputs=dependencies.outputs,
-        camera=camera,
-        method=config.odometry.method,
-        control=Control(
-            tracker, camera, dependencies.command_queue, dependencies.recorder, dependencies.mapper
-        ),
-        load_shedder=governor,
-        warning_sources=dependencies.warning_sources,
-        loop_closure=dependencies.mapper.loop_closure,
+        _make_input(config, camera, ReconnectingSource(camera)),
+        Estimator(config.odometry.method, mapper.loop_closure.wrap(odometry), timer),
+        odom_frame,
+        Control(odom_frame, camera, dependencies.command_queue, dependencies.recorder, mapper),
+        dependencies.outputs,
+        load_shedder,
+        dependencies.warning_sources,
+        mapper.loop_closure,
     )
-    return LiveService(service, make_config_handlers(camera, governor, dependencies))
+    return LiveService(service, make_config_handlers(camera, load_shedder, dependencies))
 
 
 def make_config_handlers(

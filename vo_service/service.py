@@ -1,10 +1,10 @@
-"""The loop: frames in, poses out. `demo`, `replay` and `run` are all this loop."""
+"""The real-time loop of `demo`, `replay` and `run`: frame, clock, odometry, odom frame, outputs."""
 
 import re
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.clock import PublishClock, TimestampFilter
@@ -31,40 +31,74 @@ from vo_service.types import (
 STATUS_PERIOD_S = 0.5
 
 
-class Service:
-    """Drives one camera's frames through one odometry and into the outputs.
+@dataclass(frozen=True)
+class ServiceInput:
+    """Where frames come from.
 
-    Everything here runs on the caller's thread; whatever could block has a thread or a process of
-    its own. Frame or no frame, the loop comes round several times a second.
+    Attributes:
+        camera: The camera, for the status.
+        frame_source: Its frames; reconnects if the camera may come and go.
+        clock: Converts stamps of frames to published stamps.
+    """
+
+    camera: RgbdCamera
+    frame_source: FrameSource
+    clock: PublishClock
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """The odometry with its name and its stage times.
+
+    Attributes:
+        method: Name of the method, for the status.
+        odometry: Estimates the motion, with relocalization around it if there is any.
+        stage_timer: Measures the stages of the odometry.
+    """
+
+    method: str
+    odometry: Odometry
+    stage_timer: CpuStageTimer
+
+
+class Service:
+    """The real-time loop: moves frames from a camera through an odometry to the outputs.
+
+    The loop runs on the caller's thread. What could block has a thread or a process of its own. The
+    loop turns several times a second, also without frames.
     """
 
     def __init__(
         self,
-        frame_source: FrameSource,
-        odometry: Odometry,
-        stage_timer: CpuStageTimer,
+        service_input: ServiceInput,
+        estimator: Estimator,
         odom_frame: OdomFrame,
-        clock: PublishClock,
-        outputs: Sequence[Output],
-        camera: RgbdCamera,
-        method: str,
         control: Control,
+        outputs: Sequence[Output],
         load_shedder: LoadShedder = NullLoadShedder(),  # noqa: B008 (it has no state)
         warning_sources: Sequence[HasWarning] = (),
         loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
     ) -> None:
-        """`camera` and `method` are only told of in the status; frames come from `feed`.
+        """Connect the parts.
 
-        What the outputs, the governor and `others` complain of is in the status too.
+        Args:
+            service_input: Camera, frames and clock.
+            estimator: The odometry.
+            odom_frame: Turns estimates into updates.
+            control: Handles commands between two frames.
+            outputs: Take updates and the status.
+            load_shedder: Reduces the work if the machine is too slow.
+            warning_sources: Whose warnings, beside those of the outputs, are in the status.
+            loop_closure: Corrects the transform from map to odom.
         """
-        self._frame_source = frame_source
-        self._odometry = odometry
-        self._stage_timer = stage_timer
+        self._camera = service_input.camera
+        self._frame_source = service_input.frame_source
+        self._clock = service_input.clock
+        self._method = estimator.method
+        self._odometry = estimator.odometry
+        self._stage_timer = estimator.stage_timer
         self._odom_frame = odom_frame
-        self._clock = clock
         self._outputs = outputs
-        self._camera = camera
-        self._method = method
         self._control = control
         self._load_shedder = load_shedder
         self._loop_closure = loop_closure

@@ -16,7 +16,7 @@ from vo_service.control import Control
 from vo_service.frame_source import FrameSource, SinglePassSource
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.service import Service
+from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.types import Command, Estimate, LoopClosure, NullLoopClosure, Output
 
 
@@ -33,15 +33,11 @@ def make_service(
 ) -> Service:
     camera, tracker = camera or ScriptedCamera(), OdomFrame()
     return Service(
-        frame_source=feed,
-        odometry=odometry or ScriptedOdometry(*estimates),
-        stage_timer=CpuStageTimer(),
-        odom_frame=tracker,
-        clock=stamps or RecordedClock(),
-        outputs=outputs,
-        camera=camera,
-        method=method,
-        control=Control(tracker, camera, inbox),
+        ServiceInput(camera, feed, stamps or RecordedClock()),
+        Estimator(method, odometry or ScriptedOdometry(*estimates), CpuStageTimer()),
+        tracker,
+        Control(tracker, camera, inbox),
+        outputs,
         loop_closure=loops or NullLoopClosure(),
     )
 

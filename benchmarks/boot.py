@@ -1,11 +1,11 @@
-"""The unit on a computer that boots: a Debian with systemd, in a container.
+"""Checks of the systemd units on a booting computer: a Debian with systemd, in a container.
 
     sudo .venv/bin/python -m benchmarks.boot [--tree DIR] [--mirror URL]
 
-Makes the Debian with debootstrap the first time (a minute or two), boots it, installs the service
-from this checkout with its own command, and puts it through what a robot may see. The container has
-the network of this computer: a subscriber outside hears the poses. Takes about ten minutes. Exit
-code 0 if all holds, 1 if something does not, 77 where no container can run.
+The first run creates the Debian with debootstrap (a minute or two). Each run boots it, installs the
+service from this checkout with its own command, and runs the checks. The container shares the
+network of this computer, so a subscriber outside receives the poses. A run takes about ten minutes.
+Exit code 0 if all checks pass, 1 if one fails, 77 where no container can run.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from tests.ports import free_port
 CHECKOUT = Path(__file__).parents[1]
 COMMAND = CHECKOUT / ".venv" / "bin" / "kinect-vo"
 EXIT_SKIPPED = 77
-# What an earlier run may have left in the tree.
+# Files that an earlier run may have left in the tree.
 LEFTOVER_PATHS = (
     "opt/kinect-vo",
     "etc/kinect-vo",
@@ -38,7 +38,7 @@ LEFTOVER_PATHS = (
 
 
 def main() -> int:
-    """Boot twice, check, tell."""
+    """Boot twice and print the checks."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot"))
     parser.add_argument("--mirror", default="http://deb.debian.org/debian")
@@ -56,7 +56,7 @@ def main() -> int:
 
 
 def _run(tree: Path, port: int, checks: Sequence[Callable[[BootedComputer], str]]) -> int:
-    """Boot, and how many checks fail."""
+    """Boot and run checks; return the number that fail."""
     log = tree.with_name(f"{tree.name}.log")
     with running_container(tree, [CHECKOUT], log) as container, running_listener(port) as listener:
         computer = BootedComputer(container, tree, str(COMMAND), listener, port)
@@ -64,18 +64,18 @@ def _run(tree: Path, port: int, checks: Sequence[Callable[[BootedComputer], str]
 
 
 def _run_check(check: Callable[[BootedComputer], str], computer: BootedComputer) -> bool:
-    """Whether it does, told in a line."""
+    """Run a check, print a line, and return whether it passes."""
     name = check.__name__.replace("_", " ")
     begin_s = time.monotonic()
     try:
-        seen = check(computer)
+        outcome = check(computer)
     except (AssertionError, subprocess.SubprocessError) as error:
         print(f"FAILED  {name}: {error}", flush=True)
         print(
             "".join(f"        | {e['MESSAGE']}\n" for e in computer.journal_entries()[-12:]), end=""
         )
         return False
-    print(f"ok      {name} ({time.monotonic() - begin_s:.0f} s): {seen}", flush=True)
+    print(f"ok      {name} ({time.monotonic() - begin_s:.0f} s): {outcome}", flush=True)
     return True
 
 

@@ -1,4 +1,4 @@
-"""A small Debian that boots with its own systemd, in a container, as a robot's computer would."""
+"""A small Debian that boots with its own systemd in a container, like a robot's computer."""
 
 import os
 import re
@@ -19,31 +19,31 @@ TOOLS = ("debootstrap", "systemd-nspawn", "nsenter")
 CGROUPS = Path("/sys/fs/cgroup")
 CONTROLLERS = ("cpu", "cpuacct", "memory", "pids", "devices")
 BOOT_TIMEOUT_S = 60.0
-# First process of the container: makes limits of processor and memory work in it, where the
-# kernel's control groups are of the first kind and so are mounted read-only in a container.
+# First process of the container. Version 1 control groups are mounted read-only in a container;
+# it remounts them, so that limits of processor and memory work.
 INIT = """\
 #!/bin/sh
 for controller in cpu cpuacct memory pids devices; do
     mount -o remount,bind,rw /sys/fs/cgroup/$controller 2>/dev/null
-done
+result
 exec /lib/systemd/systemd
 """
 
 
 def unsupported_reason() -> str:
-    """Why no container can run here; "" if one can."""
+    """Reason why no container can run here; "" if one can."""
     if os.geteuid() != 0:
-        return "only root may run a container"
+        return "a container needs root"
     missing = [tool for tool in TOOLS if shutil.which(tool) is None]
     if missing:
         return f"{', '.join(missing)} not installed: apt install debootstrap systemd-container"
     if subprocess.run(["unshare", "-m", "true"], capture_output=True, check=False).returncode:
-        return "this system allows no container of its own"
+        return "this system does not allow containers"
     return ""
 
 
 def bootstrap_tree(tree: Path, mirror: str) -> None:
-    """Install a small Debian into a folder, unless it is there; takes a minute or two."""
+    """Install a small Debian into a folder, unless there is one; takes a minute or two."""
     if not (tree / "complete").exists():
         shutil.rmtree(tree, ignore_errors=True)
         what = ["--variant=minbase", f"--include={','.join(PACKAGES)}", SUITE, str(tree), mirror]
@@ -55,15 +55,15 @@ def bootstrap_tree(tree: Path, mirror: str) -> None:
 
 
 class Container:
-    """It shares the network with this computer, so that what it publishes is heard outside."""
+    """A running container; it shares the network of this computer."""
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self._process = process
         self._first = 0
 
     def wait_until_booted(self) -> None:
-        """Raises AssertionError if it takes too long."""
-        wait_for(lambda: self._find_init_pid() != 0, BOOT_TIMEOUT_S, "the container to begin")
+        """Wait until it has booted. Raises AssertionError if that takes too long."""
+        wait_for(lambda: self._find_init_pid() != 0, BOOT_TIMEOUT_S, "the container to start")
         wait_for(
             lambda: self.run("systemctl", "is-active", "multi-user.target").strip() == "active",
             BOOT_TIMEOUT_S,
@@ -71,9 +71,13 @@ class Container:
         )
 
     def run(self, *command: str, limit_s: float = 60.0, check: bool = False) -> str:
-        """Run a command in it; what it printed, errors too. `check`: AssertionError if it fails."""
+        """Run a command in it and return its output and errors.
+
+        Raises:
+            AssertionError: With `check`, the command fails.
+        """
         namespaces = ["-m", "-u", "-i", "-p", "-C", "--root", "--wd"]
-        done = subprocess.run(
+        result = subprocess.run(
             ["nsenter", "-t", str(self._first), *namespaces, "--", *command],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -81,27 +85,27 @@ class Container:
             timeout=limit_s,
             check=False,
         )
-        assert not check or done.returncode == 0, f"{' '.join(command)}: {done.stdout.strip()}"
-        return done.stdout
+        assert not check or result.returncode == 0, f"{' '.join(command)}: {result.stdout.strip()}"
+        return result.stdout
 
     def shell(self, script: str) -> str:
-        """Run a line of shell in it."""
+        """Run a shell script in it."""
         return self.run("sh", "-c", script)
 
     def power_off(self) -> None:
-        """Switch it off, gently and then not."""
+        """Shut it down; kill it if that takes too long."""
         if self._first:
             self.run("systemctl", "poweroff", "--force")
         try:
             self._process.wait(20.0)
         except subprocess.TimeoutExpired:
-            # All of the container ends with its first process, but not with systemd-nspawn.
+            # The container ends with its first process, but not with systemd-nspawn.
             for process in filter(None, (self._first, self._process.pid)):
                 os.kill(process, signal.SIGKILL)
             self._process.wait()
 
     def _find_init_pid(self) -> int:
-        """Its first process, as this computer numbers it; 0 if there is none yet."""
+        """Process number, on this computer, of its first process; 0 if there is none yet."""
         assert self._process.poll() is None, "systemd-nspawn has ended"
         lists = Path(f"/proc/{self._process.pid}/task").glob("*/children")
         children = [int(child) for each in lists for child in each.read_text().split()]
@@ -110,7 +114,7 @@ class Container:
 
 
 def _is_init(process: int) -> bool:
-    """Whether a process is number 1 in a container; systemd-nspawn has passing children too."""
+    """Whether a process is number 1 in a container, and no short-lived child of systemd-nspawn."""
     try:
         status = Path(f"/proc/{process}/status").read_text()
     except OSError:
@@ -120,7 +124,7 @@ def _is_init(process: int) -> bool:
 
 @contextmanager
 def running_container(tree: Path, shared: Sequence[Path], log: Path) -> Iterator[Container]:
-    """The Debian in `tree`, running, with some folders of this computer to read."""
+    """Run the Debian in `tree`, with some folders of this computer mounted read-only."""
     command = [
         "systemd-nspawn",
         "--quiet",
@@ -150,17 +154,17 @@ def running_container(tree: Path, shared: Sequence[Path], log: Path) -> Iterator
             _remove_cgroup(group)
 
 
-def wait_for(holds: Callable[[], bool], limit_s: float, what: str) -> float:
-    """Until something holds: the seconds that took. Raises AssertionError."""
+def wait_for(condition: Callable[[], bool], limit_s: float, what: str) -> float:
+    """Wait for a condition; return the seconds that took. Raises AssertionError after `limit_s`."""
     begin_s = time.monotonic()
-    while not holds():
+    while not condition():
         assert time.monotonic() - begin_s < limit_s, f"waited {limit_s:.0f} s in vain for {what}"
         time.sleep(0.2)
     return time.monotonic() - begin_s
 
 
 def _create_cgroups() -> list[Path]:
-    """Control groups of the first kind for the container; none where they are of the second."""
+    """Create version 1 control groups for the container; none on a system with version 2."""
     groups = []
     for controller in CONTROLLERS:
         if (CGROUPS / controller / "cgroup.procs").exists():

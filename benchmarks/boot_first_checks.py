@@ -1,6 +1,6 @@
-"""What must hold of the installed service on a computer that boots: one function a check.
+"""Checks of the installed service on a booted computer: one function each.
 
-Each returns what it saw, in a few words, and raises AssertionError where that is not enough.
+A check returns a short description of its measurement and raises AssertionError if it fails.
 """
 
 import time
@@ -15,7 +15,7 @@ MIN_POSES_PER_S = 15.0
 
 
 def check_cpu_quota(computer: BootedComputer) -> str:
-    """A limit of the processor works here, or what is measured under one is worth nothing."""
+    """Processor quotas work here; the other checks depend on them."""
     run = computer.container.run
     burn = ["sh", "-c", "while :; do :; done"]
     run("systemd-run", "--unit=burn", "-p", "CPUQuota=30%", *burn, check=True)
@@ -28,13 +28,13 @@ def check_cpu_quota(computer: BootedComputer) -> str:
 
 
 def check_install(computer: BootedComputer) -> str:
-    """The real command, from the checkout, with no kernel compiled and 30 % of a processor."""
+    """The install command works from the checkout, without compiled kernels, at 30 % CPU."""
     computer.write_config()
     drop_in = computer.tree / "etc/systemd/system/kinect-vo.service.d/quota.conf"
     drop_in.parent.mkdir(parents=True, exist_ok=True)
     drop_in.write_text("[Service]\nCPUQuota=30%\n")
     begin_s = time.monotonic()
-    said = computer.container.run(
+    output = computer.container.run(
         computer.command,
         "service",
         "install",
@@ -43,7 +43,7 @@ def check_install(computer: BootedComputer) -> str:
         check=True,
     )
     taken_s = time.monotonic() - begin_s
-    assert "kinect.toml: kept unchanged" in said
+    assert "kinect.toml: kept unchanged" in output
     assert computer.unit_property("ActiveState") == "active"
     assert computer.unit_property("NRestarts") == "0", "it was started more than once"
     compiled = [e["MESSAGE"] for e in computer.journal_entries() if "are ready" in e["MESSAGE"]]
@@ -51,7 +51,7 @@ def check_install(computer: BootedComputer) -> str:
 
 
 def check_watchdog_without_camera(computer: BootedComputer) -> str:
-    """While the room is rendered there is no camera, for longer than the watchdog waits."""
+    """The watchdog does not restart a service without a camera (the room is being rendered)."""
     time.sleep(2 * WATCHDOG_S)
     assert computer.listener.status["state"] == "no_camera", computer.listener.status["state"]
     assert computer.unit_property("NRestarts") == "0"
@@ -59,7 +59,7 @@ def check_watchdog_without_camera(computer: BootedComputer) -> str:
 
 
 def check_poses_published(computer: BootedComputer) -> str:
-    """Without the limit, so that the room is rendered sooner."""
+    """Poses are published; without a quota, so that the room is rendered sooner."""
     computer.set_cpu_quota("")
     taken_s = computer.listener.wait_for_poses(100, RENDER_TIMEOUT_S)
     assert computer.unit_property("NRestarts") == "0"
@@ -67,7 +67,7 @@ def check_poses_published(computer: BootedComputer) -> str:
 
 
 def check_poses_on_slow_board(computer: BootedComputer) -> str:
-    """60 % of a processor."""
+    """At 60 % CPU the pose rate is high enough."""
     computer.set_cpu_quota("60%")
     time.sleep(10.0)
     rate = computer.listener.measure_pose_rate(20.0)
@@ -76,35 +76,39 @@ def check_poses_on_slow_board(computer: BootedComputer) -> str:
 
 
 def check_watchdog_while_paused(computer: BootedComputer) -> str:
-    """Paused for longer than the watchdog waits."""
+    """The watchdog does not restart a paused service."""
     computer.listener.send_command("pause")
     time.sleep(1.0)
     rate = computer.listener.measure_pose_rate(2 * WATCHDOG_S)
-    shown = computer.unit_property("StatusText")
+    status_text = computer.unit_property("StatusText")
     computer.listener.send_command("resume")
     computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
     assert rate == 0.0, f"{rate} poses a second while paused"
     assert computer.unit_property("NRestarts") == "0"
-    return shown
+    return status_text
 
 
 def check_reload_of_invalid_config(computer: BootedComputer) -> str:
-    """`systemctl reload` with a mistake in the file, then with it mended."""
+    """`systemctl reload` reports an invalid configuration until it is fixed."""
     main = computer.unit_property("MainPID")
     computer.write_config(level="loud")
     computer.container.run("systemctl", "reload", UNIT, check=True)
-    wait_for(lambda: "loud" in computer.unit_property("StatusText"), 20.0, "a word of the mistake")
-    shown = computer.unit_property("StatusText")
+    wait_for(
+        lambda: "loud" in computer.unit_property("StatusText"), 20.0, "the configuration error"
+    )
+    status_text = computer.unit_property("StatusText")
     computer.write_config()
     computer.container.run("systemctl", "reload", UNIT, check=True)
-    wait_for(lambda: "loud" not in computer.unit_property("StatusText"), 20.0, "the end of it")
+    wait_for(
+        lambda: "loud" not in computer.unit_property("StatusText"), 20.0, "the end of the error"
+    )
     assert computer.unit_property("MainPID") == main
     computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
-    return shown
+    return status_text
 
 
 def check_journal_levels(computer: BootedComputer) -> str:
-    """Of our own lines: information, warnings and errors as such."""
+    """The lines in the journal have their levels: information, warning, error."""
     ours = [e for e in computer.journal_entries() if e.get("SYSLOG_IDENTIFIER") == "kinect-vo"]
     levels = {entry["PRIORITY"] for entry in ours}
     assert {"3", "4"} <= levels, f"only the levels {sorted(levels)}"
@@ -113,20 +117,20 @@ def check_journal_levels(computer: BootedComputer) -> str:
 
 
 def check_restart_after_hang(computer: BootedComputer) -> str:
-    """SIGSTOP of the main process; the watchdog sees to it."""
+    """The watchdog restarts the service after SIGSTOP of the main process."""
     return _recovery_after_signal(computer, "STOP", "watchdog")
 
 
 def check_restart_after_crash(computer: BootedComputer) -> str:
-    """SIGSEGV of the main process; what the recorder held is written down."""
+    """The service restarts after SIGSEGV, and the recorder writes an incident."""
     before = _incidents(computer)
-    seen = _recovery_after_signal(computer, "SEGV", "core-dump|signal")
+    outcome = _recovery_after_signal(computer, "SEGV", "core-dump|signal")
     wait_for(lambda: len(_incidents(computer)) > len(before), 30.0, "an incident")
-    return f"{seen}; incident {sorted(set(_incidents(computer)) - set(before))[-1]}"
+    return f"{outcome}; incident {sorted(set(_incidents(computer)) - set(before))[-1]}"
 
 
 def check_stop_time(computer: BootedComputer) -> str:
-    """`systemctl stop`."""
+    """`systemctl stop` takes less than 5 s."""
     begin_s = time.monotonic()
     computer.container.run("systemctl", "stop", UNIT, check=True)
     taken_s = time.monotonic() - begin_s
@@ -136,19 +140,19 @@ def check_stop_time(computer: BootedComputer) -> str:
 
 
 def check_no_restart_on_config_error(computer: BootedComputer) -> str:
-    """Exit code 2 is the end, until somebody mends the file."""
+    """After exit code 2, a configuration error, systemd does not restart the service."""
     computer.write_config(level="loud")
     computer.container.run("systemctl", "start", UNIT)
     time.sleep(8.0)
     state, status = computer.unit_property("ActiveState"), computer.unit_property("ExecMainStatus")
-    told = [e["MESSAGE"] for e in computer.journal_entries() if "loud" in e["MESSAGE"]]
+    messages = [e["MESSAGE"] for e in computer.journal_entries() if "loud" in e["MESSAGE"]]
     computer.write_config()
     assert (state, status) == ("failed", "2"), f"{state}, exit code {status}"
-    return f"{state}, exit code {status}: {told[-1]}"
+    return f"{state}, exit code {status}: {messages[-1]}"
 
 
 def _recovery_after_signal(computer: BootedComputer, signal: str, results: str) -> str:
-    """Send the main process a signal, and wait until a new one publishes poses."""
+    """Send the main process a signal, and wait for poses of the restarted service."""
     run = computer.container
     restarts, main = int(computer.unit_property("NRestarts")), computer.unit_property("MainPID")
     run.shell(f"kill -{signal} {main}")
@@ -156,11 +160,11 @@ def _recovery_after_signal(computer: BootedComputer, signal: str, results: str) 
     wait_for(lambda: int(computer.unit_property("NRestarts")) > restarts, 60.0, "a restart")
     computer.listener.wait_for_poses(30, RECOVERY_TIMEOUT_S)
     taken_s = time.monotonic() - begin_s
-    said = [
+    messages = [
         e["MESSAGE"] for e in computer.journal_entries() if "Failed with result" in e["MESSAGE"]
     ]
-    assert any(f"'{result}'" in said[-1] for result in results.split("|")), said[-1]
-    return f"poses again after {taken_s:.0f} s; {said[-1]}"
+    assert any(f"'{result}'" in messages[-1] for result in results.split("|")), messages[-1]
+    return f"poses again after {taken_s:.0f} s; {messages[-1]}"
 
 
 def _incidents(computer: BootedComputer) -> list[str]:

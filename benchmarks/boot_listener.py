@@ -1,4 +1,4 @@
-"""A subscriber outside the container, which hears what the service inside publishes."""
+"""A subscriber outside the container that receives the service's messages."""
 
 import json
 import time
@@ -15,7 +15,7 @@ SETTINGS = """{{mode: "peer", connect: {{endpoints: ["tcp/127.0.0.1:{port}"]}},
 
 
 class BootListener:
-    """Counts poses, and keeps the last status."""
+    """Counts poses and stores the last status."""
 
     def __init__(self, session: zenoh.Session, prefix: str) -> None:
         self.poses = 0
@@ -27,24 +27,24 @@ class BootListener:
         ]
 
     def wait_for_poses(self, count: int, limit_s: float) -> float:
-        """The seconds until so many more have come. Raises AssertionError."""
+        """Wait for `count` more poses; return the seconds. Raises AssertionError when too late."""
         before = self.poses
         return wait_for(lambda: self.poses >= before + count, limit_s, f"{count} poses")
 
     def measure_pose_rate(self, seconds: float) -> float:
-        """How many come, over so long a time."""
+        """Measure the poses per second over `seconds`."""
         before = self.poses
         time.sleep(seconds)
         return (self.poses - before) / seconds
 
     def send_command(self, name: str) -> str:
-        """Ask the service for something; its answer."""
+        """Send the service a command and return its reply."""
         replies = self._session.get(f"{self._prefix}/command/{name}", payload=b"{}", timeout=5.0)
         for reply in replies:
             result = reply.ok
             assert result is not None, f"{name} was refused: {reply.err and reply.err.payload}"
             return result.payload.to_string()
-        raise AssertionError(f"nobody answered {name}")
+        raise AssertionError(f"no reply to {name}")
 
     def _on_pose(self, sample: zenoh.Sample) -> None:
         self.poses += 1
@@ -55,6 +55,6 @@ class BootListener:
 
 @contextmanager
 def running_listener(port: int, prefix: str = "kinect") -> Iterator[BootListener]:
-    """One for a service that listens on a port of this computer."""
+    """Open a listener for the service on a port of this computer."""
     with zenoh.open(zenoh.Config.from_json5(SETTINGS.format(port=port))) as session:
         yield BootListener(session, prefix)

@@ -1,4 +1,4 @@
-"""What must hold after the next boot, and of the other ways to run the service."""
+"""Checks after the second boot, and of the other units."""
 
 import shutil
 import subprocess
@@ -14,30 +14,30 @@ from tests.ports import free_port
 
 ZENOH_PROFILES = Path(__file__).parents[1] / "config" / "zenoh"
 INSTALLED = "/usr/local/bin/kinect-vo"
-# With kernels to compile, and 30 % of a processor.
+# Kernels are compiled at 30 % of a processor.
 INSTALL_TIMEOUT_S = 900.0
 KEYS = ("ca.pem", "tls.pem", "tls.key")
 
 
 def check_starts_at_boot(computer: BootedComputer) -> str:
-    """After the container was switched off and on: nobody starts it by hand."""
+    """The service starts at boot."""
     taken_s = computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"poses {taken_s:.0f} s after the boot"
 
 
 def check_reinstall_does_not_restart(computer: BootedComputer) -> str:
-    """The same program from the same checkout: nothing to do, nothing restarted."""
+    """Installing the same program again does not restart the service."""
     main = computer.unit_property("MainPID")
     command = [computer.command, "service", "install"]
-    said = computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
-    changed = [line for line in said.splitlines() if line.endswith(": written")]
+    output = computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
+    changed = [line for line in output.splitlines() if line.endswith(": written")]
     assert (computer.unit_property("MainPID") == main) == (not changed), f"restarted: {changed}"
     computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"changed: {', '.join(changed) or 'nothing'}"
 
 
 def check_named_instance(computer: BootedComputer) -> str:
-    """kinect-vo@front beside kinect-vo, with the same room in its cache."""
+    """kinect-vo@front runs beside kinect-vo, with the same room in its cache."""
     port = free_port()
     config = computer.tree / "etc/kinect-vo/front.toml"
     config.write_text(computer.config_text().replace(str(computer.port), str(port)))
@@ -54,7 +54,7 @@ def check_named_instance(computer: BootedComputer) -> str:
 
 
 def check_tls_access(computer: BootedComputer) -> str:
-    """The drop-in, the profile, keys that root alone can read: a reader hears poses over TLS."""
+    """A reader receives poses over TLS, with the drop-in, the profile and root's private keys."""
     port = free_port()
     with tempfile.TemporaryDirectory() as folder:
         keys = Path(folder) / "keys"
@@ -89,7 +89,7 @@ def _install_tls(computer: BootedComputer, keys: Path, port: int) -> None:
 
 
 def check_replay_unit(computer: BootedComputer) -> str:
-    """The replay unit stops the live service and is heard instead; then the other way round."""
+    """The replay unit stops the live service and publishes poses; and vice versa."""
     computer.write_config()
     record = (
         "/opt/kinect-vo/bin/kinect-vo record --camera synthetic --seconds 2 /srv/kinect-vo/room"
@@ -110,7 +110,7 @@ def check_replay_unit(computer: BootedComputer) -> str:
 
 
 def check_uninstall_keeps_user_files(computer: BootedComputer) -> str:
-    """Then `--purge` takes that too."""
+    """`uninstall` keeps the user's files, and `--purge` removes them."""
     computer.container.run(INSTALLED, "service", "uninstall", check=True)
     left = _leftover_files(computer.tree)
     assert "etc/kinect-vo" in left, f"left: {left}"
@@ -121,7 +121,7 @@ def check_uninstall_keeps_user_files(computer: BootedComputer) -> str:
 
 
 def _leftover_files(tree: Path) -> list[str]:
-    """What there is of kinect-vo, quota.conf of this test apart."""
+    """Files of kinect-vo in the tree, without this benchmark's quota.conf."""
     places = [
         "opt/*",
         "etc/kinect-vo",

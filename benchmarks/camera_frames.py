@@ -1,4 +1,4 @@
-"""All frames of a camera that ends, such as a recording."""
+"""Reads all frames of a camera that ends, such as a recording."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ READ_TIMEOUT_S = 60.0
 
 
 def read_all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
-    """Frames of an open camera until it ends."""
+    """Yield the frames of an open camera until it ends."""
     while True:
         try:
             yield camera.read(READ_TIMEOUT_S)

@@ -1,14 +1,14 @@
-"""Whether a method is as sure as it should be: its errors against the covariance told with them.
+"""Consistency of a method's covariance: its errors compared with the covariance it reports.
 
     python -m benchmarks.covariance FOLDER... [--method direct] [--every N] [--json]
     python -m benchmarks.covariance --rooms FOLDER [--seeds 101 102 ...]
 
-Each FOLDER is a TUM folder with an exact ground truth. --rooms renders five seconds for each seed,
-another room and another motion, and with another timing than the one before; FOLDER keeps them.
-"since" is the motion since the reference, for `direct` the keyframe; "step" is the motion since
-the frame before, with the covariance that the service publishes for it. "mean" is the normalised
-square of the error for each freedom: 1 is exact, more is too sure. "in 95 %" says how often the
-ellipsoid of 95 % holds the truth.
+Each FOLDER is a TUM folder with an exact ground truth. --rooms renders five seconds for each seed
+and stores them in FOLDER; room, motion and sensor timing differ. "since" is the motion since the
+reference (for `direct` the keyframe). "step" is the motion since the previous frame, with the
+covariance that the service publishes for it. "mean" is the normalized squared error (NEES) per
+degree of freedom: 1 is consistent, more is overconfident. "in 95 %" is how often the 95 % ellipsoid
+contains the truth.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -37,7 +37,7 @@ HEAD = f"{'':42}{'motions':>8}{'since: mean':>13}{'in 95 %':>9}{'step: mean':>12
 
 
 def main() -> int:
-    """Render what is asked for, measure and print."""
+    """Render missing rooms, measure and print."""
     args = _parser().parse_args()
     cv2.setNumThreads(1)
     try:
@@ -57,17 +57,19 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", nargs="*", type=Path, help="TUM folder with ground truth")
-    parser.add_argument("--rooms", type=Path, metavar="FOLDER", help="render rooms, and keep them")
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the rooms")
-    parser.add_argument("--processes", type=int, default=1, help="to render with")
+    parser.add_argument(
+        "--rooms", type=Path, metavar="FOLDER", help="render rooms into this folder"
+    )
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
+    parser.add_argument("--processes", type=int, default=1, help="rendering processes")
     parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--every", type=int, default=1, help="take every so-manieth frame")
+    parser.add_argument("--every", type=int, default=1, help="use every N-th frame")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
 
 def _folders(args: argparse.Namespace) -> list[Path]:
-    """What to measure, rendered where it is missing."""
+    """Folders to measure; missing rooms are rendered."""
     if args.rooms is None:
         if not args.folder:
             raise InputError("nothing to measure: name a folder, or --rooms FOLDER")
@@ -83,17 +85,17 @@ def _print_line(line: str) -> None:
 
 
 def run(folders: list[Path], method: str, every: int, silent: bool) -> dict[str, ConsistencyRow]:
-    """A row for each folder, then one for all of them."""
-    tell: Callable[[str], None] = (lambda line: None) if silent else _print_line
-    tell(HEAD)
+    """Measure each folder; return a row for each and one for all together."""
+    print_line: Callable[[str], None] = (lambda line: None) if silent else _print_line
+    print_line(HEAD)
     together, results = NormalizedErrors(), dict[str, ConsistencyRow]()
     for folder in folders:
         squares = measure(method, folder, every)
         together.extend(squares)
         results[str(folder)] = _consistency_row(squares)
-        tell(_format_row(folder.name, results[str(folder)]))
+        print_line(_format_row(folder.name, results[str(folder)]))
     results["together"] = _consistency_row(together)
-    tell(_format_row("together", results["together"]))
+    print_line(_format_row("together", results["together"]))
     return results
 
 

@@ -1,4 +1,4 @@
-"""Errors of one sequence, each divided by the covariance that was told with it."""
+"""Errors of one sequence, normalized by their reported covariance."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,19 +21,19 @@ from vo_service.types import Estimate
 
 @dataclass
 class NormalizedErrors:
-    """Normalised squares of the errors since the reference, and of those of single steps."""
+    """Normalized squared errors (NEES) since the reference, and of single steps."""
 
     since_reference: list[float] = field(default_factory=list)
     step: list[float] = field(default_factory=list)
 
     def extend(self, others: "NormalizedErrors") -> None:
-        """Those of another sequence as well."""
+        """Append the errors of another sequence."""
         self.since_reference += others.since_reference
         self.step += others.step
 
 
 class NormalizedErrorCollector:
-    """Holds the motions of a run against the truth, and keeps the squares."""
+    """Compares the motions of a run with the truth and collects the normalized errors."""
 
     def __init__(self) -> None:
         self.squares = NormalizedErrors()
@@ -42,7 +42,7 @@ class NormalizedErrorCollector:
         self._T_truth_reference = self._T_truth_last = self._T_world_last = np.eye(4)
 
     def add(self, estimate: Estimate, T_truth_camera: Array) -> None:
-        """The next good estimate, and where the camera was."""
+        """Add the next good estimate and the true pose."""
         if self._has_begun and not estimate.is_reset:
             self._add_errors(estimate, T_truth_camera)
         else:
@@ -63,27 +63,31 @@ class NormalizedErrorCollector:
 
 
 def measure(method: str, folder: Path, every: int) -> NormalizedErrors:
-    """Follow one folder. Raises InputError if a frame has no true pose of its own."""
-    odometry, watcher = (
+    """Run a method on every `every`-th frame of a TUM folder.
+
+    Raises:
+        InputError: A frame has no true pose.
+    """
+    odometry, collector = (
         METHODS[method](FeatureConfig(), CpuStageTimer()),
         NormalizedErrorCollector(),
     )
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         truth = camera.ground_truth
         if truth is None:
-            raise InputError(f"{folder}: has no groundtruth.txt to measure errors by")
+            raise InputError(f"{folder}: has no groundtruth.txt; errors need a ground truth")
         for number, frame in enumerate(read_all_frames(camera)):
             if number % every == 0:
                 estimate = odometry.estimate(frame)
                 if estimate.ok:
-                    watcher.add(estimate, true_pose(truth, frame.stamp_s, folder))
-    return watcher.squares
+                    collector.add(estimate, true_pose(truth, frame.stamp_s, folder))
+    return collector.squares
 
 
 def true_pose(truth: Trajectory, stamp_s: float, folder: Path) -> Array:
-    """4x4 at the stamp of a frame. Raises InputError if there is none, naming the folder."""
+    """Return the true pose (4, 4) of a frame. Raises InputError if there is none."""
     index = int(nearest_indices(truth.stamps_s, np.array([stamp_s]))[0])
     if abs(truth.stamps_s[index] - stamp_s) > STAMP_ROUNDING_S:
-        raise InputError(f"{folder}: no true pose at {stamp_s:.6f} s; needs one at every frame")
+        raise InputError(f"{folder}: no true pose at {stamp_s:.6f} s; every frame needs one")
     T_truth_camera: Array = truth.T_world_camera[index]
     return T_truth_camera

@@ -1,4 +1,4 @@
-"""Short sequences of the virtual Kinect to judge a covariance by: all else differs between them."""
+"""Short sequences of the virtual Kinect for consistency checks, with different settings."""
 
 from collections.abc import Sequence
 
@@ -15,12 +15,12 @@ TIMINGS = {
 
 
 def make_configs(seeds: Sequence[int]) -> dict[str, SyntheticConfig]:
-    """By name: each seed is another room, another motion and another timing than the one before."""
+    """Configurations by name; each seed has its own room, motion and sensor timing."""
     kinds = list(TIMINGS)
-    found = {}
+    configs = {}
     for number, seed in enumerate(seeds):
         motion, kind = MOTIONS[number % len(MOTIONS)], kinds[number % len(kinds)]
-        found[f"{motion}-room{seed}-{kind}"] = SyntheticConfig(
+        configs[f"{motion}-room{seed}-{kind}"] = SyntheticConfig(
             seed=seed, duration_s=DURATION_S, motion=motion, timing=TIMINGS[kind]
         )
-    return found
+    return configs

@@ -1,17 +1,17 @@
-"""What the constants of the keyframe odometry do: other values, one at a time, on some recordings.
+"""Parameter sweep of the direct odometry: one changed constant at a time, on some recordings.
 
     python -m benchmarks.direct_sweep KEPT FOLDER... --of NAME=VALUE [NAME=VALUE ...]
     python -m benchmarks.direct_sweep KEPT FOLDER... --times 0.5 2
 
-NAME is one of vo_service/odometry/direct/parameters.py, VALUE what it is to be instead, written
-as there; --times takes every constant so many times, its parts where it has several. FOLDER is a
-TUM folder with ground truth, FOLDER@5 every fifth frame of it. Each value runs in a process of its
-own, with kernels of its own: compiling takes half a minute.
+NAME is a constant of vo_service/odometry/direct/parameters.py, VALUE its other value, written as
+there. --times multiplies every constant, or each of its parts, by a factor. FOLDER is a TUM folder
+with ground truth, FOLDER@5 is every fifth frame of it. Each value runs in a separate process with
+its own kernels, which compile for half a minute.
 
-The first row is as it is. For each recording: ATE and, in brackets, the mean global error in
-millimetres, then frames without a pose and gross errors where there are any. Rows are kept in
-KEPT/results.json as they are done; the same command goes on with the next. Remove KEPT when the
-odometry has changed.
+The first row has the current values. For each recording it has the ATE and, in brackets, the mean
+global error in millimeters, then frames without a pose and gross errors if there are any. Finished
+rows are stored in KEPT/results.json, and the same command continues with the next. Remove KEPT when
+the odometry has changed.
 """
 
 import argparse
@@ -33,7 +33,7 @@ BASELINE = "as it is"
 
 
 def main() -> int:
-    """Run every value that is not kept yet, and print a row for each."""
+    """Run every value without a stored row, and print all rows."""
     args = _parser().parse_args()
     changes = [BASELINE, *args.of]
     for factor in args.times:
@@ -43,15 +43,15 @@ def main() -> int:
     print(f"{'':38}" + "".join(f"{Path(folder).name:>30}" for folder in args.recording))
     try:
         args.kept.mkdir(parents=True, exist_ok=True)
-        kept = ResultCache(args.kept)
+        cache = ResultCache(args.kept)
         for change in changes:
-            found = kept.get_or_run(change, partial(run_in_subprocess, change, args.recording))
-            print(format_row(change, found, args.recording), flush=True)
+            cells = cache.get_or_run(change, partial(run_in_subprocess, change, args.recording))
+            print(format_row(change, cells, args.recording), flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("stopped; the same command goes on with the next value", file=sys.stderr)
+        print("stopped; the same command continues with the next value", file=sys.stderr)
         return 130
     return 0
 
@@ -62,20 +62,22 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("kept", metavar="KEPT", type=Path, help="where rows are kept")
-    parser.add_argument("recording", nargs="+", metavar="FOLDER", help="or FOLDER@EVERY")
+    parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of stored rows")
+    parser.add_argument(
+        "recording", nargs="+", metavar="FOLDER", help="TUM folder, or FOLDER@EVERY"
+    )
     parser.add_argument("--of", nargs="+", default=[], metavar="NAME=VALUE", help="other values")
     parser.add_argument("--times", nargs="+", type=float, default=[], metavar="FACTOR")
     return parser
 
 
 def swept_parameters() -> list[str]:
-    """Names of all that were chosen by measurement, in the order in which they stand."""
+    """Names of all constants, in the order of the file."""
     return [name for name in vars(parameters) if name.isupper()]
 
 
 def scale_parameter(name: str, factor: float) -> str:
-    """NAME=VALUE so many times what it is; "" where that is no other value."""
+    """NAME=VALUE with the constant multiplied by `factor`; "" if that does not change it."""
     value = getattr(parameters, name)
     parts = value if isinstance(value, tuple) else (value,)
     changed = tuple(
@@ -86,31 +88,31 @@ def scale_parameter(name: str, factor: float) -> str:
 
 
 def run_in_subprocess(change: str, recordings: Sequence[str]) -> Json:
-    """The cells of one row; of a failure the reason."""
+    """Compute the cells of one row; after a failure its reason under "failed"."""
     with tempfile.TemporaryDirectory() as cache:
-        done = subprocess.run(
+        result = subprocess.run(
             [sys.executable, "-m", "benchmarks.direct_sweep_row", change, *recordings],
             env={**os.environ, "NUMBA_CACHE_DIR": cache},
             capture_output=True,
             text=True,
         )
-    if done.returncode != 0:
-        return {"failed": done.stderr.strip().splitlines()[-1]}
-    cells: Json = json.loads(done.stdout)
+    if result.returncode != 0:
+        return {"failed": result.stderr.strip().splitlines()[-1]}
+    cells: Json = json.loads(result.stdout)
     return cells
 
 
 def parse_change(change: str) -> tuple[str, object]:
-    """Name and value of NAME=VALUE."""
+    """Parse NAME=VALUE."""
     name, _, value = change.partition("=")
     return name, ast.literal_eval(value)
 
 
-def format_row(change: str, found: Json, recordings: Sequence[str]) -> str:
+def format_row(change: str, cells: Json, recordings: Sequence[str]) -> str:
     """One row of the table."""
-    if "failed" in found:
-        return f"{change:38}  failed: {found['failed']}"
-    return f"{change:38}" + "".join(f"{_cell(found.get(each)):>30}" for each in recordings)
+    if "failed" in cells:
+        return f"{change:38}  failed: {cells['failed']}"
+    return f"{change:38}" + "".join(f"{_cell(cells.get(each)):>30}" for each in recordings)
 
 
 def _cell(figures: Json | None) -> str:

@@ -1,4 +1,4 @@
-"""One row of `benchmarks.direct_sweep`: a process of its own, for its kernels are its own."""
+"""One row of `benchmarks.direct_sweep`, in a separate process with its own kernels."""
 
 import benchmarks.one_thread  # noqa: F401
 
@@ -27,7 +27,7 @@ from vo_service.tools.evaluation.gross_errors import count_gross_errors, tracked
 
 
 def main(change: str, recordings: Sequence[str]) -> int:
-    """Change the constant before anything is compiled with it, then follow every recording."""
+    """Change the constant before any kernel is compiled, then run every recording."""
     cv2.setNumThreads(1)
     if change != BASELINE:
         name, value = parse_change(change)
@@ -39,7 +39,7 @@ def main(change: str, recordings: Sequence[str]) -> int:
 
 
 def evaluate_recording(recording: str) -> Json | None:
-    """Of FOLDER or FOLDER@EVERY; None where the odometry found no way through it."""
+    """Evaluate FOLDER or FOLDER@EVERY; None if there are too few poses."""
     from vo_service.odometry.direct.odometry import DirectOdometry
 
     folder, _, every = recording.partition("@")
@@ -57,13 +57,13 @@ def evaluate_recording(recording: str) -> Json | None:
     assert truth is not None, f"{folder} has no ground truth"
     try:
         trajectory = Trajectory(np.array(stamps_s), np.array(poses))
-        matched, found = associate(trajectory, truth), evaluate(trajectory, truth)
+        matched, evaluation = associate(trajectory, truth), evaluate(trajectory, truth)
     except InputError:
         return None
     steps = tracked_steps(matched, trajectory.stamps_s, np.array(epochs))
     return {
-        "ate_m": found.ate_rmse_m,
-        "global_m": found.mean_global_error_m,
+        "ate_m": evaluation.ate_rmse_m,
+        "global_m": evaluation.mean_global_error_m,
         "lost": failed,
         "gross": count_gross_errors(matched, steps),
     }

@@ -1,11 +1,11 @@
-"""How long the service needs to say what went wrong around it, and to be well again afterwards.
+"""Time until the service reports a fault of its environment, and until it recovers.
 
     python -m benchmarks.environment_faults [--rounds 3]
 
-The faults of `tests/vo_service/environment_faults.py`, a death by `kill -9`, and a port that is taken; in
-seconds, the slowest of all rounds. "said" runs from the fault to the warning in a subscriber's
-hands, "well" from its end to the warning's end, or to the first pose. The faults of the camera are
-measured by `benchmarks.sensor_faults`.
+It measures the faults of `tests/vo_service/environment_faults.py`, a `kill -9`, and a port in use.
+The table has seconds, the slowest of all rounds. "report" is from the fault until a subscriber has
+the warning. "recovery" is from the fault's end until the warning ends, or until the first pose.
+`benchmarks.sensor_faults` measures the faults of the camera.
 """
 
 import argparse
@@ -31,20 +31,22 @@ Measurement = Callable[[], FaultTiming]
 
 
 def main() -> int:
-    """Measure and print; see the module."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.environment_faults",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--rounds", type=int, default=3, help="of each (default: 3)")
+    parser.add_argument("--rounds", type=int, default=3, help="rounds of each fault (default: 3)")
     rounds = parser.parse_args().rounds
-    # Kernels that a service has to compile first would say nothing of the faults.
+    # Compile the kernels first: that is not part of the measured times.
     subprocess.run([KINECT_VO, "warm-up"], check=True)
-    # What is killed may leave a recorder that still writes.
+    # The recorder of a killed service may still write.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        print(f"{'fault':34} {'said':>6} {'well':>6}   seconds, slowest of {rounds}", flush=True)
+        print(
+            f"{'fault':34} {'report':>8} {'recovery':>8}   seconds, slowest of {rounds}", flush=True
+        )
         measure_live_faults(folder, rounds)
         with service_runner(folder / "own", folder / "films") as stage:
             report(
@@ -57,54 +59,54 @@ def main() -> int:
 
 
 def measure_live_faults(folder: Path, rounds: int) -> None:
-    """All of these on one service."""
-    router_at = f"tcp/127.0.0.1:{free_port()}"
-    config = f"connect = {json.dumps([router_at])}\n{CAMERA}"
+    """Measure all faults of the environment on one service."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config = f"connect = {json.dumps([endpoint])}\n{CAMERA}"
     with (
-        running_router(router_at) as router,
+        running_router(endpoint) as router,
         service_runner(folder / "around", folder / "films", config) as stage,
     ):
         stage.start().wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
         for fault in ENVIRONMENT_FAULTS:
-            around = ServiceEnvironment(stage, router)
-            report(fault.name, [run_fault(fault, around) for _ in range(rounds)])
+            environment = ServiceEnvironment(stage, router)
+            report(fault.name, [run_fault(fault, environment) for _ in range(rounds)])
         stage.service.stop()
         stage.check()
 
 
 def measure_restart_after_kill(stage: ServiceRunner) -> FaultTiming:
-    """From the start of the next one, kernels and room at hand, until poses are heard."""
+    """Kill the service; measure from the next start, with kernels and room cached, to poses."""
     if stage.has_started:
         stage.service.process.send_signal(signal.SIGKILL)
         stage.service.process.wait()
     begin_s = time.monotonic()
-    heard_s = stage.start().wait_until_streaming(begin_s, START_TIMEOUT_S)
-    return FaultTiming(0.0, heard_s - begin_s)
+    first_pose_s = stage.start().wait_until_streaming(begin_s, START_TIMEOUT_S)
+    return FaultTiming(0.0, first_pose_s - begin_s)
 
 
 def measure_port_in_use(stage: ServiceRunner) -> FaultTiming:
-    """From the start until the log says so; from when the port is free until poses are heard."""
-    with socket.socket() as taken:
-        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        taken.bind(("127.0.0.1", stage.port))
-        taken.listen()
+    """Measure from the start until the log line, and from the free port until poses."""
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(("127.0.0.1", stage.port))
+        listener.listen()
         begin_s = time.monotonic()
         service = stage.start()
         wait_until(lambda: "the port is in use" in service.log)
-        told_s = time.monotonic() - begin_s
+        report_s = time.monotonic() - begin_s
     free_s = time.monotonic()
-    heard_s = service.wait_until_streaming(free_s, START_TIMEOUT_S)
+    first_pose_s = service.wait_until_streaming(free_s, START_TIMEOUT_S)
     service.stop()
-    return FaultTiming(told_s, heard_s - free_s)
+    return FaultTiming(report_s, first_pose_s - free_s)
 
 
 def report(name: str, timings: list[FaultTiming]) -> None:
-    """Print the slowest of each."""
-    told_s, back_s = (
+    """Print the slowest times."""
+    report_s, recovery_s = (
         max(each.report_s for each in timings),
         max(each.recovery_s for each in timings),
     )
-    print(f"{name:34} {told_s:6.2f} {back_s:6.2f}", flush=True)
+    print(f"{name:34} {report_s:8.2f} {recovery_s:8.2f}", flush=True)
 
 
 if __name__ == "__main__":

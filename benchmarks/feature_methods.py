@@ -1,4 +1,4 @@
-"""SURF, SIFT and ORB behind one call, so that each is measured in the same way."""
+"""SURF, SIFT and ORB behind one function type, so that all are measured in the same way."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,9 +18,10 @@ COUNT = 1000
 class FeatureSet:
     """Features of one image.
 
-    position_px  (N, 2) float64, (x, y)
-    scale_px     (N,) float64, in a unit of the method's own
-    descriptor   (N, D), float32 to compare by distance or uint8 to compare by differing bits
+    Attributes:
+        position_px: (N, 2) float64, (x, y).
+        scale_px: (N,) float64, in the method's own unit.
+        descriptor: (N, D), float32 for Euclidean distance or uint8 for Hamming distance.
     """
 
     position_px: NDArray[np.float64]
@@ -35,22 +36,22 @@ FeatureMethod = Callable[[Gray], FeatureSet]
 
 
 def make_surf(upright: bool = False) -> FeatureMethod:
-    """Ours, the strongest 1000."""
+    """Make our SURF with the strongest 1000 features."""
     extractor = SurfExtractor(COUNT, upright)
 
     def extract(image: Gray) -> FeatureSet:
-        found = extractor.extract(image)
+        features = extractor.extract(image)
         return FeatureSet(
-            found.position_px.astype(np.float64),
-            found.scale_px.astype(np.float64),
-            found.descriptor,
+            features.position_px.astype(np.float64),
+            features.scale_px.astype(np.float64),
+            features.descriptor,
         )
 
     return extract
 
 
 def make_opencv_method(detector: cv2.Feature2D) -> FeatureMethod:
-    """One of OpenCV's."""
+    """Make a method from one of OpenCV's detectors."""
 
     def extract(image: Gray) -> FeatureSet:
         keypoints, descriptors = detector.detectAndCompute(image, np.ones_like(image))
@@ -62,7 +63,7 @@ def make_opencv_method(detector: cv2.Feature2D) -> FeatureMethod:
 
 
 def make_all_methods() -> dict[str, FeatureMethod]:
-    """The methods of the table, each ready to use."""
+    """Make the methods of the table, by name."""
     return {
         "SURF": make_surf(),
         "SIFT": make_opencv_method(cv2.SIFT_create(COUNT)),  # type: ignore[attr-defined]
@@ -71,9 +72,10 @@ def make_all_methods() -> dict[str, FeatureMethod]:
 
 
 def match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np.int64]:
-    """Pairs (M, 2) of indices: nearest descriptor, where the second nearest is further by 1/ratio.
+    """Match descriptors by brute force and the ratio test (Lowe 2004, Section 7.1).
 
-    Lowe 2004, Section 7.1, by brute force, the same for every method.
+    Returns:
+        Pairs (M, 2) of indices of nearest neighbors.
     """
     if len(original) == 0 or len(changed) < 2:
         return np.empty((0, 2), np.int64)

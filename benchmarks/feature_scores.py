@@ -1,7 +1,7 @@
-"""How well features are found again and recognised, where the truth is a homography.
+"""Repeatability and matching score of features, where the truth is a homography.
 
-Repeatability and matching score as Mikolajczyk and Schmid, "A Performance Evaluation of Local
-Descriptors" (PAMI 27, 2005), with points and scales instead of overlapping ellipses.
+They follow Mikolajczyk and Schmid, "A Performance Evaluation of Local Descriptors" (PAMI 27, 2005),
+with points and scales instead of overlapping ellipses.
 """
 
 from dataclasses import dataclass
@@ -21,12 +21,13 @@ MATCH_RATIO = 0.8
 
 @dataclass(frozen=True)
 class FeatureScore:
-    """What became of one image's features under one change. Distances are pixels of the original.
+    """Scores of one image's features under one transform. Distances are pixels of the original.
 
-    possible   features that lie in both images: the smaller of the two images' counts
-    repeated   features found again within 2 px at a scale within a factor of 1.5
-    matches    descriptors that found a partner by the ratio test
-    errors_px  (correct,) distances of those matches that are within 3 px of where they belong
+    Attributes:
+        possible: Features that are inside both images: the smaller count of the two.
+        repeated: Features repeated within 2 px at a scale within a factor of 1.5.
+        matches: Matches that pass the ratio test.
+        errors_px: (correct,) distances of the matches within 3 px of their true position.
     """
 
     max_repeatable: int
@@ -36,16 +37,16 @@ class FeatureScore:
 
     @property
     def correct(self) -> int:
-        """Matches that are right."""
+        """Number of correct matches."""
         return len(self.errors_px)
 
 
 def score_features(
     original: FeatureSet, changed: FeatureSet, H: Array, size: tuple[int, int]
 ) -> FeatureScore:
-    """Compare the features of an image, (width, height), with those of its changed version.
+    """Compare the features of an image, (width, height), with those of its transformed version.
 
-    H  3x3 homography from pixels of the original to pixels of the changed image
+    `H` is the homography (3, 3) from pixels of the original to pixels of the transformed image.
     """
     seen_again = is_inside(transform_points(H, original.position_px), size)
     back_px = transform_points(np.asarray(np.linalg.inv(H), np.float64), changed.position_px)
@@ -69,27 +70,27 @@ def score_features(
 
 
 def transform_points(H: Array, points_px: Array) -> Array:
-    """Map (N, 2) pixels by a homography."""
+    """Transform pixels (N, 2) by a homography."""
     if len(points_px) == 0:
         return points_px
     return np.asarray(cv2.perspectiveTransform(points_px[None], H)[0], np.float64)
 
 
 def scale_at(H: Array, points_px: Array) -> Array:
-    """(N,) how much larger a homography makes things at (N, 2) pixels: sqrt |det J|."""
+    """Local scale (N,) of a homography at pixels (N, 2): sqrt |det J|."""
     w = points_px @ H[2, :2] + H[2, 2]
     return np.asarray(np.sqrt(np.abs(np.linalg.det(H) / w**3)))
 
 
 def is_inside(points_px: Array, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Which of (N, 2) pixels lie in an image of (width, height)."""
+    """Which pixels (N, 2) are inside an image of (width, height)."""
     return np.asarray(np.all((points_px >= 0) & (points_px <= np.array(size) - 1.0), axis=1))
 
 
 def count_repeated(a_px: Array, a_scale: Array, b_px: Array, b_scale: Array) -> int:
-    """How many features have a counterpart within reach and of like scale, on the poorer side.
+    """Count features with a counterpart of similar position and scale; the smaller count of both.
 
-    Not one to one: of two features on the same spot both count, but never more than either holds.
+    The assignment is not one to one: two features on the same spot both count.
     """
     if len(a_px) == 0 or len(b_px) == 0:
         return 0

@@ -1,13 +1,13 @@
-"""SURF beside SIFT and ORB, as features: how many are found again, recognised, and at what cost.
+"""SURF compared with SIFT and ORB: repeatability, matching and cost of the features.
 
     python -m benchmarks.features                            # views of the virtual Kinect's room
     python -m benchmarks.features recordings/desk photo.jpg  # frames of recordings, and pictures
 
-Each image is turned, zoomed, tilted, blurred, relit and made noisy in 34 known ways; distances are
-in pixels of the original. Repeatability: features found again within 2 px at a scale within a
-factor of 1.5, of those that lie in both images. Score: features recognised within 3 px (nearest
-descriptor, ratio test 0.8), of the same. Precision: recognised, of all matches. The columns of the
-kinds of change count those recognised.
+Each image is rotated, zoomed, tilted, blurred, relit and made noisy by 34 known transforms;
+distances are in pixels of the original. Repeatability: fraction of the features inside both images
+that are repeated within 2 px at a scale within a factor of 1.5. Score: fraction of the same
+features that are matched within 3 px (nearest descriptor, ratio test 0.8). Precision: fraction of
+all matches that are correct. The columns of the transform groups count correct matches.
 """
 
 import argparse
@@ -35,13 +35,11 @@ TIMING_ROUNDS = 5
 
 @dataclass(frozen=True)
 class FeatureBenchmarkResult:
-    """Means over all images and changes of one method.
+    """Means of one method over all images and transforms.
 
-    features             of an unchanged image
-    repeatability, score, precision    0 to 1
-    correct              matches that are right, per pair of images; by kind of change beside it
-    error_px             median distance of right matches from where they belong
-    cpu_ms, cpu_us_per_feature         of an unchanged image, one thread
+    `repeatability`, `score` and `precision` are 0 to 1. `correct` are correct matches per pair of
+    images. `error_px` is the median error of correct matches. `features`, `cpu_ms` and
+    `cpu_us_per_feature` are those of an original image, on one thread.
     """
 
     features: float
@@ -65,7 +63,7 @@ def main() -> int:
     parser.add_argument(
         "source", nargs="*", type=Path, help="TUM folder or image (default: the virtual Kinect)"
     )
-    parser.add_argument("--frames", type=int, default=2, help="how many of each folder (2)")
+    parser.add_argument("--frames", type=int, default=2, help="frames of each folder (2)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     cv2.setNumThreads(1)
@@ -81,15 +79,15 @@ def main() -> int:
     if args.json:
         print(json.dumps({name: asdict(result) for name, result in results.items()}))
     else:
-        print(f"{len(images)} images, {len(all_transforms())} changes of each")
+        print(f"{len(images)} images, {len(all_transforms())} transforms of each")
         print(format_table(results))
     return 0
 
 
 def load_images(sources: list[Path], frames: int) -> Iterator[Gray]:
-    """Gray images of folders (so many, evenly spread) and files, or of the virtual Kinect.
+    """Yield gray images of folders (`frames` each, evenly spread) and files.
 
-    Raises InputError if one cannot be read.
+    Without sources they are views of the virtual Kinect. Raises InputError if one cannot be read.
     """
     if not sources:
         with SyntheticCamera(SYNTHETIC) as camera:
@@ -99,22 +97,22 @@ def load_images(sources: list[Path], frames: int) -> Iterator[Gray]:
         for file in sample_images(source, frames) if source.is_dir() else [source]:
             image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
             if image is None:
-                raise InputError(f"{file}: not an image that can be read")
+                raise InputError(f"{file}: not a readable image")
             yield np.asarray(image, np.uint8)
 
 
 def sample_images(folder: Path, count: int) -> list[Path]:
-    """The color images of so many frames of a folder, from its first to its last."""
+    """Color images of `count` frames of a folder, evenly spread from first to last."""
     pairs = read_frame_pairs(folder).pairs
     chosen = np.unique(np.linspace(0, len(pairs) - 1, max(count, 1)).round().astype(int))
     return [pairs[i].color.file for i in chosen]
 
 
 def measure(method: FeatureMethod, images: list[Gray]) -> FeatureBenchmarkResult:
-    """All changes of all images, and the time of the images as they are."""
+    """Measure a method on all transforms of all images, and its time on the originals."""
     cpu_s, features = np.mean([measure_cost(method, image) for image in images], axis=0)
-    scores = [found for image in images for found in score_method(method, image)]
-    every = [found for _, found in scores]
+    scores = [pair for image in images for pair in score_method(method, image)]
+    every = [score for _, score in scores]
     groups = dict.fromkeys(group for group, _ in scores)
     return FeatureBenchmarkResult(
         features=float(features),
@@ -132,7 +130,7 @@ def measure(method: FeatureMethod, images: list[Gray]) -> FeatureBenchmarkResult
 
 
 def score_method(method: FeatureMethod, image: Gray) -> Iterator[tuple[str, FeatureScore]]:
-    """What becomes of the features of one image under each change, beside the kind of change."""
+    """Yield the group and the score of each transform of an image."""
     size = (image.shape[1], image.shape[0])
     original = method(image)
     for change in all_transforms():
@@ -141,7 +139,7 @@ def score_method(method: FeatureMethod, image: Gray) -> Iterator[tuple[str, Feat
 
 
 def measure_cost(method: FeatureMethod, image: Gray) -> tuple[float, int]:
-    """CPU seconds, the median of a few rounds after one that compiles, and features found."""
+    """Measure CPU seconds (median after a round that compiles) and the number of features."""
     features = len(method(image))
     spent_s = []
     for _ in range(TIMING_ROUNDS):
@@ -152,12 +150,12 @@ def measure_cost(method: FeatureMethod, image: Gray) -> tuple[float, int]:
 
 
 def mean(values: list[float]) -> float:
-    """Arithmetic mean; 0 of none."""
+    """Arithmetic mean; 0 for no values."""
     return float(np.mean(values)) if values else 0.0
 
 
 def format_table(results: dict[str, FeatureBenchmarkResult]) -> str:
-    """One line a method."""
+    """Format the table, one line for each method."""
     groups = list(next(iter(results.values())).correct_by_change)
     heads = ["features", "repeat.", "score", "precision", "correct", *groups]
     heads += ["error px", "CPU ms", "us/feature"]

@@ -1,11 +1,11 @@
-"""How soon the virtual Kinect's first pose and first picture come where nothing is cached.
+"""Time to the virtual Kinect's first pose and first picture with an empty cache.
 
     python -m benchmarks.first_pose [--rounds 3]
 
 "first pose" is from the start of `kinect-vo run --camera synthetic` until a client has a pose.
-"first picture" is from the start of `kinect-vo demo` until its Rerun recording holds an image; the
-recording is written every two seconds, so the page shows it up to that much sooner. Each start
-gets an empty cache folder: what set-up has compiled is found, no room is rendered yet.
+"first picture" is from the start of `kinect-vo demo` until its Rerun recording has an image. The
+recording is written every two seconds, so the page shows the image up to two seconds sooner. Each
+start has an empty cache folder: kernels are compiled by the setup, but no room is rendered.
 """
 
 import argparse
@@ -29,7 +29,7 @@ JPEG = b"\xff\xd8\xff"
 
 
 def main() -> None:
-    """Print a line for each."""
+    """Measure and print a line for each."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.first_pose",
         description=__doc__,
@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def measure_start_s(measure: Callable[[Path, Path, int], float]) -> float:
-    """One start in an empty folder, with a configuration that publishes on a free port."""
+    """Measure one start in an empty folder, with a configuration that uses a free port."""
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), free_port()
         config = folder / "kinect.toml"
@@ -57,7 +57,7 @@ def measure_start_s(measure: Callable[[Path, Path, int], float]) -> float:
 
 
 def measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
-    """Seconds until a client has the first pose of the service."""
+    """Measure the seconds until a client has the first pose of the service."""
     begin_s = time.monotonic()
     with (
         running_command(folder, "run", "--camera", "synthetic", "--config", config),
@@ -68,7 +68,7 @@ def measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
 
 
 def measure_first_picture_s(folder: Path, config: Path, port: int) -> float:
-    """Seconds until the demo's recording holds an image."""
+    """Measure the seconds until the demo's recording has an image."""
     recording = folder / "demo" / "demo.rrd"
     begin_s = time.monotonic()
     with running_command(
@@ -83,7 +83,7 @@ def measure_first_picture_s(folder: Path, config: Path, port: int) -> float:
 
 @contextmanager
 def running_command(folder: Path, *arguments: object) -> Iterator["subprocess.Popen[bytes]"]:
-    """A command with a cache of its own, ended when the block is left."""
+    """Run a command with its own cache; end it at the end of the block."""
     caches = {"XDG_CACHE_HOME": folder / "cache", "XDG_STATE_HOME": folder / "state"}
     environment = os.environ | {name: str(path) for name, path in caches.items()}
     command = [str(part) for part in (KINECT_VO, *arguments)]

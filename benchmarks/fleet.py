@@ -1,12 +1,12 @@
-"""A fleet on one router with TLS and access control: whether poses are lost, and how late they are.
+"""A fleet on one router with TLS and access control: lost poses and latency.
 
     python -m benchmarks.fleet [--robots 20] [--seconds 60] [--processes 4]
 
-The robots are the service's own publishers, thirty poses a second each, with a certificate each,
-several to a process; the router is `kinect-vo router` with config/zenoh/fleet-router.json5, in
-which each robot has its lines; one reader, in a process of its own, subscribes to `*/odom`. The
-latency is from the publisher's being given a pose to the reader's having decoded it. CPU is percent
-of one core. Exit code 1 if a pose is lost.
+The robots are the service's own publishers, thirty poses per second each, each with its
+certificate, several to a process. The router is `kinect-vo router` with
+config/zenoh/fleet-router.json5, which has lines for each robot. One reader in a separate process
+subscribes to `*/odom`. The latency is from handing a pose to the publisher until the reader has
+decoded it. CPU is percent of one core. Exit code 1 if a pose is lost.
 """
 
 import argparse
@@ -36,7 +36,7 @@ READER = (sys.executable, "-m", "benchmarks.fleet_reader")
 
 @dataclass(frozen=True)
 class FleetResult:
-    """What the reader heard, and what it cost."""
+    """Poses and latencies of the reader, and processor use."""
 
     sent: int
     latency_ms: Array
@@ -47,16 +47,18 @@ class FleetResult:
 
     @property
     def lost_poses(self) -> int:
-        """Poses that never came."""
+        """Number of poses that were not received."""
         return self.sent - len(self.latency_ms)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, and print one table."""
+    """Measure and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--robots", type=int, default=20)
     parser.add_argument("--seconds", type=int, default=60)
-    parser.add_argument("--processes", type=int, default=4, help="that the robots share")
+    parser.add_argument(
+        "--processes", type=int, default=4, help="processes of the robots (default: 4)"
+    )
     args = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         outcome = measure(Path(folder), args.robots, args.seconds, args.processes)
@@ -74,17 +76,17 @@ def measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetRes
         _wait_until_listening(port, router)
         reader = stack.enter_context(_running_process(*READER, str(files.reader)))
         _wait_until_ready(reader)
-        crews = [
+        robot_processes = [
             stack.enter_context(_running_process(*ROBOTS, str(seconds), *share)) for share in shares
         ]
-        for crew in crews:
-            _wait_until_ready(crew)  # each robot knows of the reader
-        numbers = [process.pid for process in (router, reader, *crews)]
+        for process in robot_processes:
+            _wait_until_ready(process)  # each robot has discovered the reader
+        numbers = [process.pid for process in (router, reader, *robot_processes)]
         before, begin_s = measure_processor_use(*numbers), time.monotonic()
-        for crew in crews:
-            _send_command(crew, "go")
-        for crew in crews:
-            _wait_until_ready(crew)  # all is published
+        for process in robot_processes:
+            _send_command(process, "go")
+        for process in robot_processes:
+            _wait_until_ready(process)  # all poses are published
         use, taken_s = measure_processor_use(*numbers).since(before), time.monotonic() - begin_s
         latency_ms = np.array(json.loads(_send_command(reader, "end")))
     percent = [100 * use.by_process[number] / taken_s for number in numbers]
@@ -99,7 +101,7 @@ def measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetRes
 
 
 def format_table(outcome: FleetResult, robots: int, seconds: int) -> str:
-    """One row, with its head."""
+    """Format the table with its one row."""
     p50, p99 = np.percentile(outcome.latency_ms, (50, 99)) if len(outcome.latency_ms) else (0, 0)
     cells = {
         "robots": f"{robots}",
@@ -121,7 +123,7 @@ def format_table(outcome: FleetResult, robots: int, seconds: int) -> str:
 
 @contextmanager
 def _running_process(*command: str) -> Iterator["subprocess.Popen[str]"]:
-    """A part of the fleet; killed at the end."""
+    """Run a process of the fleet; kill it at the end."""
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
         try:
@@ -131,7 +133,7 @@ def _running_process(*command: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def _send_command(process: "subprocess.Popen[str]", command: str) -> str:
-    """Tell a part what to do; for "end", its answer."""
+    """Send a process a command; return its output after "end"."""
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(f"{command}\n")

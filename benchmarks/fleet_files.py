@@ -1,4 +1,4 @@
-"""Keys and Zenoh files of a fleet, made from the ready-made ones as their owner would."""
+"""Keys and Zenoh files of a fleet, made from the provided profiles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ VALIDITY_DAYS = 2
 
 @dataclass(frozen=True)
 class FleetFiles:
-    """The file of each, beside its keys."""
+    """Zenoh files of the router, the reader and the robots; each is beside its keys."""
 
     router: Path
     reader: Path
@@ -21,7 +21,7 @@ class FleetFiles:
 
 
 def write_fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
-    """Make all keys, and write the files of a router at this port of 127.0.0.1."""
+    """Create all keys, and write the files for a router at a port of 127.0.0.1."""
     authority = CertificateAuthority(folder)
     router = authority.issue_server_certificate([HOST], VALIDITY_DAYS)
     reader = authority.issue_client_certificate("reader", VALIDITY_DAYS)
@@ -39,7 +39,7 @@ def write_fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFi
 
 
 def _add_robots(text: str, robots: Sequence[str]) -> str:
-    """The router's file, where each line of robot1 is there for each robot."""
+    """Repeat each line for robot1 in the router's file for each robot."""
     lines = []
     for line in text.splitlines():
         if line.lstrip().startswith(('{ id: "robot1"', '{ subjects: ["robot1"]')):
@@ -50,7 +50,7 @@ def _add_robots(text: str, robots: Sequence[str]) -> str:
 
 
 def _redirect(name: str, addresses: Sequence[str], port: int) -> str:
-    """A ready-made file that connects to our router, and listens nowhere."""
+    """Change a provided profile to connect to our router and not to listen."""
     text = (TEMPLATES / name).read_text().replace('"tcp/127.0.0.1:7450"', "")
     for address in addresses:
         text = text.replace(address, f"{HOST}:{port}")

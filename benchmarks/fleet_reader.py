@@ -1,9 +1,9 @@
-"""The reader of a whole fleet: one wildcard subscriber, which notes how old each pose is.
+"""The reader of a fleet: one wildcard subscriber that measures the age of each pose.
 
     python -m benchmarks.fleet_reader ZENOH_FILE
 
-Prints "ready" once it subscribes; told to end on standard input, it prints the latencies in
-milliseconds as a JSON list, each pose of each robot once.
+It prints "ready" once it subscribes. After "end" on standard input it prints the latencies in
+milliseconds as a JSON list, one for each pose of each robot.
 """
 
 import json
@@ -19,7 +19,7 @@ from vo_service.outputs.zenoh.session import open_session
 
 
 def main(file: Path) -> None:
-    """Listen; see the module."""
+    """Subscribe until the end; see the module."""
     latency_ms: dict[tuple[str, int], float] = {}
 
     def take(sample: zenoh.Sample) -> None:

@@ -1,9 +1,9 @@
-"""Some robots of a fleet in one process: the service's own publishers, thirty poses a second each.
+"""Several robots of a fleet in one process: the service's publishers, 30 poses per second each.
 
     python -m benchmarks.fleet_robots SECONDS ZENOH_FILE...
 
-A robot's name, and prefix, is the folder of its file. Prints "ready" once the router and the reader
-are there, publishes when told to go on standard input, and prints "ready" again when it has.
+A robot's name and prefix is the folder of its file. The process prints "ready" once the router and
+the reader are connected, publishes after "go" on standard input, then prints "ready" again.
 """
 
 import sys
@@ -29,7 +29,7 @@ _ESTIMATE = Estimate(True, "", _I, _I, np.eye(6), 500, 200, 150)
 
 
 def main(seconds: int, files: list[Path]) -> None:
-    """Publish; see the module."""
+    """Publish poses; see the module."""
     robots = [
         ZenohOutput(ZenohConfig(prefix=file.parent.name, config_file=file, listen=()), LIVE_QOS)
         for file in files
@@ -40,7 +40,7 @@ def main(seconds: int, files: list[Path]) -> None:
     sys.stdin.readline()
     begin_s = time.monotonic()
     for turn in range(seconds * POSES_PER_SECOND * len(robots)):
-        # One robot after another, evenly over the thirtieth of a second.
+        # The robots publish one after another, evenly over the thirtieth of a second.
         due_s = begin_s + turn / (POSES_PER_SECOND * len(robots))
         time.sleep(max(0.0, due_s - time.monotonic()))
         robots[turn % len(robots)].on_update(_make_update(turn // len(robots), time.monotonic()))
@@ -51,7 +51,7 @@ def main(seconds: int, files: list[Path]) -> None:
 
 
 def _make_update(seq: int, stamp_s: float) -> OdometryUpdate:
-    """A pose that was measured now; stamps are on CLOCK_MONOTONIC, to be compared in the reader."""
+    """Make a pose with a stamp on CLOCK_MONOTONIC, which the reader compares."""
     return OdometryUpdate(
         seq=seq,
         stamp_s=stamp_s,

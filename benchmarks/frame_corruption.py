@@ -1,4 +1,4 @@
-"""Ways to spoil pieces of a recording: what a live camera does when something happens to it."""
+"""Corruptions of pieces of a recording, like those of a live camera."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -14,18 +14,17 @@ from drivers.core.geometry import Array, so3_exp
 
 Frames = list[RgbdFrame]
 Image = NDArray[np.integer[Any]]
-FrameTransform = Callable[
-    [Frames], Frames
-]  # a piece of frames as it comes through, perhaps shorter
+FrameTransform = Callable[[Frames], Frames]  # the corrupted frames, perhaps fewer
 
 BLUR_SAMPLES = 9  # views within the exposure that are averaged for motion blur
 
 
 @dataclass(frozen=True)
 class SwingMotion:
-    """The camera swings about its own axes, away and back, and to the other side.
+    """A swing about the camera's own axes: to one side, back, and to the other side.
 
-    furthest_rad  (3,) rotation vector
+    Attributes:
+        furthest_rad: (3,) rotation vector of the largest deviation.
     """
 
     max_rotation_rad: tuple[float, float, float]
@@ -40,14 +39,14 @@ class SwingMotion:
 
 @dataclass(frozen=True)
 class FrameCorruption:
-    """`pieces` pieces, evenly spread, of `frames` frames each, that `spoil` makes worse."""
+    """A corruption of `pieces` evenly spread pieces of `frames` frames each."""
 
     corrupt: FrameTransform
     frames: int
     pieces: int
 
     def apply(self, frames: Frames) -> Frames:
-        """What comes through; what lies between the pieces does as it is."""
+        """Return the frames with corrupted pieces; frames between the pieces do not change."""
         out: Frames = []
         begin = 0
         for n in range(self.pieces):
@@ -59,28 +58,28 @@ class FrameCorruption:
 
 
 def blacken(piece: Frames) -> Frames:
-    """No light; depth needs none."""
+    """Make color black; depth needs no light."""
     return [replace(f, color_bgr=np.zeros_like(f.color_bgr)) for f in piece]
 
 
 def freeze(piece: Frames) -> Frames:
-    """The first picture again and again, under new stamps."""
+    """Repeat the first images with new stamps."""
     first = piece[0]
     return [replace(f, color_bgr=first.color_bgr, depth_raw=first.depth_raw) for f in piece]
 
 
 def replace_with_noise(piece: Frames) -> Frames:
-    """Nothing but noise in color and depth."""
+    """Replace color and depth by noise."""
     return [_noise_frame(f) for f in piece]
 
 
 def remove(piece: Frames) -> Frames:
-    """Nothing comes."""
+    """Remove all frames."""
     return piece[:0]
 
 
 def add_swing(piece: Frames, motion: SwingMotion) -> Frames:
-    """The camera swings, and comes back to where it was; with motion blur."""
+    """Swing the camera and return it, with motion blur."""
     begin_s = piece[0].stamp_s
     return [_rotate(f, motion, f.stamp_s - begin_s) for f in piece]
 
@@ -112,7 +111,7 @@ def _rotate(frame: RgbdFrame, swing: SwingMotion, time_s: float) -> RgbdFrame:
 
 
 def _warp(image: Image, frame: RgbdFrame, R: Array, interpolation: int) -> Image:
-    """What the turned camera sees of an image: a pixel's ray, turned back, is where it was."""
+    """Warp an image to the view of the rotated camera, by its pixel rays rotated back."""
     K = frame.camera.K
     size = frame.camera.width, frame.camera.height
     flags = interpolation | cv2.WARP_INVERSE_MAP
@@ -121,7 +120,7 @@ def _warp(image: Image, frame: RgbdFrame, R: Array, interpolation: int) -> Image
 
 
 def _depth_scale(frame: RgbdFrame, R: Array) -> Array:
-    """(H, W) depth along the turned camera's axis, of one metre along the old one's."""
+    """Depth (H, W) along the rotated camera's axis of one meter along the original axis."""
     camera = frame.camera
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
@@ -129,9 +128,9 @@ def _depth_scale(frame: RgbdFrame, R: Array) -> Array:
     return share
 
 
-# A blow against the robot: 14 degrees a frame at most.
+# A push against the robot: at most 14 degrees per frame.
 SHAKE = SwingMotion((0.15, 0.4, 0.1), rate_hz=2.75, exposure_s=0.012)
-# A turn to one side and the other in a dim room: 4 degrees a frame at most.
+# A turn to both sides in a dim room: at most 4 degrees per frame.
 PAN = SwingMotion((0.15, 0.7, 0.1), rate_hz=0.5, exposure_s=0.025)
 
 CORRUPTIONS: Mapping[str, FrameCorruption] = {

@@ -1,6 +1,6 @@
-"""Three ways to get a Kinect's images, each with its CPU time; see `freenect_cost`.
+"""Three ways to read a Kinect's images, each with its CPU time; see `freenect_cost`.
 
-python -m benchmarks.freenect_variants WAY SECONDS prints the share of one core in percent.
+python -m benchmarks.freenect_variants VARIANT SECONDS prints the share of one core in percent.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -36,7 +36,7 @@ COLOR_BYTES, DEPTH_BYTES = 640 * 480 * 3, 640 * 480 * 2
 
 
 def measure_bare_loop(seconds: float) -> float:
-    """A loop around libfreenect and callbacks that copy."""
+    """Measure a loop around libfreenect with callbacks that copy."""
     library = load_library()
     context, device = ctypes.c_void_p(), ctypes.c_void_p()
     library.freenect_init(ctypes.byref(context), None)
@@ -62,13 +62,13 @@ def measure_bare_loop(seconds: float) -> float:
 
 
 def measure_in_process(seconds: float) -> float:
-    """The camera, read in this process."""
+    """Measure the camera read in this process."""
     with make_kinect_without_motor() as camera:
         return _measure_percent(lambda: camera.read(5.0), time.process_time, seconds)
 
 
 def measure_subprocess(seconds: float) -> float:
-    """The camera in a process of its own, read from this one: that process counts."""
+    """Measure the process of a subprocess camera that this process reads."""
     camera = SubprocessCamera(
         "freenect", Clock.MONOTONIC, make_kinect_without_motor, PlaybackMode.REALTIME
     )
@@ -95,7 +95,7 @@ def _make_copying_callback(size: int) -> Any:
 def _measure_percent(
     step: Callable[[], object], cpu_s: Callable[[], float], seconds: float
 ) -> float:
-    """CPU time of `seconds` seconds of steps, after the warming up, as a share of a core."""
+    """Measure the CPU share of `seconds` of steps after the warm-up, in percent of a core."""
     _repeat(step, WARM_UP_S)
     begin_s, begin_cpu_s = time.monotonic(), cpu_s()
     _repeat(step, seconds)
@@ -109,7 +109,7 @@ def _repeat(step: Callable[[], object], seconds: float) -> None:
 
 
 def _children_cpu_s() -> float:
-    """CPU time used so far by the processes that this one has started and that still run."""
+    """CPU time used so far by the running child processes."""
     tasks = Path("/proc/self/task").glob("*/children")
     children = [pid for task in tasks for pid in task.read_text().split()]
     return sum(time.clock_gettime(~int(pid) << 3 | 2) for pid in children)

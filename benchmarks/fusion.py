@@ -1,12 +1,12 @@
-"""Our fusion beside OpenCV's volumes, on the virtual room with true poses: what to build maps with.
+"""Our TSDF fusion compared with OpenCV's volumes, on the virtual room with true poses.
 
     python -m benchmarks.fusion [--seconds 10] [--seed 1] [--scale 1.0] [--json]
 
-Each runs in a process of its own, on one thread. Times are of the processor, the median over the
-frames; memory is what the process has more than before when it has map and surface, without images.
-Distances are from every point of the surface to the nearest true one. OpenCV's dense volumes
-take their memory at the start and know nothing beyond their box, which is laid around the room
-here; at 10 mm they would take 8 times what they take at 20 mm.
+Each method runs in a separate process on one thread. Times are CPU times, the median over the
+frames. Memory is the growth of the process with map and surface, without images. Distances are from
+every point of the surface to the nearest true one. OpenCV's dense volumes allocate their memory at
+the start and are limited to a box, here around the room; at 10 mm they would take 8 times the
+memory of 20 mm.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -41,7 +41,7 @@ from drivers.core.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
 
 MAX_POINTS = 200_000
-# Of each: whether the surface has colors, whether it has triangles, what bounds its memory.
+# For each: whether the surface has colors and triangles, and what limits its memory.
 CANDIDATES: Mapping[str, tuple[Callable[[], FusionVolume], str]] = {
     "ours, 10 mm": (partial(ServiceVolume, 0.01), "colors, triangles, bounded"),
     "cv2 HashTSDF, 10 mm": (partial(OpenCvHashVolume, 0.01), "points, no colors, grows"),
@@ -53,7 +53,7 @@ CANDIDATES: Mapping[str, tuple[Callable[[], FusionVolume], str]] = {
 
 @dataclass(frozen=True)
 class FusionResult:
-    """One way of fusing; lengths in millimetres."""
+    """Result of one fusion method; lengths in millimeters."""
 
     add_ms: float
     slowest_ms: float
@@ -75,8 +75,8 @@ def main() -> int:
     )
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--scale", type=float, default=1.0, help="of the images: 0.5 = 320 x 240")
-    parser.add_argument("--json", action="store_true", help="print one JSON object a line")
+    parser.add_argument("--scale", type=float, default=1.0, help="image size: 0.5 = 320 x 240")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per line")
     args = parser.parse_args()
     config = SyntheticConfig(
         seed=args.seed, duration_s=args.seconds, camera=scaled_camera(args.scale)
@@ -99,10 +99,10 @@ def main() -> int:
 
 
 def measure(name: str, config: SyntheticConfig) -> FusionResult:
-    """Fuse the whole film and fetch the surface."""
+    """Fuse the whole sequence and extract the surface."""
     cv2.setNumThreads(1)
     make, has = CANDIDATES[name]
-    _fuse(make(), islice(render_with_truth(config), 1))  # compiles what is to be compiled
+    _fuse(make(), islice(render_with_truth(config), 1))  # compiles the kernels
     before_mb = _private_memory_mb()
     volume = make()
     add_ms, fetch_s, points_m = _fuse(volume, render_with_truth(config))
@@ -123,7 +123,7 @@ def measure(name: str, config: SyntheticConfig) -> FusionResult:
 
 
 def format_row(name: str, result: FusionResult) -> str:
-    """A line for people."""
+    """Format a line of text."""
     return (
         f"{name:20}  {result.add_ms:6.1f} ms a frame, {result.slowest_ms:6.1f} the slowest, fetch "
         f"{result.fetch_s:5.2f} s  {result.memory_mb:6.0f} MB  {result.points:8d} points, off by "
@@ -135,7 +135,7 @@ def format_row(name: str, result: FusionResult) -> str:
 def _fuse(
     volume: FusionVolume, frames: Iterable[tuple[RgbdFrame, Array]]
 ) -> tuple[list[float], float, Array]:
-    """Milliseconds of each frame, seconds for the surface, and its points (N, 3)."""
+    """Return milliseconds of each frame, seconds for the surface, and its points (N, 3)."""
     add_ms = []
     for frame, T_world_camera in frames:
         frame.depth_m  # noqa: B018 (derived before the clock starts)
@@ -148,7 +148,7 @@ def _fuse(
 
 
 def _private_memory_mb() -> float:
-    """Memory of this process that is no file's."""
+    """Memory of this process that is not shared with files."""
     status = Path("/proc/self/status").read_text()
     kilobytes = next(line for line in status.splitlines() if line.startswith("RssAnon"))
     return float(kilobytes.split()[1]) / 1e3

@@ -1,4 +1,4 @@
-"""Ways of fusing frames into a surface, with the same two methods."""
+"""TSDF volumes with a common interface."""
 
 from typing import Any, Protocol
 
@@ -19,19 +19,19 @@ BOX_M = (7.04, 6.40, 3.20)
 
 
 class FusionVolume(Protocol):
-    """A map that grows."""
+    """A volume that fuses frames into a surface."""
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
         """Fuse one frame."""
         ...
 
     def points_m(self) -> Array:
-        """(N, 3) of the surface, in the world."""
+        """Points (N, 3) of the surface, in the world."""
         ...
 
 
 class ServiceVolume:
-    """What `kinect-vo reconstruct` uses."""
+    """The volume of `kinect-vo reconstruct`."""
 
     def __init__(self, voxel_m: float) -> None:
         self._fusion = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=2000))
@@ -41,12 +41,12 @@ class ServiceVolume:
         self._fusion.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
 
     def points_m(self) -> Array:
-        """See `FusionVolume`; the mesh is made for it."""
+        """See `FusionVolume`; the points are those of the mesh."""
         return self._fusion.extract_mesh().vertices_m.astype(np.float64)
 
 
 class OpenCvVolume:
-    """What OpenCV's volumes have in common."""
+    """Base of OpenCV's volumes."""
 
     def __init__(self, kind: int, voxel_m: float) -> None:
         self._settings = cv2.VolumeSettings(kind)
@@ -57,7 +57,7 @@ class OpenCvVolume:
         self._volume: cv2.Volume | None = None
 
     def get_volume(self, frame: RgbdFrame) -> cv2.Volume:
-        """The volume, made for the first frame's camera and kind of depth."""
+        """Return the volume; create it for the first frame's camera and depth format."""
         if self._volume is None:
             self._settings.setDepthFactor(frame.depth_factor)
             self._settings.setIntegrateWidth(frame.camera.width)
@@ -71,10 +71,10 @@ class OpenCvVolume:
 
 
 class OpenCvHashVolume(OpenCvVolume):
-    """OpenCV's sparse volume: no colors; points, no triangles.
+    """OpenCV's sparse volume: points without colors, no triangles.
 
-    `fetchPointsNormals` gives every voxel near the surface (opencv/opencv issue 22896), so the
-    surface is what rays meet that are cast from some of the poses.
+    `fetchPointsNormals` returns every voxel near the surface (opencv/opencv issue 22896), so the
+    surface is ray-cast from some of the poses.
     """
 
     def __init__(self, voxel_m: float) -> None:
@@ -92,7 +92,7 @@ class OpenCvHashVolume(OpenCvVolume):
         return np.vstack([self._raycast_points_m(T) for T in self._poses[::RAYCAST_EVERY]])
 
     def _raycast_points_m(self, T_world_camera: Array) -> Array:
-        assert self._volume is not None, "frames come first"
+        assert self._volume is not None, "call add first"
         points_m = _to_points_m(
             np.asarray(self._volume.raycast(T_world_camera.astype(np.float32))[0])
         )
@@ -101,7 +101,7 @@ class OpenCvHashVolume(OpenCvVolume):
 
 
 class OpenCvDenseVolume(OpenCvVolume):
-    """OpenCV's dense volume with colors: a box that is given beforehand; points, no triangles."""
+    """OpenCV's dense volume: a fixed box; points with colors, no triangles."""
 
     def __init__(self, voxel_m: float) -> None:
         super().__init__(cv2.VolumeType_ColorTSDF, voxel_m)
@@ -113,14 +113,14 @@ class OpenCvDenseVolume(OpenCvVolume):
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
         """See `FusionVolume`."""
         depth = frame.depth_raw.astype(np.float32)
-        # The binding takes four channels of float, and no others.
+        # The binding only accepts four float channels.
         color = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
         pose = T_world_camera.astype(np.float32)
         self.get_volume(frame).integrateColor(depth, color, pose)
 
     def points_m(self) -> Array:
         """See `FusionVolume`."""
-        assert self._volume is not None, "frames come first"
+        assert self._volume is not None, "call add first"
         return _to_points_m(self._volume.fetchPointsNormalsColors()[0])
 
 

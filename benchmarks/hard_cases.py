@@ -1,13 +1,13 @@
-"""What becomes of a method where it is hard: a table, one row for each thing that goes wrong.
+"""Tracking in hard cases: a table with one row for each case.
 
     python -m benchmarks.hard_cases FOLDER [--method direct] [--only dark wall] [--json]
 
-FOLDER keeps the sequences of config/sequences, which are rendered the first time (twenty minutes of
-one core). A gross error is a step off by more than 5 cm or 3 degrees; in brackets those at a frame
-that is called tracking. "longest" is the longest time without a pose; "recovery" the longest time
-from the end of what is hard until a frame is called tracking. ATE and largest error are those of
-all poses that there are, in millimetres. "slow" creeps by a millimetre a second for a minute,
-"still" stands still for --still-frames frames with fresh noise in each (an hour is 108000).
+FOLDER stores the sequences of config/sequences, which are rendered the first time (twenty minutes
+of one core). A gross error is a step with an error above 5 cm or 3 degrees; in brackets are those
+at a frame in state `tracking`. "longest" is the longest time without a pose. "recovery" is the
+longest time from the end of a fault until a frame in state `tracking`. ATE and largest error are
+over all poses, in millimeters. "slow" creeps at a millimeter per second for a minute. "still"
+stands still for --still-frames frames with fresh noise in each (an hour is 108000).
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -67,9 +67,9 @@ def main() -> int:
     args = _parser().parse_args()
     cv2.setNumThreads(1)
     silent = args.json
-    tell: Callable[[str], None] = (lambda line: None) if silent else _print_line
+    print_line: Callable[[str], None] = (lambda line: None) if silent else _print_line
     try:
-        results = run(args.folder, args.method, args.only, args.still_frames, tell)
+        results = run(args.folder, args.method, args.only, args.still_frames, print_line)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -84,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("folder", type=Path, help="where the sequences are kept")
+    parser.add_argument("folder", type=Path, help="folder of the sequences")
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, metavar="CASE")
     parser.add_argument("--still-frames", type=int, default=STILL_FRAMES)
@@ -103,12 +103,12 @@ def run(
     still_frames: int,
     print_line: Callable[[str], None],
 ) -> Mapping[str, CaseResult]:
-    """The figures of each case, told as they come. Raises as `render_all`."""
+    """Measure each case and print its row. Raises as `render_all`."""
     configs = {name: case_config(name) for name in names}
     folder.mkdir(parents=True, exist_ok=True)
     longest_first = sorted(names, key=lambda name: -configs[name].frame_count)
-    wanted = {folder / name: configs[name] for name in longest_first if name != STILL}
-    render_all(wanted, print_line, os.cpu_count() or 1)
+    sequences = {folder / name: configs[name] for name in longest_first if name != STILL}
+    render_all(sequences, print_line, os.cpu_count() or 1)
     warm_up(method, lambda stage: None)
     results: dict[str, CaseResult] = {}
     for name in (name for name in CASES if name in names):
@@ -120,7 +120,7 @@ def run(
 
 
 def case_config(name: str) -> SyntheticConfig:
-    """What a case is rendered from."""
+    """Read the configuration of a case."""
     return replace(read_config(SEQUENCES / f"{name}.toml").synthetic, loop=False)
 
 
@@ -135,26 +135,30 @@ def _measure_case(
 
 
 def format_row(figures: CaseResult) -> str:
-    """One row of the table, behind the name."""
+    """One row of the table, without the name."""
     match figures:
         case HardCaseResult():
             gross = f"{figures.gross} ({figures.gross_tracking})"
             return (
                 f"{figures.frames:8}{figures.degraded:10}{figures.lost:6}{figures.epochs:8}"
-                f"{gross:>9}{figures.longest_gap_s:11.2f}{_format_number(figures.recovery_s, 1.0, 12, 2)}"
-                f"{_format_number(figures.ate_m, 1e3, 8, 1)}{_format_number(figures.max_error_m, 1e3, 9, 1)}"
+                f"{gross:>9}{figures.longest_gap_s:11.2f}"
+                f"{_format_number(figures.recovery_s, 1.0, 12, 2)}"
+                f"{_format_number(figures.ate_m, 1e3, 8, 1)}"
+                f"{_format_number(figures.max_error_m, 1e3, 9, 1)}"
             )
         case CreepResult():
             share = 100.0 * figures.tracked_distance_m / figures.true_distance_m
             return (
                 f"{figures.frames:8}{'':10}{figures.lost:6}    "
-                f"{1e3 * figures.tracked_distance_m:.2f} of {1e3 * figures.true_distance_m:.2f} mm: {share:.1f} %"
+                f"{1e3 * figures.tracked_distance_m:.2f} of "
+                f"{1e3 * figures.true_distance_m:.2f} mm: {share:.1f} %"
             )
         case StationaryResult():
             return (
                 f"{figures.frames:8}{'':10}{figures.lost:6}    "
-                f"at most {1e3 * figures.max_error_m:.3f} mm and {figures.max_error_deg:.4f} degrees "
-                f"away, in the end {1e3 * figures.end_m:.3f} mm and {figures.end_deg:.4f} degrees"
+                f"at most {1e3 * figures.max_error_m:.3f} mm and "
+                f"{figures.max_error_deg:.4f} degrees away, in the end "
+                f"{1e3 * figures.end_m:.3f} mm and {figures.end_deg:.4f} degrees"
             )
 
 

@@ -1,4 +1,4 @@
-"""What becomes of a method on one sequence that has something hard in it."""
+"""Tracking errors of a method on one hard sequence."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ MIN_POSES = 3
 
 @dataclass(frozen=True)
 class TrackedSequence:
-    """What a method said of each of F frames, and what the service makes of it."""
+    """Estimates of a method for F frames, with the states and epochs of the service."""
 
     stamps_s: Array
     estimates: Sequence[Estimate]
@@ -36,26 +36,32 @@ class TrackedSequence:
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:
-        """(F,) whether a frame has a pose of its own."""
+        """(F,) whether a frame has a pose."""
         return np.array([estimate.ok for estimate in self.estimates])
 
     @property
     def trajectory(self) -> Trajectory:
-        """Of the frames that have a pose."""
+        """Trajectory of the frames that have a pose."""
         poses = [estimate.T_world_camera for estimate in self.estimates if estimate.ok]
         return Trajectory(self.stamps_s[self.has_pose], np.array(poses).reshape(-1, 4, 4))
 
 
 @dataclass(frozen=True)
 class HardCaseResult:
-    """One sequence. None: cannot be told.
+    """Result of one sequence. None: not available.
 
-    gross          steps off by more than 5 cm or 3 degrees between frames with a pose, and how many
-                   of them end at a frame that is called tracking rather than degraded
-    longest_s      longest time without a pose
-    recovery_s     from the end of what is hard until a frame is called tracking; the longest of
-                   all, infinite where that never comes
-    ate_m, largest_m  of the poses that there are, after the best alignment
+    Attributes:
+        frames: Number of frames.
+        degraded: Frames in state `degraded`.
+        lost: Frames in state `lost`.
+        epochs: Epochs begun after the first.
+        gross: Steps between frames with a pose with an error above 5 cm or 3 degrees.
+        gross_tracking: Those that end at a frame in state `tracking`.
+        longest_gap_s: Longest time without a pose.
+        recovery_s: Longest time from the end of a fault until a frame in state `tracking`;
+            infinite if there is none.
+        ate_m: ATE RMSE of the poses.
+        max_error_m: Largest error of the poses, after the best alignment.
     """
 
     frames: int
@@ -71,7 +77,7 @@ class HardCaseResult:
 
 
 def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
-    """Every frame, with the states that the service would publish."""
+    """Track all frames, with the states that the service would publish."""
     odometry, tracker = METHODS[method](FeatureConfig(), CpuStageTimer()), OdomFrame()
     stamps_s, estimates, states, epochs = [], [], [], []
     for frame in frames:
@@ -85,23 +91,23 @@ def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
 
 
 def measure(method: str, folder: Path, config: SyntheticConfig) -> HardCaseResult:
-    """A sequence that was rendered from `config`, from its first frame to its last."""
+    """Track a sequence that was rendered from `config`, and evaluate it."""
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-        followed = track(method, read_all_frames(camera))
+        tracked = track(method, read_all_frames(camera))
         truth = camera.ground_truth
-    evaluation = evaluate_trajectory(list(followed.estimates), list(followed.stamps_s), truth)
-    is_gross, is_tracking = _count_gross_errors(followed, truth)
-    begin_s = followed.stamps_s[0] if len(followed.stamps_s) else 0.0
+    evaluation = evaluate_trajectory(list(tracked.estimates), list(tracked.stamps_s), truth)
+    is_gross, is_tracking = _count_gross_errors(tracked, truth)
+    begin_s = tracked.stamps_s[0] if len(tracked.stamps_s) else 0.0
     return HardCaseResult(
-        frames=len(followed.stamps_s),
-        degraded=followed.states.count(TrackingState.DEGRADED),
-        lost=followed.states.count(TrackingState.LOST),
-        epochs=int(followed.epochs[-1]) if len(followed.epochs) else 0,
+        frames=len(tracked.stamps_s),
+        degraded=tracked.states.count(TrackingState.DEGRADED),
+        lost=tracked.states.count(TrackingState.LOST),
+        epochs=int(tracked.epochs[-1]) if len(tracked.epochs) else 0,
         gross=is_gross,
         gross_tracking=is_tracking,
-        longest_gap_s=longest_gap_s(followed.stamps_s, followed.has_pose),
+        longest_gap_s=longest_gap_s(tracked.stamps_s, tracked.has_pose),
         recovery_s=max_recovery_s(
-            followed, [begin_s + end_s for end_s in fault_end_times_s(config)]
+            tracked, [begin_s + end_s for end_s in fault_end_times_s(config)]
         ),
         ate_m=None if evaluation is None else evaluation.ate_rmse_m,
         max_error_m=None if evaluation is None else evaluation.ate_max_m,
@@ -109,24 +115,24 @@ def measure(method: str, folder: Path, config: SyntheticConfig) -> HardCaseResul
 
 
 def fault_end_times_s(config: SyntheticConfig) -> list[float]:
-    """When each of the things that are hard is over, in seconds from the first frame."""
+    """When each fault and each moving object ends, in seconds from the first frame."""
     faults = [(fault.first + fault.count) / config.rate_hz for fault in config.faults]
-    return [*faults, *(mover.end_s for mover in config.movers)]
+    return [*faults, *(moving.end_s for moving in config.movers)]
 
 
 def max_recovery_s(tracked: TrackedSequence, fault_ends_s: Sequence[float]) -> float | None:
-    """The longest time from one of the instants until a frame is called tracking."""
+    """Longest time from the end of a fault until a frame in state `tracking`; None if no fault."""
     is_tracking = np.array([state is TrackingState.TRACKING for state in tracked.states])
     tracked_s = tracked.stamps_s[is_tracking]
     waits_s = []
-    for over_s in fault_ends_s:
-        after_s = tracked_s[tracked_s >= over_s - 1e-6]
-        waits_s.append(float(after_s[0] - over_s) if len(after_s) else np.inf)
+    for end_s in fault_ends_s:
+        after_s = tracked_s[tracked_s >= end_s - 1e-6]
+        waits_s.append(float(after_s[0] - end_s) if len(after_s) else np.inf)
     return max(0.0, *waits_s) if waits_s else None
 
 
 def longest_gap_s(stamps_s: Array, has_pose: NDArray[np.bool_]) -> float:
-    """From the last frame with a pose to the next one, beyond the usual time between frames."""
+    """Longest time from a frame with a pose to the next, beyond the median frame interval."""
     with_pose_s = stamps_s[has_pose]
     if not len(with_pose_s):
         return float("inf")
@@ -136,14 +142,14 @@ def longest_gap_s(stamps_s: Array, has_pose: NDArray[np.bool_]) -> float:
 
 
 def _count_gross_errors(tracked: TrackedSequence, truth: Trajectory | None) -> tuple[int, int]:
-    """How many in all, and those that end at a frame called tracking."""
+    """Count gross errors: all, and those that end at a frame in state `tracking`."""
     trajectory = tracked.trajectory
     if truth is None or len(trajectory) < MIN_POSES:
         return 0, 0
     matched = associate(trajectory, truth)
     steps = tracked_steps(matched, trajectory.stamps_s, tracked.epochs[tracked.has_pose])
     frames = np.searchsorted(tracked.stamps_s, matched.stamps_s[steps.later])
-    sure = [tracked.states[frame] is TrackingState.TRACKING for frame in frames]
-    is_sure = np.array(sure, np.bool_)
-    sure_steps = PosePairs(steps.earlier[is_sure], steps.later[is_sure])
-    return count_gross_errors(matched, steps), count_gross_errors(matched, sure_steps)
+    states = [tracked.states[frame] is TrackingState.TRACKING for frame in frames]
+    is_tracking = np.array(states, np.bool_)
+    tracking_steps = PosePairs(steps.earlier[is_tracking], steps.later[is_tracking])
+    return count_gross_errors(matched, steps), count_gross_errors(matched, tracking_steps)

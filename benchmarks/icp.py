@@ -1,12 +1,11 @@
-"""ICP on depth alone beside OpenCV's and Open3D's: how far off each ends up, and at what cost.
+"""Our depth-only ICP compared with OpenCV's and Open3D's: errors and cost.
 
     python -m benchmarks.icp FOLDER... [--open3d SITE] [--frame-to-frame] [--json]
 
-Each FOLDER is a TUM folder. Open3D is no part of kinect-vo: `pip install --target SITE open3d-cpu`
-puts it into a folder of its own, and without --open3d it is left out. Times are CPU milliseconds
-of the whole process on one thread, decoding not counted. Distances are in millimetres; see
-`kinect-vo evaluate` for what the figures are. --frame-to-frame adds ours with the last frame as the
-reference each time.
+Each FOLDER is a TUM folder. Open3D is not a dependency: `pip install --target SITE open3d-cpu`
+installs it into a separate folder, and without --open3d it is omitted. Times are CPU milliseconds
+of the whole process on one thread, without decoding. Distances are in millimeters; `kinect-vo
+evaluate` explains the figures. --frame-to-frame adds our ICP with the last frame as the reference.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -34,17 +33,20 @@ from drivers.tum.camera import TumCamera
 from vo_service.tools.evaluation import Evaluation
 from vo_service.types import Estimate, Odometry
 
-# The first frames compile, load and set up; their times say nothing.
+# The first frames compile and initialize; their times are not counted.
 WARM_UP_FRAMES = 3
 
 
 @dataclass(frozen=True)
 class IcpResult:
-    """One method on one folder.
+    """Result of one method on one folder.
 
-    frames, failed      how many there were, and how many of them have no pose
-    cpu_ms, cpu_p99_ms  mean and 99th percentile
-    evaluation          None without ground truth
+    Attributes:
+        frames: Number of frames.
+        failed: Frames without a pose.
+        cpu_ms: Mean CPU time of a frame.
+        cpu_p99_ms: Its 99th percentile.
+        evaluation: None without ground truth.
     """
 
     frames: int
@@ -62,8 +64,10 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
-    parser.add_argument("--open3d", type=Path, metavar="SITE", help="where Open3D is installed")
-    parser.add_argument("--frame-to-frame", action="store_true", help="add ours, frame to frame")
+    parser.add_argument(
+        "--open3d", type=Path, metavar="SITE", help="folder where Open3D is installed"
+    )
+    parser.add_argument("--frame-to-frame", action="store_true", help="add our ICP, frame to frame")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     cv2.setNumThreads(1)
@@ -86,7 +90,7 @@ def main() -> int:
 
 
 def load_depth_frames(folder: Path) -> tuple[list[RgbdFrame], Trajectory | None]:
-    """All frames, black, with their depth; and the ground truth."""
+    """Load all frames with depth and black color, and the ground truth."""
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         frames = [
             replace(f, color_bgr=np.broadcast_to(np.uint8(0), f.color_bgr.shape))
@@ -98,12 +102,12 @@ def load_depth_frames(folder: Path) -> tuple[list[RgbdFrame], Trajectory | None]
 def measure(
     make: Callable[[], Odometry], frames: list[RgbdFrame], truth: Trajectory | None
 ) -> IcpResult:
-    """Follow the frames from the first to the last."""
+    """Run a method on all frames."""
     odometry = make()
     estimates: list[Estimate] = []
     cpu_ms = []
     for frame in frames:
-        fresh = replace(frame)  # what others have derived from the frame is not reused
+        fresh = replace(frame)  # without values that other methods cached in the frame
         begin_s = time.process_time()
         estimates.append(odometry.estimate(fresh))
         cpu_ms.append((time.process_time() - begin_s) * 1e3)
@@ -118,7 +122,7 @@ def measure(
 
 
 def format_table(results: dict[str, IcpResult]) -> str:
-    """One line a method."""
+    """Format the table, one line for each method."""
     heads = ["frames", "failed", "ATE", "global", "RPE/frame", "RPE/1s", "deg/1s"]
     heads += ["CPU ms", "CPU p99"]
     lines = [f"{'':24}" + "".join(f"{head:>10}" for head in heads)]

@@ -1,4 +1,4 @@
-"""Other people's depth-only ICP beside ours: OpenCV's and Open3D's, frame to frame."""
+"""The compared depth-only ICP methods: ours, OpenCV's and Open3D's."""
 
 import importlib
 import sys
@@ -28,36 +28,36 @@ OPENCV, OPEN3D = "cv2.Odometry DEPTH", "Open3D point-to-plane"
 
 
 def load_open3d(folder: Path) -> ModuleType:
-    """Open3D from a folder of its own. Raises InputError if it is not there."""
+    """Import Open3D from a separate folder. Raises InputError if it is not there."""
     sys.path.append(str(folder))
     try:
         return importlib.import_module("open3d")
     except ImportError as error:
         raise InputError(
-            f"{folder}: no Open3D there ({error}); put it there by "
-            f"`pip install --target {folder} open3d-cpu`, or leave --open3d out"
+            f"{folder}: cannot import Open3D from there ({error}); install it by "
+            f"`pip install --target {folder} open3d-cpu`, or omit --open3d"
         ) from error
 
 
 class FrameToFrameIcp:
-    """Our kernels, with the last frame as the reference of each: what a staying one gains."""
+    """Our kernels with the last frame as the reference, without a keyframe."""
 
     def prepare(self, frame: RgbdFrame) -> IcpTrack:
-        """Its planes, though the first frame alone needs them at once."""
+        """Compute the frame's planes."""
         return start_track(build_depth_pyramid(frame), IcpParameters().max_planes)
 
     def align(self, earlier: IcpTrack, later: IcpTrack, T_earlier_later: Array) -> Array | None:
-        """As `IcpOdometry`, without a second try."""
-        found = align(
+        """Align as `IcpOdometry`, without a retry."""
+        alignment = align(
             earlier.planes, later.last_frame, [inverse(T_earlier_later), np.eye(4)], FINE_ONLY
         )
-        return None if rejection_reason(found) else inverse(found.T_camera_reference)
+        return None if rejection_reason(alignment) else inverse(alignment.T_camera_reference)
 
 
 def make_methods(
     open3d_folder: Path | None, frame_to_frame: bool
 ) -> dict[str, Callable[[], Odometry]]:
-    """By name, each ready to make."""
+    """Factories of the methods by name."""
     made: dict[str, Callable[[], Odometry]] = {OURS: IcpOdometry}
     if frame_to_frame:
         made[OURS_FRAME_TO_FRAME] = lambda: FrameToFrameOdometry(FrameToFrameIcp())

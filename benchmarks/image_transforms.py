@@ -1,4 +1,4 @@
-"""Known changes of an image: where every pixel goes, and what happens to its brightness."""
+"""Known transforms of an image: a homography and a change of brightness."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,12 +23,13 @@ def _identity(image: Gray) -> Gray:
 
 @dataclass(frozen=True)
 class ImageTransform:
-    """One change, as a camera that moves or a scene that is lit differently would make it.
+    """One transform, as by a camera motion or a change of the light.
 
-    group     what kind it is, for the table
-    warp      (width, height) -> 3x3 homography from the original's pixels to the changed image's
-    zoom      size of things in the changed image, over their size in the original
-    retouch   what is then done to the brightness
+    Attributes:
+        group: Its group in the table.
+        warp: (width, height) -> homography (3, 3) from original to transformed pixels.
+        zoom: Size of objects in the transformed image relative to the original.
+        retouch: Change of the brightness after the warp.
     """
 
     group: str
@@ -37,11 +38,11 @@ class ImageTransform:
     change_brightness: Callable[[Gray], Gray] = _identity
 
     def homography(self, image: Gray) -> Array:
-        """3x3, from pixels of the original to pixels of the changed image."""
+        """Homography (3, 3) from pixels of the original to pixels of the transformed image."""
         return self.warp(image.shape[1], image.shape[0])
 
     def apply(self, image: Gray) -> Gray:
-        """The changed image, of the same size as the original."""
+        """Transform an image; the result has the same size."""
         size = (image.shape[1], image.shape[0])
         H = self.homography(image)
         sharp = image if np.array_equal(H, np.eye(3)) else _resample(image, H, size, self.zoom)
@@ -49,7 +50,7 @@ class ImageTransform:
 
 
 def all_transforms() -> list[ImageTransform]:
-    """The 34 changes of the benchmark."""
+    """Make the 34 transforms of the benchmark."""
     return [
         *(
             ImageTransform("rotation", make_rotation(angle))
@@ -86,7 +87,7 @@ LIGHTS = ((0.5, 1.0, 0.0), (2.0, 1.0, 0.0), (1.0, 0.5, 0.0), (1.0, 1.3, 20.0))
 
 
 def make_rotation(angle_deg: float, zoom: float = 1.0) -> Callable[[int, int], Array]:
-    """Turn about the middle of the image and zoom in."""
+    """Rotate about the center of the image and zoom in."""
 
     def warp(width: int, height: int) -> Array:
         middle = ((width - 1) / 2, (height - 1) / 2)
@@ -100,7 +101,7 @@ def make_rotation(angle_deg: float, zoom: float = 1.0) -> Callable[[int, int], A
 def make_perspective_tilt(
     left: float, right: float, top: float, bottom: float
 ) -> Callable[[int, int], Array]:
-    """Turn the scene away from the camera: one side becomes shorter and comes nearer."""
+    """Tilt the scene away from the camera: one side becomes shorter."""
 
     def warp(width: int, height: int) -> Array:
         right_px, bottom_px = width - 1.0, height - 1.0
@@ -118,28 +119,28 @@ def make_perspective_tilt(
 
 
 def blur(sigma_px: float, image: Gray) -> Gray:
-    """Out of focus."""
+    """Blur an image as if out of focus."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
 
 
 def change_lighting(gamma: float, contrast: float, offset: float, image: Gray) -> Gray:
-    """Other light and exposure; what is too bright is cut off."""
+    """Change light and exposure; bright values are clipped."""
     levels = 255.0 * (np.arange(256) / 255.0) ** gamma
     table = np.clip(np.rint(contrast * levels + offset), 0, 255).astype(np.uint8)
     return table[image]
 
 
 def add_noise(sigma: float, image: Gray) -> Gray:
-    """Sensor noise, the same in every run."""
+    """Add sensor noise, the same in every run."""
     noise = np.random.default_rng(0).normal(0.0, sigma, image.shape)
     return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
 def _resample(image: Gray, H: Array, size: tuple[int, int], zoom: float) -> Gray:
-    """Warp; where the image shrinks, first blur it as the camera's optics would have."""
+    """Warp; where the image shrinks, first blur it like the camera's optics."""
     blur_px = CAMERA_BLUR_PX * np.sqrt(max(1.0 / zoom**2 - 1.0, 0.0))
     smooth = blur(float(blur_px), image) if blur_px > 0 else image
-    # Drawn out at the border: neither an edge along it nor a second copy of anything beyond it.
+    # The border is replicated: there is no edge along it and no mirrored copy beyond it.
     warped = cv2.warpPerspective(
         smooth, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )

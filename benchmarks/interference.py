@@ -1,6 +1,6 @@
-"""What can stand in a pose's way: viewers, subscribers, routers that freeze, go or never come.
+"""Possible disturbances of the poses: viewers, subscribers and routers that freeze, end or miss.
 
-And the map: what the service does beside the poses, always and when it is asked to.
+Map saving and loop closure are cases too.
 """
 
 import importlib.util
@@ -26,7 +26,7 @@ Action = Callable[[ServiceProcess], None]
 
 @dataclass(frozen=True)
 class InterferenceSetup:
-    """How the service is set up, and what happens: (share of the measured time, what) in order."""
+    """Configuration of the service, and actions at fractions of the measured time, in order."""
 
     more_config: str
     actions: tuple[tuple[float, Action], ...] = ()
@@ -34,7 +34,7 @@ class InterferenceSetup:
 
 @dataclass(frozen=True)
 class InterferenceCase:
-    """A name, and a context that has everything ready around the service."""
+    """A name, and a context manager that prepares the environment of the service."""
 
     name: str
     setup: Callable[[Path], AbstractContextManager[InterferenceSetup]]
@@ -42,13 +42,13 @@ class InterferenceCase:
 
 @contextmanager
 def record_to_viewer_file(folder: Path) -> Iterator[InterferenceSetup]:
-    """Nothing is wrong."""
+    """No disturbance; the viewer records into a file."""
     yield InterferenceSetup(_viewers(_recording(folder)))
 
 
 @contextmanager
 def freeze_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
-    """The process in which the service's own viewer side runs is stopped."""
+    """Stop the service's viewer process by SIGSTOP."""
     yield InterferenceSetup(
         _viewers(_recording(folder)), ((0.0, _make_viewer_signal_action(signal.SIGSTOP)),)
     )
@@ -56,7 +56,7 @@ def freeze_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
 
 @contextmanager
 def kill_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
-    """That process is killed."""
+    """Kill the service's viewer process."""
     yield InterferenceSetup(
         _viewers(_recording(folder)), ((0.3, _make_viewer_signal_action(signal.SIGKILL)),)
     )
@@ -64,7 +64,7 @@ def kill_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
 
 @contextmanager
 def freeze_viewer(folder: Path) -> Iterator[InterferenceSetup]:
-    """The Rerun viewer that the service is connected to is stopped."""
+    """Stop the Rerun viewer to which the service is connected."""
     with _rerun_server() as (server, port):
         stop = _make_signal_action(server, signal.SIGSTOP)
         yield InterferenceSetup(
@@ -74,7 +74,7 @@ def freeze_viewer(folder: Path) -> Iterator[InterferenceSetup]:
 
 @contextmanager
 def kill_viewer(folder: Path) -> Iterator[InterferenceSetup]:
-    """The Rerun viewer that the service is connected to is killed."""
+    """Kill the Rerun viewer to which the service is connected."""
     with _rerun_server() as (server, port):
         kill = _make_signal_action(server, signal.SIGKILL)
         yield InterferenceSetup(
@@ -84,13 +84,13 @@ def kill_viewer(folder: Path) -> Iterator[InterferenceSetup]:
 
 @contextmanager
 def missing_viewer(folder: Path) -> Iterator[InterferenceSetup]:
-    """Nobody listens where the service sends its pictures."""
+    """There is no viewer at the service's target."""
     yield InterferenceSetup(_viewers(_recording(folder), f"connect:127.0.0.1:{free_port()}"))
 
 
 @contextmanager
 def freeze_subscriber(folder: Path) -> Iterator[InterferenceSetup]:
-    """Beside the healthy subscriber there is one that is stopped."""
+    """Stop a second subscriber beside the measuring one."""
     frozen: list[int] = []
     contexts = []
 
@@ -111,7 +111,7 @@ def freeze_subscriber(folder: Path) -> Iterator[InterferenceSetup]:
 
 @contextmanager
 def restart_router(folder: Path) -> Iterator[InterferenceSetup]:
-    """The service is connected to a router, which is killed and started again."""
+    """Kill and restart a router to which the service is connected."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with running_router(endpoint) as router:
         config = f"connect = {json.dumps([endpoint])}\n{_viewers(_recording(folder))}"
@@ -124,14 +124,14 @@ def restart_router(folder: Path) -> Iterator[InterferenceSetup]:
 
 @contextmanager
 def save_maps(folder: Path) -> Iterator[InterferenceSetup]:
-    """A map is asked for four times, fine ones: most of the time one is being made."""
+    """Save a fine map four times: the mapper is busy most of the time."""
     config = f"{_viewers(_recording(folder))}[map]\nvoxel_m = 0.01\n"
     yield InterferenceSetup(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
 
 
 @contextmanager
 def disable_loop_closure(folder: Path) -> Iterator[InterferenceSetup]:
-    """Nothing is wrong, and no place is remembered: the others show what that costs."""
+    """No disturbance and no loop closure: the other cases show its cost."""
     yield InterferenceSetup(f"{_viewers(_recording(folder))}[map]\nloop_closure = false\n")
 
 
@@ -169,7 +169,7 @@ def _make_viewer_signal_action(number: signal.Signals) -> Action:
 def _save_map(service: ServiceProcess) -> None:
     with PoseClient(connect=f"tcp/127.0.0.1:{service.port}") as client:
         client.wait_for_publisher(5.0)
-        with suppress(CommandRefused):  # the one before is not finished
+        with suppress(CommandRefused):  # the previous save is not finished
             client.save_map(f"map-{time.monotonic_ns()}")
 
 
@@ -179,7 +179,7 @@ def _make_signal_action(process: "subprocess.Popen[bytes]", number: signal.Signa
 
 @contextmanager
 def _rerun_server() -> Iterator[tuple["subprocess.Popen[bytes]", int]]:
-    """Rerun's own server, which stands for a viewer; killed at the end."""
+    """Run Rerun's server in place of a viewer; kill it at the end."""
     package = importlib.util.find_spec("rerun_cli")
     if package is None or package.origin is None:
         raise RuntimeError("Rerun is not installed")

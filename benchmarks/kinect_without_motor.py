@@ -1,4 +1,4 @@
-"""The Kinect's camera by itself, for processes that are told by name what to make."""
+"""Factory of the Kinect's camera without its motor, importable by name in other processes."""
 
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.kinect_source import KinectSource
@@ -8,7 +8,7 @@ from drivers.sensor_config import SensorConfig
 
 
 def make_kinect_without_motor() -> FreenectCamera:
-    """The first one found, without its motor and accelerometer."""
+    """Make the camera of the first Kinect, without motor and accelerometer."""
     settings = SensorConfig()
     images = KinectRectifier(None, is_mirrored=False)
     return FreenectCamera(KinectSource("", settings), images, NullMotorUnit(), settings)

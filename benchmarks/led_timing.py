@@ -1,4 +1,4 @@
-"""When a light was seen to switch, against when it was told to: the instant that a stamp marks."""
+"""Delay from stamp to exposure, from the seen and the commanded switching times of an LED."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,21 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 
-# What is searched: the stamp may lie this far before or behind the middle of the exposure.
+# Search range: how far the stamp may be before or after the middle of the exposure.
 DELAY_GRID_S = np.arange(-0.100, 0.1001, 0.0005)
 EXPOSURE_GRID_S = np.arange(0.002, 0.0341, 0.002)
-# Pixels that follow the light best, as a share of the picture.
+# Fraction of the image's pixels that follow the LED best.
 LIT_PIXEL_FRACTION = 0.001
 
 
 @dataclass(frozen=True)
 class LedTiming:
-    """Where the middle of the exposure lies against the stamp, and how sure that is.
+    """The middle of the exposure relative to the stamp.
 
-    delay_s       middle of the exposure minus stamp, with the light's own delay in it
-    exposure_s    how long the picture collects light
-    explained     share of the brightness's variance that the fit explains, 0 to 1
+    Attributes:
+        delay_s: Middle of the exposure minus stamp, including the LED's own delay.
+        exposure_s: Duration of the exposure.
+        explained_variance: Fraction of the brightness's variance that the fit explains.
     """
 
     delay_s: float
@@ -29,7 +30,7 @@ class LedTiming:
 
 
 def find_lit_pixels(pictures: NDArray[np.uint8], is_on: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(height, width) bool: the pixels of (n, height, width) that follow the light best."""
+    """Find the pixels (height, width) of pictures (n, height, width) that follow the LED best."""
     shine = pictures[is_on].mean(axis=0) - pictures[~is_on].mean(axis=0)
     follows = shine / (pictures.std(axis=0) + 1.0)
     count = max(1, round(LIT_PIXEL_FRACTION * follows.size))
@@ -37,9 +38,12 @@ def find_lit_pixels(pictures: NDArray[np.uint8], is_on: NDArray[np.bool_]) -> ND
 
 
 def fit_timing(stamps_s: Array, brightness: Array, switched_s: Array) -> LedTiming:
-    """Fit delay and exposure to (n,) stamps and brightness of the lit pixels.
+    """Fit delay and exposure.
 
-    switched_s  (m,) instants at which the light was told to switch, first to on, on the same clock
+    Args:
+        stamps_s: Stamps (n,).
+        brightness: Brightness (n,) of the lit pixels.
+        switched_s: Times (m,) of the switching commands on the same clock, the first to on.
     """
     best = LedTiming(0.0, 0.0, -np.inf)
     for exposure_s in EXPOSURE_GRID_S:
@@ -52,13 +56,13 @@ def fit_timing(stamps_s: Array, brightness: Array, switched_s: Array) -> LedTimi
 
 
 def exposed_fraction(middles_s: Array, exposure_s: float, switched_s: Array) -> Array:
-    """(n,) share of each exposure during which the light is on."""
+    """Fraction (n,) of each exposure during which the LED is on."""
     begin, end = middles_s - exposure_s / 2, middles_s + exposure_s / 2
     return (_cumulative_on_s(end, switched_s) - _cumulative_on_s(begin, switched_s)) / exposure_s
 
 
 def _cumulative_on_s(until_s: Array, switched_s: Array) -> Array:
-    """Seconds that the light was on before each instant."""
+    """Seconds that the LED was on before each time."""
     is_on = np.arange(len(switched_s)) % 2 == 0
     spans_s = np.diff(switched_s, append=np.inf) * 1.0
     since_s = np.clip(until_s[:, None] - switched_s[None, :], 0.0, spans_s[None, :])

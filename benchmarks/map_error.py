@@ -1,10 +1,10 @@
-"""How far maps of a virtual room are from its true surfaces.
+"""Distance of maps of a virtual room from its true surfaces.
 
     python -m benchmarks.map_error CONFIG RECORDING MAP...
 
-RECORDING was made by `kinect-vo record --config CONFIG`, and each MAP is a folder that `kinect-vo
-reconstruct RECORDING --output MAP` has left, without a TRAJECTORY. The first pose of a map is laid
-on the true one; distances are from every vertex to the nearest true surface.
+RECORDING was made by `kinect-vo record --config CONFIG`. Each MAP is the output folder of
+`kinect-vo reconstruct RECORDING --output MAP`, without a TRAJECTORY. The first pose of a map is
+aligned with the true one. Distances are from every vertex to the nearest true surface.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -29,25 +29,26 @@ from vo_service.tools.evaluation import evaluate
 from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import first_pose_alignment
 
-# A vertex of `reconstruct`'s own: place, normal, color.
+# A vertex of `reconstruct`: position, normal, color.
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
 
 
 @dataclass(frozen=True)
 class MapError:
-    """Of one map, and of the poses that it was made with."""
+    """Errors of one map and of its poses."""
 
     name: str
     ate_rmse_m: float
     surface: SurfaceError
 
     def __str__(self) -> str:
-        off = self.surface
-        median_mm, p90_mm, p99_mm = (1e3 * m for m in (off.median_m, off.p90_m, off.p99_m))
+        surface = self.surface
+        distances_m = (surface.median_m, surface.p90_m, surface.p99_m)
+        median_mm, p90_mm, p99_mm = (1e3 * m for m in distances_m)
         return (
-            f"{self.name}: ATE {1e3 * self.ate_rmse_m:.1f} mm; {off.vertices} vertices, off by "
+            f"{self.name}: ATE {1e3 * self.ate_rmse_m:.1f} mm; {surface.vertices} vertices, error "
             f"{median_mm:.1f} mm median, {p90_mm:.1f} mm 90 %, {p99_mm:.1f} mm 99 %; "
-            f"{100 * off.within_15mm:.0f} % within 15 mm"
+            f"{100 * surface.within_15mm:.0f} % within 15 mm"
         )
 
 
@@ -74,7 +75,7 @@ def main() -> int:
 
 
 def measure(folder: Path, truth: Trajectory, solids: Sequence[Solid]) -> MapError:
-    """The error of a map. Raises InputError if there is none in the folder."""
+    """Measure the error of a map. Raises InputError if there is no map in the folder."""
     poses = read_trajectory(folder / "trajectory.txt")
     T_room_map = first_pose_alignment(associate(poses, truth))
     in_room_m = transform_points(T_room_map, read_vertices_m(folder / "map.ply"))
@@ -86,14 +87,14 @@ def measure(folder: Path, truth: Trajectory, solids: Sequence[Solid]) -> MapErro
 
 
 def read_vertices_m(path: Path) -> Array:
-    """(N, 3) of a mesh that `reconstruct` wrote. Raises InputError for anything else."""
+    """Read the vertices (N, 3) of a mesh of `reconstruct`. Raises InputError for other files."""
     try:
         header, _, body = path.read_bytes().partition(b"end_header\n")
         words = header.split()
         count = int(words[words.index(b"vertex") + 1])
         return np.frombuffer(body, VERTEX, count)["position"].astype(np.float64)
     except (OSError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: is no map of `kinect-vo reconstruct`: {error}") from error
+        raise InputError(f"{path}: is not a map of `kinect-vo reconstruct`: {error}") from error
 
 
 if __name__ == "__main__":

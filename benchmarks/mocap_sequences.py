@@ -1,11 +1,11 @@
-"""Virtual rooms seen along recorded hand motions, as TUM folders with the exact ground truth.
+"""Renders virtual rooms along recorded hand motions, as TUM folders with exact ground truth.
 
-    python -m benchmarks.mocap_sequences TRACKS OUTPUT [--seeds 11 12 13] [--timing ideal rolling-12]
+    python -m benchmarks.mocap_sequences TRACKS OUTPUT [--seeds 11 12] [--timing ideal rolling-12]
 
 TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, such as those of the TUM
-RGB-D benchmark. Each becomes OUTPUT/NAME-roomSEED-TIMING, another room for each seed. "ideal" takes
-all of a frame in one instant; "rolling-12" reads out for 20 ms and takes depth 12 ms after color.
-What is there and whole is kept. All else of the sensor is as a Kinect's.
+RGB-D benchmark. Each becomes OUTPUT/NAME-roomSEED-TIMING, with a room for each seed. "ideal" is a
+global shutter; "rolling-12" has a readout of 20 ms and depth 12 ms after color. Otherwise the
+sensor is that of a Kinect. Complete sequences are not rendered again.
 """
 
 import argparse
@@ -28,7 +28,7 @@ TIMINGS = {
     "rolling-0": ShutterTiming(0.020, 0.0),
     "rolling-12": ShutterTiming(0.020, 0.012),
 }
-# All of freiburg1's xyz, rpy and desk are brisk there.
+# From there on freiburg1's xyz, rpy and desk all move fast.
 START_S, DURATION_S = 12.0, 10.0
 
 
@@ -40,23 +40,28 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("tracks", type=Path, help="folder of trajectories")
-    parser.add_argument("output", type=Path, help="folder to put the sequences into")
-    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the rooms")
+    parser.add_argument("output", type=Path, help="folder of the sequences")
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
     parser.add_argument("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS))
-    parser.add_argument("--start", type=float, default=START_S, help="where in the track, seconds")
-    parser.add_argument("--seconds", type=float, default=DURATION_S, help="of each, if it has them")
+    parser.add_argument("--start", type=float, default=START_S, help="start in the track, seconds")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=DURATION_S,
+        help="duration of each, if the track is long enough",
+    )
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
     begin_s = time.monotonic()
     try:
-        shown = make_configs(args.tracks, args.seeds, args.timing, args.start, args.seconds)
-        wanted = {args.output / name: config for name, config in shown.items()}
+        configs = make_configs(args.tracks, args.seeds, args.timing, args.start, args.seconds)
+        sequences = {args.output / name: config for name, config in configs.items()}
         args.output.mkdir(parents=True, exist_ok=True)
-        render_all(wanted, lambda line: print(line, flush=True), args.processes)
+        render_all(sequences, lambda line: print(line, flush=True), args.processes)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    print(f"{len(wanted)} sequences in {args.output}, after {time.monotonic() - begin_s:.0f} s")
+    print(f"{len(sequences)} sequences in {args.output}, after {time.monotonic() - begin_s:.0f} s")
     return 0
 
 
@@ -67,13 +72,14 @@ def make_configs(
     start_s: float = START_S,
     duration_s: float = DURATION_S,
 ) -> dict[str, SyntheticConfig]:
-    """What to render, by name: `duration_s` of each track, or what it holds if that is less.
+    """Make the configurations by name: `duration_s` of each track, or less if it is shorter.
 
-    Raises InputError if there are no tracks, one is broken, or one ends before `start_s`.
+    Raises:
+        InputError: There are no tracks, one is broken, or one ends before `start_s`.
     """
     files = sorted(tracks.glob(f"*{TRACK_SUFFIX}"))
     if not files:
-        raise InputError(f"{tracks}: holds no *{TRACK_SUFFIX}; name a folder of TUM trajectories")
+        raise InputError(f"{tracks}: has no *{TRACK_SUFFIX}; name a folder of TUM trajectories")
     return {
         f"{file.name.removesuffix(TRACK_SUFFIX)}-room{seed}-{timing}": SyntheticConfig(
             seed=seed,
@@ -92,7 +98,7 @@ def _remaining_s(track: Path, start_s: float) -> float:
     stamps_s = read_trajectory(track).stamps_s
     length_s = float(stamps_s[-1] - stamps_s[0])
     if length_s <= start_s:
-        raise InputError(f"{track}: ends after {length_s:g} s; begin earlier than at {start_s:g} s")
+        raise InputError(f"{track}: ends after {length_s:g} s; start earlier than at {start_s:g} s")
     return length_s - start_s
 
 

@@ -1,18 +1,17 @@
-"""Whether a robot that is started again knows where it is in the map of the day before.
+"""Relocalization of a restarted robot in the map of an earlier session.
 
     python -m benchmarks.multi_session FOLDER [--seeds 1 2 3 4 5] [--starts 20]
 
-The first day is the first half of a tour of a minute. Its places are written to a file. On the
-second day the file is read, and the odometry begins anew somewhere in the other half, which comes
-by the same places on other ways: as often as is asked for, evenly spread, and for ten seconds at
-most. Each seed is another room; its film (2.8 GB) is that of `benchmarks.relocalization`, if FOLDER
-is the same. Outcomes are kept in FOLDER/results.json; remove that file to begin anew.
+The first session is the first half of a tour of a minute; its map is saved to a file. In the second
+session the map is loaded and the odometry starts in the other half, which passes the same places on
+another path. There are --starts evenly spread starts of ten seconds at most. Each seed is another
+room; its frames (2.8 GB) are shared with `benchmarks.relocalization` if FOLDER is the same. Results
+are stored in FOLDER/results.json; remove that file to measure again.
 
-"known" counts the starts after which it was known where the camera is, "frames" is the median time
-until then. "median" and "largest" (mm, degrees) are errors in the first day's map at that moment,
-with what that map itself is off by; "near" is the largest as seen from its nearest place, without
-that. "a second later" is the largest of the first within the next second. "wrong" is off by more
-than 5 cm or 3 degrees.
+"known" counts the starts that relocalize, and "frames" is the median time until then. "median" and
+"largest" (mm, degrees) are errors in the saved map at that time, including the map's own error.
+"near" is the largest error relative to the nearest keyframe, without the map's error. "a second
+later" is the largest error within the next second. "wrong" is above 5 cm or 3 degrees.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -52,7 +51,7 @@ HEAD = (
 
 
 def main() -> int:
-    """Run the seeds that are not finished yet, and print all of them."""
+    """Run the seeds without stored results, and print all."""
     args = _parser().parse_args()
     cv2.setNumThreads(1)
     try:
@@ -61,7 +60,7 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("stopped; the same command goes on with the next seed", file=sys.stderr)
+        print("stopped; the same command continues with the next seed", file=sys.stderr)
         return 130
     return 0
 
@@ -72,23 +71,23 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("folder", type=Path, help="where films, maps and outcomes are kept")
+    parser.add_argument("folder", type=Path, help="folder of rendered frames, maps and results")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
-    parser.add_argument("--starts", type=int, default=20, help="of each seed")
+    parser.add_argument("--starts", type=int, default=20, help="starts of each seed")
     parser.add_argument("--method", choices=METHODS, default="direct")
     return parser
 
 
 def run(args: argparse.Namespace) -> list[SessionStartResult]:
-    """All outcomes. Raises InputError if the folder cannot be used."""
+    """Run all seeds. Raises InputError if the folder cannot be used."""
     args.folder.mkdir(parents=True, exist_ok=True)
-    kept, together = ResultCache(args.folder), list[SessionStartResult]()
+    cache, together = ResultCache(args.folder), list[SessionStartResult]()
     warm_up(args.method, lambda stage: None)
     print(HEAD)
     for seed in args.seeds:
         name = f"next-day-{seed}-{args.method}-{args.starts}"
-        found = kept.get_or_run(name, partial(_measure, args, seed))
-        outcomes = [SessionStartResult(**each) for each in found["outcomes"]]
+        result = cache.get_or_run(name, partial(_measure, args, seed))
+        outcomes = [SessionStartResult(**each) for each in result["outcomes"]]
         together += outcomes
         print(format_row(f"seed {seed}", outcomes), flush=True)
     print(format_row("together", together))
@@ -121,15 +120,16 @@ def format_row(name: str, outcomes: Sequence[SessionStartResult]) -> str:
     if not known:
         return row
     frames = np.median([each.frames for each in known])
-    away_mm = [1e3 * each.error_m for each in known]
-    later_mm = [1e3 * each.settled_error_m for each in known]
-    away_deg, later_deg = (
+    error_mm = [1e3 * each.error_m for each in known]
+    settled_mm = [1e3 * each.settled_error_m for each in known]
+    error_deg, settled_deg = (
         [each.error_deg for each in known],
         [each.settled_error_deg for each in known],
     )
     return (
-        f"{row}{frames:8.0f}{np.median(away_mm):9.1f}{max(away_mm):9.1f}{max(away_deg):7.2f}"
-        f"{1e3 * max(each.nearby_error_m for each in known):7.1f}{max(later_mm):16.1f}{max(later_deg):7.2f}"
+        f"{row}{frames:8.0f}{np.median(error_mm):9.1f}{max(error_mm):9.1f}{max(error_deg):7.2f}"
+        f"{1e3 * max(each.nearby_error_m for each in known):7.1f}"
+        f"{max(settled_mm):16.1f}{max(settled_deg):7.2f}"
     )
 
 

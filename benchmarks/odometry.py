@@ -1,10 +1,10 @@
-"""SURF beside SIFT and ORB in the very same odometry: how far off each ends up, and at what cost.
+"""SURF compared with SIFT and ORB in the same odometry: errors and cost.
 
     python -m benchmarks.odometry FOLDER... [--methods SURF SIFT ORB] [--json]
 
 Each FOLDER is a TUM folder. Only the features differ: points, matching, RANSAC and SVD are those of
-the service. Times are CPU milliseconds of one thread, the median over the frames; decoding is not
-counted. Distances are in millimetres; see `kinect-vo evaluate` for what the figures are.
+the service. Times are CPU milliseconds of one thread, the median over the frames, without decoding.
+Distances are in millimeters; `kinect-vo evaluate` explains the figures.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -60,7 +60,7 @@ def main() -> int:
 
 
 def measure(method: str, folder: Path) -> OdometryResult:
-    """Follow a folder from its first frame to its last."""
+    """Run a method on all frames of a folder."""
     clock = CpuStageTimer()
     odometry = make_odometry(method, clock)
     estimates: list[Estimate] = []
@@ -86,7 +86,7 @@ def measure(method: str, folder: Path) -> OdometryResult:
 def evaluate_trajectory(
     estimates: list[Estimate], stamps_s: list[float], truth: Trajectory | None
 ) -> Evaluation | None:
-    """The trajectory against the truth; None where there is none, or too few poses."""
+    """Evaluate the trajectory; None without ground truth or with too few poses."""
     good = [n for n, estimate in enumerate(estimates) if estimate.ok]
     if truth is None or not good:
         return None
@@ -98,12 +98,12 @@ def evaluate_trajectory(
 
 
 def median(values: list[float] | list[int]) -> float:
-    """The median; 0 of none."""
+    """The median; 0 for no values."""
     return float(np.median(values)) if values else 0.0
 
 
 def to_json(results: dict[str, dict[str, OdometryResult]]) -> dict[str, dict[str, object]]:
-    """By folder, then by method."""
+    """Results by folder, then by method."""
     return {
         folder: {name: asdict(result) for name, result in methods.items()}
         for folder, methods in results.items()

@@ -1,4 +1,4 @@
-"""SURF, SIFT and ORB: what the same odometry is fed with to compare them."""
+"""SURF, SIFT and ORB as feature extractors of the same odometry."""
 
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.surf import SurfExtractor
@@ -15,7 +15,7 @@ COUNT = 1000
 
 
 def make_odometry(method: str, stopwatch: StageTimer) -> SurfOdometry:
-    """The service's odometry, fed by one of METHODS."""
+    """Make the service's odometry with the features of one of METHODS."""
     if method == "SIFT":
         return sift_odometry(COUNT, stopwatch)
     if method == "ORB":

@@ -1,4 +1,4 @@
-"""The figures of one odometry run, and how they are laid out for reading."""
+"""The figures of an odometry run, and their table."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,15 @@ STAGES = ("surf", "points", "match", "ransac", "svd")
 
 @dataclass(frozen=True)
 class OdometryResult:
-    """One method on one folder.
+    """Result of one method on one folder.
 
-    frames, failed     how many there were, and how many of them have no pose
-    inliers            median over the frames with a pose
-    stage_ms, cpu_ms   median CPU time by stage and of the whole
-    evaluation         None without ground truth
+    Attributes:
+        frames: Number of frames.
+        failed: Frames without a pose.
+        inliers: Median over the frames with a pose.
+        stage_ms: Median CPU time by stage.
+        cpu_ms: Median CPU time of a frame.
+        evaluation: None without ground truth.
     """
 
     frames: int
@@ -26,7 +29,7 @@ class OdometryResult:
 
 
 def format_table(results: dict[str, OdometryResult]) -> str:
-    """One line a method; below, how the others compare with SIFT where SIFT is among them."""
+    """Format one line for each method; then ratios to SIFT, if it is one of them."""
     heads = ["frames", "failed", "inliers", "ATE", "global", "RPE/frame", "RPE/1s", "cover %"]
     heads += [*STAGES, "CPU ms"]
     rows = {name: table_cells(result) for name, result in results.items()}
@@ -49,7 +52,7 @@ def table_cells(result: OdometryResult) -> list[str]:
 
 
 def ratio_cells(result: OdometryResult, other: OdometryResult) -> list[str]:
-    """The same columns, divided by those of the other method."""
+    """The same columns as ratios to those of another method."""
     errors = [
         f"{mine / theirs:.2f}" if mine is not None and theirs else "-"
         for mine, theirs in zip(errors_m(result), errors_m(other), strict=True)
@@ -60,7 +63,7 @@ def ratio_cells(result: OdometryResult, other: OdometryResult) -> list[str]:
 
 
 def errors_m(result: OdometryResult) -> list[float | None]:
-    """ATE, mean global error, RPE a frame and over a second, in metres."""
+    """ATE, mean global error, RPE per frame and per second, in meters."""
     e = result.evaluation
     if e is None:
         return [None] * 4

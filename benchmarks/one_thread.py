@@ -1,4 +1,4 @@
-"""Import this before numpy: everything then runs on one thread, and CPU time is comparable."""
+"""Import this before numpy: all libraries then use one thread, and CPU times are comparable."""
 
 import os
 

@@ -1,11 +1,11 @@
-"""How well places are recognised: how often, how exactly, at what cost; and never wrongly.
+"""Place recognition: recall, accuracy, cost and false matches.
 
     python -m benchmarks.place_recognition [--rooms 201 202 ...] [--recordings FOLDER...]
 
-Each room is another one of the virtual Kinect, seen from a few spots, with views around each; a
-recording has a view every half second, and a ground truth. Every view is a place as well, and every
-view is held against every other place, of its own room and of all others. A recognition is wrong if
-it is off by more than 5 cm or 3 degrees, or of another room.
+Each room is a room of the virtual Kinect with views around a few spots. A recording has a view
+every half second, and a ground truth. Every view is also a keyframe, and every view is matched with
+every other keyframe of all scenes. A match is wrong if its error is above 5 cm or 3 degrees, or if
+it is of another scene.
 """
 
 import argparse
@@ -38,15 +38,15 @@ from vo_service.slam.place_recognition.query_frame import (
 )
 
 MAX_ERROR_M, MAX_ERROR_DEG = 0.05, 3.0
-HEADING = "apart | tries | sighted | recognised | mm | 95 % | worst | degrees | sigmas | wrong"
-# So many places are asked for what looks alike.
+HEADING = "distance | trials | candidates | verified | mm | 95 % | max | degrees | sigmas | wrong"
+# Numbers of most similar keyframes that the ranking checks.
 TOP_RANKS = (1, 3, 5, 10)
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
 class DescribedView:
-    """A glance as the map looks at it: with its velocity about known, without, and as a place."""
+    """A view as a query, with and without a verified velocity, and as a keyframe."""
 
     posed_view: PosedView
     query: QueryFrame
@@ -56,15 +56,19 @@ class DescribedView:
 
 @dataclass(frozen=True)
 class RecognitionTrial:
-    """One view held against one place: where it is truly, and what was recognised.
+    """Result of matching one view with one keyframe.
 
-    metres, degrees  how far apart they are; infinite in different scenes
-    off_m, off_deg   how wrong the recognition is; None without one
-    surprise         its error in standard deviations, root mean square of six directions
+    Attributes:
+        distance_m: True distance of the poses; infinite in different scenes.
+        angle_deg: True angle between the poses.
+        is_candidate: Whether the keyframe was a candidate.
+        error_m: Position error of the match; None without a match.
+        error_deg: Rotation error of the match.
+        normalized_error: Error in standard deviations, RMS over six directions.
     """
 
-    metres: float
-    degrees: float
+    distance_m: float
+    angle_deg: float
     is_candidate: bool
     error_m: float | None = None
     error_deg: float = 0.0
@@ -76,12 +80,12 @@ class RecognitionTrial:
             self.error_m > MAX_ERROR_M or self.error_deg > MAX_ERROR_DEG
         )
 
-    def is_within(self, metres: float, degrees: float) -> bool:
-        return self.metres <= 1.01 * metres and self.degrees <= 1.01 * degrees
+    def is_within(self, distance_m: float, angle_deg: float) -> bool:
+        return self.distance_m <= 1.01 * distance_m and self.angle_deg <= 1.01 * angle_deg
 
 
 class CpuTimer:
-    """Processor time, by what it went to."""
+    """Processor time by task."""
 
     def __init__(self) -> None:
         self.times_ms: dict[str, list[float]] = {}
@@ -103,147 +107,150 @@ def main() -> int:
     parser.add_argument("--rooms", nargs="*", type=int, default=list(range(201, 207)))
     parser.add_argument("--recordings", nargs="*", type=Path, default=[])
     args = parser.parse_args()
-    watch, recogniser = CpuTimer(), PlaceRecognizer()
+    timer, recognizer = CpuTimer(), PlaceRecognizer()
     scenes = chain(map(views_of_room, args.rooms), map(views_of_recording, args.recordings))
-    seen: list[DescribedView] = []
+    views: list[DescribedView] = []
     try:
         for scene in scenes:
-            seen += [
-                _describe_view(recogniser, glance, watch, len(seen) + n)
-                for n, glance in enumerate(scene)
+            views += [
+                _describe_view(recognizer, view, timer, len(views) + n)
+                for n, view in enumerate(scene)
             ]
-            print(f"looked at {seen[-1].posed_view.scene}", file=sys.stderr, flush=True)
+            print(f"described {views[-1].posed_view.scene}", file=sys.stderr, flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    _print_trials("velocity followed", _run_trials(recogniser, seen, lambda s: s.query, watch))
+    _print_trials("velocity followed", _run_trials(recognizer, views, lambda s: s.query, timer))
     _print_trials(
-        "velocity unknown", _run_trials(recogniser, seen, lambda s: s.query_without_velocity, watch)
+        "velocity unknown",
+        _run_trials(recognizer, views, lambda s: s.query_without_velocity, timer),
     )
-    _print_ranking(seen, watch)
-    for what, times_ms in watch.times_ms.items():
+    _print_ranking(views, timer)
+    for task, times_ms in timer.times_ms.items():
         print(
-            f"{what}: {np.median(times_ms):.2f} ms of CPU, 99 % {np.percentile(times_ms, 99):.2f}"
+            f"{task}: {np.median(times_ms):.2f} ms of CPU, 99 % {np.percentile(times_ms, 99):.2f}"
         )
-    sizes = [each.keyframe.size_bytes / 1e3 for each in seen]
-    print(f"a place: {np.mean(sizes):.0f} kB, at most {np.max(sizes):.0f}")
+    sizes = [each.keyframe.size_bytes / 1e3 for each in views]
+    print(f"a keyframe: {np.mean(sizes):.0f} kB, at most {np.max(sizes):.0f}")
     return 0
 
 
 def _describe_view(
-    recogniser: PlaceRecognizer, glance: PosedView, watch: CpuTimer, number: int
+    recognizer: PlaceRecognizer, posed_view: PosedView, timer: CpuTimer, number: int
 ) -> DescribedView:
-    """The velocity as the odometry would give it, and as it is after a loss."""
-    frame, sigma = glance.frame, np.repeat(TRACKED_VELOCITY_SIGMA, 3)
-    velocity = glance.velocity + sigma * np.random.default_rng([3, number]).normal(size=6)
-    view = watch.measure("view", lambda: recogniser.create_query(frame, velocity))
-    lost = recogniser.create_query(frame, np.zeros(6), LOST_VELOCITY_SIGMA)
-    T = glance.T_world_camera
-    place = watch.measure("place", lambda: recogniser.create_keyframe(view, number, 0, T))
-    return DescribedView(glance, view, lost, place)
+    """Describe a view with the velocity of the odometry, and with that after a loss."""
+    frame, sigma = posed_view.frame, np.repeat(TRACKED_VELOCITY_SIGMA, 3)
+    velocity = posed_view.velocity + sigma * np.random.default_rng([3, number]).normal(size=6)
+    query = timer.measure("query", lambda: recognizer.create_query(frame, velocity))
+    lost = recognizer.create_query(frame, np.zeros(6), LOST_VELOCITY_SIGMA)
+    T = posed_view.T_world_camera
+    keyframe = timer.measure("keyframe", lambda: recognizer.create_keyframe(query, number, 0, T))
+    return DescribedView(posed_view, query, lost, keyframe)
 
 
 def _run_trials(
-    recogniser: PlaceRecognizer,
-    seen: Sequence[DescribedView],
-    of: Callable[[DescribedView], QueryFrame],
-    watch: CpuTimer,
+    recognizer: PlaceRecognizer,
+    views: Sequence[DescribedView],
+    query_of: Callable[[DescribedView], QueryFrame],
+    timer: CpuTimer,
 ) -> list[RecognitionTrial]:
-    """Every view against every other place."""
+    """Match every view with every other keyframe."""
     return [
-        _run_trial(recogniser, a.posed_view, of(a), b, watch)
-        for a in seen
-        for b in seen
+        _run_trial(recognizer, a.posed_view, query_of(a), b, timer)
+        for a in views
+        for b in views
         if a is not b
     ]
 
 
 def _run_trial(
-    recogniser: PlaceRecognizer,
-    glance: PosedView,
-    view: QueryFrame,
+    recognizer: PlaceRecognizer,
+    posed_view: PosedView,
+    query: QueryFrame,
     other: DescribedView,
-    watch: CpuTimer,
+    timer: CpuTimer,
 ) -> RecognitionTrial:
-    T, metres, degrees = np.eye(4), np.inf, np.inf
-    if glance.scene == other.posed_view.scene:
-        T = inverse(other.posed_view.T_world_camera) @ glance.T_world_camera
-        metres, degrees = _size(T)
-    sightings = watch.measure(
-        "sighting", lambda: list(recogniser.find_candidates(view, [other.keyframe]))
+    T, distance_m, angle_deg = np.eye(4), np.inf, np.inf
+    if posed_view.scene == other.posed_view.scene:
+        T = inverse(other.posed_view.T_world_camera) @ posed_view.T_world_camera
+        distance_m, angle_deg = _size(T)
+    candidates = timer.measure(
+        "candidates", lambda: list(recognizer.find_candidates(query, [other.keyframe]))
     )
-    if not sightings:
-        return RecognitionTrial(metres, degrees, is_candidate=False)
-    found = watch.measure("confirmation", lambda: recogniser.verify(view, sightings[0]))
-    if found is None:
-        return RecognitionTrial(metres, degrees, is_candidate=True)
-    if np.isinf(metres):
-        return RecognitionTrial(metres, degrees, True, np.inf, np.inf, np.inf)
-    error = inverse(T) @ found.T_keyframe_camera
+    if not candidates:
+        return RecognitionTrial(distance_m, angle_deg, is_candidate=False)
+    match = timer.measure("verification", lambda: recognizer.verify(query, candidates[0]))
+    if match is None:
+        return RecognitionTrial(distance_m, angle_deg, is_candidate=True)
+    if np.isinf(distance_m):
+        return RecognitionTrial(distance_m, angle_deg, True, np.inf, np.inf, np.inf)
+    error = inverse(T) @ match.T_keyframe_camera
     twist = se3_log(error)
-    surprise = float(np.sqrt(twist @ np.linalg.solve(found.covariance, twist) / 6.0))
-    return RecognitionTrial(metres, degrees, True, *_size(error), surprise)
+    normalized_error = float(np.sqrt(twist @ np.linalg.solve(match.covariance, twist) / 6.0))
+    return RecognitionTrial(distance_m, angle_deg, True, *_size(error), normalized_error)
 
 
 def _size(T: Array) -> tuple[float, float]:
-    """Metres and degrees of a motion."""
+    """Distance in meters and angle in degrees of a motion."""
     return float(np.linalg.norm(T[:3, 3])), float(np.degrees(rotation_angle_rad(T[:3, :3])))
 
 
-def _print_trials(title: str, tries: Sequence[RecognitionTrial]) -> None:
+def _print_trials(title: str, trials: Sequence[RecognitionTrial]) -> None:
     print(f"\n{title}\n{HEADING}")
-    rest = list(tries)
+    rest = list(trials)
     for step in VIEW_OFFSETS:
         chosen = [each for each in rest if each.is_within(*step)]
         rest = [each for each in rest if not each.is_within(*step)]
         _print_row(f"to {step[0]:g} m, {step[1]:g} deg", chosen)
-    _print_row("further", [each for each in rest if np.isfinite(each.metres)])
-    _print_row("another scene", [each for each in rest if np.isinf(each.metres)])
+    _print_row("further", [each for each in rest if np.isfinite(each.distance_m)])
+    _print_row("another scene", [each for each in rest if np.isinf(each.distance_m)])
 
 
-def _print_row(name: str, tries: Sequence[RecognitionTrial]) -> None:
-    known = [each for each in tries if each.error_m is not None]
-    row = [name, len(tries), sum(each.is_candidate for each in tries), len(known)]
-    off_mm = np.array([1e3 * (each.error_m or 0.0) for each in known])
-    if len(known):
-        row += [f"{value:.1f}" for value in (*np.percentile(off_mm, [50, 95]), off_mm.max())]
-        row.append(f"{np.median([each.error_deg for each in known]):.3f}")
-        row.append(f"{np.percentile([each.normalized_error for each in known], 95):.1f}")
+def _print_row(name: str, trials: Sequence[RecognitionTrial]) -> None:
+    verified = [each for each in trials if each.error_m is not None]
+    row = [name, len(trials), sum(each.is_candidate for each in trials), len(verified)]
+    error_mm = np.array([1e3 * (each.error_m or 0.0) for each in verified])
+    if len(verified):
+        row += [f"{value:.1f}" for value in (*np.percentile(error_mm, [50, 95]), error_mm.max())]
+        row.append(f"{np.median([each.error_deg for each in verified]):.3f}")
+        row.append(f"{np.percentile([each.normalized_error for each in verified], 95):.1f}")
     else:
         row += ["-"] * 5
-    print(" | ".join(map(str, [*row, sum(each.is_wrong for each in known)])))
+    print(" | ".join(map(str, [*row, sum(each.is_wrong for each in verified)])))
 
 
-def _print_ranking(seen: Sequence[DescribedView], watch: CpuTimer) -> None:
-    """How often a place within the third step is among those that look most alike."""
-    places = KeyframeDatabase(sum(each.keyframe.size_bytes for each in seen))
-    for each in seen:
-        places.add(each.keyframe)
-    ranks = [rank for each in seen for rank in _rank_of_nearest(places, each, seen, watch)]
+def _print_ranking(views: Sequence[DescribedView], timer: CpuTimer) -> None:
+    """Print how often a keyframe within the third step is among the most similar ones."""
+    database = KeyframeDatabase(sum(each.keyframe.size_bytes for each in views))
+    for each in views:
+        database.add(each.keyframe)
+    ranks = [rank for each in views for rank in _rank_of_nearest(database, each, views, timer)]
     shares = [f"{100 * np.mean(np.array(ranks) < most):.1f} % among {most}" for most in TOP_RANKS]
-    print(f"\nof {len(places)} places, one that is near looks alike: {', '.join(shares)}")
+    print(f"\nof {len(database)} keyframes, a near one is similar: {', '.join(shares)}")
 
 
 def _rank_of_nearest(
-    places: KeyframeDatabase, each: DescribedView, seen: Sequence[DescribedView], watch: CpuTimer
+    database: KeyframeDatabase, each: DescribedView, views: Sequence[DescribedView], timer: CpuTimer
 ) -> Iterable[int]:
-    """How many places look more alike than the first one that is near, where there is one."""
-    others = [other.keyframe.number for other in seen if _is_near(each, other)]
+    """Yield the number of keyframes more similar than the first near one, if there is one."""
+    others = [other.keyframe.number for other in views if _is_near(each, other)]
     if not others:
         return
-    mine = each.keyframe.number
-    alike = watch.measure(
+    number = each.keyframe.number
+    similar = timer.measure(
         "search",
-        lambda: places.find_similar(each.query, len(places), lambda place: place.number != mine),
+        lambda: database.find_similar(each.query, len(database), lambda k: k.number != number),
     )
-    yield next(rank for rank, place in enumerate(alike) if place.number in others)
+    yield next(rank for rank, keyframe in enumerate(similar) if keyframe.number in others)
 
 
 def _is_near(a: DescribedView, b: DescribedView) -> bool:
     if a is b or a.posed_view.scene != b.posed_view.scene:
         return False
-    metres, degrees = _size(inverse(a.posed_view.T_world_camera) @ b.posed_view.T_world_camera)
-    return RecognitionTrial(metres, degrees, False).is_within(*VIEW_OFFSETS[2])
+    distance_m, angle_deg = _size(
+        inverse(a.posed_view.T_world_camera) @ b.posed_view.T_world_camera
+    )
+    return RecognitionTrial(distance_m, angle_deg, False).is_within(*VIEW_OFFSETS[2])
 
 
 if __name__ == "__main__":

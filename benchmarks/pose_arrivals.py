@@ -1,9 +1,9 @@
-"""When poses reach another process, measured there: a subscriber as anyone would write it.
+"""Receive times of poses in another process, measured by a plain subscriber.
 
     python -m benchmarks.pose_arrivals ENDPOINT FILE
 
-Prints "ready" once it subscribes, keeps every pose until its standard input is closed, and then
-writes FILE (.npz). `listening` starts it and gives what it heard.
+It prints "ready" once it subscribes, and collects poses until its standard input is closed. Then it
+writes FILE (.npz). `running_recorder` starts it and returns the received poses.
 """
 
 import json
@@ -27,12 +27,13 @@ STOP_TIMEOUT_S = 20.0
 
 @dataclass(frozen=True)
 class PoseArrivals:
-    """What was heard, one entry a pose.
+    """The received poses, one entry each.
 
-    heard_s          CLOCK_MONOTONIC once the message was decoded
-    stamp_s          the pose's stamp, on CLOCK_MONOTONIC
-    seq              numbers of the poses
-    clock_moved_s    by how much the wall clock was set meanwhile: the stamps are off by as much
+    Attributes:
+        receive_time_s: CLOCK_MONOTONIC once the message was decoded.
+        stamp_s: Stamps of the poses, on CLOCK_MONOTONIC.
+        seq: Numbers of the poses.
+        clock_shift_s: Change of the wall clock during the run; the stamps have this error.
     """
 
     receive_time_s: Array
@@ -41,7 +42,7 @@ class PoseArrivals:
     clock_shift_s: float
 
     def between(self, begin_s: float, end_s: float) -> "PoseArrivals":
-        """Those with stamps between two instants."""
+        """Return the poses with stamps between two times."""
         inside = (self.stamp_s >= begin_s) & (self.stamp_s < end_s)
         return PoseArrivals(
             self.receive_time_s[inside], self.stamp_s[inside], self.seq[inside], self.clock_shift_s
@@ -49,32 +50,32 @@ class PoseArrivals:
 
     @property
     def lost(self) -> int:
-        """Poses that were published between the first and the last, and not heard."""
+        """Number of poses between the first and the last that were not received."""
         return int(self.seq[-1] - self.seq[0]) + 1 - len(self.seq) if len(self.seq) else 0
 
 
 class ArrivalRecorder:
-    """The subscriber while it runs."""
+    """A running subscriber process."""
 
     def __init__(self, process: "subprocess.Popen[bytes]", file: Path) -> None:
         self.process, self._file = process, file
 
     def stop(self) -> PoseArrivals:
-        """Let it write down what it heard."""
+        """Stop the subscriber and return the poses that it received."""
         assert self.process.stdin is not None
         self.process.stdin.close()
         if self.process.wait(STOP_TIMEOUT_S) != 0:
             raise RuntimeError("the subscriber failed")
-        with np.load(self._file) as kept:
-            clock_s = kept["clock_s"]
-            heard_s, stamp_s, seq = kept["poses"].T
-        moved_s = float(clock_s[1] - clock_s[0])
-        return PoseArrivals(heard_s, stamp_s - clock_s[0], seq, moved_s)
+        with np.load(self._file) as arrays:
+            clock_s = arrays["clock_s"]
+            receive_time_s, stamp_s, seq = arrays["poses"].T
+        shift_s = float(clock_s[1] - clock_s[0])
+        return PoseArrivals(receive_time_s, stamp_s - clock_s[0], seq, shift_s)
 
 
 @contextmanager
 def running_recorder(endpoint: str, file: Path) -> Iterator[ArrivalRecorder]:
-    """A subscriber in a process of its own that is ready; killed at the end."""
+    """Run a subscriber in a separate process until it is ready; kill it at the end."""
     command = [sys.executable, "-m", "benchmarks.pose_arrivals", endpoint, str(file)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
@@ -90,12 +91,12 @@ def main(endpoint: str, file: Path) -> None:
     """Subscribe until standard input is closed; see the module."""
     poses: list[tuple[float, float, int]] = []
 
-    def take(sample: zenoh.Sample) -> None:
+    def receive(sample: zenoh.Sample) -> None:
         stamp_s = decode_odometry(sample.payload.to_bytes()).stamp_s
-        heard_s = time.monotonic()
+        receive_time_s = time.monotonic()
         attachment = sample.attachment
         assert attachment is not None
-        poses.append((heard_s, stamp_s, json.loads(attachment.to_bytes())["seq"]))
+        poses.append((receive_time_s, stamp_s, json.loads(attachment.to_bytes())["seq"]))
 
     settings: dict[str, object] = {
         "mode": "peer",
@@ -107,7 +108,7 @@ def main(endpoint: str, file: Path) -> None:
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     begin_s = wall_clock_offset_s()
-    with zenoh.open(config) as session, session.declare_subscriber(KEY, take):
+    with zenoh.open(config) as session, session.declare_subscriber(KEY, receive):
         print("ready", flush=True)
         sys.stdin.read()
     clock_s = np.array([begin_s, wall_clock_offset_s()])
@@ -115,7 +116,7 @@ def main(endpoint: str, file: Path) -> None:
 
 
 def wall_clock_offset_s() -> float:
-    """CLOCK_REALTIME minus CLOCK_MONOTONIC: of some readings, the least interrupted."""
+    """CLOCK_REALTIME minus CLOCK_MONOTONIC, from the least interrupted of several readings."""
     readings = []
     for _ in range(20):
         before_s, wall_s, after_s = time.monotonic(), time.time(), time.monotonic()

@@ -1,4 +1,4 @@
-"""A camera that costs nothing but its frames: random images in memory, played at a fixed rate."""
+"""A camera with minimal cost: random images from memory at a fixed rate."""
 
 import time
 from dataclasses import replace
@@ -27,11 +27,11 @@ class PreloadedCamera(RgbdCamera):
         self._seq, self._due_s = 0, 0.0
 
     def open(self) -> None:
-        """Begin now."""
+        """Start the clock."""
         self._seq, self._due_s = 0, time.monotonic()
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """The next frame when it is due."""
+        """Wait for the next frame."""
         wait_s = self._due_s - time.monotonic()
         time.sleep(max(0.0, min(wait_s, timeout_s)))
         if wait_s > timeout_s:
@@ -51,11 +51,11 @@ class PreloadedCamera(RgbdCamera):
         return frame
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: there is nothing to release."""
 
     @property
     def counters(self) -> CameraCounters:
-        """Nothing is ever lost here."""
+        """Empty counters: no frame is ever lost."""
         return CameraCounters(delivered=self._seq)
 
 

@@ -1,4 +1,4 @@
-"""A limit on the processor time of running processes, as systemd's CPUQuota: by a control group."""
+"""Limits the processor time of running processes by a control group, like systemd's CPUQuota."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -6,23 +6,30 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
 
-PERIOD_US = 100_000  # systemd's own
+PERIOD_US = 100_000  # as systemd
 STOP_TIMEOUT_S = 10.0
 
 
 @contextmanager
 def limit_processor(percent: float) -> Iterator[Callable[[Iterable[int]], None]]:
-    """A group whose processes together get so much of one processor.
+    """Create a control group whose processes together get `percent` of one processor.
 
-    Yields what puts processes into it; what they start later is in it too. At the end they go back
-    to where this process is not limited either. Raises RuntimeError where groups cannot be made.
+    At the end its processes return to the parent group.
+
+    Yields:
+        A function that moves processes into the group; their later children are in it too.
+
+    Raises:
+        RuntimeError: Control groups cannot be created.
     """
     parent, write_limit = _find_cpu_cgroup()
     try:
         group = Path(mkdtemp(prefix="slow-machine-", dir=parent))
         write_limit(group, round(percent / 100.0 * PERIOD_US))
     except OSError as error:
-        raise RuntimeError(f"{parent}: no control group can be made: {error}; be root") from error
+        raise RuntimeError(
+            f"{parent}: cannot create a control group: {error}; run as root"
+        ) from error
     try:
         yield lambda processes: _move(processes, group)
     finally:
@@ -30,7 +37,7 @@ def limit_processor(percent: float) -> Iterator[Callable[[Iterable[int]], None]]
 
 
 def _find_cpu_cgroup() -> tuple[Path, Callable[[Path, int], None]]:
-    """The top group of the processor's controller, and how a limit is written there."""
+    """Return the top group of the cpu controller, and the function that writes a limit."""
     first = Path("/sys/fs/cgroup/cpu")
     if (first / "cpu.shares").exists():
         return first, _write_cgroup_v1
@@ -47,7 +54,7 @@ def _write_cgroup_v2(group: Path, quota_us: int) -> None:
 
 
 def _remove_cgroup(group: Path, parent: Path) -> None:
-    """Processes that are ending hold a group for a moment longer."""
+    """Remove a group; retry, because ending processes hold it for a moment."""
     deadline_s = time.monotonic() + STOP_TIMEOUT_S
     while True:
         _move(map(int, (group / "cgroup.procs").read_text().split()), parent)
@@ -66,4 +73,4 @@ def _move(processes: Iterable[int], group: Path) -> None:
         try:
             (group / "cgroup.procs").write_text(str(process))
         except ProcessLookupError:
-            continue  # it has ended
+            continue  # the process has ended

@@ -1,11 +1,11 @@
-"""How far the map of a virtual room is from its true surfaces, by the poses that it is made with.
+"""Distance of maps of a virtual room from its true surfaces, for true and estimated poses.
 
     python -m benchmarks.reconstruction [--seconds 20] [--seed 1] [--voxels 0.01 0.02] [--json]
 
-The virtual Kinect has all of its faults: noise and steps of the depth, shadows, frayed edges, a
+The virtual Kinect has all sensor faults: depth noise and quantization, shadows, ragged edges, a
 rolling shutter, depth 10 ms after color. Each map is made with the true poses and with those of
-the odometry, whose first pose is laid on the true one. Distances are from every vertex of the mesh
-to the nearest true surface.
+the odometry, whose first pose is aligned with the true one. Distances are from every vertex of the
+mesh to the nearest true surface.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -39,11 +39,10 @@ from vo_service.tools.evaluation import evaluate
 
 @dataclass(frozen=True)
 class ReconstructionBenchmarkResult:
-    """One map.
+    """Result of one map.
 
-    poses           whose
-    ate_rmse_m      of these poses
-    add_ms, mesh_s  processor time: a frame, median, and the mesh
+    `poses` is the source of the poses, and `ate_rmse_m` their ATE. `add_ms` is the median CPU time
+    of a frame, and `mesh_s` that of the mesh.
     """
 
     voxel_m: float
@@ -63,9 +62,9 @@ def main() -> int:
     )
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--scale", type=float, default=1.0, help="of the images: 0.5 = 320 x 240")
+    parser.add_argument("--scale", type=float, default=1.0, help="image size: 0.5 = 320 x 240")
     parser.add_argument("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M")
-    parser.add_argument("--json", action="store_true", help="print one JSON object a line")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per line")
     args = parser.parse_args()
     cv2.setNumThreads(1)
     config = SyntheticConfig(
@@ -83,7 +82,7 @@ def main() -> int:
 def measure(
     config: SyntheticConfig, voxels_m: Sequence[float]
 ) -> Iterator[ReconstructionBenchmarkResult]:
-    """A result for each size of voxel and each source of poses."""
+    """Yield a result for each voxel size and each source of poses."""
     frames, poses = zip(*render_with_truth(config), strict=True)
     truth = Trajectory(np.array([frame.stamp_s for frame in frames]), np.array(poses))
     tracked = _track(frames, truth)
@@ -93,13 +92,13 @@ def measure(
 
 
 def format_row(result: ReconstructionBenchmarkResult) -> str:
-    """A line for people."""
-    off = result.surface
+    """Format a line of text."""
+    surface = result.surface
     return (
         f"voxel {1000 * result.voxel_m:3.0f} mm  poses {result.poses:5}  "
-        f"ATE {1000 * result.ate_rmse_m:6.1f} mm  vertices {off.vertices:8d}  distance: median "
-        f"{1000 * off.median_m:5.1f} mm, 90 % {1000 * off.p90_m:5.1f} mm, "
-        f"99 % {1000 * off.p99_m:6.1f} mm, {100 * off.within_15mm:5.1f} % within 15 mm  "
+        f"ATE {1000 * result.ate_rmse_m:6.1f} mm  vertices {surface.vertices:8d}  distance: median "
+        f"{1000 * surface.median_m:5.1f} mm, 90 % {1000 * surface.p90_m:5.1f} mm, "
+        f"99 % {1000 * surface.p99_m:6.1f} mm, {100 * surface.within_15mm:5.1f} % within 15 mm  "
         f"{result.add_ms:5.1f} ms a frame, mesh {result.mesh_s:.2f} s"
     )
 
@@ -135,7 +134,7 @@ def _measure_map(
 
 
 def _track(frames: Sequence[RgbdFrame], truth: Trajectory) -> Trajectory:
-    """The odometry's poses of the frames that it found a motion for, in the room."""
+    """Poses of the odometry in the room, of the frames that have one."""
     odometry = METHODS["surf"](FeatureConfig(), CpuStageTimer())
     stamps_s: list[float] = []
     poses: list[Array] = []

@@ -1,12 +1,11 @@
-"""What the flight recorder costs: CPU time a frame in both processes, memory, and an incident.
+"""Cost of the flight recorder: CPU time per frame in both processes, memory, and an incident.
 
     python -m benchmarks.recorder_cost [--folder RECORDING] [--seconds 15] [--rate 30] [--json]
 
-Frames that are in memory already are given to it at the rate of a camera: 640x480 with noise in
-color and depth, or those of a recording in TUM format. `here` is the process of the service, in
-which nothing else is done; `there` is the recorder's own. Three spells: it only remembers; it
-records as well; it writes an incident at the beginning. Memory is
-without the ring, which both share.
+Frames from memory are sent to it at a camera's rate: 640x480 with noise in color and depth, or
+those of a recording in TUM format. `service` is the process of the service, which does nothing
+else; `worker` is the recorder's process. There are three phases: it only buffers; it also records;
+it writes an incident at the beginning. Memory is without the ring, which both processes share.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -34,14 +33,14 @@ from vo_service.outputs.recorder.flight_recorder import FlightRecorder
 from vo_service.types import CommandError, Estimate, OdometryUpdate, TrackingState
 
 SOURCE_IMAGES = 60
-CPU_TICK_S = 0.01  # of /proc/PID/stat
+CPU_TICK_S = 0.01  # tick of /proc/PID/stat
 
 
 @dataclass(frozen=True)
 class RecorderCost:
-    """Milliseconds of CPU time a frame, frames that were missed, megabytes in RAM at its end.
+    """CPU milliseconds per frame, missed frames, and resident megabytes at the end of a phase.
 
-    ring_mb  shared by both; the other two are without it
+    `ring_mb` is shared by both processes; the other two do not include it.
     """
 
     name: str
@@ -54,7 +53,7 @@ class RecorderCost:
 
 
 class FramePlayer:
-    """Gives frames to a recorder, at a rate, and measures."""
+    """Sends frames to a recorder at a rate, and measures."""
 
     def __init__(self, recorder: FlightRecorder, frames: Sequence[RgbdFrame], rate: float) -> None:
         self._recorder, self._rate = recorder, rate
@@ -64,7 +63,7 @@ class FramePlayer:
         )
 
     def play(self, name: str, seconds: float) -> RecorderCost:
-        """Measure a spell."""
+        """Measure a phase."""
         missed, here_s, there_s = self._recorder.dropped, time.process_time(), self._worker_cpu_s()
         frames = int(seconds * self._rate)
         due_s = time.monotonic()
@@ -95,22 +94,22 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--folder", type=Path, help="recording whose frames are used")
-    parser.add_argument("--seconds", type=float, default=15.0, help="of each spell")
-    parser.add_argument("--rate", type=float, default=30.0, help="frames a second")
+    parser.add_argument("--seconds", type=float, default=15.0, help="duration of each phase")
+    parser.add_argument("--rate", type=float, default=30.0, help="frames per second")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     frames = _load_frames(args.folder) if args.folder else [_make_frame(seq) for seq in range(8)]
     with tempfile.TemporaryDirectory() as state:
-        spells, incident_s, incident_mb = _measure(Path(state), frames, args.seconds, args.rate)
+        phases, incident_s, incident_mb = _measure(Path(state), frames, args.seconds, args.rate)
     if args.json:
-        spells_told = [asdict(spell) for spell in spells]
-        print(json.dumps({"spells": spells_told, "incident_s": incident_s, "mb": incident_mb}))
+        phases_json = [asdict(phase) for phase in phases]
+        print(json.dumps({"spells": phases_json, "incident_s": incident_s, "mb": incident_mb}))
         return
-    print("ms per frame        CPU here  CPU there  missed  MB here  MB there  MB ring")
-    for spell in spells:
+    print("ms per frame       service     worker  missed   MB svc MB worker  MB ring")
+    for phase in phases:
         print(
-            f"{spell.name:18}{spell.service_ms:10.2f}{spell.worker_ms:11.2f}{spell.missed:8d}"
-            f"{spell.service_mb:9.0f}{spell.worker_mb:10.0f}{spell.ring_mb:9.0f}"
+            f"{phase.name:18}{phase.service_ms:10.2f}{phase.worker_ms:11.2f}{phase.missed:8d}"
+            f"{phase.service_mb:9.0f}{phase.worker_mb:10.0f}{phase.ring_mb:9.0f}"
         )
     print(f"an incident took {incident_s:.1f} s and {incident_mb:.0f} MB of disk")
 
@@ -118,25 +117,25 @@ def main() -> None:
 def _measure(
     state: Path, frames: Sequence[RgbdFrame], seconds: float, rate: float
 ) -> tuple[list[RecorderCost], float, float]:
-    """The spells; how long an incident took, and its megabytes."""
+    """Return the phases, the seconds of an incident, and its megabytes."""
     recorder = FlightRecorder(RecorderConfig(), state, {})
     try:
         while not recorder.is_ready:
             time.sleep(0.1)
         player = FramePlayer(recorder, frames, rate)
         player.play("filling", 6.0)
-        spells = [player.play("remembering", seconds)]
+        phases = [player.play("remembering", seconds)]
         recorder.start_recording("trial")
-        spells.append(player.play("recording", seconds))
+        phases.append(player.play("recording", seconds))
         recorder.stop_recording()
         begin_s = time.monotonic()
         folder = Path(_save_incident(recorder))
-        spells.append(player.play("with an incident", seconds))
+        phases.append(player.play("with an incident", seconds))
         incident_s = folder.stat().st_ctime - (time.time() - (time.monotonic() - begin_s))
         size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     finally:
         recorder.close()
-    return spells, incident_s, size / 1e6
+    return phases, incident_s, size / 1e6
 
 
 def _save_incident(recorder: FlightRecorder) -> str:
@@ -154,7 +153,7 @@ def _load_frames(folder: Path) -> list[RgbdFrame]:
 
 
 def _make_frame(seq: int) -> RgbdFrame:
-    """A slanted wall of blobs, with a Kinect's noise in both images."""
+    """Make a slanted wall of blobs, with a Kinect's noise in both images."""
     random = np.random.default_rng(seq)
     blobs = cv2.resize(random.integers(0, 255, (48, 64, 3), np.uint8), (640, 480))
     color = np.clip(blobs + random.normal(0.0, 2.0, blobs.shape), 0, 255).astype(np.uint8)
@@ -192,14 +191,14 @@ def _children() -> list[int]:
 
 
 def _private_memory_mb(process: str) -> float:
-    """Memory of a process in RAM without what it shares."""
+    """Resident memory of a process, without shared memory."""
     return _resident_mb(process, "RssAnon") + _resident_mb(process, "RssFile")
 
 
 def _resident_mb(process: str, kind: str) -> float:
-    found = re.search(rf"{kind}:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
-    assert found is not None
-    return int(found[1]) / 1e3
+    match = re.search(rf"{kind}:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
+    assert match is not None
+    return int(match[1]) / 1e3
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""What becomes of tracking when pieces of a recording are spoilt, with and without recovery.
+"""Tracking of recordings with corrupted pieces, with and without recovery.
 
     python -m benchmarks.recovery FOLDER... [--json]
 
-Each FOLDER is a TUM folder of some hundred frames, all kept in memory. A frame is lost if it has no
-pose; after 30 in a row tracking starts anew, which is a new epoch. The ATE is that of all poses
-published, across epochs, in millimetres. CPU milliseconds are the largest of any frame, decoding
-not counted. "without" tries each frame against the last good one alone.
+Each FOLDER is a TUM folder of some hundred frames, which are all held in memory. A frame is lost if
+it has no pose; after 30 in a row tracking restarts in a new epoch. The ATE is that of all published
+poses, across epochs, in millimeters. CPU milliseconds are the largest of any frame, without
+decoding. "without" compares each frame with the last good one only.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -37,10 +37,10 @@ from vo_service.odometry.warm_up import warm_up
 
 
 class NullRecovery(SurfRecovery):
-    """Finds nothing."""
+    """Never recovers."""
 
     def recover(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
-        """See `Recovery`."""
+        """See `SurfRecovery`."""
         return None
 
 
@@ -49,7 +49,7 @@ RECOVERIES = {"without": NullRecovery, "with": SurfRecovery}
 
 @dataclass(frozen=True)
 class RecoveryOutcome:
-    """One pass: frames that came through, those without a pose, new epochs, and the error."""
+    """Result of one pass: frames, frames without a pose, new epochs, and the error."""
 
     frames: int
     lost: int
@@ -69,9 +69,9 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    tell = discard_line if args.json else print_line
+    output = discard_line if args.json else print_line
     try:
-        results = {str(folder): measure(folder, tell) for folder in args.folder}
+        results = {str(folder): measure(folder, output) for folder in args.folder}
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -92,26 +92,26 @@ def discard_line(line: str) -> None:
 def measure(
     folder: Path, print_line: Callable[[str], None]
 ) -> dict[str, dict[str, RecoveryOutcome]]:
-    """Outcomes by damage, then by way."""
+    """Measure all corruptions; results by corruption, then by recovery."""
     frames, truth = load_frames(folder)
     warm_up("surf", discard_line)
     print_line(f"{folder}\n{format_header()}")
     results: dict[str, dict[str, RecoveryOutcome]] = {}
-    for name, damage in CORRUPTIONS.items():
-        spoilt = damage.apply(frames)
-        results[name] = {way: track(spoilt, truth, way) for way in RECOVERIES}
+    for name, corruption in CORRUPTIONS.items():
+        corrupted = corruption.apply(frames)
+        results[name] = {recovery: track(corrupted, truth, recovery) for recovery in RECOVERIES}
         print_line(format_row(name, results[name]))
     return results
 
 
 def load_frames(folder: Path) -> tuple[Frames, Trajectory | None]:
-    """All frames of a folder, and the truth."""
+    """Load all frames of a folder, and the ground truth."""
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         return list(read_all_frames(camera)), camera.ground_truth
 
 
 def track(frames: Frames, truth: Trajectory | None, recovery: str) -> RecoveryOutcome:
-    """One pass over the frames."""
+    """Track all frames once."""
     parameters = SurfParameters()
     odometry = SurfOdometry(parameters=parameters, recovery=RECOVERIES[recovery](parameters))
     estimates, cpu_ms = [], 0.0
@@ -130,20 +130,20 @@ def track(frames: Frames, truth: Trajectory | None, recovery: str) -> RecoveryOu
 
 
 def format_header() -> str:
-    """Heads of the columns."""
+    """Format the column heads."""
     names = ("frames", "lost", "", "epochs", "", "ATE", "", "CPU ms", "")
-    ways = ("", *("without", "with") * 4)
+    recoveries = ("", *("without", "with") * 4)
     return (
         f"{'':16}"
         + "".join(f"{n:>9}" for n in names)
         + f"\n{'':16}"
-        + "".join(f"{way:>9}" for way in ways)
+        + "".join(f"{recovery:>9}" for recovery in recoveries)
     )
 
 
 def format_row(name: str, outcomes: Mapping[str, RecoveryOutcome]) -> str:
-    """One damage: each figure without recovery, then with it."""
-    both = [outcomes[way] for way in RECOVERIES]
+    """Format one corruption: each figure without recovery, then with it."""
+    both = [outcomes[recovery] for recovery in RECOVERIES]
     cells = [f"{both[0].frames}"]
     cells += [f"{o.lost}" for o in both] + [f"{o.epochs}" for o in both]
     cells += ["-" if o.ate_m is None else f"{1e3 * o.ate_m:.1f}" for o in both]

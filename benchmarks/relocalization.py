@@ -1,19 +1,19 @@
-"""Whether a camera that is covered, and uncovered somewhere else, knows where it is.
+"""Relocalization of a camera that is covered and then uncovered at another place.
 
     python -m benchmarks.relocalization FOLDER [--tries 100] [--seeds 1 2 3] [--unseen] [--twins]
 
-In each try the camera goes along a tour for 20 s, is covered for 3 s, and is uncovered at a place
-that it has seen before, on another lap; with --unseen at one that it has not. How much of a view
-was seen before is known from true poses and measured depth. Each seed is another room; its film of
-a minute (2.8 GB) is kept in FOLDER/films, and rendered the first time: two minutes on two idle
-cores. A try takes five seconds. The outcomes of each seed are kept in FOLDER/results.json and not
-measured again; remove that file to begin anew.
+In each trial the camera follows a tour for 20 s, is covered for 3 s, and is uncovered at a place
+that it saw before on another lap; with --unseen at a place that it did not see. View overlap is
+computed from true poses and measured depth. Each seed is another room. Its frames of a minute
+(2.8 GB) are stored in FOLDER/films and rendered the first time: two minutes on two idle cores. A
+trial takes five seconds. The results of each seed are stored in FOLDER/results.json; remove that
+file to measure again.
 
-"old" counts the tries that came back into the world from before the cover, "in 1 s" those of them
-that did so within 30 frames, "new" those with a new world, "nowhere" those without any pose in 2 s.
-"wrong" has a pose that is off by more than 5 cm or 3 degrees and does not say so: in the old world
-by the truth at that place, in a new one by the way since its first pose. "frames" is the median
-time until the first pose; "median", "largest" (mm) and "deg" are its errors where it is an old one.
+"old" counts the trials that relocalize in the map from before the cover, "in 1 s" those of them
+within 30 frames, "new" those with a new map, "nowhere" those without a pose in 2 s. "wrong" has a
+pose with an unreported error above 5 cm or 3 degrees: in the old map compared with the truth at
+that place, in a new map with the motion since its first pose. "frames" is the median time until
+the first pose. "median", "largest" (mm) and "deg" are its errors in the old map.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -69,7 +69,7 @@ HEAD = f"{'':28}{''.join(f'{head:>9}' for head in COLUMNS)}"
 
 
 def main() -> int:
-    """Run the seeds that are not finished yet, and print all of them, then all together."""
+    """Run the seeds without stored results; print all of them, then all together."""
     args = _parser().parse_args()
     cv2.setNumThreads(1)
     try:
@@ -78,7 +78,7 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("stopped; the same command goes on with the next seed", file=sys.stderr)
+        print("stopped; the same command continues with the next seed", file=sys.stderr)
         return 130
     if args.json:
         print(json.dumps({name: asdict(each) for name, each in results.items()}))
@@ -91,32 +91,34 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("folder", type=Path, help="where films and outcomes are kept")
-    parser.add_argument("--tries", type=int, default=100, help="of all seeds together")
+    parser.add_argument("folder", type=Path, help="folder of rendered frames and results")
+    parser.add_argument("--tries", type=int, default=100, help="trials of all seeds together")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
-    parser.add_argument("--unseen", action="store_true", help="uncovered where it never was")
+    parser.add_argument(
+        "--unseen", action="store_true", help="uncover the camera at places that it did not see"
+    )
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
     parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--alone", action="store_true", help="the odometry, without any place")
+    parser.add_argument("--alone", action="store_true", help="only the odometry, without a map")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
 
 def run(args: argparse.Namespace) -> Mapping[str, RelocalizationSummary]:
-    """By seed, and together. Raises InputError if the folder cannot be used."""
+    """Results by seed, and together. Raises InputError if the folder cannot be used."""
     args.folder.mkdir(parents=True, exist_ok=True)
-    kept = ResultCache(args.folder)
+    cache = ResultCache(args.folder)
     warm_up(args.method, lambda stage: None)
     results, together = dict[str, RelocalizationSummary](), list[RelocalizationOutcome]()
     if not args.json:
         print(HEAD)
-    for place, seed in enumerate(args.seeds):
-        share = args.tries // len(args.seeds) + (place < args.tries % len(args.seeds))
+    for index, seed in enumerate(args.seeds):
+        count = args.tries // len(args.seeds) + (index < args.tries % len(args.seeds))
         seen = "unseen" if args.unseen else "seen"
         alone = "-alone" if args.alone else ""
         name = f"{'twins' if args.twins else 'tour'}-{seed}-{seen}-{args.method}{alone}"
-        found = kept.get_or_run(f"{name}-{share}", partial(_measure, args, seed, share))
-        outcomes = [RelocalizationOutcome(**each) for each in found["outcomes"]]
+        result = cache.get_or_run(f"{name}-{count}", partial(_measure, args, seed, count))
+        outcomes = [RelocalizationOutcome(**each) for each in result["outcomes"]]
         together += outcomes
         results[name] = summarize(outcomes)
         if not args.json:
@@ -128,24 +130,27 @@ def run(args: argparse.Namespace) -> Mapping[str, RelocalizationSummary]:
 
 
 def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
-    """The tries of one seed and their outcomes."""
+    """Run the trials of one seed."""
     terminal, config = Terminal(), make_tour_config(seed, SEQUENCE_S, args.twins)
     T_room_camera = compute_true_poses(config)
-    film = open_cached_sequence(args.folder, config, terminal)
+    sequence = open_cached_sequence(args.folder, config, terminal)
     rng = np.random.default_rng([seed, 12])
-    tries = choose_trials(sample_views(config, film, T_room_camera), count, args.unseen, rng)
+    trials = choose_trials(sample_views(config, sequence, T_room_camera), count, args.unseen, rng)
     outcomes: list[RelocalizationOutcome] = []
-    for number, each in enumerate(tries, 1):
-        terminal.progress(f"room {seed}: try", number, len(tries))
-        truth = T_room_camera[each.source_frames]
-        frames = trial_frames(each, config, film)
+    for number, trial in enumerate(trials, 1):
+        terminal.progress(f"room {seed}: trial", number, len(trials))
+        truth = T_room_camera[trial.source_frames]
+        frames = trial_frames(trial, config, sequence)
         outcomes.append(
             run_trial(
-                make_runner(args.method, args.alone), frames, truth, each.overlap_frame - each.first
+                make_runner(args.method, args.alone),
+                frames,
+                truth,
+                trial.overlap_frame - trial.first,
             )
         )
     terminal.clear()
-    return {"tries": list(map(asdict, tries)), "outcomes": list(map(asdict, outcomes))}
+    return {"tries": list(map(asdict, trials)), "outcomes": list(map(asdict, outcomes))}
 
 
 def format_row(name: str, result: RelocalizationSummary) -> str:

@@ -1,4 +1,4 @@
-"""What becomes of one try: where a camera that was covered says it is, and how wrong that is."""
+"""Evaluation of a relocalization trial: the poses after the cover, and their errors."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -16,15 +16,17 @@ from vo_service.types import Estimate
 
 @dataclass(frozen=True)
 class RelocalizationOutcome:
-    """One try.
+    """Result of one trial.
 
-    tracked         whether there was a pose in the frame before the cover
-    frames          from the first uncovered frame to the first with a pose, both counted; None:
-                    there was none
-    is_old_world    that pose goes on in the world from before the cover
-    error_m, error_deg  of that pose, in the old world; None in a new one
-    is_wrong        a pose after the cover is off by more than 5 cm or 3 degrees: in the old world,
-                    or counted from the first pose of its own new world
+    Attributes:
+        tracked: Whether the last frame before the cover had a pose.
+        frames: Frames from the first uncovered one to the first with a pose, both counted; None
+            if there was none.
+        is_old_map: Whether that pose is in the map from before the cover.
+        error_m: Position error of that pose in the old map; None in a new one.
+        error_deg: Its rotation error.
+        is_wrong: Whether a pose after the cover has an error above 5 cm or 3 degrees, in the old
+            map or relative to the first pose of its new map.
     """
 
     tracked: bool
@@ -37,7 +39,7 @@ class RelocalizationOutcome:
 
 @dataclass(frozen=True)
 class RelocalizationSummary:
-    """All tries together; `prompt` came back into the old world within so many frames."""
+    """Summary of trials; `prompt` counts those in the old map within MAX_PROMPT_FRAMES."""
 
     trials: int
     tracked: int
@@ -58,7 +60,7 @@ MAX_PROMPT_FRAMES = 30
 def run_trial(
     runner: TrajectoryRunner, frames: Iterable[RgbdFrame], T_room_camera: Array, overlap_frame: int
 ) -> RelocalizationOutcome:
-    """Run one try; T_room_camera (F, 4, 4) and `alike` as for `judge`."""
+    """Run one trial; the other arguments are as for `evaluate_trial`."""
     estimates = []
     for frame in frames:
         estimates.append(runner.estimate_pose(frame))
@@ -69,24 +71,28 @@ def run_trial(
 def evaluate_trial(
     estimates: Sequence[Estimate], T_room_camera: Array, overlap_frame: int
 ) -> RelocalizationOutcome:
-    """What the F estimates of a try are worth, by the truth T_room_camera (F, 4, 4).
+    """Evaluate the estimates of a trial.
 
-    Where the old world lies in the room is told by frame `alike` before the cover, which shows
-    most of the place that it comes back to: what drifted elsewhere is no error of coming back. A
-    new world lies where its first pose says.
+    The old map is aligned with the room at `overlap_frame`, so that drift elsewhere is not an error
+    of the relocalization. A new map is aligned at its first pose.
+
+    Args:
+        estimates: F estimates.
+        T_room_camera: True poses (F, 4, 4).
+        overlap_frame: The frame before the cover that shows most of the place of the return.
     """
-    worlds = np.cumsum([estimate.is_reset for estimate in estimates])
-    old, errors = worlds[FRAMES_BEFORE - 1], dict[int, tuple[float, float]]()
-    known = overlap_frame if worlds[overlap_frame] == old else FRAMES_BEFORE - 1
-    T_room_world = {old: T_room_camera[known] @ inverse(estimates[known].T_world_camera)}
+    epochs = np.cumsum([estimate.is_reset for estimate in estimates])
+    old, errors = epochs[FRAMES_BEFORE - 1], dict[int, tuple[float, float]]()
+    aligned = overlap_frame if epochs[overlap_frame] == old else FRAMES_BEFORE - 1
+    T_room_world = {old: T_room_camera[aligned] @ inverse(estimates[aligned].T_world_camera)}
     for number in range(FRAMES_BEFORE + FRAMES_COVERED, len(estimates)):
         if estimates[number].ok:
             T_world_camera, T_room = estimates[number].T_world_camera, T_room_camera[number]
-            lies = T_room_world.setdefault(worlds[number], T_room @ inverse(T_world_camera))
-            off_m, off_rad = pose_distance(T_room, lies @ T_world_camera)
-            errors[number] = off_m, math.degrees(off_rad)
+            T = T_room_world.setdefault(epochs[number], T_room @ inverse(T_world_camera))
+            distance_m, angle_rad = pose_distance(T_room, T @ T_world_camera)
+            errors[number] = distance_m, math.degrees(angle_rad)
     first = min(errors, default=None)
-    is_old = first is not None and bool(worlds[first] == old)
+    is_old = first is not None and bool(epochs[first] == old)
     error_m, error_deg = errors[first] if first is not None and is_old else (None, None)
     return RelocalizationOutcome(
         tracked=estimates[FRAMES_BEFORE - 1].ok,
@@ -95,24 +101,25 @@ def evaluate_trial(
         error_m=error_m,
         error_deg=error_deg,
         is_wrong=any(
-            off_m > GROSS_ERROR_M or off_deg > GROSS_ERROR_DEG for off_m, off_deg in errors.values()
+            distance_m > GROSS_ERROR_M or angle_deg > GROSS_ERROR_DEG
+            for distance_m, angle_deg in errors.values()
         ),
     )
 
 
 def summarize(outcomes: Sequence[RelocalizationOutcome]) -> RelocalizationSummary:
-    """Counts, and errors of those that came back."""
-    back = [outcome for outcome in outcomes if outcome.is_old_map]
-    waited = [outcome.frames for outcome in back if outcome.frames is not None]
-    errors_m = [outcome.error_m for outcome in back if outcome.error_m is not None]
-    errors_deg = [outcome.error_deg for outcome in back if outcome.error_deg is not None]
+    """Count the outcomes, and summarize the errors in the old map."""
+    relocalized = [outcome for outcome in outcomes if outcome.is_old_map]
+    waited = [outcome.frames for outcome in relocalized if outcome.frames is not None]
+    errors_m = [outcome.error_m for outcome in relocalized if outcome.error_m is not None]
+    errors_deg = [outcome.error_deg for outcome in relocalized if outcome.error_deg is not None]
     nowhere = sum(outcome.frames is None for outcome in outcomes)
     return RelocalizationSummary(
         trials=len(outcomes),
         tracked=sum(outcome.tracked for outcome in outcomes),
-        old_map=len(back),
+        old_map=len(relocalized),
         prompt=sum(frames <= MAX_PROMPT_FRAMES for frames in waited),
-        new_map=len(outcomes) - len(back) - nowhere,
+        new_map=len(outcomes) - len(relocalized) - nowhere,
         nowhere=nowhere,
         wrong=sum(outcome.is_wrong for outcome in outcomes),
         median_frames=float(np.median(waited)) if waited else None,

@@ -1,4 +1,4 @@
-"""Tries for relocalisation, cut out of the film of a tour: a way, a cover, another place."""
+"""Relocalization trials from frames of a tour: tracking, a cover, then another place."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,10 +17,10 @@ from drivers.synthetic.fault_injection import ImageSource, RenderedImages
 from drivers.synthetic.frame_provider import render_all
 from vo_service.terminal import Terminal
 
-# Frames before the cover, covered, and after it.
+# Frames before, during and after the cover.
 FRAMES_BEFORE, FRAMES_COVERED, FRAMES_AFTER = 600, 90, 60
-# Views are compared every so many frames. A place was seen before if so much of what it shows was,
-# and it was not if hardly anything was, in every view of so many frames from the first on.
+# Views are compared with this stride. A place is seen if all views of its first SEEN_FRAMES have at
+# least MIN_SEEN_OVERLAP; it is unseen if all its views have at most MAX_UNSEEN_OVERLAP.
 VIEW_STRIDE = 15
 MIN_SEEN_OVERLAP, MAX_UNSEEN_OVERLAP = 0.5, 0.02
 SEEN_FRAMES = 30
@@ -28,9 +28,12 @@ SEEN_FRAMES = 30
 
 @dataclass(frozen=True)
 class RelocalizationTrial:
-    """Film frames `first` to `first` + BEFORE, then the camera is covered, then from `back` on.
+    """A trial on the frames of a tour.
 
-    `alike` is the frame before the cover that shows most of what is seen at `back`.
+    Attributes:
+        first: First of the FRAMES_BEFORE frames before the cover.
+        return_frame: First frame after the cover.
+        overlap_frame: The frame before the cover that shows most of the view at `return_frame`.
     """
 
     first: int
@@ -39,7 +42,7 @@ class RelocalizationTrial:
 
     @property
     def source_frames(self) -> NDArray[np.int64]:
-        """(F,) the frame of the film at each of the try; while covered, that before."""
+        """(F,) index in the tour of each frame; the last one before the cover while covered."""
         before = np.arange(self.first, self.first + FRAMES_BEFORE)
         covered = np.full(FRAMES_COVERED, before[-1])
         return np.concatenate(
@@ -48,26 +51,26 @@ class RelocalizationTrial:
 
 
 def open_cached_sequence(folder: Path, config: SyntheticConfig, terminal: Terminal) -> ImageSource:
-    """The film of a tour in FOLDER/films, rendered where there is none yet."""
-    # A folder of its own for each: a film cache holds no more than one of this length.
+    """Open the rendered frames of a tour in FOLDER/films; render missing ones."""
+    # Each has its own folder: a cache folder is too small for two of this length.
     name = f"{'twins' if config.twin_corners else 'tour'}-{config.seed}"
     progress = terminal.progress_callback(f"rendering room {config.seed}: frame")
     sequence = render_all(config, folder / "films" / name, progress, THREADS)
 
-    def images(index: int) -> RenderedImages:
-        found = sequence.read(index % config.frame_count)
-        assert found is not None, "it was rendered"
-        return found
+    def read_images(index: int) -> RenderedImages:
+        images = sequence.read(index % config.frame_count)
+        assert images is not None, "all frames are rendered"
+        return images
 
-    return images
+    return read_images
 
 
 def trial_frames(
     trial: RelocalizationTrial, config: SyntheticConfig, sequence: ImageSource
 ) -> Iterator[RgbdFrame]:
-    """The frames of a try, with stamps that go on evenly."""
-    for seq, shown in enumerate(trial.source_frames):
-        frame = make_tour_frame(config, seq, sequence(int(shown)))
+    """Yield the frames of a trial, with evenly spaced stamps."""
+    for seq, source in enumerate(trial.source_frames):
+        frame = make_tour_frame(config, seq, sequence(int(source)))
         if FRAMES_BEFORE <= seq < FRAMES_BEFORE + FRAMES_COVERED:
             dark = np.zeros_like(frame.color_bgr), np.zeros_like(frame.depth_raw)
             frame = replace(frame, color_bgr=dark[0], depth_raw=dark[1])
@@ -77,7 +80,7 @@ def trial_frames(
 def sample_views(
     config: SyntheticConfig, sequence: ImageSource, T_room_camera: Array
 ) -> list[ObservedView]:
-    """What every EVERY-th frame of the film shows."""
+    """Sample a view at every VIEW_STRIDE-th frame."""
     numbers = range(0, len(T_room_camera), VIEW_STRIDE)
     return [
         ObservedView.from_frame(make_tour_frame(config, n, sequence(n)), T_room_camera[n])
@@ -88,9 +91,13 @@ def sample_views(
 def choose_trials(
     views: Sequence[ObservedView], count: int, unseen: bool, rng: np.random.Generator
 ) -> list[RelocalizationTrial]:
-    """Up to `count` tries that come back where it was seen before, or where it was not.
+    """Choose up to `count` trials with different first frames.
 
-    Fewer where the film has not so many: none of its ways is taken twice.
+    Args:
+        views: Views of the tour from `sample_views`.
+        count: The number of trials.
+        unseen: Whether the place of the return is unseen before the cover, or seen.
+        rng: Generator of the choice.
     """
     fits = _is_return_unseen if unseen else _is_return_seen
     span, after = FRAMES_BEFORE // VIEW_STRIDE, FRAMES_AFTER // VIEW_STRIDE
@@ -98,12 +105,14 @@ def choose_trials(
     for first in rng.permutation(len(views) - span):
         before = views[first : first + span]
         later = np.arange(first + span + FRAMES_COVERED // VIEW_STRIDE, len(views) - after)
-        # The later places in any order; the first that fits is taken.
+        # Later places are tried in random order.
         for back in rng.permutation(later):
             if fits(before, views[back : back + after + 1]):
-                alike = first + np.argmax([view.overlap_with(views[back]) for view in before])
+                overlap = first + np.argmax([view.overlap_with(views[back]) for view in before])
                 chosen.append(
-                    RelocalizationTrial(*(VIEW_STRIDE * int(view) for view in (first, back, alike)))
+                    RelocalizationTrial(
+                        *(VIEW_STRIDE * int(view) for view in (first, back, overlap))
+                    )
                 )
                 break
         if len(chosen) == count:

@@ -1,4 +1,4 @@
-"""Sequences of the virtual Kinect as TUM folders: rendered once, several at a time."""
+"""Renders sequences of the virtual Kinect as TUM folders, several at a time."""
 
 import shutil
 from collections.abc import Callable, Mapping
@@ -16,20 +16,28 @@ from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter
 
-# Says what a folder was rendered from: one without it is not whole, or somebody else's.
+# The configuration of a folder; a folder without this file is incomplete or not ours.
 CONFIG_RECORD = "synthetic.txt"
 
 
 def render_all(
-    wanted: Mapping[Path, SyntheticConfig], print_line: Callable[[str], None], processes: int
+    sequences: Mapping[Path, SyntheticConfig], print_line: Callable[[str], None], processes: int
 ) -> None:
-    """Render what is not there yet, and what was rendered from another configuration.
+    """Render missing sequences and those of another configuration.
 
-    The one cut off is begun again the next time. Raises InputError for a folder that holds anything
-    else, or a track that cannot be used, and UserFacingError if the disk is full.
+    An interrupted sequence is rendered again the next time.
+
+    Args:
+        sequences: The configuration of each folder.
+        print_line: Prints progress.
+        processes: Rendering processes.
+
+    Raises:
+        InputError: A folder has other contents, or a track cannot be used.
+        UserFacingError: The disk is full.
     """
     missing = {
-        folder: config for folder, config in wanted.items() if not is_complete(folder, config)
+        folder: config for folder, config in sequences.items() if not is_complete(folder, config)
     }
     if not missing:
         return
@@ -37,26 +45,28 @@ def render_all(
     with ProcessPoolExecutor(
         processes, spawn, initializer=cv2.setNumThreads, initargs=(1,)
     ) as pool:
-        begun = {pool.submit(render, folder, config): folder for folder, config in missing.items()}
+        futures = {
+            pool.submit(render, folder, config): folder for folder, config in missing.items()
+        }
         try:
-            for done, ended in enumerate(as_completed(begun), 1):
-                ended.result()
-                print_line(f"rendered {done} of {len(missing)}: {begun[ended]}")
+            for count, future in enumerate(as_completed(futures), 1):
+                future.result()
+                print_line(f"rendered {count} of {len(missing)}: {futures[future]}")
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
 def is_complete(folder: Path, config: SyntheticConfig) -> bool:
-    """Whether a folder holds all of this very sequence."""
-    note = folder / CONFIG_RECORD
-    return note.is_file() and note.read_text() == f"{config}\n"
+    """Whether a folder has the complete sequence of this configuration."""
+    record = folder / CONFIG_RECORD
+    return record.is_file() and record.read_text() == f"{config}\n"
 
 
 def render(folder: Path, config: SyntheticConfig) -> None:
-    """One sequence, once from its begin to its end. Raises as `render_all`."""
+    """Render one sequence. Raises as `render_all`."""
     if folder.exists():
         if not (folder / CONFIG_RECORD).is_file():
-            raise InputError(f"{folder}: was not rendered here; name another folder")
+            raise InputError(f"{folder}: was not written by this program; name another folder")
         shutil.rmtree(folder)
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)

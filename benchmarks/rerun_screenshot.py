@@ -1,8 +1,8 @@
-"""Open a recording in Rerun's web viewer in a real browser and take its picture.
+"""Open a recording in Rerun's web viewer in a real browser and take a screenshot.
 
     python benchmarks/rerun_screenshot.py output/demo.rrd /tmp/demo.png
 
-Needs Debian's `chromium`. Exit code 1 if the picture shows no trajectory or no camera image.
+It needs Debian's `chromium`. Exit code 1 if the screenshot has no trajectory or no camera image.
 """
 
 import argparse
@@ -35,12 +35,12 @@ BROWSER = [
     "--ignore-gpu-blocklist",
     "--window-size=1400,850",
 ]
-# The page's own clock, which runs ahead while it compiles: how far depends on the computer.
+# Virtual time of the page; it runs ahead while the page compiles, depending on the computer.
 PAGE_TIMES_MS = (30_000, 120_000, 480_000, 4_000_000)
 
 
 def main() -> int:
-    """Take the picture and look whether it shows anything."""
+    """Take the screenshot and check its content."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recording", type=Path)
     parser.add_argument("picture", type=Path)
@@ -51,12 +51,12 @@ def main() -> int:
         problems = find_missing_content(args.picture)
         if not problems:
             break
-    print("\n".join(problems) or f"{args.picture}: trajectory and camera image are there")
+    print("\n".join(problems) or f"{args.picture}: trajectory and camera image are visible")
     return 1 if problems else 0
 
 
 def take_screenshot(recording: Path, picture: Path, page_time_ms: int, home: Path) -> None:
-    """Serve the recording on loopback and let a browser draw it."""
+    """Serve the recording on loopback and render it in a browser."""
     data_port, page_port = pick_free_port(), pick_free_port()
     command = [str(rerun_binary()), "--serve-grpc", "--bind", LOOPBACK, "--port", str(data_port)]
     data = subprocess.Popen([*command, str(recording)], env=no_telemetry_environment(home))
@@ -76,7 +76,7 @@ def take_screenshot(recording: Path, picture: Path, page_time_ms: int, home: Pat
 
 
 def find_missing_content(picture: Path) -> list[str]:
-    """What a person would miss in the picture."""
+    """List the missing parts of the screenshot."""
     image = cv2.imread(str(picture))
     if image is None:
         return [f"{picture}: the browser took no picture"]

@@ -1,4 +1,4 @@
-"""Results of long runs in a file, so that what is finished is not run again."""
+"""A file of results of long runs, so that finished runs are not repeated."""
 
 import json
 from collections.abc import Callable
@@ -14,14 +14,14 @@ class ResultCache:
     """JSON objects by name in FOLDER/results.json, written after each."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises InputError for a file that was not written here."""
+        """Raises InputError if the file was not written by this class."""
         self._file = folder / "results.json"
         self._results: dict[str, Json] = {}
         if self._file.exists():
             self._results = _read(self._file)
 
     def get_or_run(self, name: str, run: Callable[[], Json]) -> Json:
-        """The result of that name; made and kept where there is none yet."""
+        """Return the result of a name; run and store it if there is none."""
         if name not in self._results:
             self._results[name] = json.loads(json.dumps(run()))
             part = self._file.with_name(self._file.name + ".part")
@@ -34,7 +34,7 @@ def _read(file: Path) -> dict[str, Json]:
     try:
         results = json.loads(file.read_text())
     except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read ({error}); name another folder") from error
+        raise InputError(f"{file}: cannot read it ({error}); name another folder") from error
     if not isinstance(results, dict):
-        raise InputError(f"{file}: holds no results; name another folder")
+        raise InputError(f"{file}: has no results; name another folder")
     return results

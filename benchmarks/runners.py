@@ -1,4 +1,4 @@
-"""What the benchmarks of long ways run: an odometry, alone or with what knows places again."""
+"""Runners of the tour benchmarks: an odometry, with or without loop closure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from vo_service.types import Estimate, OdometryUpdate
 
 @dataclass(frozen=True)
 class LoopClosureRecord:
-    """A place that was known again, and believed: T_place_camera, 4x4, between two frames."""
+    """An accepted loop closure: T_keyframe_camera (4, 4) between two frames."""
 
     keyframe_stamp_s: float
     stamp_s: float
@@ -26,27 +26,27 @@ class LoopClosureRecord:
 
 
 class TrajectoryRunner(Protocol):
-    """Frames in, poses out, and what became of them in the end."""
+    """Estimates the poses of frames, and the optimized trajectory at the end."""
 
     def estimate_pose(self, frame: RgbdFrame) -> Estimate:
-        """Where the camera is. Frames come in order, once each."""
+        """Estimate the pose of the next frame."""
         ...
 
     def update_map(self) -> None:
-        """What is done once the pose has gone out."""
+        """Do the map's work after the pose of a frame."""
         ...
 
     def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
-        """The poses that `frame` gave, as they are thought to be after the last frame."""
+        """Return the optimized poses after the last frame; `trajectory` has the estimated ones."""
         ...
 
     def loop_closures(self) -> Sequence[LoopClosureRecord]:
-        """All of them so far."""
+        """Return all loop closures so far."""
         ...
 
 
 class OdometryRunner:
-    """The odometry alone: it corrects nothing afterwards, and knows no loops."""
+    """Only the odometry, without loop closure and optimization."""
 
     def __init__(self, method: str) -> None:
         self._odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
@@ -68,42 +68,49 @@ class OdometryRunner:
 
 
 class LoopClosureRunner:
-    """An odometry that knows places again, and closes loops between two frames."""
+    """An odometry with synchronous loop closure.
 
-    def __init__(self, method: str, known: SynchronousLoopClosure) -> None:
-        """`known` is the map, which may know places from before; `told` is what went out last."""
-        self.map = known
-        self._odometry = known.wrap(METHODS[method](FeatureConfig(), CpuStageTimer()))
+    Attributes:
+        map: The map.
+        last_update: The update of the last frame.
+    """
+
+    def __init__(self, method: str, loop_closure: SynchronousLoopClosure) -> None:
+        """`loop_closure` may have a loaded map."""
+        self.map = loop_closure
+        self._odometry = loop_closure.wrap(METHODS[method](FeatureConfig(), CpuStageTimer()))
         self._tracker = OdomFrame()
-        self.told: OdometryUpdate | None = None
+        self.last_update: OdometryUpdate | None = None
 
     def estimate_pose(self, frame: RgbdFrame) -> Estimate:
         """See `TrajectoryRunner`."""
         estimate = self._odometry.estimate(frame)
-        self.told = self._tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
+        self.last_update = self._tracker.update(
+            StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0
+        )
         return estimate
 
     def update_map(self) -> None:
         """See `TrajectoryRunner`."""
-        if self.told is not None:
-            self.map.on_update(self.told)
+        if self.last_update is not None:
+            self.map.on_update(self.last_update)
 
     def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
         """See `TrajectoryRunner`."""
         return self.map.trajectory
 
     def loop_closures(self) -> Sequence[LoopClosureRecord]:
-        """See `TrajectoryRunner`. Those of a place that was left out since are told by its neighbour."""
-        places = self.map.loop_closer.database
+        """See `TrajectoryRunner`. Those of a culled keyframe belong to its neighbor."""
+        database = self.map.loop_closer.database
         return [
-            LoopClosureRecord(places[edge.a].stamp_s, places[edge.b].stamp_s, edge.T_a_b)
+            LoopClosureRecord(database[edge.a].stamp_s, database[edge.b].stamp_s, edge.T_a_b)
             for edge in self.map.loop_closer.graph.edges
             if edge.is_loop
         ]
 
 
 def make_runner(method: str, without_loop_closure: bool) -> TrajectoryRunner:
-    """What is measured: a method by its name, alone or with what knows places again."""
+    """Make the runner of a method, with or without loop closure."""
     return (
         OdometryRunner(method)
         if without_loop_closure

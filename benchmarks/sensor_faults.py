@@ -1,11 +1,11 @@
-"""How soon the service says what is wrong with a Kinect, and how soon it has frames again.
+"""Time until the service reports a fault of a Kinect, and until it recovers.
 
     python -m benchmarks.sensor_faults
 
-The real `kinect-vo run` on a played Kinect; a subscriber of its own hears the status and the poses.
-`told` is from the fault's beginning until a status names it; `back` from its end until the first
-pose, for a driver that was killed or stopped from the beginning. Each fault comes several times,
-and lasts up to six seconds after it was named; the slowest counts. Seconds.
+The real `kinect-vo run` uses a simulated Kinect; a separate subscriber receives status and poses.
+`report` is from the beginning of the fault until a status names it. `recovery` is from its end
+until the first pose; for a killed or stopped driver, from its beginning. Each fault is repeated and
+lasts up to six seconds after its report. The table has the slowest times in seconds.
 """
 
 import argparse
@@ -29,12 +29,12 @@ from tests.vo_service.sensor_faults import (
 )
 from tests.vo_service.service_process import ServiceProcess, running_service
 
-# How much longer each fault lasts once it has been named: one after the other.
+# How much longer each fault lasts after its report, one repetition after the other.
 DURATIONS_S = (0.0, 1.1, 2.7, 6.0)
 
 
 def main() -> int:
-    """Measure and print; 1 if a limit is missed."""
+    """Measure and print; return 1 if a limit is exceeded."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.sensor_faults",
         description=__doc__,
@@ -49,8 +49,8 @@ def main() -> int:
 
 
 def measure(folder: Path, kinect: KinectSimulator) -> bool:
-    """One line for each fault; whether all are within their limits."""
-    print(f"{'fault':20} {'told':>6} {'limit':>6} {'back':>6} {'limit':>6}")
+    """Print a line for each fault; return whether all are within their limits."""
+    print(f"{'fault':20} {'report':>6} {'limit':>6} {'recovery':>8} {'limit':>6}")
     kinect.unplug()
     with running_service(folder, kinect.environment) as service:
         results = [
@@ -63,12 +63,12 @@ def measure(folder: Path, kinect: KinectSimulator) -> bool:
             slowest = slowest_round([run_fault(fault, kinect, service, pause) for pause in pauses])
             results.append(report_fault(fault, slowest))
         if service.stop() != 0:
-            raise UserFacingError(f"the service did not end in order: {service.log}")
+            raise UserFacingError(f"the service did not exit cleanly: {service.log}")
     return all(results)
 
 
 def measure_plug_in(kinect: KinectSimulator, service: ServiceProcess) -> FaultTiming:
-    """A service that was started without a Kinect; it could be heard only from now on."""
+    """Measure a service that was started without a Kinect."""
     begin_s = time.monotonic()
     told_s = service.wait_for_reason(NO_KINECT_REASON, begin_s)
     time.sleep(DURATIONS_S[-1])
@@ -78,23 +78,23 @@ def measure_plug_in(kinect: KinectSimulator, service: ServiceProcess) -> FaultTi
 
 
 def slowest_round(rounds: list[FaultTiming]) -> FaultTiming:
-    """The slowest of each."""
+    """Return the slowest report and the slowest recovery."""
     return FaultTiming(
         max(each.report_s for each in rounds), max(each.recovery_s for each in rounds)
     )
 
 
 def report_fault(fault: SensorFault, timing: FaultTiming) -> bool:
-    """See `report`."""
+    """Print a fault's line; return whether it is within its limits."""
     return report(fault.name, timing, fault.max_report_s, fault.max_recovery_s)
 
 
 def report(name: str, timing: FaultTiming, max_report_s: float, max_recovery_s: float) -> bool:
-    """Print a line; whether it is within the limits."""
+    """Print a line; return whether it is within the limits."""
     is_good = timing.report_s <= max_report_s and timing.recovery_s <= max_recovery_s
     print(
-        f"{name:20} {timing.report_s:6.2f} {max_report_s:6.1f} {timing.recovery_s:6.2f} {max_recovery_s:6.1f}"
-        f"  {'pass' if is_good else 'FAIL'}",
+        f"{name:20} {timing.report_s:6.2f} {max_report_s:6.1f} {timing.recovery_s:8.2f} "
+        f"{max_recovery_s:6.1f}  {'pass' if is_good else 'FAIL'}",
         flush=True,
     )
     return is_good

@@ -1,10 +1,10 @@
-"""Whether a Kinect that is unplugged and plugged in again and again leaves something behind.
+"""Resource leaks when a Kinect is unplugged and plugged in many times.
 
     python -m benchmarks.sensor_leaks [--cycles 200]
 
-The real libfreenect and pyusb on a played Kinect, in a driver's process of their own. What both
-processes hold, and what is open at the Kinect, is to be the same after all times as after the first
-one; the driver's memory may grow a little at first, as caches fill.
+The real libfreenect and pyusb use a simulated Kinect in a driver's process. The resources of both
+processes and the open handles of the Kinect must be the same after all cycles as after the first.
+The driver's memory may grow a little at first, as caches fill.
 """
 
 import argparse
@@ -22,34 +22,34 @@ from tests.drivers.freenect.replugging import (
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, write_usb_frames
 
-# The images of one time alone would be 12 MB.
+# A leak of the images of one cycle would be 12 MB.
 MAX_GROWTH_KB = 10_000
 
 
 def main() -> int:
-    """Run and print; 1 if something has leaked."""
+    """Run and print; return 1 if something leaks."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.sensor_leaks",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--cycles", type=int, default=200, help="how often it is unplugged")
+    parser.add_argument("--cycles", type=int, default=200, help="number of times it is unplugged")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        film = write_usb_frames(Path(folder), (pattern_frame(seq) for seq in range(FRAME_COUNT)))
-        with KinectSimulator(Path(folder), film, registration=IDENTITY) as kinect:
+        frames = write_usb_frames(Path(folder), (pattern_frame(seq) for seq in range(FRAME_COUNT)))
+        with KinectSimulator(Path(folder), frames, registration=IDENTITY) as kinect:
             kinect.activate()
             kinect.start_delay_s = 0.0
             is_good = measure(kinect, args.cycles)
-    print("nothing has leaked" if is_good else "something has LEAKED")
+    print("no leaks" if is_good else "LEAKS")
     return 0 if is_good else 1
 
 
 def measure(kinect: KinectSimulator, cycles: int) -> bool:
-    """Print what is held; whether it is the same."""
+    """Print the resources; return whether they are the same after all cycles."""
     begin_s = time.monotonic()
     first, last = measure_growth(kinect, cycles)
-    print(f"{cycles} times in {time.monotonic() - begin_s:.0f} s")
+    print(f"{cycles} cycles in {time.monotonic() - begin_s:.0f} s")
     for name, each in (("first", first), ("last", last)):
         handles, abandoned = each.kinect
         print(
@@ -62,7 +62,7 @@ def measure(kinect: KinectSimulator, cycles: int) -> bool:
 
 
 def measure_growth(kinect: KinectSimulator, cycles: int) -> tuple[HeldResources, HeldResources]:
-    """What is held when it streams for the second time, and after `cycles` times."""
+    """Return the resources when it streams for the second time, and after `cycles` times."""
     with kinect_in_subprocess() as camera:
         camera.read(30.0)
         replug(camera, kinect)

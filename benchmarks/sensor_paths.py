@@ -1,11 +1,11 @@
-"""The same frames by every way into the service: as a folder, through OpenNI2, through libfreenect.
+"""The same frames by every input of the service: a folder, OpenNI2, fakenect and libfreenect.
 
     python -m benchmarks.sensor_paths FOLDER [--frames N]
 
-FOLDER is a TUM folder of 640x480 frames. It is replayed as it is; written as an .oni recording and
-played by the real libOpenNI2; written as a dump and played by the real fakenect; and played as a
-Kinect on the wire, for the real libfreenect, in the Kinect's own encoding: one color a pixel
-(Bayer) and 11 bits of depth. Each time it is `kinect-vo run` that finds the poses. Distances in mm.
+FOLDER is a TUM folder of 640x480 frames. It is replayed directly; as an .oni recording by the real
+libOpenNI2; as a dump by the real fakenect; and by the Kinect simulator with the real libfreenect,
+in the Kinect's own encoding: Bayer color and 11-bit depth. Each time `kinect-vo run` estimates the
+poses. Distances are in mm.
 """
 
 import argparse
@@ -34,16 +34,16 @@ from tests.simulators.oni_writer import frames_to_oni_images, write_oni
 from vo_service.tools.evaluation import evaluate
 
 RATE_HZ = 30.0
-# No pose for this long: the source has ended.
+# The source has ended after this time without a pose.
 SILENCE_TIMEOUT_S = 4.0
 MAX_RUN_S = 600.0
-# How many frames may pass before the first pair of a live camera.
+# Largest number of frames before the first pair of a live camera.
 MAX_MISSED_FRAMES = 8
 
 
 @dataclass(frozen=True)
 class InputPath:
-    """One way into the service."""
+    """An input of the service."""
 
     name: str
     source: str
@@ -52,14 +52,14 @@ class InputPath:
 
 
 def main() -> int:
-    """Run each way and print the table."""
+    """Run each input and print the table."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.sensor_paths",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--frames", type=int, default=None, help="only the first N")
+    parser.add_argument("--frames", type=int, default=None, help="use only the first N frames")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         compare(args.folder, args.frames, Path(scratch))
@@ -67,7 +67,7 @@ def main() -> int:
 
 
 def compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
-    """Print one line for each way."""
+    """Print a line for each input."""
     camera_file = scratch / "camera.toml"
     camera_file.write_text(format_calibration(find_calibration(folder, None)))
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
@@ -78,28 +78,28 @@ def compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
     dump, oni = scratch / "dump", scratch / "frames.oni"
     write_fakenect_dump(dump, folder_frames(folder, None, max_frames))
     write_oni(oni, frames_to_oni_images(frames))
-    film = write_fitted_usb_frames(scratch, folder_frames(folder, None, max_frames))
-    with KinectSimulator(scratch, film, registration=IDENTITY) as kinect:
+    usb_frames = write_fitted_usb_frames(scratch, folder_frames(folder, None, max_frames))
+    with KinectSimulator(scratch, usb_frames, registration=IDENTITY) as kinect:
         kinect.loop = LoopMode.ONCE
-        ways = [
+        input_paths = [
             InputPath("folder", f"tum:{folder}", PlaybackMode.LOCKSTEP, {}),
             InputPath(".oni, libOpenNI2", f"openni2:{oni}", PlaybackMode.LOCKSTEP, {}),
             InputPath("dump, fakenect", f"fakenect:{dump}", PlaybackMode.LOCKSTEP, {}),
             InputPath("Kinect, libfreenect", "freenect", PlaybackMode.REALTIME, kinect.environment),
         ]
-        print(f"{'way':22s} poses  ATE RMSE  farthest from the folder's")
+        print(f"{'input':22s} poses  ATE RMSE  farthest from the folder's")
         reference = Trajectory(np.empty(0), np.empty((0, 4, 4)))
-        for way in ways:
-            found = run(way, camera_file, scratch, len(frames))
-            found = match_to_frames(found, stamps_s, truth)
-            reference = found if way.name == "folder" else reference
-            ate_mm = 1e3 * evaluate(found, truth).ate_rmse_m
-            apart_mm = 1e3 * max_distance_m(found, reference)
-            print(f"{way.name:22s} {len(found):5d} {ate_mm:9.2f} {apart_mm:9.3f}", flush=True)
+        for path in input_paths:
+            trajectory = run(path, camera_file, scratch, len(frames))
+            trajectory = match_to_frames(trajectory, stamps_s, truth)
+            reference = trajectory if path.name == "folder" else reference
+            ate_mm = 1e3 * evaluate(trajectory, truth).ate_rmse_m
+            max_mm = 1e3 * max_distance_m(trajectory, reference)
+            print(f"{path.name:22s} {len(trajectory):5d} {ate_mm:9.2f} {max_mm:9.3f}", flush=True)
 
 
 def run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> Trajectory:
-    """The poses that ``kinect-vo run`` writes, until `count` are there or none comes any more."""
+    """Return the poses that ``kinect-vo run`` writes, up to `count` or until it stops."""
     trajectory = scratch / f"{input_path.source.partition(':')[0]}.txt"
     command = [
         str(Path(sys.executable).with_name("kinect-vo")), "run", "--no-publish",
@@ -114,7 +114,7 @@ def run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> 
 
 
 def wait_for_lines(file: Path, count: int, process: "subprocess.Popen[bytes]") -> None:
-    """Until the file has so many lines, or has had its last one."""
+    """Wait until a file has `count` lines, or does not grow any more."""
     begin_s = last_s = time.monotonic()
     size = 0
     while process.poll() is None and time.monotonic() - begin_s < MAX_RUN_S:
@@ -128,24 +128,24 @@ def wait_for_lines(file: Path, count: int, process: "subprocess.Popen[bytes]") -
             return
 
 
-def match_to_frames(found: Trajectory, stamps_s: np.ndarray, truth: Trajectory) -> Trajectory:
-    """`found` with the stamps of the frames that were played.
+def match_to_frames(estimated: Trajectory, stamps_s: np.ndarray, truth: Trajectory) -> Trajectory:
+    """Replace the stamps by those of the recorded frames.
 
-    A live camera's stamps are of this host's clock; the first frame that it delivered is the one
-    that makes the whole fit the truth best.
+    A live camera's stamps are on this host's clock. Its first frame is chosen so that the
+    trajectory fits the truth best.
     """
-    index = np.rint((found.stamps_s - found.stamps_s[0]) * RATE_HZ).astype(int)
-    if abs(found.stamps_s[0] - stamps_s[0]) < 10.0:
-        return found
+    index = np.rint((estimated.stamps_s - estimated.stamps_s[0]) * RATE_HZ).astype(int)
+    if abs(estimated.stamps_s[0] - stamps_s[0]) < 10.0:
+        return estimated
     candidates = []
     for first in range(MAX_MISSED_FRAMES):
         inside = index + first < len(stamps_s)
-        poses = found.T_world_camera[inside]
+        poses = estimated.T_world_camera[inside]
         candidates.append(Trajectory(stamps_s[index[inside] + first], poses))
     return min(candidates, key=lambda poses: evaluate(poses, truth).ate_rmse_m)
 
 
-def max_distance_m(found: Trajectory, reference: Trajectory) -> float:
+def max_distance_m(estimated: Trajectory, reference: Trajectory) -> float:
     """Largest distance between positions of the same frame."""
     position = {
         round(stamp_s, 3): T[:3, 3]
@@ -153,7 +153,7 @@ def max_distance_m(found: Trajectory, reference: Trajectory) -> float:
     }
     return max(
         float(np.linalg.norm(T[:3, 3] - position[round(stamp_s, 3)]))
-        for stamp_s, T in zip(found.stamps_s, found.T_world_camera, strict=True)
+        for stamp_s, T in zip(estimated.stamps_s, estimated.T_world_camera, strict=True)
     )
 
 

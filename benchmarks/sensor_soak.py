@@ -1,11 +1,11 @@
-"""The whole service on a played Kinect for a long time, to see whether it ever loses a frame.
+"""Soak test of the whole service on a simulated Kinect: lost frames, CPU time and memory.
 
     python -m benchmarks.sensor_soak [--minutes 10] [--patient]
 
-The real `kinect-vo run` at 30 frames a second; a subscriber of its own hears every pose and status.
-The Kinect's clock wraps a third into the run, or 20 s into a long one, and every 71.6 s after that.
-Like a real bus, the stand-in loses what a driver that is late by 32 ms does not fetch; --patient
-keeps it, for a machine that has other things to do. Exit code 1 if a frame was lost, wherever.
+The real `kinect-vo run` at 30 frames per second; a separate subscriber receives every pose and
+status. The Kinect's clock wraps a third into the run, or 20 s into a long one, and every 71.6 s
+after that. Like a real bus, the simulator loses packets of a driver that is late by 32 ms; with
+--patient it waits, for a busy machine. Exit code 1 if any frame is lost.
 """
 
 import argparse
@@ -29,31 +29,31 @@ WARM_UP_S = 3.0
 FIRST_REPORT_S = 60.0
 FIRST_WRAP_S = 20.0
 TICKS_PER_S = 60_000_000
-# Frames that are under way when the counts are read.
+# Frames in flight when the counters are read.
 MAX_IN_FLIGHT = 3
 
 
 @dataclass(frozen=True)
 class SensorSoakSample:
-    """How things stand at one instant."""
+    """Counters and costs at one time."""
 
     time_s: float
     sent: int
     poses: int
     status: StatusContent
-    cpu_s: tuple[float, float]  # of the service, of the driver
+    cpu_s: tuple[float, float]  # service, driver
     memory_kb: tuple[int, int]
 
 
 def main() -> int:
-    """Run and print; see the module."""
+    """Run and print."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.sensor_soak",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--minutes", type=float, default=10.0, help="how long (default: 10)")
-    parser.add_argument("--patient", action="store_true", help="lose nothing on the bus")
+    parser.add_argument("--minutes", type=float, default=10.0, help="duration (default: 10)")
+    parser.add_argument("--patient", action="store_true", help="lose no packets on the bus")
     args = parser.parse_args()
     seconds = 60.0 * args.minutes
     with tempfile.TemporaryDirectory() as name:
@@ -74,7 +74,7 @@ def main() -> int:
 def soak(
     service: ServiceProcess, kinect: KinectSimulator, seconds: float
 ) -> Sequence[SensorSoakSample]:
-    """Samples at the beginning, after a minute (of a longer run) and at the end."""
+    """Return samples at the beginning, after a minute of a longer run, and at the end."""
     service.wait_until_streaming(time.monotonic())
     time.sleep(WARM_UP_S)
     samples = [take_sample(service, kinect)]
@@ -85,7 +85,7 @@ def soak(
 
 
 def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> SensorSoakSample:
-    """Now, with a status that was heard after everything else was read."""
+    """Take a sample, with a status that was received after reading everything else."""
     processes = service.process.pid, service.driver_pid
     at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.heard.poses)
     used_s = process_cpu_s(processes[0]), process_cpu_s(processes[1])
@@ -96,43 +96,43 @@ def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> SensorSoakS
 
 
 def process_cpu_s(process: int) -> float:
-    """CPU time that a process has used so far, all its threads together."""
-    return time.clock_gettime(~process << 3 | 2)  # the clock's number as in clock_getcpuclockid(3)
+    """CPU time of all threads of a process so far."""
+    return time.clock_gettime(~process << 3 | 2)  # clock number as in clock_getcpuclockid(3)
 
 
 def report(samples: Sequence[SensorSoakSample], poses: Sequence[SubscribedPose]) -> int:
-    """Print the table; how many frames were lost, wherever."""
+    """Print the table; return the number of lost frames."""
     first, early, last = samples
     duration_s = last.time_s - first.time_s
-    sent, heard = last.sent - first.sent, len(poses)
-    counted: dict[str, int] = {
+    sent, received = last.sent - first.sent, len(poses)
+    counters: dict[str, int] = {
         name: last.status[name] - first.status[name]
         for name in ("dropped", "skipped", "lost_packets", "failed")
     }
     gaps = sum(b.seq - a.seq - 1 for a, b in pairwise(poses))
     backwards = sum(b.stamp_s <= a.stamp_s for a, b in pairwise(poses))
-    print(f"{duration_s:.0f} s, {heard / duration_s:.2f} poses a second")
+    print(f"{duration_s:.0f} s, {received / duration_s:.2f} poses a second")
     print(f"frames sent by the Kinect           {sent:8d}")
-    print(f"poses heard                         {heard:8d}")
-    print(f"dropped: the odometry was late      {counted['dropped']:8d}")
-    print(f"skipped: torn or without a partner  {counted['skipped']:8d}")
-    print(f"packets lost on the bus             {counted['lost_packets']:8d}")
-    print(f"poses lost on the way to us         {gaps:8d}")
+    print(f"poses received                      {received:8d}")
+    print(f"dropped: the odometry was late      {counters['dropped']:8d}")
+    print(f"skipped: torn or without a partner  {counters['skipped']:8d}")
+    print(f"packets lost on the bus             {counters['lost_packets']:8d}")
+    print(f"poses lost in transmission          {gaps:8d}")
     print(f"stamps that went back               {backwards:8d}")
-    print(f"frames without a motion found       {counted['failed']:8d}")
+    print(f"frames without a motion found       {counters['failed']:8d}")
     report_times(poses, last.status)
     report_costs(first, early, last)
-    missing = max(0, abs(sent - heard) - MAX_IN_FLIGHT)
-    return max(missing, counted["dropped"] + counted["skipped"] + gaps) + backwards
+    missing = max(0, abs(sent - received) - MAX_IN_FLIGHT)
+    return max(missing, counters["dropped"] + counters["skipped"] + gaps) + backwards
 
 
 def report_times(poses: Sequence[SubscribedPose], status: StatusContent) -> None:
-    """Print how evenly the stamps follow each other, and the last latencies."""
+    """Print the stamp intervals and the last latencies."""
     interval_ms = 1e3 * np.diff([pose.stamp_s for pose in poses])
     low, middle, high = np.percentile(interval_ms, [1, 50, 99])
     print(
-        f"stamp to stamp, ms: least {interval_ms.min():.2f}, 1 % {low:.2f}, median {middle:.2f}, "
-        f"99 % {high:.2f}, most {interval_ms.max():.2f}"
+        f"stamp to stamp, ms: min {interval_ms.min():.2f}, 1 % {low:.2f}, median {middle:.2f}, "
+        f"99 % {high:.2f}, max {interval_ms.max():.2f}"
     )
     print(
         f"latency of the last frames, ms: median {status['latency_p50_ms']:.1f}, "

@@ -1,18 +1,19 @@
-"""How long from a frame's arrival until its pose is in another process's hands, come what may.
+"""Latency from a frame's arrival until another process has its pose, under disturbances.
 
     python -m benchmarks.service_latency [--seconds 20] [--rounds 3] [--case NAME] [--quick]
 
-The real `kinect-vo run` on the virtual Kinect at 30 frames a second, its pictures recorded by the
-viewer, and a subscriber in a process of its own. Case by case something is in the way: a viewer or
-a subscriber that freezes, is killed or never comes, a router that goes. The cases are interleaved:
-all of them once a round; the table has the median of the rounds, and the worst maximum.
+The real `kinect-vo run` on the virtual Kinect at 30 frames per second, with a viewer that records
+the images, and a subscriber in a separate process. Each case has a disturbance: a frozen, killed or
+missing viewer or subscriber, or a restarted router. Each round runs all cases once; the table has
+the median of the rounds, and the worst maximum.
 
-The virtual Kinect's frames arrive a known time after their stamps, and the poses carry the stamps,
-so that the latency is exact: it includes waking up, the odometry, Zenoh and decoding. `dropped` and
-`lost` are frames that the odometry missed and poses that the subscriber missed. CPU times are
-milliseconds a frame. Exit code 1 if a limit is missed: 25 and 45 ms (median and 99 %) and nothing
-dropped in the first case, 1.2 times its latencies and nothing lost in the others. A machine of
-which the host takes more than 1 % ("steal") proves nothing either way; the table says so.
+The virtual Kinect's frames arrive a known time after their stamps, and poses have the stamps of
+their frames. So the latency is exact; it includes waking up, the odometry, Zenoh and decoding.
+`dropped` are frames that the odometry missed; `lost` are poses that the subscriber missed. CPU
+times are milliseconds per frame. Exit code 1 if a limit is exceeded: 25 and 45 ms (median and 99 %)
+and no dropped frame in the first case, 1.2 times its latencies and no lost pose in the others. If
+the host takes more than 1 % of the machine's time ("steal"), the result is not conclusive, and the
+table says so.
 """
 
 import argparse
@@ -37,7 +38,7 @@ from tests.vo_service.subscriber import StatusContent
 from vo_service.terminal import Terminal
 
 WARM_UP_S = 4.0
-# Poses of the last frames may still be under way.
+# Poses of the last frames may still be in flight.
 DRAIN_S = 0.5
 MAX_P50_MS, MAX_P99_MS, MAX_RATIO = 25.0, 45.0, 1.2
 MAX_STEAL_PERCENT = 1.0
@@ -45,7 +46,7 @@ MAX_STEAL_PERCENT = 1.0
 
 @dataclass(frozen=True)
 class LatencyResult:
-    """One run of one case. CPU times are milliseconds a frame."""
+    """One run of one case. CPU times are milliseconds per frame."""
 
     p50_ms: float
     p99_ms: float
@@ -60,7 +61,7 @@ class LatencyResult:
 
 
 def main() -> int:
-    """Measure and print; see the module."""
+    """Measure and print."""
     args = parse_arguments()
     seconds, rounds = (6.0, 1) if args.quick else (args.seconds, args.rounds)
     chosen = [case for case in CASES if not args.case or case.name in args.case]
@@ -75,13 +76,15 @@ def main() -> int:
 
 
 def parse_arguments() -> argparse.Namespace:
-    """Read the command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.service_latency",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--seconds", type=float, default=20.0, help="of one run (default: 20)")
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="duration of a run (default: 20)"
+    )
     parser.add_argument("--rounds", type=int, default=3, help="runs of each case (default: 3)")
     parser.add_argument("--case", action="append", choices=[case.name for case in CASES])
     parser.add_argument("--quick", action="store_true", help="one round of 6 seconds")
@@ -89,14 +92,14 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def prerender_room() -> None:
-    """Where nobody has done so yet; services that are started later find it."""
-    print("rendering the room (a minute or two, unless it is kept already)", file=sys.stderr)
+    """Render the room into the cache, if needed, for the services started later."""
+    print("rendering the room (a minute or two, unless it is cached)", file=sys.stderr)
     progress = Terminal().progress_callback("rendering the room: frame")
     render_all(SyntheticConfig.fast(), cache_folder() / "films", progress).close()
 
 
 def run(case: InterferenceCase, seconds: float) -> LatencyResult:
-    """Start everything, let it settle, measure for so long."""
+    """Start everything, warm up, and measure."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with (
@@ -109,7 +112,7 @@ def run(case: InterferenceCase, seconds: float) -> LatencyResult:
             service.wait_until_streaming(time.monotonic())
             time.sleep(WARM_UP_S)
             outcome = measure(scene, service, listener, seconds)
-            # With 1 where a viewer that was in the way lacks the end of its recording.
+            # Exit code 1 if a disturbed viewer misses the end of its recording.
             service.stop()
             if "Traceback" in service.log:
                 raise RuntimeError(f"the service failed: {service.log}")
@@ -117,26 +120,26 @@ def run(case: InterferenceCase, seconds: float) -> LatencyResult:
 
 
 def measure(
-    scene: InterferenceSetup, service: ServiceProcess, listener: ArrivalRecorder, seconds: float
+    setup: InterferenceSetup, service: ServiceProcess, listener: ArrivalRecorder, seconds: float
 ) -> LatencyResult:
-    """From now on, with what happens in the scene."""
+    """Measure from now on, with the actions of the setup."""
     processes = [service.process.pid, listener.process.pid]
     children = descendants_of(service.process.pid)
     before, status_before = measure_processor_use(*processes, *children), service.status
     begin_s = time.monotonic()
-    for share, act in scene.actions:
-        time.sleep(max(0.0, begin_s + share * seconds - time.monotonic()))
-        act(service)
+    for fraction, action in setup.actions:
+        time.sleep(max(0.0, begin_s + fraction * seconds - time.monotonic()))
+        action(service)
     time.sleep(max(0.0, begin_s + seconds - time.monotonic()))
     end_s = time.monotonic()
     children = sorted({*children, *descendants_of(service.process.pid)})
     used, status = measure_processor_use(*processes, *children).since(before), service.status
     time.sleep(DRAIN_S)
-    arrived_s = stamp_to_arrival_s()
-    heard = listener.stop().between(begin_s, end_s - arrived_s)
-    if abs(heard.clock_shift_s) > 1e-3:
-        raise RuntimeError("somebody set the clock meanwhile: the stamps do not tell the latency")
-    latency_ms = 1e3 * (heard.receive_time_s - heard.stamp_s - arrived_s)
+    arrival_s = stamp_to_arrival_s()
+    arrivals = listener.stop().between(begin_s, end_s - arrival_s)
+    if abs(arrivals.clock_shift_s) > 1e-3:
+        raise RuntimeError("the wall clock was set during the run: the latency is unknown; re-run")
+    latency_ms = 1e3 * (arrivals.receive_time_s - arrivals.stamp_s - arrival_s)
     count = len(latency_ms)
     p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
     return LatencyResult(
@@ -144,7 +147,7 @@ def measure(
         p99_ms=float(p99_ms),
         max_ms=float(latency_ms.max()),
         dropped=status["dropped"] - status_before["dropped"],
-        lost=heard.lost,
+        lost=arrivals.lost,
         service_ms=per_frame_ms(used, count, processes[0]),
         children_ms=per_frame_ms(used, count, *children),
         subscriber_ms=per_frame_ms(used, count, processes[1]),
@@ -154,18 +157,18 @@ def measure(
 
 
 def stamp_to_arrival_s() -> float:
-    """How long after its stamp a frame of the virtual Kinect has arrived."""
+    """Time from the stamp to the arrival of a frame of the virtual Kinect."""
     timing = SyntheticConfig.fast().timing
     return timing.readout_s / 2 + max(timing.skew_s, 0.0)
 
 
 def per_frame_ms(used: ProcessorUse, frames: int, *processes: int) -> float:
-    """Processor time of these processes together."""
+    """Processor milliseconds per frame of processes together."""
     return 1e3 * sum(used.by_process[process] for process in processes) / frames
 
 
 def combine_runs(runs: Sequence[LatencyResult]) -> LatencyResult:
-    """Medians of the runs; worst maximum; counts of all together."""
+    """Combine runs: medians, the worst maximum, and sums of the counts."""
     return LatencyResult(
         p50_ms=median(each.p50_ms for each in runs),
         p99_ms=median(each.p99_ms for each in runs),
@@ -181,7 +184,7 @@ def combine_runs(runs: Sequence[LatencyResult]) -> LatencyResult:
 
 
 def report(outcomes: dict[str, LatencyResult], seconds: float) -> int:
-    """Print the table; 1 if a limit is missed."""
+    """Print the table; return 1 if a limit is exceeded."""
     base = next(iter(outcomes.values()))
     print(f"\n{seconds:.0f} s of each case; latencies and CPU times in ms\n")
     print(
@@ -190,14 +193,14 @@ def report(outcomes: dict[str, LatencyResult], seconds: float) -> int:
     )
     missed = [report_line(name, each, base) for name, each in outcomes.items()]
     stages = base.status.get("stage_ms", {})
-    print("\nCPU ms a frame of the odometry by stage, medians of the first case:")
+    print("\nCPU ms per frame of the odometry by stage, medians of the first case:")
     print("  " + ", ".join(f"{stage} {spent_ms:.2f}" for stage, spent_ms in stages.items()))
-    print(f"  together {base.status.get('cpu_ms_per_frame', 0.0):.2f}")
+    print(f"  total {base.status.get('cpu_ms_per_frame', 0.0):.2f}")
     return 1 if any(missed) else 0
 
 
 def report_line(name: str, outcome: LatencyResult, base: LatencyResult) -> bool:
-    """Print one case; whether it misses a limit."""
+    """Print one case; return whether it exceeds a limit."""
     p50_ratio, p99_ratio = outcome.p50_ms / base.p50_ms, outcome.p99_ms / base.p99_ms
     if outcome is base:
         is_good = outcome.p50_ms <= MAX_P50_MS and outcome.p99_ms <= MAX_P99_MS
@@ -207,7 +210,7 @@ def report_line(name: str, outcome: LatencyResult, base: LatencyResult) -> bool:
     is_good = is_good and outcome.lost == 0
     verdict = "pass" if is_good else "FAIL"
     if outcome.steal_percent > MAX_STEAL_PERCENT:
-        verdict += ", too much steal to tell"
+        verdict += ", inconclusive: too much steal"
     print(
         f"{name:24} {outcome.p50_ms:6.1f} {outcome.p99_ms:6.1f} {outcome.max_ms:7.1f} "
         f"{p50_ratio:6.2f} {p99_ratio:6.2f} {outcome.dropped:7d} {outcome.lost:4d} "

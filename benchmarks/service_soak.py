@@ -1,15 +1,15 @@
-"""The whole service for hundreds of thousands of frames, to see whether anything in it grows.
+"""Soak test of the whole service for hundreds of thousands of frames: growth of its resources.
 
     python -m benchmarks.service_soak STATE.json [--frames 200000] [--rate 60] [--plot FILE.png]
 
-The real `kinect-vo run` on the virtual Kinect's 300 frames, played round and round at `--rate`; a
-subscriber hears every pose, the viewer records into files that rotate, the flight recorder runs.
-Every 1000 frames a sample: memory, open handles, threads, children, latency, processor time.
+The real `kinect-vo run` plays the virtual Kinect's 300 frames in a loop at `--rate`. A subscriber
+receives every pose, the viewer records into rotating files, and the flight recorder runs. Every
+1000 frames a sample is taken: memory, open handles, threads, children, latency, processor time.
 
-Samples are kept in STATE.json at once. After an interruption (Ctrl-C, a crash, a reboot) the same
-command goes on: it starts the service again and adds to what is there, until all frames have been
-heard. Slopes are then taken over all runs, each from a level of its own and after its warm-up.
-Exit code 1 if memory grows by 1 MB or more in 10,000 frames, or anything else is not flat.
+Samples are stored in STATE.json at once. After an interruption (Ctrl-C, a crash, a reboot) the same
+command starts the service again and continues until all poses are received. Slopes are fitted over
+all runs, each with its own offset and without its warm-up. Exit code 1 if memory grows by 1 MB or
+more in 10,000 frames, or another resource is not constant.
 """
 
 import argparse
@@ -33,10 +33,10 @@ from vo_service.config import read_config
 from vo_service.terminal import Terminal
 
 SAMPLE_FRAMES = 1000
-# The service keeps the processor times of its last 20,000 frames; until then its memory grows.
+# The service stores the processor times of its last 20,000 frames; until then its memory grows.
 WARM_UP_FRAMES = 25_000
 SEQUENCE_FRAMES = 300
-# A machine that is busy may need this many times as long as the frames' rate says.
+# A busy machine may be slower than the frame rate by this factor.
 TIMEOUT_FACTOR = 10.0
 
 CONFIG = """
@@ -62,7 +62,7 @@ timing = {{ readout_s = 0.0, skew_s = 0.0 }}
 
 
 def main() -> int:
-    """Soak until all frames have been heard, then judge; see the module."""
+    """Run until all poses are received, then evaluate."""
     args = parse_arguments()
     record = SoakRecord.load(args.state)
     with tempfile.TemporaryDirectory() as name:
@@ -75,34 +75,36 @@ def main() -> int:
             with running_service(folder, {}, source="synthetic", more_config=config) as service:
                 SoakRun(service, record, args.rate).run_until(args.frames)
                 if service.stop() != 0:
-                    raise RuntimeError(f"the service did not end in order: {service.log}")
+                    raise RuntimeError(f"the service did not exit cleanly: {service.log}")
     if args.plot is not None:
         save_plot(record, args.plot)
     return report(record, args.warm_up)
 
 
 def parse_arguments() -> argparse.Namespace:
-    """Read the command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.service_soak",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("state", type=Path, help="keeps what was measured, and is gone on with")
-    parser.add_argument("--frames", type=int, default=200_000, help="in all (default: 200000)")
-    parser.add_argument("--rate", type=float, default=60.0, help="frames a second (default: 60)")
+    parser.add_argument("state", type=Path, help="file of samples; an existing one is continued")
+    parser.add_argument(
+        "--frames", type=int, default=200_000, help="total frames (default: 200000)"
+    )
+    parser.add_argument("--rate", type=float, default=60.0, help="frames per second (default: 60)")
     parser.add_argument(
         "--warm-up",
         type=int,
         default=WARM_UP_FRAMES,
-        help="frames of each run left out (default: 25000)",
+        help="skipped frames of each run (default: 25000)",
     )
-    parser.add_argument("--plot", type=Path, help="picture to write")
+    parser.add_argument("--plot", type=Path, help="plot to write")
     return parser.parse_args()
 
 
 def prerender_room(folder: Path, config: str) -> None:
-    """Where nobody has done so yet; the service then finds it."""
+    """Render the room into the cache, if needed."""
     file = folder / "room.toml"
     file.write_text(f"schema = 1\n{config}")
     synthetic: SyntheticConfig = read_config(file).synthetic
@@ -111,7 +113,7 @@ def prerender_room(folder: Path, config: str) -> None:
 
 
 class SoakRun:
-    """One start of the service, from its first pose on."""
+    """One run of the service, from its first pose on."""
 
     def __init__(self, service: ServiceProcess, record: SoakRecord, rate: float) -> None:
         self._service = service
@@ -124,19 +126,23 @@ class SoakRun:
         self._used_s = self._cpu_s()
 
     def run_until(self, frames: int) -> None:
-        """Sample every thousand frames until the record holds so many."""
-        heard = self._service.heard
+        """Sample every thousand frames until the record has `frames` frames."""
+        subscriber = self._service.heard
         while self._record.frames < frames:
-            if not heard.wait_for(lambda: len(heard.poses) > SAMPLE_FRAMES, self._limit_s):
-                raise RuntimeError(f"no poses any more; the log: {self._service.log}")
+            if not subscriber.wait_for(
+                lambda: len(subscriber.poses) > SAMPLE_FRAMES, self._limit_s
+            ):
+                raise RuntimeError(
+                    f"the service stopped publishing poses; its log: {self._service.log}"
+                )
             self._record.add(self._sample())
             print(f"{self._record.frames} of {frames} frames", file=sys.stderr, flush=True)
 
     def _sample(self) -> SoakSample:
-        heard = self._service.heard
-        # The last one stays: the next sample counts from there.
-        poses = heard.poses[: SAMPLE_FRAMES + 1]
-        del heard.poses[:SAMPLE_FRAMES], heard.statuses[:-1]
+        subscriber = self._service.heard
+        # The last pose stays: the next sample counts from it.
+        poses = subscriber.poses[: SAMPLE_FRAMES + 1]
+        del subscriber.poses[:SAMPLE_FRAMES], subscriber.statuses[:-1]
         latency_ms = [1e3 * (p.receive_time_s - (p.stamp_s - self._wall_s)) for p in poses[1:]]
         p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
         self._frame += len(poses) - 1
@@ -166,13 +172,13 @@ class SoakRun:
 
 
 def report(record: SoakRecord, warm_up: int) -> int:
-    """Print the figures; 1 if one of them is not flat."""
+    """Print the figures; return 1 if one exceeds its limit."""
     last = record.samples[-1]
     print(f"{record.frames} frames in {record.runs} run(s), {len(record.samples)} samples")
     print(
         f"the last: service {last.service_mb:.1f} MB, children {last.others_mb:.1f} MB, "
         f"{last.handles} handles, {last.threads} threads, latency {last.p50_ms:.1f} ms "
-        f"(99 %: {last.p99_ms:.1f} ms), CPU {last.cpu_ms:.1f} ms a frame, {last.dropped} dropped"
+        f"(99 %: {last.p99_ms:.1f} ms), CPU {last.cpu_ms:.1f} ms per frame, {last.dropped} dropped"
     )
     judged = check_soak(record, warm_up)
     for each in judged:

@@ -1,4 +1,4 @@
-"""Whether a camera that stands still is still, and one that creeps is followed."""
+"""Drift of a stationary camera, and tracking of a creeping one."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from vo_service.tools.evaluation.association import associate
 
 @dataclass(frozen=True)
 class StationaryResult:
-    """How far from the first pose the pose got, at most and in the last frame."""
+    """Distance from the first pose, at most and in the last frame."""
 
     frames: int
     lost: int
@@ -30,7 +30,7 @@ class StationaryResult:
 
 @dataclass(frozen=True)
 class CreepResult:
-    """How much of a slow way was followed: from its first pose to its last, along the true way."""
+    """Tracked distance of a slow motion, projected onto the true motion, and the true distance."""
 
     frames: int
     lost: int
@@ -39,7 +39,7 @@ class CreepResult:
 
 
 def measure_stationary(method: str, frames: Iterable[RgbdFrame]) -> StationaryResult:
-    """Follow a camera that never moves; nothing of a frame is kept."""
+    """Track a camera that never moves, without storing its frames."""
     odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
     lost, count = 0, 0
     farthest, end = np.zeros(2), np.zeros(2)
@@ -58,25 +58,25 @@ def measure_stationary(method: str, frames: Iterable[RgbdFrame]) -> StationaryRe
 
 
 def measure_creep(method: str, folder: Path) -> CreepResult:
-    """Follow a sequence of the motion "creep". Raises InputError if hardly a frame has a pose."""
+    """Track a sequence of the motion "creep". Raises InputError with too few poses."""
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-        followed = track(method, read_all_frames(camera))
+        tracked = track(method, read_all_frames(camera))
         truth = camera.ground_truth
-    assert truth is not None, "a rendered sequence has a truth"
-    matched = associate(followed.trajectory, truth)
+    assert truth is not None, "a rendered sequence has a ground truth"
+    matched = associate(tracked.trajectory, truth)
     true_way = _displacement_m(matched.T_truth_camera)
     length_m = float(np.linalg.norm(true_way))
     followed_m = float(_displacement_m(matched.T_world_camera) @ true_way) / length_m
-    lost = int(np.count_nonzero(~followed.has_pose))
-    return CreepResult(len(followed.stamps_s), lost, length_m, followed_m)
+    lost = int(np.count_nonzero(~tracked.has_pose))
+    return CreepResult(len(tracked.stamps_s), lost, length_m, followed_m)
 
 
 def _displacement_m(T_world_camera: Array) -> Array:
-    """(3,) from the first place to the last, in the axes of the first camera."""
-    way: Array = (inverse(T_world_camera[0]) @ T_world_camera[-1])[:3, 3]
-    return way
+    """Displacement (3,) from the first pose to the last, in the axes of the first camera."""
+    displacement_m: Array = (inverse(T_world_camera[0]) @ T_world_camera[-1])[:3, 3]
+    return displacement_m
 
 
 def _size(T: Array) -> Array:
-    """Metres and degrees of a motion."""
+    """Distance in meters and angle in degrees of a motion."""
     return np.array([np.linalg.norm(T[:3, 3]), np.degrees(rotation_angle_rad(T[:3, :3]))])

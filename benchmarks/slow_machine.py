@@ -1,14 +1,14 @@
-"""What a machine that is too slow costs: with `load.adapt`, and without.
+"""Dropped frames on a machine that is too slow, with and without `load.adapt`.
 
     python -m benchmarks.slow_machine [--percent 60 --percent 40] [--seconds 30] [--rounds 2]
 
-The real `kinect-vo run` on the virtual Kinect at 30 frames a second, its pictures recorded, and a
-subscriber. Once it runs, all its processes together are given so many percent of one processor (a
-control group; needs root), with `load.adapt` on and off in turn.
+The real `kinect-vo run` on the virtual Kinect at 30 frames per second, with a recording viewer and
+a subscriber. Once it runs, all its processes together are limited to a percentage of one processor
+(a control group; needs root), with `load.adapt` on and off in turn.
 
-`poses/s` and `dropped` are those of the limited time, `late` the frames dropped in its second half:
-what is left once something has been given up. `given up` is what the status said at the end. Exit
-code 1 if adapting dropped more frames in any case, or if features went before the pictures did.
+`poses/s` and `dropped` are those of the limited time. `late` are the frames dropped in its second
+half, after the load was shed. `shed` is what the status reports at the end. Exit code 1 if
+adapting dropped more frames in any case, or if features were reduced before the viewer paused.
 """
 
 import argparse
@@ -45,7 +45,7 @@ class SlowMachineResult:
 
 
 def main() -> int:
-    """Measure and print; see the module."""
+    """Measure and print."""
     args = parse_arguments()
     prerender_room()
     percents = args.percent or PERCENTS
@@ -61,20 +61,24 @@ def main() -> int:
 
 
 def parse_arguments() -> argparse.Namespace:
-    """Read the command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.slow_machine",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--percent", type=float, action="append", help="of one processor")
-    parser.add_argument("--seconds", type=float, default=30.0, help="of one run (default: 30)")
+    parser.add_argument(
+        "--percent", type=float, action="append", help="limit, percent of one processor"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=30.0, help="duration of a run (default: 30)"
+    )
     parser.add_argument("--rounds", type=int, default=2, help="runs of each case (default: 2)")
     return parser.parse_args()
 
 
 def run(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
-    """Start everything, let it settle, then limit it for so long."""
+    """Start everything, warm up, then limit the processor time and measure."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         config = (
@@ -94,7 +98,7 @@ def run(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
 
 
 def measure(service: ServiceProcess, seconds: float) -> SlowMachineResult:
-    """From now on."""
+    """Measure for `seconds` from now on."""
     before, machine = service.status, measure_processor_use()
     time.sleep(seconds / 2)
     middle = service.status
@@ -117,15 +121,15 @@ def measure(service: ServiceProcess, seconds: float) -> SlowMachineResult:
 
 
 def is_viewer_paused_first(log: Sequence[str]) -> bool:
-    """Whether no line tells of fewer features without the viewer resting."""
+    """Whether no line reports fewer features without a paused viewer."""
     return not any(re.search(r": \d+ features$", line) for line in log)
 
 
 def report(runs: dict[tuple[float, bool], list[SlowMachineResult]]) -> int:
-    """Print the table; 1 if adapting did not help."""
+    """Print the table; return 1 if adapting did not help."""
     print(
         f"\n{'limit':>6} {'adapt':>5} {'poses/s':>8} {'dropped':>8} {'late':>5} {'features':>8} "
-        f"{'steal':>6}  given up"
+        f"{'steal':>6}  shed"
     )
     for (percent, adapts), outcomes in runs.items():
         print(
@@ -133,7 +137,8 @@ def report(runs: dict[tuple[float, bool], list[SlowMachineResult]]) -> int:
             f"{mean(each.poses_per_s for each in outcomes):8.1f} "
             f"{mean(each.dropped for each in outcomes):8.0f} "
             f"{mean(each.late for each in outcomes):5.0f} {outcomes[-1].features:8d} "
-            f"{max(each.steal_percent for each in outcomes):5.1f}%  {outcomes[-1].degradations or '-'}"
+            f"{max(each.steal_percent for each in outcomes):5.1f}%  "
+            f"{outcomes[-1].degradations or '-'}"
         )
     worse = [
         percent
@@ -141,13 +146,13 @@ def report(runs: dict[tuple[float, bool], list[SlowMachineResult]]) -> int:
         if adapts and total_dropped(runs[percent, True]) > total_dropped(runs[percent, False])
     ]
     in_order = all(each.is_viewer_first for outcomes in runs.values() for each in outcomes)
-    print(f"\nfeatures went first: {'no' if in_order else 'YES'}")
+    print(f"\nfeatures reduced first: {'no' if in_order else 'YES'}")
     print(f"adapting dropped more: {', '.join(f'{percent:.0f}%' for percent in worse) or 'never'}")
     return 1 if worse or not in_order else 0
 
 
 def total_dropped(outcomes: Sequence[SlowMachineResult]) -> int:
-    """Frames that were dropped in all runs."""
+    """Number of dropped frames in all runs."""
     return sum(each.dropped for each in outcomes)
 
 

@@ -1,4 +1,4 @@
-"""A soak as a picture: memory, handles and threads, latency and processor time over the frames."""
+"""Plot of a soak test: memory, handles, threads, latency and processor time over the frames."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,12 +23,12 @@ PANELS: tuple[tuple[str, tuple[PlottedFigure, ...]], ...] = (
         ),
     ),
     ("latency, ms", (("median", lambda s: s.p50_ms), ("99 %", lambda s: s.p99_ms))),
-    ("CPU, ms a frame", (("all processes", lambda s: s.cpu_ms),)),
+    ("CPU, ms per frame", (("all processes", lambda s: s.cpu_ms),)),
 )
 
 
 def save_plot(record: SoakRecord, file: Path) -> None:
-    """Draw all samples one after another; a dotted line is where the service was started again."""
+    """Plot all samples; dotted lines mark restarts of the service."""
     mpl.use("Agg")
     from matplotlib import pyplot
 

@@ -1,4 +1,4 @@
-"""What a soak has measured so far, kept in a file, and whether anything in it grows."""
+"""The samples of a soak test, stored in a file, and checks for growth."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -14,16 +14,22 @@ SLOPE_FRAMES = 10_000
 
 @dataclass(frozen=True)
 class SoakSample:
-    """One look at the service. `run` counts how often it was started: 0 is the first time.
+    """One sample of the service.
 
-    frame       poses heard since this start
-    seconds     since this start
-    service_mb  memory in RAM of the service's process
-    others_mb   of its children together; what they share with it counts in both
-    p50_ms, p99_ms  latency since the sample before, from a frame's arrival to its pose in our hands
-    cpu_ms      processor time a frame since the sample before, all processes together
-    dropped     frames that the odometry missed since this start
-    lost        poses that we missed since this start
+    Attributes:
+        run: Number of earlier starts of the service.
+        frame: Poses received since this start.
+        seconds: Seconds since this start.
+        service_mb: Resident memory of the service's process.
+        others_mb: Resident memory of its children together; shared memory counts in both.
+        handles: Open files of the service.
+        threads: Threads of the service.
+        children: Number of its descendants.
+        p50_ms: Median latency since the last sample, from a frame's arrival to its received pose.
+        p99_ms: 99th percentile of that latency.
+        cpu_ms: Processor time per frame since the last sample, all processes together.
+        dropped: Frames that the odometry missed since this start.
+        lost: Poses that the subscriber missed since this start.
     """
 
     run: int
@@ -43,7 +49,7 @@ class SoakSample:
 
 @dataclass(frozen=True)
 class SoakCheck:
-    """One figure, its limit, and whether it is kept."""
+    """One figure and its limit."""
 
     name: str
     value: float
@@ -52,26 +58,26 @@ class SoakCheck:
 
     @property
     def is_within_limit(self) -> bool:
-        """Within the limit."""
+        """Whether the value is within the limit."""
         return self.value <= self.limit
 
 
 @dataclass
 class SoakRecord:
-    """All samples, in the order in which they were taken."""
+    """All samples in their order."""
 
     file: Path
     samples: list[SoakSample] = field(default_factory=list)
 
     @classmethod
     def load(cls, file: Path) -> "SoakRecord":
-        """What the file holds; nothing where there is none."""
+        """Load the samples of a file; an empty record if there is none."""
         if not file.exists():
             return cls(file)
         return cls(file, [SoakSample(**each) for each in json.loads(file.read_text())])
 
     def add(self, sample: SoakSample) -> None:
-        """Keep it, on disk too: an interruption at any time loses nothing."""
+        """Add a sample and store it, so that an interruption loses nothing."""
         self.samples.append(sample)
         part = self.file.with_name(self.file.name + ".part")
         part.write_text(json.dumps([asdict(each) for each in self.samples]))
@@ -79,16 +85,16 @@ class SoakRecord:
 
     @property
     def runs(self) -> int:
-        """How often the service was started."""
+        """Number of starts of the service."""
         return self.samples[-1].run + 1 if self.samples else 0
 
     @property
     def frames(self) -> int:
-        """Poses heard in all runs together."""
+        """Number of received poses in all runs."""
         return sum(self._of_run(run)[-1].frame for run in range(self.runs))
 
     def after_warm_up(self, warm_up: int) -> list[SoakSample]:
-        """Without each run's first frames."""
+        """Samples without each run's first frames."""
         return [sample for sample in self.samples if sample.frame > warm_up]
 
     def _of_run(self, run: int) -> list[SoakSample]:
@@ -96,9 +102,10 @@ class SoakRecord:
 
 
 def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
-    """Whether memory, handles, threads and latency are flat, and nothing was lost.
+    """Check that memory, handles, threads and latency are constant, and that nothing was lost.
 
-    Raises ValueError with fewer than three samples after the warm-up of a run.
+    Raises:
+        ValueError: A run has fewer than three samples after its warm-up.
     """
     warm = record.after_warm_up(warm_up)
     if len(warm) < 3:
@@ -112,12 +119,12 @@ def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
         SoakCheck("children", slope(warm, lambda s: s.children), 0.1, "/10,000"),
         SoakCheck("latency, median, end to start", p50_ms, 1.2, "times"),
         SoakCheck("latency, 99 %, end to start", p99_ms, 1.5, "times"),
-        SoakCheck("poses lost on the way", sum(_last_values(record, lambda s: s.lost)), 0, ""),
+        SoakCheck("poses lost in transmission", sum(_last_values(record, lambda s: s.lost)), 0, ""),
     ]
 
 
 def slope(samples: Sequence[SoakSample], value: Callable[[SoakSample], float]) -> float:
-    """Growth in 10,000 frames: least squares over all runs, each from a level of its own."""
+    """Growth in 10,000 frames: least squares over all runs, each with its own offset."""
     frames = _center(samples, lambda sample: sample.frame)
     values = _center(samples, value)
     spread = float(frames @ frames)
@@ -125,7 +132,7 @@ def slope(samples: Sequence[SoakSample], value: Callable[[SoakSample], float]) -
 
 
 def growth(samples: Sequence[SoakSample], value: Callable[[SoakSample], float]) -> float:
-    """Median of the last third over that of the first."""
+    """Ratio of the median of the last third to that of the first."""
     third = max(1, len(samples) // 3)
     first, last = (
         [value(sample) for sample in part] for part in (samples[:third], samples[-third:])
@@ -134,7 +141,7 @@ def growth(samples: Sequence[SoakSample], value: Callable[[SoakSample], float]) 
 
 
 def _center(samples: Sequence[SoakSample], what: Callable[[SoakSample], float]) -> Array:
-    """The values of each run, less their mean."""
+    """Values of each run minus their mean."""
     runs = np.array([sample.run for sample in samples])
     values = np.array([what(sample) for sample in samples], np.float64)
     for run in np.unique(runs):

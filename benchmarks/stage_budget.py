@@ -1,11 +1,10 @@
-"""What each stage of the odometry takes of a frame, beside what it may take.
+"""CPU time of each stage of the odometry, compared with its budget.
 
     python -m benchmarks.stage_budget FOLDER... [--method direct] [--every 1] [--json]
 
-Each FOLDER is a TUM folder, followed from its first frame to its last. Times are CPU milliseconds
-of one thread, decoding not counted. "mean" is over all frames: these add up to what a frame costs,
-and the budget is for them. The others are over the frames in which the stage ran. Exit code 1 if a
-mean is beyond its budget.
+Each FOLDER is a TUM folder. Times are CPU milliseconds of one thread, without decoding. "mean" is
+over all frames: the means add up to the cost of a frame, and the budget is for them. The other
+figures are over the frames in which the stage ran. Exit code 1 if a mean exceeds its budget.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -41,10 +40,9 @@ HEAD = f"{'stage':<12}{'frames':>8}" + "".join(f"{name:>8}" for name in TIMES)
 class StageTiming:
     """Processor time of a stage, in milliseconds.
 
-    frames              in which it ran
-    median, p99, most   over those
-    mean                over all frames
-    budget              of the mean; None without one
+    `frames` is the number of frames in which the stage ran; the median, the 99th percentile and the
+    maximum are over these. `mean` is over all frames. `budget` is for the mean; None if there is
+    none.
     """
 
     frames: int
@@ -58,14 +56,14 @@ class StageTiming:
     def from_samples(
         cls, spent_ms: Sequence[float], frames: int, budget_ms: float | None
     ) -> "StageTiming":
-        """A stage that took so long in each of the frames, so many in all, in which it ran."""
+        """Summarize the times of a stage in the frames in which it ran."""
         median, p99 = (float(p) for p in np.percentile(spent_ms, (50, 99)))
         mean = sum(spent_ms) / frames
         return cls(len(spent_ms), median, p99, max(spent_ms), mean, budget_ms)
 
     @property
     def is_over(self) -> bool:
-        """Whether it takes more than it may."""
+        """Whether the mean exceeds the budget."""
         return self.budget is not None and self.mean > self.budget
 
 
@@ -78,33 +76,33 @@ def main() -> int:
     )
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
     parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth frame")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     if args.every < 1:
-        parser.error(f"--every {args.every}: at least 1")
+        parser.error(f"--every {args.every}: must be at least 1")
     cv2.setNumThreads(1)
     warm_up(args.method, lambda stage: None)
-    found: dict[str, dict[str, StageTiming]] = {}
+    results: dict[str, dict[str, StageTiming]] = {}
     try:
         for folder in args.folder:
             with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
                 frames = islice(read_all_frames(camera), None, None, args.every)
-                found[str(folder)] = compare_with_budget(
+                results[str(folder)] = compare_with_budget(
                     args.method, list(stage_times(args.method, frames))
                 )
             if not args.json:
-                print(f"{folder}\n{format_table(found[str(folder)])}\n", flush=True)
+                print(f"{folder}\n{format_table(results[str(folder)])}\n", flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     if args.json:
-        print(json.dumps({name: _to_json(stages) for name, stages in found.items()}))
-    return int(any(spent.is_over for stages in found.values() for spent in stages.values()))
+        print(json.dumps({name: _to_json(stages) for name, stages in results.items()}))
+    return int(any(spent.is_over for stages in results.values() for spent in stages.values()))
 
 
 def stage_times(method: str, frames: Iterator[RgbdFrame]) -> Iterator[Mapping[str, float]]:
-    """Milliseconds by stage of each frame, the whole among them."""
+    """Yield the milliseconds by stage of each frame, including the whole frame."""
     clock = CpuStageTimer()
     odometry = METHODS[method](FeatureConfig(), clock)
     for frame in frames:
@@ -117,7 +115,7 @@ def stage_times(method: str, frames: Iterator[RgbdFrame]) -> Iterator[Mapping[st
 def compare_with_budget(
     method: str, times_ms: Sequence[Mapping[str, float]]
 ) -> dict[str, StageTiming]:
-    """By stage, as `stage_times` gives them; what has a budget first, the whole last."""
+    """Summarize the times of `stage_times`: stages with a budget first, the whole frame last."""
     budget_ms = STAGE_BUDGETS_MS.get(method, {})
     ran = {stage: None for of_frame in times_ms for stage in of_frame}
     stages = [*budget_ms, *(s for s in ran if s not in budget_ms and s != WHOLE_FRAME), WHOLE_FRAME]
@@ -131,7 +129,7 @@ def compare_with_budget(
 
 
 def format_table(stages: Mapping[str, StageTiming]) -> str:
-    """A line each stage."""
+    """Format the table, one line for each stage."""
     lines = [HEAD]
     for stage, spent in stages.items():
         times_ms = (spent.median, spent.p99, spent.max, spent.mean)

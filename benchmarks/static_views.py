@@ -1,4 +1,4 @@
-"""A camera that stands still for as long as one likes: one view, measured anew for each frame."""
+"""A stationary camera for any duration: one rendered view with fresh noise in each frame."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,14 +13,14 @@ from drivers.synthetic.color_sensor import gain_at
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.renderer import NoiselessFrame, Renderer, make_renderer
 
-# The exposure hunts on with this period.
+# Period of the exposure's hunting.
 PERIOD_S = 20.0
-# Noise is cut from so many numbers: a film of any length, and no frame like another.
+# Size of the pool of noise; random offsets make all frames differ.
 POOL_SIZE = 1 << 24
 
 
 class PooledNoise(np.random.Generator):
-    """Normal noise from anywhere in a pool that was drawn once: a third of the time."""
+    """Normal noise from random offsets in a pool that is drawn once; three times as fast."""
 
     def __init__(self, pool: NDArray[np.float32], seed: list[int]) -> None:
         super().__init__(np.random.PCG64(seed))
@@ -29,7 +29,7 @@ class PooledNoise(np.random.Generator):
     def standard_normal(  # type: ignore[override]
         self, size: tuple[int, ...], dtype: Any = np.float32
     ) -> NDArray[np.float32]:
-        """As of any generator, but always float32 and not to be written to."""
+        """As of any generator, but always float32 and read-only."""
         count = int(np.prod(size))
         start = int(self.integers(len(self._pool) - count))
         return self._pool[start : start + count].reshape(size)
@@ -37,7 +37,7 @@ class PooledNoise(np.random.Generator):
 
 @dataclass(frozen=True)
 class StaticView:
-    """What a virtual Kinect sees from one place, with fresh noise and exposure in each frame."""
+    """The view of a stationary virtual Kinect, with fresh noise and exposure in each frame."""
 
     config: SyntheticConfig
     renderer: Renderer
@@ -46,7 +46,7 @@ class StaticView:
 
     @classmethod
     def render(cls, config: SyntheticConfig) -> "StaticView":
-        """Render the first frame of the room of `config`, but without its noise."""
+        """Render the first frame of `config` without noise."""
         still = replace(config, motion=MotionKind.STILL, duration_s=PERIOD_S)
         renderer = make_renderer(still, THREADS)
         pool = np.random.default_rng([config.seed, 8]).standard_normal(POOL_SIZE, dtype=np.float32)
@@ -54,7 +54,7 @@ class StaticView:
         return cls(still, renderer, renderer.render_noiseless(0), pool)
 
     def frame(self, seq: int) -> RgbdFrame:
-        """Frame `seq`: the same bytes whenever it is made."""
+        """Make frame `seq`; its bytes are the same in every run."""
         config, stamp_s = self.config, seq / self.config.rate_hz
         sight = replace(self.noiseless, gain=gain_at(config.color, stamp_s, PERIOD_S))
         images = self.renderer.apply_sensor_noise(
@@ -63,5 +63,5 @@ class StaticView:
         return make_frame(config, seq, stamp_s, images)
 
     def frames(self, count: int) -> Iterator[RgbdFrame]:
-        """The first `count` frames, a few of them made ahead."""
+        """Yield the first `count` frames; a few are made ahead."""
         return prefetch(self.frame, count)

@@ -1,12 +1,12 @@
-"""How far a parked camera's pose gets from where it began: by default an hour of it, accelerated.
+"""Drift of a stationary camera's pose, by default over an hour of frames.
 
     python -m benchmarks.stationary_drift [--minutes 60] [--seed 1] [--method direct]
 
-The virtual Kinect of config/sequences/still.toml stands still, rolling shutter, skew and hunting
-exposure and all, with fresh noise in each frame. A line each minute of the film, so that a run that
-is ended has told what it got: the frames so far and how many of them had no pose; how far the pose
-was from the first one, at most and root mean square; how far this minute's mean is from that of the
-first; and the processor time of a frame. An hour of film takes less than an hour of one core.
+The virtual Kinect of config/sequences/still.toml stands still, with rolling shutter, skew, hunting
+exposure and fresh noise in each frame. Each minute of frames prints a line: the frames so far and
+those without a pose; the distance from the first pose, at most and RMS; the distance of this
+minute's mean from that of the first; and the processor time of a frame. An hour of frames takes
+less than an hour of one core.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -38,13 +38,15 @@ HEAD = (
 
 @dataclass(frozen=True)
 class DriftResult:
-    """After so many frames; pairs are metres and degrees.
+    """Drift so far; arrays (2,) are meters and degrees.
 
-    lost      frames without a pose
-    farthest  from the first pose, at most
-    rms       from the first pose, root mean square
-    drift     from the mean of the first minute to that of the last
-    cpu_ms    processor time of a frame, mean
+    Attributes:
+        frames: Number of frames.
+        lost: Frames without a pose.
+        max_error: Largest distance from the first pose.
+        rms: RMS distance from the first pose.
+        drift: Distance of the last minute's mean from that of the first.
+        cpu_ms: Mean processor time of a frame.
     """
 
     frames: int
@@ -58,65 +60,65 @@ class DriftResult:
 def measure_drift(
     method: str, frames: Iterable[RgbdFrame], frames_per_report: int
 ) -> Iterator[DriftResult]:
-    """How a camera that never moves is followed, told after each `frames_per_report` frames."""
+    """Track a camera that never moves; yield the drift after each `frames_per_report` frames."""
     odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
     T_first_world, means = np.eye(4), list[Array]()
-    farthest, squares, cpu_s, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()
+    max_error, squares, cpu_s, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()
     for count, frame in enumerate(frames, 1):
-        begun_s = time.thread_time()
+        begin_s = time.thread_time()
         estimate = odometry.estimate(frame)
-        cpu_s += time.thread_time() - begun_s
+        cpu_s += time.thread_time() - begin_s
         if estimate.ok:
             if count == lost + 1:
                 T_first_world = inverse(estimate.T_world_camera)
             minute.append(_pose_twist(T_first_world @ estimate.T_world_camera))
             size = _twist_size(minute[-1])
-            farthest, squares = np.maximum(farthest, size), squares + size**2
+            max_error, squares = np.maximum(max_error, size), squares + size**2
         lost += not estimate.ok
         if count % frames_per_report == 0 and minute:
             means.append(np.mean(minute, axis=0))
             minute.clear()
             rms, drift = np.sqrt(squares / (count - lost)), _twist_size(means[-1] - means[0])
-            yield DriftResult(count, lost, farthest, rms, drift, 1e3 * cpu_s / count)
+            yield DriftResult(count, lost, max_error, rms, drift, 1e3 * cpu_s / count)
 
 
 def _pose_twist(T: Array) -> Array:
-    """(6,) metres and degrees of a small motion."""
+    """Twist (6,) of a small motion, meters and degrees."""
     return np.concatenate([T[:3, 3], np.degrees(so3_log(T[:3, :3]))])
 
 
 def _twist_size(twist: Array) -> Array:
-    """Metres and degrees."""
+    """Size (2,) of a twist, meters and degrees."""
     size: Array = np.linalg.norm(twist.reshape(2, 3), axis=1)
     return size
 
 
-def format_row(minutes: int, stood: DriftResult) -> str:
+def format_row(minutes: int, result: DriftResult) -> str:
     """One line of the table."""
-    pairs = (stood.max_error, stood.rms, stood.drift)
-    told = "".join(f"{1e3 * metres:7.3f} mm {degrees:7.4f} deg" for metres, degrees in pairs)
-    return f"{minutes:7}{stood.frames:8}{stood.lost:6}{told}{stood.cpu_ms:6.2f} ms"
+    pairs = (result.max_error, result.rms, result.drift)
+    errors = "".join(f"{1e3 * meters:7.3f} mm {degrees:7.4f} deg" for meters, degrees in pairs)
+    return f"{minutes:7}{result.frames:8}{result.lost:6}{errors}{result.cpu_ms:6.2f} ms"
 
 
 def main() -> int:
-    """Render the view, follow it, tell each minute."""
+    """Render the view, track it, and print a line each minute."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.stationary_drift",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--minutes", type=int, default=60, help="of film")
-    parser.add_argument("--seed", type=int, default=1, help="of the room and of the noise")
+    parser.add_argument("--minutes", type=int, default=60, help="minutes of frames")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the room and of the noise")
     parser.add_argument("--method", choices=METHODS, default="direct")
     args = parser.parse_args()
     cv2.setNumThreads(1)
     config = replace(case_config(STILL), seed=args.seed)
     warm_up(args.method, lambda stage: None)
-    a_minute = round(60 * config.rate_hz)
+    minute_frames = round(60 * config.rate_hz)
     print(HEAD, flush=True)
-    frames = StaticView.render(config).frames(args.minutes * a_minute)
-    for minutes, stood in enumerate(measure_drift(args.method, frames, a_minute), 1):
-        print(format_row(minutes, stood), flush=True)
+    frames = StaticView.render(config).frames(args.minutes * minute_frames)
+    for minutes, result in enumerate(measure_drift(args.method, frames, minute_frames), 1):
+        print(format_row(minutes, result), flush=True)
     return 0
 
 

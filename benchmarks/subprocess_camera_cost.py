@@ -1,11 +1,11 @@
-"""What it costs to have a camera in a process of its own: CPU time and latency of a frame.
+"""Cost of a subprocess camera: CPU time and latency of a frame.
 
     python -m benchmarks.subprocess_camera_cost [--seconds 10] [--rate 30] [--json]
 
-The same camera is read in this process and then from a process of its own. It copies a 640x480
-frame at every tick, as a driver does, and nothing else. CPU times are per frame, after the first
-second (starting a process is not counted): `here` is the process that reads, `there` the one that
-has the camera. The latency is from when the camera has the frame until the reader has it.
+The same camera is read in this process and then through a subprocess. Like a driver, it copies a
+640x480 frame at every tick. CPU times are per frame, without the first second: `reader` is the
+process that reads, `worker` the one with the camera. The latency is from when the camera has a
+frame until the reader has it.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -30,7 +30,7 @@ WARM_UP_S = 1.0
 
 @dataclass(frozen=True)
 class CaptureCost:
-    """Of one frame, milliseconds; `missed` frames of the whole run."""
+    """Cost of one frame in milliseconds, and the missed frames of the whole run."""
 
     cpu_reader_ms: float
     cpu_worker_ms: float
@@ -40,7 +40,7 @@ class CaptureCost:
 
     @property
     def cpu_ms(self) -> float:
-        """Of both processes."""
+        """CPU time of both processes."""
         return self.cpu_reader_ms + self.cpu_worker_ms
 
 
@@ -51,32 +51,36 @@ def main() -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--seconds", type=float, default=10.0, help="how long to read each")
-    parser.add_argument("--rate", type=float, default=30.0, help="frames a second")
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration of each run")
+    parser.add_argument("--rate", type=float, default=30.0, help="frames per second")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     recipe = partial(PreloadedCamera, args.rate)
     isolated = SubprocessCamera("preloaded", Clock.MONOTONIC, recipe, PlaybackMode.REALTIME)
     frames = int(args.seconds * args.rate)
     warm_up = int(WARM_UP_S * args.rate)
-    alone, apart = measure(recipe(), warm_up, frames), measure(isolated, warm_up, frames)
-    # In this process, "there" is here: its time is counted once.
-    alone = CaptureCost(**{**asdict(alone), "cpu_worker_ms": 0.0})
+    in_process, isolated_cost = (
+        measure(recipe(), warm_up, frames),
+        measure(isolated, warm_up, frames),
+    )
+    # In this process reader and worker are the same: its time is counted once.
+    in_process = CaptureCost(**{**asdict(in_process), "cpu_worker_ms": 0.0})
     if args.json:
-        print(json.dumps({"in_process": asdict(alone), "isolated": asdict(apart)}))
+        print(json.dumps({"in_process": asdict(in_process), "isolated": asdict(isolated_cost)}))
         return
-    print("ms per frame    CPU here  CPU there  CPU in all  latency median     p99  missed")
-    for name, cost in (("in process", alone), ("isolated", apart)):
+    print("ms per frame      reader     worker   total CPU  latency median     p99  missed")
+    for name, cost in (("in process", in_process), ("isolated", isolated_cost)):
         print(
             f"{name:14}{cost.cpu_reader_ms:10.3f}{cost.cpu_worker_ms:11.3f}{cost.cpu_ms:12.3f}"
             f"{cost.latency_median_ms:16.3f}{cost.latency_p99_ms:8.3f}{cost.missed:8d}"
         )
-    extra_ms = apart.cpu_ms - alone.cpu_ms
-    print(f"ratio of the CPU time in all: {apart.cpu_ms / alone.cpu_ms:.2f} ({extra_ms:+.3f} ms)")
+    extra_ms = isolated_cost.cpu_ms - in_process.cpu_ms
+    ratio = isolated_cost.cpu_ms / in_process.cpu_ms
+    print(f"ratio of the total CPU time: {ratio:.2f} ({extra_ms:+.3f} ms)")
 
 
 def measure(camera: RgbdCamera, warm_up: int, frames: int) -> CaptureCost:
-    """Read so many frames after the first ones."""
+    """Measure `frames` frames after `warm_up` frames."""
     with camera:
         for _ in range(warm_up):
             first = camera.read(READ_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""How far points are from the surfaces of a virtual room, which are known exactly."""
+"""Distances of points from the exact surfaces of a virtual room."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ GOOD_DISTANCE_M = 0.015
 
 @dataclass(frozen=True)
 class SurfaceError:
-    """Of the vertices of a map.
+    """Distances of a map's vertices from the true surface.
 
-    median_m, p90_m, p99_m   distance from the vertices to the true surface
-    within_15mm              share of the vertices that are as near as that
+    `median_m`, `p90_m` and `p99_m` are percentiles of the distance. `within_15mm` is the fraction
+    of the vertices within that distance.
     """
 
     vertices: int
@@ -31,7 +31,7 @@ class SurfaceError:
 
     @classmethod
     def from_vertices(cls, vertices_m: Array, solids: Sequence[Solid]) -> "SurfaceError":
-        """Of vertices (N, 3) in the room."""
+        """Compute the errors of vertices (N, 3) in the room."""
         off_m = distances_m(vertices_m, solids)
         return cls(
             vertices=len(off_m),
@@ -43,7 +43,7 @@ class SurfaceError:
 
 
 def make_solids(config: SyntheticConfig) -> Sequence[Solid]:
-    """What the virtual Kinect of this configuration sees."""
+    """Make the solids of the room of a configuration."""
     path = make_motion(config, ROOM_HEIGHT_M)
     checks = max(2, int(config.duration_s * CLEARANCE_CHECKS_PER_S))
     free_m = path.clearance_points_m(np.linspace(0.0, config.duration_s, checks))
@@ -51,11 +51,11 @@ def make_solids(config: SyntheticConfig) -> Sequence[Solid]:
 
 
 def distances_m(points_m: Array, solids: Sequence[Solid]) -> Array:
-    """(N,) from each point (N, 3) in the room to the nearest surface of any solid."""
+    """Distances (N,) from points (N, 3) in the room to the nearest surface of any solid."""
     nearest_m = np.full(len(points_m), np.inf)
     for solid in solids:
         local_m = transform_points(inverse(solid.T_world_solid), points_m)
-        # Only what is nearer than the best so far is worth the rest.
+        # Only points that may be nearer than the best distance so far are computed.
         outside_m = np.linalg.norm(np.maximum(np.abs(local_m) - solid.half_m, 0.0), axis=1)
         near = np.flatnonzero(outside_m < nearest_m)
         nearest_m[near] = np.minimum(nearest_m[near], _distance_m(local_m[near], solid))
@@ -63,10 +63,10 @@ def distances_m(points_m: Array, solids: Sequence[Solid]) -> Array:
 
 
 def _distance_m(local_m: Array, solid: Solid) -> Array:
-    """(N,) from points in the solid's own frame to its surface; to first order for a ball."""
+    """Distances (N,) of points in the solid's frame to its surface; to first order for a sphere."""
     half_m = solid.half_m
     distance_m: Array
-    if solid.kind is SolidKind.CYLINDER:  # as wide as it is deep, and open at both ends
+    if solid.kind is SolidKind.CYLINDER:  # width equals depth, and the ends are open
         across_m = np.hypot(local_m[:, 0], local_m[:, 1]) - half_m[0]
         distance_m = np.hypot(across_m, np.maximum(np.abs(local_m[:, 2]) - half_m[2], 0.0))
     elif solid.kind is SolidKind.SPHERE:

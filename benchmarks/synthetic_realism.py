@@ -1,12 +1,12 @@
-"""Is the virtual Kinect as hard as a real one? Plain pipelines along a real hand's track.
+"""Realism of the virtual Kinect: errors of simple pipelines along a real hand's track.
 
     python benchmarks/synthetic_realism.py TRACK [--start-s 0.1] [--frames 360] [--folder RECORDING]
 
 TRACK is a TUM trajectory file. SIFT and ORB features are matched from frame to frame (ratio test,
-both ways), lifted to 3-D by the depth, and the motion is fitted by RANSAC and SVD. Prints the error
-of the trajectory (ATE RMSE after alignment: median and range over seeds of RANSAC) for the default
-faults, the same with a pinhole lens, with the lens of TUM's freiburg1, and without any fault.
-RECORDING, a rendered or recorded folder with exact truth, gives the figures to compare with.
+cross-check) and lifted to 3-D by the depth; RANSAC and SVD fit the motion. It prints the error of
+the trajectory (ATE RMSE after alignment: median and range over RANSAC seeds) for the default sensor
+faults, without distortion, with the lens of TUM's freiburg1, and without faults. RECORDING, a
+rendered or recorded folder with exact ground truth, gives the figures to compare with.
 """
 
 import argparse
@@ -29,13 +29,13 @@ FREIBURG1 = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)
 FREIBURG1_LENS = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
 RATIO = 0.8
 RANSAC_ROUNDS = 200
-RANSAC_SEEDS = 9  # one run's error says little: the median and the range are printed
+RANSAC_SEEDS = 9  # one run is not enough: the median and the range are printed
 INLIER_M = 0.03
 
 
 @dataclass(frozen=True)
 class RealismView:
-    """What a pipeline is given of a frame, and where it truly was."""
+    """Input of a pipeline for one frame, and its true pose."""
 
     gray: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
@@ -45,21 +45,21 @@ class RealismView:
 
 @dataclass(frozen=True)
 class PointFeatures:
-    """Descriptors (N, D) of features with depth, and their points (N, 3) in metres."""
+    """Descriptors (N, D) of features with depth, and their points (N, 3) in meters."""
 
     descriptors: MatLike
     points_m: Array
 
 
 def fit_rigid(source: Array, target: Array) -> Array:
-    """Least-squares rigid motions (..., 4, 4) of points (..., N, 3) onto others.
+    """Fit rigid motions (..., 4, 4) of points (..., N, 3) onto others by least squares.
 
     Arun, Huang, Blostein, Least-squares fitting of two 3-D point sets, PAMI 1987.
     """
     a, b = source.mean(axis=-2, keepdims=True), target.mean(axis=-2, keepdims=True)
     U, _, Vt = np.linalg.svd((source - a).swapaxes(-1, -2) @ (target - b))
     V, Ut = Vt.swapaxes(-1, -2).copy(), U.swapaxes(-1, -2)
-    # A reflection is no motion: turn the least certain axis round.
+    # A reflection is not a rigid motion: flip the least certain axis.
     V[..., :, 2] *= np.linalg.det(V @ Ut)[..., None]
     T = np.zeros((*source.shape[:-2], 4, 4))
     T[..., :3, :3] = R = V @ Ut
@@ -69,7 +69,7 @@ def fit_rigid(source: Array, target: Array) -> Array:
 
 
 def find_features(detector: cv2.Feature2D, view: RealismView) -> PointFeatures:
-    """Features at pixels that have a depth."""
+    """Find features at pixels with depth."""
     keypoints, descriptors = detector.detectAndCompute(view.gray, np.ones_like(view.gray))
     if not keypoints:
         return PointFeatures(np.zeros((0, 1), np.uint8), np.zeros((0, 3)))
@@ -82,37 +82,37 @@ def find_features(detector: cv2.Feature2D, view: RealismView) -> PointFeatures:
 
 
 def match(matcher: cv2.BFMatcher, a: PointFeatures, b: PointFeatures) -> tuple[Array, Array]:
-    """Points of both that pass the ratio test and choose each other."""
+    """Return the points of mutual matches that pass the ratio test."""
     if min(len(a.points_m), len(b.points_m)) < 2:
         return np.zeros((0, 3)), np.zeros((0, 3))
-    back = {m.queryIdx: m.trainIdx for m in matcher.match(b.descriptors, a.descriptors)}
+    backward = {m.queryIdx: m.trainIdx for m in matcher.match(b.descriptors, a.descriptors)}
     pairs = [
         (best.queryIdx, best.trainIdx)
         for best, second in matcher.knnMatch(a.descriptors, b.descriptors, 2)
-        if best.distance < RATIO * second.distance and back[best.trainIdx] == best.queryIdx
+        if best.distance < RATIO * second.distance and backward[best.trainIdx] == best.queryIdx
     ]
     i, j = np.array(pairs, dtype=int).reshape(-1, 2).T
     return a.points_m[i], b.points_m[j]
 
 
-def estimate(now: Array, before: Array, rng: np.random.Generator) -> Array | None:
-    """T_before_now by RANSAC and SVD, None with too few pairs."""
-    if len(now) < 6:
+def estimate(current: Array, previous: Array, rng: np.random.Generator) -> Array | None:
+    """Estimate T_previous_current by RANSAC and SVD; None with too few pairs."""
+    if len(current) < 6:
         return None
-    samples = rng.integers(0, len(now), (RANSAC_ROUNDS, 3))
-    T = fit_rigid(now[samples], before[samples])
-    moved = now @ T[:, :3, :3].swapaxes(1, 2) + T[:, None, :3, 3]
-    near = np.linalg.norm(moved - before, axis=2) < INLIER_M
+    samples = rng.integers(0, len(current), (RANSAC_ROUNDS, 3))
+    T = fit_rigid(current[samples], previous[samples])
+    moved = current @ T[:, :3, :3].swapaxes(1, 2) + T[:, None, :3, 3]
+    near = np.linalg.norm(moved - previous, axis=2) < INLIER_M
     best = near[np.argmax(near.sum(axis=1))]
-    return fit_rigid(now[best], before[best]) if best.sum() >= 6 else None
+    return fit_rigid(current[best], previous[best]) if best.sum() >= 6 else None
 
 
 def trajectory_error_m(pairs: list[tuple[Array, Array]], true: Array, seed: int) -> float:
-    """ATE RMSE of the steps' chain; a failed step is taken as standing still."""
+    """ATE RMSE of the chained steps; a failed step counts as no motion."""
     rng, T = np.random.default_rng(seed), np.eye(4)
     estimated = [T]
-    for before, now in pairs:
-        step = estimate(now, before, rng)
+    for previous, current in pairs:
+        step = estimate(current, previous, rng)
         T = T if step is None else T @ step
         estimated.append(T)
     positions = np.array(estimated)[:, :3, 3]
@@ -121,7 +121,7 @@ def trajectory_error_m(pairs: list[tuple[Array, Array]], true: Array, seed: int)
 
 
 def errors_m(views: list[RealismView], detector: cv2.Feature2D, norm: int) -> list[float]:
-    """ATE RMSE for several seeds of RANSAC, sorted."""
+    """ATE RMSE for several RANSAC seeds, sorted."""
     matcher = cv2.BFMatcher(norm)
     features = [find_features(detector, view) for view in views]
     pairs = [match(matcher, a, b) for a, b in itertools.pairwise(features)]
@@ -130,7 +130,7 @@ def errors_m(views: list[RealismView], detector: cv2.Feature2D, norm: int) -> li
 
 
 def render_views(config: SyntheticConfig) -> list[RealismView]:
-    """Frames of the virtual camera."""
+    """Render the frames of the virtual camera."""
     views = []
     with SyntheticCamera(config) as camera:
         truth = camera.ground_truth
@@ -142,7 +142,7 @@ def render_views(config: SyntheticConfig) -> list[RealismView]:
 
 
 def load_views(folder: Path, camera: PinholeCamera, factor: float) -> list[RealismView]:
-    """Frames of a folder whose ground truth has one pose a frame."""
+    """Load the frames of a folder whose ground truth has a pose for each frame."""
     truth = read_trajectory(folder / "groundtruth.txt")
     color, depth = sorted((folder / "rgb").iterdir()), sorted((folder / "depth").iterdir())
     views = []
@@ -150,14 +150,14 @@ def load_views(folder: Path, camera: PinholeCamera, factor: float) -> list[Reali
         gray = cv2.imread(str(c), cv2.IMREAD_GRAYSCALE)
         raw = cv2.imread(str(d), cv2.IMREAD_UNCHANGED)
         if gray is None or raw is None:
-            raise SystemExit(f"{c} or {d}: not an image")
+            raise SystemExit(f"{c} or {d}: cannot read the image")
         depth_m = (raw / np.float32(factor)).astype(np.float32)
         views.append(RealismView(gray.astype(np.uint8), depth_m, camera, T))
     return views
 
 
 def report(name: str, views: list[RealismView]) -> None:
-    """One line: both pipelines' errors."""
+    """Print a line with the errors of both pipelines."""
     z = np.concatenate([view.depth_m[view.depth_m > 0][::101] for view in views])
     holes = np.mean([np.mean(view.depth_m == 0) for view in views])
     line = f"{name:28} {len(views):4} frames, median depth {np.median(z):.2f} m, {holes:4.0%} holes"
@@ -171,20 +171,20 @@ def report(name: str, views: list[RealismView]) -> None:
 
 
 def main() -> None:
-    """Run every variant that is asked for."""
+    """Run the selected variants."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("track", type=Path, help="trajectory of a real hand, in TUM format")
     parser.add_argument(
-        "--start-s", type=float, default=0.1, help="where in the track to begin (%(default)s)"
+        "--start-s", type=float, default=0.1, help="start in the track, seconds (%(default)s)"
     )
-    parser.add_argument("--frames", type=int, default=360, help="how many frames (%(default)s)")
+    parser.add_argument("--frames", type=int, default=360, help="number of frames (%(default)s)")
     parser.add_argument(
-        "--seeds", type=int, nargs="+", default=[1], help="rooms, by their seeds (%(default)s)"
+        "--seeds", type=int, nargs="+", default=[1], help="seeds of the rooms (%(default)s)"
     )
     parser.add_argument("--folder", type=Path, help="a recording to compare with")
     parser.add_argument(
         "--only", nargs="+", default=["default", "pinhole", "freiburg1", "ideal"],
-        help="which sensors: all faults, without lens, with another lens, no fault (%(default)s)",
+        help="sensors: all faults, without lens, with another lens, no faults (%(default)s)",
     )  # fmt: skip
     options = parser.parse_args()
     if options.folder is not None:

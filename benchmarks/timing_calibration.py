@@ -1,11 +1,11 @@
-"""How well `calibrate --timing` finds timings that are known: virtual rooms along recorded hands.
+"""Accuracy of `calibrate --timing` on virtual rooms along recorded hand motions.
 
     python -m benchmarks.timing_calibration TRACKS OUTPUT [--only NAME ...]
 
 TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, of the TUM RGB-D benchmark's
-freiburg1 desk, rpy and xyz. The films are rendered into OUTPUT, where what is there and whole is
-kept. Their stamps claim that depth was taken with color, so all of the skew is to be found.
-Prints a table; "late" is how much later than color depth was taken.
+freiburg1 desk, rpy and xyz. The sequences are rendered into OUTPUT; complete ones are not rendered
+again. Their stamps say that depth was taken with color, so the whole skew must be estimated. It
+prints a table; "late" is how much later than color depth was taken.
 """
 
 import argparse
@@ -30,7 +30,7 @@ ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"
 
 @dataclass(frozen=True)
 class TimingCase:
-    """A film: along a track, or with a motion of the virtual hand; its seed and length."""
+    """A sequence along a track or with a virtual motion; its seed and length."""
 
     readout_ms: float
     skew_ms: float
@@ -41,7 +41,7 @@ class TimingCase:
     duration_s: float = 20.0
 
     def config(self, tracks: Path) -> SyntheticConfig:
-        """The virtual Kinect, with all its faults."""
+        """Make the configuration of the virtual Kinect, with all sensor faults."""
         file = (tracks / f"{self.track}-groundtruth.txt").resolve()
         return SyntheticConfig(
             seed=self.seed,
@@ -67,26 +67,26 @@ CASES = {
 
 
 def main() -> int:
-    """Render, measure, print."""
+    """Render, measure and print."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.timing_calibration",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("tracks", type=Path, help="folder of trajectories")
-    parser.add_argument("output", type=Path, help="folder to put the films into")
+    parser.add_argument("output", type=Path, help="folder of the sequences")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
     cv2.setNumThreads(1)
     try:
         args.output.mkdir(parents=True, exist_ok=True)
-        wanted = {args.output / name: CASES[name].config(args.tracks) for name in args.only}
-        render_all(wanted, lambda line: print(line, file=sys.stderr), args.processes)
+        sequences = {args.output / name: CASES[name].config(args.tracks) for name in args.only}
+        render_all(sequences, lambda line: print(line, file=sys.stderr), args.processes)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    print(ROW.format("film", "readout, ms", "found", "late, ms", "found", "CPU, s"))
+    print(ROW.format("sequence", "readout, ms", "estimate", "late, ms", "estimate", "CPU, s"))
     print("|---|---|---|---|---|---|")
     for name in args.only:
         print(_row(name, CASES[name], args.output / name), flush=True)
@@ -95,19 +95,19 @@ def main() -> int:
 
 def _row(name: str, case: TimingCase, folder: Path) -> str:
     begin_s = time.process_time()
-    film = FastestSegments()
+    segments = FastestSegments()
     with TumCamera(folder) as camera:
         for frame in read_all_frames(camera):
-            film.process(replace(frame, skew_s=0.0))
+            segments.process(replace(frame, skew_s=0.0))
     try:
-        found = estimate_timing(film.segments, lambda text: None)
+        result = estimate_timing(segments.segments, lambda text: None)
     except UserFacingError as error:
         print(f"{name}: {error}", file=sys.stderr)
         readout = late = "refused"
     else:
-        now, sigma = found.timing, found.sigma
-        readout = f"{1e3 * now.readout_s:.1f} ± {1e3 * sigma.readout_s:.1f}"
-        late = f"{1e3 * now.depth_offset_s:.1f} ± {1e3 * sigma.depth_offset_s:.1f}"
+        timing, sigma = result.timing, result.sigma
+        readout = f"{1e3 * timing.readout_s:.1f} ± {1e3 * sigma.readout_s:.1f}"
+        late = f"{1e3 * timing.depth_offset_s:.1f} ± {1e3 * sigma.depth_offset_s:.1f}"
     spent_s = time.process_time() - begin_s
     return ROW.format(
         name, f"{case.readout_ms:g}", readout, f"{case.skew_ms:g}", late, f"{spent_s:.0f}"

@@ -1,4 +1,4 @@
-"""Tours of the virtual Kinect, of any length: rendered as they are needed, and not kept."""
+"""Tours of the virtual Kinect of any length, rendered on demand and not stored."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,9 +16,9 @@ from drivers.synthetic.room import ROOM_HEIGHT_M
 
 
 def make_tour_config(seed: int, seconds: float, aliased_corners: bool) -> SyntheticConfig:
-    """A tour with noise, steps of the depth and rolling shutter.
+    """Make the configuration of a tour with noise, depth quantization and rolling shutter.
 
-    What only makes it slow to render is left out: motion blur and smooth edges.
+    Motion blur and smooth edges are off, because they are slow to render.
     """
     config = SyntheticConfig(
         seed=seed,
@@ -31,18 +31,18 @@ def make_tour_config(seed: int, seconds: float, aliased_corners: bool) -> Synthe
 
 
 def compute_true_poses(config: SyntheticConfig) -> Array:
-    """T_room_camera (N, 4, 4) of all frames."""
+    """True poses T_room_camera (N, 4, 4) of all frames."""
     times_s = np.arange(config.frame_count) / config.rate_hz
     return make_motion(config, ROOM_HEIGHT_M).poses(times_s)
 
 
 def render_frames(config: SyntheticConfig) -> Iterator[RgbdFrame]:
-    """All frames in order, a few of them rendered ahead on two threads."""
+    """Yield all frames in order; two threads render a few ahead."""
     renderer = make_renderer(config, THREADS)
     for seq, images in enumerate(prefetch(renderer.render, config.frame_count)):
         yield make_tour_frame(config, seq, images)
 
 
 def make_tour_frame(config: SyntheticConfig, seq: int, images: RenderedImages) -> RgbdFrame:
-    """Images as frame `seq` of a camera of `config`, stamped to the microsecond."""
+    """Make frame `seq` of a camera of `config` from its images, with a stamp in microseconds."""
     return make_frame(config, seq, round(seq / config.rate_hz, 6), images)

@@ -1,4 +1,4 @@
-"""One tour, frame by frame: what was said, what is true, and what it cost."""
+"""Measures a tour frame by frame: estimated poses, true poses and costs."""
 
 import math
 import os
@@ -32,10 +32,18 @@ PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 class TourResult:
     """The figures of one tour. None: could not be computed.
 
-    gross        steps off by more than 5 cm or 3 degrees that say nothing of it
-    ate_m        of the poses as they were given; ate_optimized_m as they are corrected in the end
-    wrong_loop_closures  those off by more than 5 cm or 3 degrees
-    cpu_ms, loop_closure_ms, memory_mb  mean a frame in the first and in the last minute
+    Attributes:
+        frames: Number of frames.
+        coverage: Fraction of the frames with a pose.
+        epochs: Epochs begun after the first.
+        gross: Tracked steps with an error above 5 cm or 3 degrees.
+        ate_m: ATE of the poses as they were estimated.
+        ate_optimized_m: ATE of the optimized poses at the end.
+        loop_closures: Number of loop closures.
+        wrong_loop_closures: Those with an error above 5 cm or 3 degrees.
+        cpu_ms: Mean time of a pose, in the first and in the last minute.
+        loop_closure_ms: Mean time of the map's work per frame, likewise.
+        memory_mb: Mean memory, likewise.
     """
 
     frames: int
@@ -57,46 +65,53 @@ def run_tour(
     T_room_camera: Array,
     progress: Callable[[int, int], None],
 ) -> TourRecord:
-    """Follow all frames, of which none is kept."""
-    stamps_s, poses, ok, restarted = [], [], [], []
-    cpu_ms, loops_ms, memory_mb = [], [], []
+    """Run all frames without storing them.
+
+    Args:
+        runner: The method.
+        frames: The frames.
+        T_room_camera: Their true poses (N, 4, 4).
+        progress: Called after each frame.
+    """
+    stamps_s, poses, ok, is_reset = [], [], [], []
+    cpu_ms, loop_closure_ms, memory_mb = [], [], []
     for frame in frames:
         begin_s = time.thread_time()
         estimate = runner.estimate_pose(frame)
-        told_s = time.thread_time()
+        estimated_s = time.thread_time()
         runner.update_map()
-        cpu_ms.append((told_s - begin_s) * 1e3)
-        loops_ms.append((time.thread_time() - told_s) * 1e3)
+        cpu_ms.append((estimated_s - begin_s) * 1e3)
+        loop_closure_ms.append((time.thread_time() - estimated_s) * 1e3)
         stamps_s.append(frame.stamp_s)
         poses.append(estimate.T_world_camera)
         ok.append(estimate.ok)
-        restarted.append(estimate.is_reset)
+        is_reset.append(estimate.is_reset)
         memory_mb.append(resident_mb())
         progress(len(stamps_s), len(T_room_camera))
     stamp_s, T_world_camera, is_ok = np.array(stamps_s), np.array(poses), np.array(ok, np.bool_)
-    given = Trajectory(stamp_s[is_ok], T_world_camera[is_ok])
+    trajectory = Trajectory(stamp_s[is_ok], T_world_camera[is_ok])
     return TourRecord(
         stamp_s,
         T_room_camera[: len(stamps_s)],
         T_world_camera,
         is_ok,
-        np.cumsum(restarted),
+        np.cumsum(is_reset),
         np.array(cpu_ms),
-        np.array(loops_ms),
+        np.array(loop_closure_ms),
         np.array(memory_mb),
-        runner.optimized_trajectory(given),
+        runner.optimized_trajectory(trajectory),
         tuple(runner.loop_closures()),
     )
 
 
 def resident_mb() -> float:
-    """Memory of this process that is in RAM."""
+    """Resident memory of this process."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * PAGE_BYTES / 1e6
 
 
 def summarize(record: TourRecord) -> TourResult:
-    """The figures."""
+    """Compute the figures of a tour."""
     wrong = [loop for loop in record.loop_closures if is_wrong_loop(loop, record)]
     return TourResult(
         frames=len(record.has_pose),
@@ -114,9 +129,9 @@ def summarize(record: TourRecord) -> TourResult:
 
 
 def is_wrong_loop(loop: LoopClosureRecord, record: TourRecord) -> bool:
-    """Whether it is off the truth by more than a gross error."""
-    place, camera = np.searchsorted(record.stamp_s, [loop.keyframe_stamp_s, loop.stamp_s])
-    true = inverse(record.T_room_camera[place]) @ record.T_room_camera[camera]
+    """Whether a loop closure has a gross error."""
+    keyframe, camera = np.searchsorted(record.stamp_s, [loop.keyframe_stamp_s, loop.stamp_s])
+    true = inverse(record.T_room_camera[keyframe]) @ record.T_room_camera[camera]
     return not poses_close(
         true, loop.T_keyframe_camera, GROSS_ERROR_M, math.radians(GROSS_ERROR_DEG)
     )
@@ -139,7 +154,7 @@ def _ate_m(trajectory: Trajectory, truth: Trajectory) -> float | None:
 
 
 def _first_and_last(values: Array, stamps_s: Array) -> tuple[float, float]:
-    """Means of the first and of the last minute."""
+    """Mean values of the first and of the last minute."""
     first = values[stamps_s < stamps_s[0] + MINUTE_S]
     last = values[stamps_s > stamps_s[-1] - MINUTE_S]
     return float(first.mean()), float(last.mean())

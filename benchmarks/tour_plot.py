@@ -1,4 +1,4 @@
-"""Tours as a picture: error, processor time and memory over the minutes."""
+"""Plot of tours: error, processor time and memory over time."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,13 +14,13 @@ from drivers.core.trajectory import Trajectory
 from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import best_alignment, position_errors_m
 
-# Times and memory are drawn as the mean, and the 99th percentile, of so many seconds.
+# Times and memory are plotted as mean and 99th percentile of windows of this length.
 WINDOW_S = 10.0
-LABELS = ("distance from the truth, mm", "CPU, ms a frame", "memory, MB")
+LABELS = ("distance from the truth, mm", "CPU, ms per frame", "memory, MB")
 
 
 def save_plot(records: Mapping[str, TourRecord], file: Path) -> None:
-    """Draw all tours over one another. Raises InputError if one has hardly a pose."""
+    """Plot all tours together. Raises InputError if one has too few poses."""
     mpl.use("Agg")
     from matplotlib import pyplot
 
@@ -38,7 +38,7 @@ def save_plot(records: Mapping[str, TourRecord], file: Path) -> None:
 
 
 def _draw(axes: list[Axes], name: str, record: TourRecord) -> None:
-    for what, poses in (("as given", record.trajectory), ("corrected", record.optimized)):
+    for what, poses in (("estimated", record.trajectory), ("optimized", record.optimized)):
         stamps_s, errors_m = _errors(poses, record.truth)
         axes[0].plot(stamps_s / 60.0, 1e3 * errors_m, label=f"{name}, {what}", linewidth=1)
     parts = _windows(record)
@@ -46,7 +46,7 @@ def _draw(axes: list[Axes], name: str, record: TourRecord) -> None:
     lines = (
         (axes[1], "poses, mean", [record.cpu_ms[part].mean() for part in parts]),
         (axes[1], "poses, 99 %", [np.percentile(record.cpu_ms[part], 99) for part in parts]),
-        (axes[1], "loops, mean", [record.loop_closure_ms[part].mean() for part in parts]),
+        (axes[1], "loop closure, mean", [record.loop_closure_ms[part].mean() for part in parts]),
         (axes[2], "", [record.memory_mb[part].mean() for part in parts]),
     )
     for axis, what, values in lines:
@@ -54,12 +54,12 @@ def _draw(axes: list[Axes], name: str, record: TourRecord) -> None:
 
 
 def _windows(record: TourRecord) -> list[NDArray[np.intp]]:
-    """Frames of each window, in order."""
+    """Indices of the frames of each window, in order."""
     window = ((record.stamp_s - record.stamp_s[0]) // WINDOW_S).astype(int)
     return [np.flatnonzero(window == each) for each in np.unique(window)]
 
 
 def _errors(poses: Trajectory, truth: Trajectory) -> tuple[Array, Array]:
-    """Stamps and distances of the poses, laid on the truth as well as can be."""
+    """Stamps, and distances of the poses from the truth after the best alignment."""
     matched = associate(poses, truth)
     return matched.stamps_s, position_errors_m(matched, best_alignment(matched))

@@ -1,4 +1,4 @@
-"""All that is measured of a tour, frame by frame, and the file that keeps it."""
+"""The measurements of a tour, frame by frame, and their file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,14 +14,19 @@ from drivers.core.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class TourRecord:
-    """F frames, in order.
+    """Measurements of F frames, in order.
 
-    T_room_camera   (F, 4, 4) the truth
-    T_world_camera  (F, 4, 4) what was said; ok (F,) whether it counts, epoch (F,) in which world
-    cpu_ms          (F,) processor time of the thread until it gave the pose
-    loops_ms        (F,) and after that, for places and loops
-    memory_mb       (F,) of the whole process, the virtual Kinect in it
-    corrected       the poses as they are thought to be in the end
+    Attributes:
+        stamp_s: (F,).
+        T_room_camera: (F, 4, 4) true poses.
+        T_world_camera: (F, 4, 4) estimated poses.
+        has_pose: (F,) whether the estimate is valid.
+        epoch: (F,).
+        cpu_ms: (F,) processor time of the thread for the pose.
+        loop_closure_ms: (F,) processor time after that, for the map.
+        memory_mb: (F,) memory of the process, including the virtual Kinect.
+        optimized: The optimized poses at the end.
+        loop_closures: All loop closures.
     """
 
     stamp_s: Array
@@ -37,16 +42,16 @@ class TourRecord:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Of the frames that have a pose."""
+        """Estimated trajectory of the frames with a pose."""
         return Trajectory(self.stamp_s[self.has_pose], self.T_world_camera[self.has_pose])
 
     @property
     def truth(self) -> Trajectory:
-        """Of all frames."""
+        """True trajectory of all frames."""
         return Trajectory(self.stamp_s, self.T_room_camera)
 
     def save(self, file: Path) -> None:
-        """All of it as arrays in a .npz file."""
+        """Save the arrays in a .npz file."""
         T_place_camera = [loop.T_keyframe_camera for loop in self.loop_closures]
         np.savez_compressed(
             file,
@@ -67,23 +72,25 @@ class TourRecord:
 
     @classmethod
     def load(cls, file: Path) -> "TourRecord":
-        """What `save` wrote."""
-        with np.load(file) as kept:
+        """Load a file of `save`."""
+        with np.load(file) as arrays:
             loops = zip(
-                kept["loop_place_stamp_s"].tolist(),
-                kept["loop_stamp_s"].tolist(),
-                kept["loop_T_place_camera"],
+                arrays["loop_place_stamp_s"].tolist(),
+                arrays["loop_stamp_s"].tolist(),
+                arrays["loop_T_place_camera"],
                 strict=True,
             )
             return cls(
-                stamp_s=kept["stamp_s"],
-                T_room_camera=kept["T_room_camera"],
-                T_world_camera=kept["T_world_camera"],
-                has_pose=kept["ok"],
-                epoch=kept["epoch"],
-                cpu_ms=kept["cpu_ms"],
-                loop_closure_ms=kept["loops_ms"],
-                memory_mb=kept["memory_mb"],
-                optimized=Trajectory(kept["corrected_stamp_s"], kept["corrected_T_world_camera"]),
+                stamp_s=arrays["stamp_s"],
+                T_room_camera=arrays["T_room_camera"],
+                T_world_camera=arrays["T_world_camera"],
+                has_pose=arrays["ok"],
+                epoch=arrays["epoch"],
+                cpu_ms=arrays["cpu_ms"],
+                loop_closure_ms=arrays["loops_ms"],
+                memory_mb=arrays["memory_mb"],
+                optimized=Trajectory(
+                    arrays["corrected_stamp_s"], arrays["corrected_T_world_camera"]
+                ),
                 loop_closures=[LoopClosureRecord(*loop) for loop in loops],
             )

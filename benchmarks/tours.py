@@ -1,17 +1,17 @@
-"""Long walks of the virtual Kinect that return to their start: drift, loops, time and memory.
+"""Long tours of the virtual Kinect with revisited places: drift, loop closure, time and memory.
 
     python -m benchmarks.tours FOLDER [--seconds 600] [--seeds 1 2 3] [--twins] [--plot FILE]
 
-Each seed is another room and another walk. Frames are rendered while they are followed, and not
-kept: that takes 0.11 s of processor time a frame, for ten minutes a quarter of an hour on two idle
-cores. FOLDER keeps the arrays of each tour (stamps, truth, poses, milliseconds, memory) as .npz,
-and the figures in results.json: a tour that is finished is not run again; remove FOLDER to begin
-anew. With --twins two corners of the room look the same.
+Each seed is another room and another tour. Frames are rendered on demand and not stored: that takes
+0.11 s of processor time per frame, or a quarter of an hour on two idle cores for ten minutes.
+FOLDER stores the arrays of each tour (stamps, truth, poses, milliseconds, memory) as .npz, and the
+figures in results.json. Finished tours are not run again; remove FOLDER to measure again. With
+--twins two corners of the room look the same.
 
-ATE is that of all poses as they were given, in millimetres; "with loops" as they are corrected in
-the end. A gross error is a step, a wrong loop a place, off by more than 5 cm or 3 degrees. CPU is
-that of the thread that gives the poses, milliseconds a frame in the first and in the last minute;
-MB is the memory of the whole program in these minutes, the virtual Kinect included.
+"ATE" is that of all estimated poses, in millimeters; "with loops" that of the optimized poses at
+the end. Gross errors are steps, and wrong loops are loop closures, with an error above 5 cm or 3
+degrees. CPU is that of the pose thread, milliseconds per frame in the first and in the last minute.
+MB is the memory of the whole program in these minutes, including the virtual Kinect.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -46,7 +46,7 @@ HEAD = f"{'':30}{''.join(f'{head:>11}' for head in COLUMNS)}{PAIRS}"
 
 
 def main() -> int:
-    """Run what is not finished yet, and print all that was asked for."""
+    """Run the tours without stored results, and print all."""
     args = _parser().parse_args()
     cv2.setNumThreads(1)
     try:
@@ -58,7 +58,7 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("stopped; the same command goes on with the next tour", file=sys.stderr)
+        print("stopped; the same command continues with the next tour", file=sys.stderr)
         return 130
     if args.json:
         print(json.dumps(results))
@@ -71,21 +71,23 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("folder", type=Path, help="where results are kept")
+    parser.add_argument("folder", type=Path, help="folder of the results")
     parser.add_argument("--seconds", type=float, default=600.0, help="length of a tour")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
-    parser.add_argument("--alone", action="store_true", help="the odometry, without any place")
+    parser.add_argument(
+        "--alone", action="store_true", help="only the odometry, without loop closure"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, Json]:
-    """The figures of each tour by its name. Raises InputError if the folder cannot be used."""
+    """Figures of each tour by name. Raises InputError if the folder cannot be used."""
     args.folder.mkdir(parents=True, exist_ok=True)
-    kept, results = ResultCache(args.folder), dict[str, Json]()
+    cache, results = ResultCache(args.folder), dict[str, Json]()
     warm_up(args.method, lambda stage: None)
     if not args.json:
         print(HEAD)
@@ -93,7 +95,7 @@ def run(args: argparse.Namespace) -> dict[str, Json]:
         alone = "-alone" if args.alone else ""
         name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}{alone}"
         config = make_tour_config(seed, args.seconds, args.twins)
-        results[name] = kept.get_or_run(name, partial(_measure, args, config, name))
+        results[name] = cache.get_or_run(name, partial(_measure, args, config, name))
         if not args.json:
             print(format_row(name, results[name]), flush=True)
     return results

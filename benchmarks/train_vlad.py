@@ -1,10 +1,10 @@
-"""Makes the words by which views are summed up, from recordings in TUM format.
+"""Trains the VLAD vocabulary of place recognition on recordings in TUM format.
 
     python -m benchmarks.train_vlad FOLDER...
 
-Writes vo_service/slam/place_recognition/vlad_vocabulary.npy: the centres of clusters of SURF descriptors, found by
-k-means, as whole numbers. The same folders give the same words. Measure recognition on other
-recordings than these.
+It writes vo_service/slam/place_recognition/vlad_vocabulary.npy: the integer centers of k-means
+clusters of SURF descriptors. The same folders give the same vocabulary. Measure place recognition
+on other recordings than these.
 """
 
 import argparse
@@ -25,19 +25,19 @@ from vo_service.slam import place_recognition
 
 OUTPUT = Path(place_recognition.__file__).with_name("vlad_vocabulary.npy")
 CLUSTERS, FEATURES_PER_IMAGE, FRAME_STRIDE = 32, 500, 30
-# Of k-means: rounds at most, and how often it begins anew.
+# k-means: most iterations, and number of attempts.
 MAX_ITERATIONS, ATTEMPTS = 100, 3
 
 
 def main() -> int:
-    """Make the words."""
+    """Train the vocabulary and write it."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.train_vlad",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("folders", nargs="+", type=Path, help="recordings to learn from")
-    parser.add_argument("--count", type=int, default=CLUSTERS, help="of words")
+    parser.add_argument("folders", nargs="+", type=Path, help="training recordings")
+    parser.add_argument("--count", type=int, default=CLUSTERS, help="number of visual words")
     parser.add_argument("--output", type=Path, default=OUTPUT)
     args = parser.parse_args()
     try:
@@ -46,12 +46,12 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     np.save(args.output, fit_centers(descriptors, args.count))
-    print(f"{args.count} words of {len(descriptors)} features in {args.output}")
+    print(f"{args.count} visual words of {len(descriptors)} features in {args.output}")
     return 0
 
 
 def extract_descriptors(folder: Path) -> Iterator[NDArray[np.float32]]:
-    """SURF descriptors (N, 64) of every EVERY-th frame of a recording."""
+    """Yield the SURF descriptors (N, 64) of evenly spaced frames of a recording."""
     extractor = SurfExtractor(FEATURES_PER_IMAGE)
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         for frame in read_all_frames(camera):
@@ -60,7 +60,7 @@ def extract_descriptors(folder: Path) -> Iterator[NDArray[np.float32]]:
 
 
 def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8]:
-    """(count, 64) centres of as many clusters, in the order of their first numbers."""
+    """Cluster descriptors; returns centers (count, 64), sorted by their first component."""
     cv2.setRNGSeed(1)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, MAX_ITERATIONS, 0.01)
     _, _, centres = cv2.kmeans(

@@ -1,4 +1,4 @@
-"""How much of what one view shows was seen in others before, by true poses."""
+"""Overlap of a view with earlier views, by true poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, transform_points
 
-# A grid of pixels stands for the view.
+# Stride of the grid of pixels that represents a view.
 STEP_PX = 32
-# What another view shows less than so far from a point is that point.
+# A point is visible in another view if its depth there agrees within this distance.
 MAX_SAME_DISTANCE_M = 0.10
 
 
 @dataclass(frozen=True)
 class ObservedView:
-    """What was seen at pixels of a grid: points (N, 3) of the room, and from where.
+    """Points (N, 3) in the room at a grid of pixels, and the camera.
 
-    depth_m  (H, W) float16 of the whole image, 0 where nothing was read
+    `depth_m` is the whole image (H, W) as float16, 0 = no reading.
     """
 
     camera: PinholeCamera
@@ -29,7 +29,7 @@ class ObservedView:
 
     @classmethod
     def from_frame(cls, frame: RgbdFrame, T_room_camera: Array) -> "ObservedView":
-        """What a frame with a known pose shows."""
+        """Make the view of a frame with a known pose."""
         camera, half = frame.camera, STEP_PX // 2
         v, u = np.mgrid[half : camera.height : STEP_PX, half : camera.width : STEP_PX]
         z = frame.depth_m[v, u].astype(np.float64)
@@ -43,7 +43,7 @@ class ObservedView:
         )
 
     def overlap_with(self, other: "ObservedView") -> float:
-        """0 to 1: how much of what the other view shows is seen here."""
+        """Fraction of the other view's points that are visible in this view."""
         if not len(other.points_m):
             return 0.0
         x, y, z = transform_points(inverse(self.T_room_camera), other.points_m).T
@@ -58,5 +58,5 @@ class ObservedView:
 
 
 def max_overlap(view: ObservedView, before: Sequence[ObservedView]) -> float:
-    """The largest share of a view that one of those before it shows as well."""
+    """Largest overlap of a view with one of the views before."""
     return max((one.overlap_with(view) for one in before), default=0.0)

@@ -1,4 +1,4 @@
-"""Frames of the virtual Kinect, put together from its images; and a few of anything made ahead."""
+"""Frames of the virtual Kinect from its images, and a prefetching iterator."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ T = TypeVar("T")
 def make_frame(
     config: SyntheticConfig, seq: int, stamp_s: float, images: RenderedImages
 ) -> RgbdFrame:
-    """Images as frame `seq` of a camera of `config`; it arrives when it is taken."""
+    """Make frame `seq` of a camera of `config` from its images; it arrives at its stamp."""
     return RgbdFrame(
         seq=seq,
         stamp_s=stamp_s,
@@ -32,7 +32,7 @@ def make_frame(
 
 
 def prefetch(make: Callable[[int], T], count: int) -> Iterator[T]:
-    """What `make` makes of 0 to `count` - 1, in order; the next few are being made meanwhile."""
+    """Yield `make` of 0 to `count` - 1 in order; threads make the next few ahead."""
     with ThreadPoolExecutor(THREADS) as pool:
         made: deque[Future[T]] = deque()
         try:

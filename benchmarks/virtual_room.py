@@ -1,4 +1,4 @@
-"""The virtual Kinect for the benchmarks of maps: rendered once, then played from the cache."""
+"""The virtual Kinect for the map benchmarks: rendered once, then read from the cache."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,18 +13,18 @@ from drivers.synthetic.config import KINECT_COLOR, SyntheticConfig
 
 
 def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
-    """Each frame, and T_world_camera: its true pose in the room."""
-    preparation = RenderOptions(cache_folder() / "films")
-    with SyntheticCamera(config, PlaybackMode.LOCKSTEP, preparation) as camera:
+    """Yield each frame and its true pose T_world_camera in the room."""
+    render_options = RenderOptions(cache_folder() / "films")
+    with SyntheticCamera(config, PlaybackMode.LOCKSTEP, render_options) as camera:
         truth: Trajectory | None = None
         for frame in read_all_frames(camera):
             truth = truth or camera.ground_truth
-            assert truth is not None, "a film that is played once has a truth"
+            assert truth is not None, "a sequence without a loop has a ground truth"
             yield frame, truth.T_world_camera[frame.seq]
 
 
 def scaled_camera(scale: float) -> PinholeCamera:
-    """The virtual Kinect's color camera with images of another size; 1 is 640 x 480."""
+    """The virtual Kinect's color camera with scaled images; 1 is 640 x 480."""
     whole = KINECT_COLOR
     return replace(
         whole,

@@ -1,9 +1,9 @@
-"""What a wrong calibration costs: the same recordings, each with one figure of the camera changed.
+"""Errors from a wrong calibration: the same recordings with one changed camera parameter.
 
     python -m benchmarks.wrong_calibration FOLDER... [--method direct]
 
-ATE RMSE, mean global error and RPE over a second, in millimetres, and the frames without a pose.
-The recordings are to be such whose calibration is known: rendered ones.
+It prints ATE RMSE, mean global error and RPE over a second, in millimeters, and the frames without
+a pose. The calibration of the recordings must be exact: use rendered ones.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -52,33 +52,33 @@ def main() -> int:
 
 
 def make_calibration_errors() -> Mapping[str, CalibrationError]:
-    """By name, what is made wrong."""
+    """Calibration errors by name."""
     return {
-        "as it is": lambda frame: frame,
+        "correct": lambda frame: frame,
         "focal length + 1 %": lambda frame: _focal(frame, 1.01),
         "focal length - 1 %": lambda frame: _focal(frame, 0.99),
-        "centre + 3 px": lambda frame: _center(frame, 3.0),
+        "center + 3 px": lambda frame: _center(frame, 3.0),
         "depth scale + 1 %": lambda frame: _scale(frame, 1.01),
         "depth scale - 1 %": lambda frame: _scale(frame, 0.99),
         "readout + 5 ms": lambda frame: replace(frame, readout_s=frame.readout_s + 0.005),
         "readout - 5 ms": lambda frame: replace(frame, readout_s=max(frame.readout_s - 0.005, 0.0)),
         "depth offset + 5 ms": lambda frame: replace(frame, skew_s=frame.skew_s + 0.005),
-        "timing left out": lambda frame: replace(frame, readout_s=0.0, skew_s=0.0),
+        "without timing": lambda frame: replace(frame, readout_s=0.0, skew_s=0.0),
     }
 
 
 def format_row(folder: Path, method: str, change: CalibrationError) -> str:
-    """The figures of one run."""
+    """Run a method with a calibration error and format its figures."""
     odometry = METHODS[method](FeatureConfig(), NullStageTimer())
     stamps_s, estimates = [], []
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         for frame in read_all_frames(camera):
             stamps_s.append(frame.stamp_s)
             estimates.append(odometry.estimate(change(frame)))
-        found = evaluate_trajectory(estimates, stamps_s, camera.ground_truth)
-    if found is None:
+        evaluation = evaluate_trajectory(estimates, stamps_s, camera.ground_truth)
+    if evaluation is None:
         return f"{'-':>10}" * 3
-    errors = (found.ate_rmse_m, found.mean_global_error_m, found.rpe_1s_m)
+    errors = (evaluation.ate_rmse_m, evaluation.mean_global_error_m, evaluation.rpe_1s_m)
     cells = ("-" if error is None else f"{1e3 * error:.2f}" for error in errors)
     failed = sum(not estimate.ok for estimate in estimates)
     return "".join(f"{cell:>10}" for cell in (*cells, str(failed)))

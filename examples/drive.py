@@ -1,4 +1,4 @@
-"""A control loop: ten times a second the newest pose, or a stop if there is none to rely on.
+"""A control loop: ten times a second the newest pose, or a stop if there is no reliable one.
 
 Usage: python drive.py [ENDPOINT]
 """
@@ -20,12 +20,12 @@ with PoseClient(connect=endpoint) as client:
     while True:
         try:
             pose = client.newest(max_age_s=0.2)
-        except PoseUnavailable as none:
-            print(f"stop: {none}", flush=True)
+        except PoseUnavailable as error:
+            print(f"stop: {error}", flush=True)
         else:
             if not pose.is_continuous:
-                # It jumped (a reset, a restart, a loss): whatever was planned in odom is void.
+                # The pose jumped (a reset, a restart, a loss): plans in odom are invalid.
                 start_m = pose.position_m[:2]
-            to_go_m = start_m + GOAL_M - pose.position_m[:2]
-            print(f"drive: {np.linalg.norm(to_go_m):.2f} m to go", flush=True)
+            remaining_m = start_m + GOAL_M - pose.position_m[:2]
+            print(f"drive: {np.linalg.norm(remaining_m):.2f} m to go", flush=True)
         time.sleep(PERIOD_S)

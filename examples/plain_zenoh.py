@@ -1,4 +1,4 @@
-"""Read poses, status and the last pose with the `zenoh` package alone: nothing of kinect-vo's.
+"""Read poses, status and the latest pose with the `zenoh` package only, without kinect-vo.
 
 Usage: python plain_zenoh.py [ENDPOINT]
 """
@@ -20,7 +20,7 @@ settings = {
 
 
 def text_at(body: bytes, offset: int) -> tuple[str, int]:
-    """A CDR string: its length (aligned to 4 bytes), the text, a zero byte."""
+    """Decode a CDR string: its length (aligned to 4 bytes), the text, a zero byte."""
     offset += -offset % 4
     (length,) = struct.unpack_from("<I", body, offset)
     end = offset + 4 + length
@@ -29,7 +29,7 @@ def text_at(body: bytes, offset: int) -> tuple[str, int]:
 
 def show(sample: zenoh.Sample) -> None:
     """Decode nav_msgs/msg/Odometry: 4 bytes of header, then the fields in order."""
-    about = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
+    attachment = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
     body = sample.payload.to_bytes()[4:]
     seconds, nanoseconds = struct.unpack_from("<iI", body)
     frame, offset = text_at(body, 8)
@@ -38,7 +38,10 @@ def show(sample: zenoh.Sample) -> None:
     position, quaternion, covariance = numbers[:3], numbers[3:7], numbers[7:43]
     twist = numbers[43:49]
     print(f"{seconds}.{nanoseconds:09d} {frame}->{child} at {position} turned {quaternion}")
-    print(f"  variance of x {covariance[0]:.2e} m2, speed {twist[0]:.3f} m/s, {about}", flush=True)
+    print(
+        f"  variance of x {covariance[0]:.2e} m2, speed {twist[0]:.3f} m/s, {attachment}",
+        flush=True,
+    )
 
 
 with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:

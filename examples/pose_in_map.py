@@ -1,4 +1,4 @@
-"""Print where the robot is in the map: every new pose, corrected by the places that are known.
+"""Print the robot's pose in the map: every new pose, corrected by the map -> odom transform.
 
 Usage: python pose_in_map.py [ENDPOINT]
 """
@@ -13,8 +13,8 @@ with PoseClient(connect=endpoint) as client:
     for pose in client.poses():
         try:
             odom = client.map_odom()
-        except (CommandRefused, ServiceUnavailable) as none:
-            sys.exit(str(none))
+        except (CommandRefused, ServiceUnavailable) as error:
+            sys.exit(str(error))
         if odom.is_localized and odom.epoch == pose.epoch:
             T_map_base = odom.T_map_odom @ pose.T_odom_base
             print(pose.stamp_s, T_map_base[:3, 3], pose.state, flush=True)

@@ -1,4 +1,4 @@
-"""Write so many seconds of poses to a CSV file, for a spreadsheet or pandas.
+"""Write the poses of some seconds to a CSV file, for a spreadsheet or pandas.
 
 Usage: python poses_to_csv.py FILE.csv SECONDS [ENDPOINT]
 """
@@ -26,5 +26,5 @@ with file.open("w", newline="") as out, PoseClient(connect=endpoint) as client:
             rows.writerow([pose.stamp_s, *numbers, pose.state, pose.epoch, pose.missed])
             if time.monotonic() > end_s:
                 break
-    except PoseUnavailable as none:
-        sys.exit(f"ten seconds without a pose: {none}")
+    except PoseUnavailable as error:
+        sys.exit(f"ten seconds without a pose: {error}")

@@ -1,4 +1,4 @@
-"""Begin anew at a known place, as when the robot is at its charger.
+"""Reset the odometry at a known pose, such as that of the robot's charger.
 
 Usage: python send_command.py [ENDPOINT]
 """
@@ -23,8 +23,8 @@ T_odom_charger = np.array(
 with PoseClient(connect=endpoint) as client:
     try:
         epoch = client.reset(T_odom_charger)
-    except CommandRefused as refused:
-        sys.exit(f"refused ({refused.code}): {refused}")
-    except ServiceUnavailable as nobody:
-        sys.exit(str(nobody))
+    except CommandRefused as error:
+        sys.exit(f"refused ({error.code}): {error}")
+    except ServiceUnavailable as error:
+        sys.exit(str(error))
     print(f"epoch {epoch} begins at the charger", flush=True)

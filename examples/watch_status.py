@@ -1,4 +1,4 @@
-"""Say how the service is, whenever that changes.
+"""Print the state of the service whenever it changes.
 
 Usage: python watch_status.py [ENDPOINT]
 """
@@ -12,10 +12,10 @@ endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 with PoseClient(connect=endpoint) as client:
     if not client.wait_for_publisher(timeout_s=1.0):
         print("waiting for kinect-vo", flush=True)
-    said = None
+    previous = None
     for status in client.statuses():
-        news = (status["state"], status["reason"], *status["warnings"])
-        if news != said:
-            said = news
-            about = [f"{status['fps']:.0f} poses a second", *filter(None, news[1:])]
-            print(f"{status['state']}: {'; '.join(about)}", flush=True)
+        current = (status["state"], status["reason"], *status["warnings"])
+        if current != previous:
+            previous = current
+            details = [f"{status['fps']:.0f} poses a second", *filter(None, current[1:])]
+            print(f"{status['state']}: {'; '.join(details)}", flush=True)

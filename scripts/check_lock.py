@@ -1,4 +1,4 @@
-"""Check, without installing anything, that the lock file resolves to wheels alone.
+"""Check, without installing anything, that the lock file resolves to wheels only.
 
 A robot's board has no compiler and no time to build: every package that the project needs (its
 extras and development groups included) must have a wheel for each processor and each Python.
@@ -42,7 +42,7 @@ class Target:
 
     @property
     def markers(self) -> dict[str, str]:
-        """What PEP 508 markers evaluate to there."""
+        """Values of the PEP 508 markers there."""
         return {
             "implementation_name": "cpython",
             "implementation_version": self.python,
@@ -66,16 +66,16 @@ class Target:
             f"manylinux_2_{minor}_{self.machine}"
             for minor in range(GLIBC_MINOR, MIN_GLIBC_MINOR - 1, -1)
         ]
-        own = cpython_tags(version, [interpreter], platforms)
+        native = cpython_tags(version, [interpreter], platforms)
         pure = compatible_tags(version, interpreter, platforms)
-        return frozenset((*own, *pure))
+        return frozenset((*native, *pure))
 
 
 TARGETS = tuple(Target(machine, python) for machine, python in product(MACHINES, PYTHON_VERSIONS))
 
 
 def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
-    """Every package of a lock file that `target` needs for the project, its extras and groups."""
+    """List every locked package that `target` needs for the project, its extras and groups."""
     project = _project(packages)
     extras = list(project.get("optional-dependencies", {}))
     groups = project.get("dev-dependencies", {}).values()
@@ -88,7 +88,7 @@ def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
 def runtime_packages(
     packages: Sequence[Table], target: Target, extras: Iterable[str]
 ) -> list[Table]:
-    """Every package of a lock file that `target` needs to run the project with these extras."""
+    """List every locked package that `target` needs to run the project with these extras."""
     return _resolve_packages(packages, _dependencies(_project(packages), extras, target), target)
 
 
@@ -99,27 +99,27 @@ def _project(packages: Sequence[Table]) -> Table:
 def _resolve_packages(
     packages: Sequence[Table], pending: list[Table], target: Target
 ) -> list[Table]:
-    """The packages behind these dependencies, and all behind those, by name."""
-    followed: list[Table] = []
-    reached: dict[tuple[str, str], Table] = {}
+    """Resolve the packages of these dependencies and of theirs, sorted by name."""
+    visited: list[Table] = []
+    resolved: dict[tuple[str, str], Table] = {}
     while pending:
         dependency = pending.pop()
-        if dependency in followed:
+        if dependency in visited:
             continue
-        followed.append(dependency)
+        visited.append(dependency)
         package = _find_locked_package(packages, dependency)
-        reached[package["name"], package["version"]] = package
+        resolved[package["name"], package["version"]] = package
         pending += _dependencies(package, dependency.get("extra", []), target)
-    return [reached[key] for key in sorted(reached)]
+    return [resolved[key] for key in sorted(resolved)]
 
 
 def has_wheel(package: Table, target: Target) -> bool:
-    """True if a locked wheel of `package` can be installed on `target`."""
+    """Whether a locked wheel of `package` can be installed on `target`."""
     return bool(compatible_wheels(package, target))
 
 
 def compatible_wheels(package: Table, target: Target) -> list[Table]:
-    """The locked wheels of `package` that can be installed on `target`."""
+    """List the locked wheels of `package` that can be installed on `target`."""
     return [
         wheel
         for wheel in package.get("wheels", [])
@@ -133,7 +133,7 @@ def _file_name(wheel: Table) -> str:
 
 
 def find_problems(lock: Table) -> list[str]:
-    """One line for each package that some target would have to build from source."""
+    """Report each package that a target would have to build from source."""
     return [
         f"{package['name']} {package['version']} has no wheel for {target}: "
         "constrain or replace it in pyproject.toml, then run uv lock"
@@ -144,21 +144,21 @@ def find_problems(lock: Table) -> list[str]:
 
 
 def main(path: Path) -> int:
-    """Print what is wrong with the lock file, or what was checked; 1 if anything is wrong."""
+    """Print the problems of the lock file, or what was checked; return 1 if there are problems."""
     lock = tomllib.loads(path.read_text(encoding="utf-8"))
-    found = find_problems(lock)
-    for problem in found:
+    problems = find_problems(lock)
+    for problem in problems:
         print(f"{path.name}: {problem}", file=sys.stderr)
-    if not found:
+    if not problems:
         for target in TARGETS:
             print(f"{target}: {len(needed_packages(lock['package'], target))} packages, all wheels")
-    return 1 if found else 0
+    return 1 if problems else 0
 
 
 def _dependencies(package: Table, extras: Iterable[str], target: Target) -> list[Table]:
     optional = package.get("optional-dependencies", {})
-    wanted = [package.get("dependencies", []), *(optional[extra] for extra in extras)]
-    return _applicable_dependencies(chain(*wanted), target)
+    dependencies = [package.get("dependencies", []), *(optional[extra] for extra in extras)]
+    return _applicable_dependencies(chain(*dependencies), target)
 
 
 def _applicable_dependencies(dependencies: Iterable[Table], target: Target) -> list[Table]:
@@ -168,7 +168,7 @@ def _applicable_dependencies(dependencies: Iterable[Table], target: Target) -> l
 
 
 def _find_locked_package(packages: Sequence[Table], dependency: Table) -> Table:
-    """The locked package; the version is only written where several are locked."""
+    """Find the package of a dependency, which has a version only if several are locked."""
     return next(
         package
         for package in packages

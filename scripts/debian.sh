@@ -1,12 +1,12 @@
 # shellcheck shell=sh
-# Read by the scripts beside it, after steps.sh: Debian's packages.
+# Sourced by the other scripts, after steps.sh: Debian packages.
 
 # The sensors' native libraries, loaded by name when a sensor is opened.
 native_packages="libfreenect0.5 libopenni2-0 libusb-1.0-0"
 
-# missing_packages PACKAGE...: those that are not installed.
+# missing_packages PACKAGE...: print those that are not installed.
 missing_packages() {
-    command -v dpkg-query >/dev/null || return 0 # not a Debian: take them as given
+    command -v dpkg-query >/dev/null || return 0 # not Debian: assume that they are installed
     for package in "$@"; do
         case $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>&1) in
             installed) ;;
@@ -15,13 +15,13 @@ missing_packages() {
     done
 }
 
-# apt_get ARGUMENTS...: as root or through sudo; asks nothing, prints only what goes wrong.
+# apt_get ARGUMENTS...: as root or through sudo; asks nothing, prints only errors.
 apt_get() {
     set -- env DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 apt-get -qq -o Dpkg::Use-Pty=0 "$@"
     if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi >/dev/null
 }
 
-# can_install COMMAND: fail, with what to run by hand, where nobody here may install packages.
+# can_install COMMAND: fail with the command to run by hand if this user cannot install packages.
 can_install() {
     [ "$(id -u)" = 0 ] || command -v sudo >/dev/null ||
         fail "neither root nor sudo here; run once as root: $1"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Set up what is missing, then run the odometry on the virtual Kinect.
+# Run the setup if needed, then the odometry on the virtual Kinect.
 # Arguments go to `kinect-vo demo`: scripts/demo.sh --help
 set -eu
 checkout=$(cd "$(dirname "$0")/.." && pwd)

@@ -1,11 +1,11 @@
 #!/bin/sh
 # Set up a checkout on a fresh Debian: system packages, then uv in .tools/, then everything in .venv/.
-# Safe to run again: what is there already is left alone. Nothing outside the checkout is touched
-# except Debian's own packages and uv's download cache.
+# Safe to run again: finished steps are skipped. Nothing outside the checkout changes except Debian's
+# own packages and uv's download cache.
 #
 # Usage: scripts/setup.sh [PACKAGE...]    the names of further Debian packages that are needed
 #
-# KINECT_VO_PYTHON  use this Python (3.11 to 3.13) in place of Debian's own
+# KINECT_VO_PYTHON  use this Python (3.11 to 3.13) instead of Debian's own
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
@@ -46,5 +46,5 @@ check_python
 cmp -s scripts/uv.txt .tools/installed.txt ||
     step "Installing uv into .tools/ ($(sed -n 's/^uv==\([0-9.]*\).*/\1/p' scripts/uv.txt))" install_uv
 step "Installing the locked Python packages into .venv/" sync
-# Into the environment itself: whoever uses it, and with whatever cache, need not compile.
+# The kernels go into the environment itself, so that all users share them.
 CACHE_DIRECTORY=$PWD/.venv/share/kinect-vo step "Compiling the numeric kernels" .venv/bin/kinect-vo warm-up

@@ -1,5 +1,5 @@
 # shellcheck shell=sh
-# Read by the scripts beside it: how they speak.
+# Sourced by the other scripts: their messages.
 
 say() {
     printf '\n==> %s\n' "$*"

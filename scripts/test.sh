@@ -1,22 +1,22 @@
 #!/bin/sh
-# Set up what is missing, then check everything: style, types, lock file, tests.
+# Run the setup if needed, then check everything: style, types, lock file, tests.
 #
 # Usage: scripts/test.sh                       everything
-#        scripts/test.sh --fast [ARGUMENT...]  style, types and the quick tests alone
+#        scripts/test.sh --fast [ARGUMENT...]  only style, types and the quick tests
 #        scripts/test.sh ARGUMENT...           only pytest, with these arguments:
 #                                              scripts/test.sh tests/drivers -k stamps
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
 
-# A compiler, for the stand-in that plays a Kinect on the wire; udev, to try the rules on, and
-# systemd's tools, which judge the units. Neither is started.
+# A compiler for the Kinect simulator; udev's and systemd's tools to check the rules and the units.
+# Neither is started.
 scripts/setup.sh gcc libc6-dev udev systemd
 export PATH="$PWD/.venv/bin:$PATH"
-# Tests start hundreds of processes: where no compiled modules may be kept, each takes twice as long.
+# Tests start hundreds of processes: without cached bytecode each takes twice as long.
 unset PYTHONDONTWRITEBYTECODE
-# Once, or all of pytest's processes would compile them at the same time, each for itself: the
-# kernels of the methods that set-up leaves out, and in a fresh checkout the tests' own modules.
+# Compile once, so that the pytest processes do not all compile the same: the kernels of the methods
+# that the setup omits, and in a fresh checkout the tests' own modules.
 compile_all() {
     python -c '
 import os
@@ -46,24 +46,24 @@ check_code() {
     step "Checking types" mypy
     step "Checking the direction of imports" check_imports
 }
-# More of them at once than there are processors: many wait for a sensor, a viewer or a time-out.
-at_once=$(($(nproc) * 2))
+# More processes than processors: many tests wait for a sensor, a viewer or a timeout.
+processes=$(($(nproc) * 2))
 case ${1:-} in
 --fast)
     shift
     check_code
-    # The markers' meanings are in pyproject.toml. Quick tests wait for nothing: one to a processor.
+    # pyproject.toml describes the markers. Quick tests do not wait: one process per processor.
     set -- -m "not (slow or subprocess or zenoh or rerun or hardware_simulator)" \
         --numprocesses="$(nproc)" --durations=5 "$@"
     ;;
 "")
-    say "Compiling the other numeric kernels and the tests, while all else is checked"
+    say "Compiling the other numeric kernels and the tests in the background"
     compile_all &
     check_code
     step "Checking that the lock file is up to date" .tools/bin/uv lock --check --python .venv/bin/python
     step "Checking that every locked package is a wheel" python scripts/check_lock.py
-    step "Waiting for what is compiled" wait $!
-    set -- --numprocesses=$((at_once > 8 ? 8 : at_once)) --dist=worksteal --timeout=600
+    step "Waiting for the compilation" wait $!
+    set -- --numprocesses=$((processes > 8 ? 8 : processes)) --dist=worksteal --timeout=600
     ;;
 esac
 say "Running the tests"

@@ -1,4 +1,4 @@
-"""Write the JSON Schemas of the messages into ``schemas/``, one file each.
+"""Write the JSON Schemas of the messages to ``schemas/``, one file each.
 
 Usage: .venv/bin/python scripts/write_schemas.py
 """
@@ -12,7 +12,7 @@ SCHEMA_FOLDER = Path(__file__).parents[1] / "schemas"
 
 
 def make_schema_files() -> dict[str, str]:
-    """What each file is to hold, by its name."""
+    """Return the text of each schema file by its name."""
     return {
         f"{name}.json": json.dumps(schema, indent=2) + "\n"
         for name, schema in all_schemas().items()
@@ -20,13 +20,13 @@ def make_schema_files() -> dict[str, str]:
 
 
 def main() -> None:
-    """Write them all; a file that is no longer one of them goes."""
+    """Write all schema files and delete stale ones."""
     SCHEMA_FOLDER.mkdir(exist_ok=True)
-    wanted = make_schema_files()
+    files = make_schema_files()
     for stale in SCHEMA_FOLDER.glob("*.json"):
-        if stale.name not in wanted:
+        if stale.name not in files:
             stale.unlink()
-    for name, text in wanted.items():
+    for name, text in files.items():
         (SCHEMA_FOLDER / name).write_text(text)
 
 

@@ -1,6 +1,6 @@
-"""A small recording that the whole line can follow, rendered once a session; and the real ones."""
+"""Fixtures of all tests: a small recording, rendered once a session, and the real recordings."""
 
-# As the program has it, and before numpy: tests run side by side, and idle threads would spin.
+# Imported before numpy, as in the program: tests run in parallel, and idle threads would spin.
 import vo_service.tools.benchmark.single_thread  # noqa: F401
 
 # isort: split
@@ -19,7 +19,7 @@ import pytest
 
 from drivers.core.paths import kernel_folder
 
-# Before anything that compiles is imported; processes that tests start find the same kernels.
+# Set before any import that compiles; processes that tests start use the same kernels.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp
@@ -38,15 +38,15 @@ from tests.vo_service.odometry.synthetic_views import render_corner
 
 cv2.setNumThreads(1)
 
-# A shell that runs the tests in the background has Ctrl-C ignored, and so would what they start.
+# A shell that runs the tests in the background ignores Ctrl-C, and child processes inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A slow day is no failure.
-hypothesis.settings.register_profile("patient", deadline=None)
-hypothesis.settings.load_profile("patient")
+# A slow machine must not fail a test.
+hypothesis.settings.register_profile("no-deadline", deadline=None)
+hypothesis.settings.load_profile("no-deadline")
 
 FRAMES = 12
-# Fixtures that give a marker to every test that asks for them, directly or through another.
+# Markers, and the fixtures that add them to every test that uses one, directly or indirectly.
 MARKING_FIXTURES = {
     "hardware_simulator": {"simulated_libusb", "real_libfreenect", "real_openni2", "fakenect"},
     "slow": {"photographs"},
@@ -54,33 +54,33 @@ MARKING_FIXTURES = {
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark tests by the fixtures that they need."""
+    """Mark tests by their fixtures."""
     fixtures = set(getattr(item, "fixturenames", ()))
     for marker, marking in MARKING_FIXTURES.items():
         if fixtures & marking:
             item.add_marker(marker)
 
 
-# Nothing of what is collected is garbage.
+# Test collection creates no garbage.
 gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """What is held of all tests from now on is not looked through by every garbage collection."""
+    """Exclude the collected tests from later garbage collections."""
     gc.enable()
     gc.collect()
     gc.freeze()
 
 
 def _hand_held_pose(seq: int) -> Array:
-    """A hand that moves a little forward and to the right, turning."""
+    """Pose of a hand that moves a little forward and to the right, turning."""
     turn = so3_exp([0.002 * seq, 0.006 * seq, -0.003 * seq])
     return rigid_transform(turn, [0.01 * seq, -0.004 * seq, 0.015 * seq])
 
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of 12 frames, 320x240, 30 a second, with ground truth. Leave it as it is."""
+    """A read-only folder of 12 frames, 320x240, 30 per second, with ground truth."""
     folder = tmp_path_factory.mktemp("recordings") / "corner"
     frames = [render_corner(_hand_held_pose(seq), seq) for seq in range(FRAMES)]
     stamps_s = np.array([frame.stamp_s for frame in frames])
@@ -93,7 +93,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def copy_recording(recording: Path, tmp_path: Path) -> Callable[..., Path]:
-    """A copy to break: ``copy_recording(lists=True)`` has rgb.txt and depth.txt alone."""
+    """A function that copies the recording; ``lists=True`` omits associations.txt."""
 
     def copy(lists: bool = False, name: str = "corner") -> Path:
         folder = Path(shutil.copytree(recording, tmp_path / name))

@@ -1,6 +1,6 @@
-"""The process that `ForkedProcess` ones are forked from: ``python -m tests.fork_server SOCKET``.
+"""The fork server of `ForkedProcess`: ``python -m tests.fork_server SOCKET``.
 
-It has loaded what `kinect-vo` needs to follow a camera, and has one thread.
+It has loaded the libraries and kernels of `kinect-vo run` and `replay`, and has one thread.
 """
 
 import fcntl
@@ -21,7 +21,7 @@ MIN_SPARE_FD = 500
 
 def load() -> None:
     """Load libraries and kernels."""
-    _set_library_environment()  # before the first of them is imported
+    _set_library_environment()  # before the libraries are imported
     import cv2
 
     import vo_service.cli.replay
@@ -38,36 +38,40 @@ def load() -> None:
     warm_up_loop_closure(_discard_stage)
     compile_kernels()
     gc.collect()
-    gc.freeze()  # else the first collection of each process would copy all of it
+    gc.freeze()  # otherwise the first collection of each child would copy all pages
     threads = len(list(Path("/proc/self/task").iterdir()))
-    assert threads == 1, f"{threads} threads: a fork would have one of them, and all their locks"
+    assert threads == 1, f"{threads} threads: a fork would have one of them and all locks"
 
 
 def next_request(connection: socket.socket) -> dict[str, Any] | None:
-    """In each new process, what it shall do; None in this one, once nobody can ask any more."""
+    """Fork a process for each request.
+
+    Returns:
+        The request, in each new process; None in this process, when the connection is closed.
+    """
     while True:
         message, fds, _, _ = socket.recv_fds(connection, 1 << 20, MAX_FDS)
         if not message:
             return None
-        forking = os.fork()
-        if forking == 0:
-            started = os.fork()
-            if started == 0:
+        intermediate = os.fork()
+        if intermediate == 0:
+            child = os.fork()
+            if child == 0:
                 connection.close()
                 request: dict[str, Any] = json.loads(message)
                 _renumber_fds(fds, request["fds"])
                 return request
-            connection.send(str(started).encode())
+            connection.send(str(child).encode())
             connection.recv(100)
             os._exit(0)
-        os.waitpid(forking, 0)
-        connection.send(b"let go")
+        os.waitpid(intermediate, 0)
+        connection.send(b"released")
         for fd in fds:
             os.close(fd)
 
 
 def run_request(request: dict[str, Any]) -> None:
-    """Be as a process that was started like this."""
+    """Run the request's program, as in a newly started process."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if request["is_new_session"]:
         os.setsid()
@@ -79,21 +83,21 @@ def run_request(request: dict[str, Any]) -> None:
 
 
 def _renumber_fds(fds: list[int], numbers: list[int]) -> None:
-    """Open files get other numbers, some of which may be theirs already."""
-    out_of_the_way = [fcntl.fcntl(fd, fcntl.F_DUPFD, MIN_SPARE_FD) for fd in fds]
+    """Give open files the numbers of the request; the two sets of numbers may overlap."""
+    spare_fds = [fcntl.fcntl(fd, fcntl.F_DUPFD, MIN_SPARE_FD) for fd in fds]
     for fd in fds:
         os.close(fd)
-    for fd, number in zip(out_of_the_way, numbers, strict=True):
+    for fd, number in zip(spare_fds, numbers, strict=True):
         os.dup2(fd, number)
         os.close(fd)
 
 
 def _discard_stage(stage: str) -> None:
-    """Nobody waits."""
+    """Ignore progress."""
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for pytest, which ends this one too
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # pytest handles Ctrl-C and ends this process
     load()
     with socket.socket(fileno=int(sys.argv[1])) as _connection:
         _request = next_request(_connection)

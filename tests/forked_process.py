@@ -1,8 +1,8 @@
-"""Processes of kinect-vo that start with its libraries and kernels loaded: forks of one process.
+"""Processes of kinect-vo forked from a server with loaded libraries and kernels.
 
-A start costs a second of processor time, nearly all of it for what is the same each time. So the
-first of these processes is asked for the others: `template` says what it loads. They are children
-of this process all the same. Tests of the start itself use `subprocess`.
+A normal start takes a second of processor time, most of it for imports. The processes here are
+forked from `tests.fork_server` instead, but they are children of this process. Tests of the start
+itself use `subprocess`.
 """
 
 import atexit
@@ -21,18 +21,17 @@ from typing import Any
 from tests.waiting import DEFAULT_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
-# The command as its script has it, for a `ForkedProcess` process.
+# The command of the installed script, for a `ForkedProcess`.
 KINECT_VO = (sys.executable, "-c", "from vo_service import cli\ncli.main()\n")
-# Where a process whose parent has ended is given to the next of its ancestors, see prctl(2).
+# Orphaned descendants become children of the process that sets this, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36
 _libc = ctypes.CDLL(None)
 
 
 class ForkedProcess(subprocess.Popen[Any]):
-    """As `subprocess.Popen`, for ``[python, "-c", PROGRAM, ...]``.
+    """Like `subprocess.Popen`, for ``[python, "-c", PROGRAM, ...]``.
 
-    Of the options it takes the streams and their encoding, `pass_fds`, `env`, `cwd` and
-    `start_new_session`.
+    It supports the streams and their encoding, `pass_fds`, `env`, `cwd` and `start_new_session`.
     """
 
     def _execute_child(
@@ -43,7 +42,7 @@ class ForkedProcess(subprocess.Popen[Any]):
         restore_signals: object, gid: object, gids: object, uid: object, umask: object,
         start_new_session: bool, process_group: object,
     ) -> None:  # fmt: skip
-        """Replaces the private method that forks and executes; its arguments are Python's."""
+        """Override the private method of `Popen` that forks and executes."""
         python, option, program, *arguments = args
         assert (python, option) == (sys.executable, "-c")
         request = {
@@ -63,7 +62,7 @@ class ForkedProcess(subprocess.Popen[Any]):
 def run(
     command: Sequence[str], timeout_s: float = DEFAULT_TIMEOUT_S, **options: Any
 ) -> "subprocess.CompletedProcess[str]":
-    """Run a `ForkedProcess` process to its end, and capture what it prints."""
+    """Run a `ForkedProcess` to its end, and capture its output."""
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with ForkedProcess(command, **pipes, **options) as process:
         try:
@@ -76,7 +75,7 @@ def run(
 def start_module(
     module: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
-    """As the function of `drivers.core.process.worker_process`, by a `ForkedProcess` process."""
+    """Replace `start_module` of `drivers.core.process.worker_process` by a `ForkedProcess`."""
     program = f"import runpy\nrunpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
     return ForkedProcess(
         [sys.executable, "-c", program, str(fds[0])],
@@ -90,31 +89,31 @@ def start_module(
 
 
 class _ForkServer:
-    """The process that is forked; it ends with this one."""
+    """The server process; it ends with this process."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
+        self._socket, server_socket = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with server_socket:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.fork_server", str(theirs.fileno())],
+                [sys.executable, "-m", "tests.fork_server", str(server_socket.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 cwd=ROOT,
-                pass_fds=[theirs.fileno()],
+                pass_fds=[server_socket.fileno()],
             )
         self.pid = self._process.pid
         atexit.register(self._close)
 
     def start(self, request: Mapping[str, object], fds: Sequence[int]) -> int:
-        """The process number of a new child of this process."""
+        """Start a child of this process; return its process number."""
         with self._lock:
             socket.send_fds(self._socket, [json.dumps(request).encode()], fds)
             number = self._socket.recv(100)
-            with _adopt_orphans():  # for a moment, or orphans of others would be ours as well
-                self._socket.send(b"let go")
-                let_go = self._socket.recv(100)
-        assert let_go, "the process that is to be forked has ended"
+            with _adopt_orphans():  # only here, so that no other orphans are adopted
+                self._socket.send(b"release")
+                is_released = self._socket.recv(100)
+        assert is_released, "the fork server has ended"
         return int(number)
 
     def _close(self) -> None:
@@ -124,7 +123,7 @@ class _ForkServer:
 
 @contextmanager
 def _adopt_orphans() -> Iterator[None]:
-    """A grandchild whose parent ends becomes a child of this process."""
+    """Let grandchildren whose parent ends become children of this process."""
     _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     try:
         yield
@@ -132,17 +131,17 @@ def _adopt_orphans() -> Iterator[None]:
         _libc.prctl(_PR_SET_CHILD_SUBREAPER, 0, 0, 0, 0)
 
 
-_templates: list[_ForkServer] = []
-_first = threading.Lock()
+_fork_servers: list[_ForkServer] = []
+_fork_servers_lock = threading.Lock()
 
 
-def templates() -> list[int]:
-    """Process numbers of those that are forked: one, once it was needed."""
-    return [template.pid for template in _templates]
+def fork_server_pids() -> list[int]:
+    """Process numbers of the fork server: one, once it was needed."""
+    return [server.pid for server in _fork_servers]
 
 
 def _get_fork_server() -> _ForkServer:
-    with _first:
-        if not _templates:
-            _templates.append(_ForkServer())
-    return _templates[0]
+    with _fork_servers_lock:
+        if not _fork_servers:
+            _fork_servers.append(_ForkServer())
+    return _fork_servers[0]

@@ -1,4 +1,4 @@
-"""A disk that is full, or a quota, on request."""
+"""Simulates a full disk or a quota."""
 
 import resource
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def limit_file_size(size: int) -> Iterator[None]:
-    """No file of this process may grow beyond so many bytes, nor any shared memory."""
+    """Limit files and shared memory of this process to `size` bytes."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:

@@ -1,4 +1,4 @@
-"""Checks a value against a JSON Schema: the keywords that our schemas use, and no others."""
+"""Validates a value by a JSON Schema with the keywords that our schemas use."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -18,64 +18,64 @@ _TYPES: Mapping[str, tuple[type, ...]] = {
 
 
 def schema_errors(schema: Schema, value: Any, where: str = "$") -> list[str]:
-    """What is wrong with the value. Fails on a keyword that is not known here."""
+    """List the errors of a value. Raises KeyError for an unsupported keyword."""
     return [
-        f"{where}: {complaint}"
-        for keyword, wanted in schema.items()
-        for complaint in _CHECKS[keyword](schema, wanted, value)
+        f"{where}: {error}"
+        for keyword, argument in schema.items()
+        for error in _CHECKS[keyword](schema, argument, value)
     ]
 
 
-def _check_type(schema: Schema, wanted: str, value: Any) -> Iterator[str]:
-    is_bool = isinstance(value, bool) and wanted != "boolean"
-    if is_bool or not isinstance(value, _TYPES[wanted]):
-        yield f"{value!r} is no {wanted}"
+def _check_type(schema: Schema, argument: str, value: Any) -> Iterator[str]:
+    is_bool = isinstance(value, bool) and argument != "boolean"
+    if is_bool or not isinstance(value, _TYPES[argument]):
+        yield f"{value!r} is not a {argument}"
 
 
-def _check_properties(schema: Schema, wanted: Mapping[str, Schema], value: Any) -> Iterator[str]:
-    for name in wanted.keys() & _as_object(value).keys():
-        yield from schema_errors(wanted[name], value[name], name)
+def _check_properties(schema: Schema, argument: Mapping[str, Schema], value: Any) -> Iterator[str]:
+    for name in argument.keys() & _as_object(value).keys():
+        yield from schema_errors(argument[name], value[name], name)
 
 
 def _check_additional_properties(
-    schema: Schema, wanted: bool | Schema, value: Any
+    schema: Schema, argument: bool | Schema, value: Any
 ) -> Iterator[str]:
     for name in _as_object(value).keys() - schema.get("properties", {}).keys():
-        if isinstance(wanted, bool):
-            yield from [] if wanted else [f"{name} is not known"]
+        if isinstance(argument, bool):
+            yield from [] if argument else [f"{name} is not known"]
         else:
-            yield from schema_errors(wanted, value[name], name)
+            yield from schema_errors(argument, value[name], name)
 
 
 def _check_dependent_required(
-    schema: Schema, wanted: Mapping[str, list[str]], value: Any
+    schema: Schema, argument: Mapping[str, list[str]], value: Any
 ) -> Iterator[str]:
-    for name in wanted.keys() & _as_object(value).keys():
-        yield from _check_required(wanted[name], value)
+    for name in argument.keys() & _as_object(value).keys():
+        yield from _check_required(argument[name], value)
 
 
 def _check_required(names: list[str], value: Any) -> Iterator[str]:
     return (f"{name} is missing" for name in names if name not in _as_object(value))
 
 
-def _check_items(schema: Schema, wanted: Schema, value: Any) -> Iterator[str]:
+def _check_items(schema: Schema, argument: Schema, value: Any) -> Iterator[str]:
     for index, item in enumerate(value if isinstance(value, list) else []):
-        yield from schema_errors(wanted, item, f"[{index}]")
+        yield from schema_errors(argument, item, f"[{index}]")
 
 
 def _as_object(value: Any) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _make_check(holds: Callable[[Any, Any], bool], kinds: type | tuple[type, ...]) -> Any:
-    def check(schema: Schema, wanted: Any, value: Any) -> Iterator[str]:
-        if isinstance(value, kinds) and not holds(value, wanted):
-            yield f"{value!r} does not agree with {wanted!r}"
+def _make_check(is_valid: Callable[[Any, Any], bool], kinds: type | tuple[type, ...]) -> Any:
+    def check(schema: Schema, argument: Any, value: Any) -> Iterator[str]:
+        if isinstance(value, kinds) and not is_valid(value, argument):
+            yield f"{value!r} does not agree with {argument!r}"
 
     return check
 
 
-def _accept_anything(schema: Schema, wanted: Any, value: Any) -> Iterator[str]:
+def _accept_anything(schema: Schema, argument: Any, value: Any) -> Iterator[str]:
     return iter(())
 
 
@@ -85,15 +85,15 @@ _CHECKS: Mapping[str, Callable[[Schema, Any, Any], Iterator[str]]] = {
     "description": _accept_anything,
     "type": _check_type,
     "properties": _check_properties,
-    "required": lambda _, wanted, value: _check_required(wanted, value),
+    "required": lambda _, argument, value: _check_required(argument, value),
     "additionalProperties": _check_additional_properties,
     "dependentRequired": _check_dependent_required,
     "items": _check_items,
-    "const": _make_check(lambda value, wanted: value == wanted, object),
-    "enum": _make_check(lambda value, wanted: value in wanted, object),
-    "minimum": _make_check(lambda value, wanted: value >= wanted, (int, float)),
-    "maximum": _make_check(lambda value, wanted: value <= wanted, (int, float)),
-    "minItems": _make_check(lambda value, wanted: len(value) >= wanted, list),
-    "maxItems": _make_check(lambda value, wanted: len(value) <= wanted, list),
-    "pattern": _make_check(lambda value, wanted: bool(re.search(wanted, value)), str),
+    "const": _make_check(lambda value, argument: value == argument, object),
+    "enum": _make_check(lambda value, argument: value in argument, object),
+    "minimum": _make_check(lambda value, argument: value >= argument, (int, float)),
+    "maximum": _make_check(lambda value, argument: value <= argument, (int, float)),
+    "minItems": _make_check(lambda value, argument: len(value) >= argument, list),
+    "maxItems": _make_check(lambda value, argument: len(value) <= argument, list),
+    "pattern": _make_check(lambda value, argument: bool(re.search(argument, value)), str),
 }

@@ -1,4 +1,4 @@
-"""Ports of 127.0.0.1: one that is free for a test, and whether anyone listens on one."""
+"""Ports of 127.0.0.1: free ports for tests, and whether a process listens on a port."""
 
 import os
 import random
@@ -9,25 +9,24 @@ from itertools import cycle
 from pathlib import Path
 
 MIN_PORT = 20000
-# So many workers have ports of their own.
+# Number of pytest workers with separate ports.
 MAX_WORKERS = 4
 
 
 def free_port() -> int:
-    """A port that nobody has, and that nobody else is given before the test uses it.
+    """Return a free port that no other test gets before this test uses it.
 
-    Not from the range that the kernel takes ports of outgoing connections from, which a test that
-    runs beside this one may open at any time. Each of pytest's workers has ports of its own, and
-    gives none again before it has given all.
+    It is outside the kernel's range for outgoing connections, which parallel tests may open at any
+    time. Each pytest worker has its own ports, and returns one again only after all others.
     """
     return next(port for port in _ports() if _is_free(port))
 
 
 def is_listening(port: int) -> bool:
-    """True if someone listens on a port of 127.0.0.1, without a knock on it."""
-    here = f"0100007F:{port:04X}"
+    """Whether a process listens on a port of 127.0.0.1, without connecting to it."""
+    address = f"0100007F:{port:04X}"
     rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-    return any(row[1] == here and row[3] == "0A" for row in rows)
+    return any(row[1] == address and row[3] == "0A" for row in rows)
 
 
 def _is_free(port: int) -> bool:
@@ -41,7 +40,7 @@ def _is_free(port: int) -> bool:
 
 @cache
 def _ports() -> Iterator[int]:
-    """Of this worker, in no order: another run of the tests begins with others."""
+    """Ports of this worker in random order, so that other test runs begin with others."""
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
     outgoing = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
     ports = list(range(MIN_PORT + worker % MAX_WORKERS, outgoing, MAX_WORKERS))

@@ -1,4 +1,4 @@
-"""What a process holds, to see that it holds no more afterwards."""
+"""Resources of a process, for leak tests."""
 
 import gc
 import os
@@ -7,13 +7,13 @@ import threading
 from collections import Counter
 from pathlib import Path
 
-from tests.forked_process import templates
+from tests.forked_process import fork_server_pids
 
 
 def resources_in_use() -> Counter[str]:
-    """Open files, children (zombies too), threads and shared memory of this process.
+    """Count open files, children (and zombies), threads and shared memory of this process.
 
-    Compare with ``<=``: what an earlier test had left for the garbage may go at any time.
+    Compare with ``<=``: garbage of an earlier test may be freed at any time.
     """
     gc.collect()
     return Counter(
@@ -25,48 +25,45 @@ def resources_in_use() -> Counter[str]:
 
 
 def count_open_files() -> int:
-    """How many files this process has open."""
+    """Count the open files of this process."""
     return sum(1 for _ in Path("/proc/self/fd").iterdir())
 
 
 def count_open_files_of(process: int) -> int:
-    """How many files a process that may not be this one has open."""
+    """Count the open files of any process."""
     return sum(1 for _ in Path(f"/proc/{process}/fd").iterdir())
 
 
 def child_pids() -> list[int]:
-    """Process numbers of what this process has started and not reaped.
-
-    Not the one that `ForkedProcess` processes are forked from, which stays to the end.
-    """
-    return [child for child in child_pids_of(os.getpid()) if child not in templates()]
+    """Process numbers of the unreaped children of this process, without the fork server."""
+    return [child for child in child_pids_of(os.getpid()) if child not in fork_server_pids()]
 
 
 def resources_in_use_by(process: int) -> Counter[str]:
-    """Open files, children, threads and shared memory of a process that may not be this one.
+    """Count open files, children, threads and shared memory of any process.
 
-    Not the threads that a library has named: Zenoh starts and ends its own as it sees fit.
+    Threads with a name are not counted: Zenoh starts and ends its threads at any time.
     """
-    here = Path(f"/proc/{process}")
-    own_name = _read_text(here / "comm")
+    folder = Path(f"/proc/{process}")
+    own_name = _read_text(folder / "comm")
     return Counter(
         files=count_open_files_of(process),
         children=len(child_pids_of(process)),
-        threads=sum(_read_text(task / "comm") == own_name for task in (here / "task").iterdir()),
-        memory=_read_text(here / "maps").count("memfd:"),
+        threads=sum(_read_text(task / "comm") == own_name for task in (folder / "task").iterdir()),
+        memory=_read_text(folder / "maps").count("memfd:"),
     )
 
 
 def child_pids_of(process: int) -> list[int]:
-    """Process numbers of what a process has started and not reaped."""
+    """Process numbers of the unreaped children of any process."""
     lists = Path(f"/proc/{process}/task").glob("*/children")
     return [int(number) for each in lists for number in _read_text(each).split()]
 
 
 def find_child_running(process: int, module: str) -> int:
-    """The child of a process that runs a Python module; fails unless there is exactly one."""
-    (found,) = (c for c in child_pids_of(process) if module in command_line_of(c))
-    return found
+    """Return the child of a process that runs a module; fails unless there is exactly one."""
+    (child,) = (c for c in child_pids_of(process) if module in command_line_of(c))
+    return child
 
 
 def command_line_of(process: int) -> list[str]:
@@ -75,15 +72,15 @@ def command_line_of(process: int) -> list[str]:
 
 
 def resident_memory_kb(process: int) -> int:
-    """Memory of a process that is in RAM."""
+    """Resident memory of a process in kB."""
     status = Path(f"/proc/{process}/status").read_text()
-    found = re.search(r"VmRSS:\s+(\d+) kB", status)
-    assert found is not None
-    return int(found[1])
+    match = re.search(r"VmRSS:\s+(\d+) kB", status)
+    assert match is not None
+    return int(match[1])
 
 
 def is_alive(process: int) -> bool:
-    """Whether a process, which may not be ours, still runs."""
+    """Whether a process runs; it need not be a child."""
     try:
         return " Z " not in Path(f"/proc/{process}/stat").read_text()
     except OSError:
@@ -91,7 +88,7 @@ def is_alive(process: int) -> bool:
 
 
 def _read_text(file: Path) -> str:
-    """A file of /proc; "" if what it tells of has just ended."""
+    """Read a file of /proc; "" if its process has just ended."""
     try:
         return file.read_text()
     except (FileNotFoundError, ProcessLookupError):

@@ -1,4 +1,4 @@
-"""What is dear to make and the same for all tests, once for all of pytest's processes."""
+"""Expensive fixtures that all pytest processes share."""
 
 import fcntl
 import os
@@ -12,12 +12,18 @@ import pytest
 def make_once(
     tmp_path_factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]
 ) -> Path:
-    """The folder of this name, which `make` has filled for the first process that asked for it."""
-    place = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:  # then this is a folder of its own, beside the others'
-        place = place.parent
-    folder, part = place / name, place / f"{name}.part"
-    with (place / f"{name}.lock").open("w") as lock:
+    """Return a folder that `make` filled once, in the first process that needed it.
+
+    Args:
+        tmp_path_factory: pytest's factory.
+        name: Name of the folder.
+        make: Fills an empty folder.
+    """
+    parent = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:  # each worker has its own folder in a common one
+        parent = parent.parent
+    folder, part = parent / name, parent / f"{name}.part"
+    with (parent / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not folder.exists():
             shutil.rmtree(part, ignore_errors=True)

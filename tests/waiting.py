@@ -4,7 +4,7 @@ import inspect
 import time
 from collections.abc import Callable
 
-# Longer than anything takes on a slow day, shorter than the time limit of a test.
+# Longer than any wait on a slow machine, shorter than the time limit of a test.
 DEFAULT_TIMEOUT_S = 100.0
 POLL_PERIOD_S = 0.01
 
@@ -15,22 +15,22 @@ def wait_until(
     """Wait until a condition is true.
 
     Args:
-        condition: called every `POLL_PERIOD_S`; should have no side effects that matter.
-        what: what is awaited, for the error; the condition's source where empty.
-        timeout_s: how long to wait at most.
+        condition: Called every `POLL_PERIOD_S`; it should have no side effects.
+        what: Description for the error; the condition's source if empty.
+        timeout_s: Longest time to wait.
 
     Raises:
-        AssertionError: it did not become true in time.
+        AssertionError: The condition did not become true in time.
     """
     deadline_s = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline_s:
             raise AssertionError(f"waited {timeout_s:g} s in vain for {what or _source(condition)}")
-        time.sleep(POLL_PERIOD_S)  # polls; no test does so by itself
+        time.sleep(POLL_PERIOD_S)  # the only place where tests poll
 
 
 def _source(condition: Callable[[], object]) -> str:
-    """The source of a function, or its name where that cannot be read."""
+    """Source of a function, or its name if the source is not available."""
     try:
         return inspect.getsource(condition).strip()
     except (OSError, TypeError):

@@ -1,4 +1,4 @@
-"""Errors against the covariance told with them: what is counted from where."""
+"""Errors normalized by their reported covariance."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,9 @@ def at(x_m: float) -> Array:
     return rigid_transform(np.eye(3), [x_m, 0.0, 0.0])
 
 
-def told(x_m: float, reference_m: float, is_next: bool, restarted: bool = False) -> Estimate:
+def make_estimate(
+    x_m: float, reference_m: float, is_next: bool, restarted: bool = False
+) -> Estimate:
     return Estimate(
         ok=True,
         reason="",
@@ -28,42 +30,42 @@ def told(x_m: float, reference_m: float, is_next: bool, restarted: bool = False)
 
 
 @pytest.fixture
-def watcher() -> NormalizedErrorCollector:
+def collector() -> NormalizedErrorCollector:
     watching = NormalizedErrorCollector()
-    watching.add(told(0.0, 0.0, is_next=True), at(0.0))
+    watching.add(make_estimate(0.0, 0.0, is_next=True), at(0.0))
     return watching
 
 
-def test_of_the_first_pose_there_is_no_motion_to_judge(watcher: NormalizedErrorCollector) -> None:
-    assert watcher.squares.since_reference == []
+def test_the_first_pose_has_no_motion(collector: NormalizedErrorCollector) -> None:
+    assert collector.squares.since_reference == []
 
 
 def test_errors_are_counted_from_the_reference_and_steps_from_the_last_frame(
-    watcher: NormalizedErrorCollector,
+    collector: NormalizedErrorCollector,
 ) -> None:
-    watcher.add(told(1.0 + SIGMA, 0.0, is_next=False), at(1.0))
-    watcher.add(told(2.0 + SIGMA, 0.0, is_next=False), at(2.0))
-    np.testing.assert_allclose(watcher.squares.since_reference, [1.0, 1.0])
-    # The two errors are alike: the step between them is right.
-    np.testing.assert_allclose(watcher.squares.step, [1.0, 0.0], atol=1e-12)
+    collector.add(make_estimate(1.0 + SIGMA, 0.0, is_next=False), at(1.0))
+    collector.add(make_estimate(2.0 + SIGMA, 0.0, is_next=False), at(2.0))
+    np.testing.assert_allclose(collector.squares.since_reference, [1.0, 1.0])
+    # Both errors are the same, so the step between them is exact.
+    np.testing.assert_allclose(collector.squares.step, [1.0, 0.0], atol=1e-12)
 
 
-def test_from_the_next_reference_on_its_own_error_is_no_more_counted(
-    watcher: NormalizedErrorCollector,
+def test_the_error_of_a_new_reference_is_not_counted(
+    collector: NormalizedErrorCollector,
 ) -> None:
-    watcher.add(told(1.0 + SIGMA, 0.0, is_next=True), at(1.0))
-    watcher.add(told(2.0 + SIGMA, 1.0 + SIGMA, is_next=False), at(2.0))
-    np.testing.assert_allclose(watcher.squares.since_reference, [1.0, 0.0], atol=1e-12)
+    collector.add(make_estimate(1.0 + SIGMA, 0.0, is_next=True), at(1.0))
+    collector.add(make_estimate(2.0 + SIGMA, 1.0 + SIGMA, is_next=False), at(2.0))
+    np.testing.assert_allclose(collector.squares.since_reference, [1.0, 0.0], atol=1e-12)
 
 
-def test_after_a_restart_all_begins_anew(watcher: NormalizedErrorCollector) -> None:
-    watcher.add(told(9.0, 9.0, is_next=True, restarted=True), at(1.0))
-    watcher.add(told(9.5, 9.0, is_next=False), at(1.5))
-    np.testing.assert_allclose(watcher.squares.since_reference, [0.0], atol=1e-12)
+def test_a_reset_starts_again(collector: NormalizedErrorCollector) -> None:
+    collector.add(make_estimate(9.0, 9.0, is_next=True, restarted=True), at(1.0))
+    collector.add(make_estimate(9.5, 9.0, is_next=False), at(1.5))
+    np.testing.assert_allclose(collector.squares.since_reference, [0.0], atol=1e-12)
 
 
-def test_each_seed_is_another_room_motion_and_timing() -> None:
-    found = make_configs([1, 2, 3, 4])
-    assert len({config.motion for config in found.values()}) == 4
-    assert len({config.timing for config in found.values()}) == 3
-    assert all(f"room{config.seed}" in name for name, config in found.items())
+def test_each_seed_has_its_own_room_motion_and_timing() -> None:
+    configs = make_configs([1, 2, 3, 4])
+    assert len({config.motion for config in configs.values()}) == 4
+    assert len({config.timing for config in configs.values()}) == 3
+    assert all(f"room{config.seed}" in name for name, config in configs.items())

@@ -1,4 +1,4 @@
-"""Whether the benchmark of features measures what it says."""
+"""The scores of the feature benchmark."""
 
 import json
 import sys
@@ -24,7 +24,7 @@ TILT = make_perspective_tilt(0.1, 0.0, 0.0, 0.15)(*SIZE)
 
 
 def random_features(count: int = 50) -> FeatureSet:
-    """Spread over the image, each with a descriptor of its own."""
+    """Features spread over the image, with different descriptors."""
     rng = np.random.default_rng(0)
     return FeatureSet(
         rng.uniform((20, 20), (300, 220), (count, 2)),
@@ -33,9 +33,11 @@ def random_features(count: int = 50) -> FeatureSet:
     )
 
 
-def moved(found: FeatureSet, by_px: float = 0.0, scale: float = 1.0) -> FeatureSet:
+def moved(features: FeatureSet, by_px: float = 0.0, scale: float = 1.0) -> FeatureSet:
     return FeatureSet(
-        found.position_px + np.array([by_px, 0.0]), scale * found.scale_px, found.descriptor
+        features.position_px + np.array([by_px, 0.0]),
+        scale * features.scale_px,
+        features.descriptor,
     )
 
 
@@ -48,16 +50,16 @@ def texture() -> Gray:
 @pytest.mark.parametrize(
     "change", [c for c in all_transforms() if c.group not in ("light", "noise")]
 )
-def test_a_change_puts_a_spot_where_its_homography_says(change: ImageTransform) -> None:
+def test_a_transform_moves_a_spot_by_its_homography(change: ImageTransform) -> None:
     image = np.zeros((240, 320), np.uint8)
     cv2.circle(image, (150, 130), 4, 255, -1)
-    found = cv2.moments(change.apply(image))
-    middle_px = np.array([found["m10"], found["m01"]]) / found["m00"]
+    moments = cv2.moments(change.apply(image))
+    middle_px = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
     expected_px = transform_points(change.homography(image), np.array([[150.0, 130.0]]))[0]
     assert middle_px == pytest.approx(expected_px, abs=0.3)
 
 
-def test_every_change_is_the_same_each_time_and_changes_something() -> None:
+def test_every_transform_is_repeatable_and_changes_the_image() -> None:
     image = texture()
     changes = all_transforms()
     assert len(changes) == 34
@@ -66,7 +68,7 @@ def test_every_change_is_the_same_each_time_and_changes_something() -> None:
         assert not np.array_equal(change.apply(image), image)
 
 
-def test_zoom_is_how_far_apart_neighbours_come() -> None:
+def test_zoom_is_the_ratio_of_distances() -> None:
     points = np.array([[30.0, 40.0], [250.0, 200.0]])
     right, down = (transform_points(TILT, points + step) for step in ([1e-4, 0], [0, 1e-4]))
     sides = np.stack([right, down], axis=1) - transform_points(TILT, points)[:, None]
@@ -74,7 +76,7 @@ def test_zoom_is_how_far_apart_neighbours_come() -> None:
     assert scale_at(make_rotation(30.0, 1.4)(*SIZE), points) == pytest.approx([1.4, 1.4])
 
 
-def test_features_that_follow_the_homography_are_all_found_again_and_right() -> None:
+def test_features_that_follow_the_homography_are_all_repeated_and_correct() -> None:
     original = random_features()
     position_px = transform_points(TILT, original.position_px)
     scale = original.scale_px * scale_at(TILT, original.position_px)
@@ -96,7 +98,7 @@ def test_features_that_follow_the_homography_are_all_found_again_and_right() -> 
         (0.0, 0.6, False, True),
     ],
 )
-def test_what_is_found_elsewhere_or_at_another_scale_does_not_count(
+def test_features_elsewhere_or_at_another_scale_do_not_count(
     by_px: float, scale: float, repeated: bool, correct: bool
 ) -> None:
     original = random_features(count=8)  # far from one another
@@ -115,7 +117,7 @@ def test_distances_are_in_pixels_of_the_original() -> None:
     assert score_features(original, moved(seen, by_px=1.1), H, SIZE).repeated == 0
 
 
-def test_descriptors_of_something_else_are_matches_but_not_right() -> None:
+def test_descriptors_of_another_feature_are_wrong_matches() -> None:
     original = random_features()
     swapped = FeatureSet(original.position_px, original.scale_px, original.descriptor[::-1].copy())
     result = score_features(original, swapped, np.eye(3), SIZE)
@@ -162,15 +164,15 @@ def test_pictures_and_folders_are_measured_by_all_three(
     )
 
 
-def test_a_file_that_is_no_image_is_one_clear_line(
+def test_a_file_that_is_not_an_image_is_a_clear_error(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (tmp_path / "notes.txt").write_text("not an image")
     assert benchmark(monkeypatch, tmp_path / "notes.txt") == 2
-    assert capsys.readouterr().err.endswith("notes.txt: not an image that can be read\n")
+    assert capsys.readouterr().err.endswith("notes.txt: not a readable image\n")
 
 
-def test_frames_of_a_recording_are_spread_from_first_to_last(recording: Path) -> None:
+def test_frames_of_a_recording_are_evenly_spread(recording: Path) -> None:
     assert [file.name for file in features.sample_images(recording, 3)] == [
         "0.000000.png", "0.200000.png", "0.366667.png",
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The fleet's benchmark in small: two robots, a second, and the files that are made for it."""
+"""The fleet benchmark with two robots and one second, and its files."""
 
 from pathlib import Path
 

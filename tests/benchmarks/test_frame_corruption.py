@@ -1,4 +1,4 @@
-"""The ways to spoil a recording do what they say, so that what is measured with them is so."""
+"""The corruptions of a recording."""
 
 import numpy as np
 import pytest
@@ -21,17 +21,17 @@ from vo_service.odometry.surf.odometry import SurfOdometry
 
 @pytest.fixture(scope="module")
 def still() -> list[RgbdFrame]:
-    """A camera that does not move."""
+    """Frames of a stationary camera."""
     return [render_corner(np.eye(4), seq) for seq in range(8)]
 
 
-def test_pieces_are_spread_evenly_and_the_rest_is_left_alone(still: list[RgbdFrame]) -> None:
+def test_pieces_are_evenly_spread_and_the_rest_is_unchanged(still: list[RgbdFrame]) -> None:
     left = FrameCorruption(remove, frames=2, pieces=2).apply(still)
     assert [frame.seq for frame in left] == [0, 3, 4, 7]
 
 
 @pytest.mark.slow
-def test_a_swung_camera_sees_what_it_would_see(still: list[RgbdFrame]) -> None:
+def test_a_swing_moves_the_view(still: list[RgbdFrame]) -> None:
     swing = SwingMotion((0.04, 0.15, 0.03), rate_hz=1.0, exposure_s=0.0)
     estimates = estimate_all(SurfOdometry(), add_swing(still, swing))
     for frame, estimate in zip(still, estimates, strict=True):
@@ -61,6 +61,6 @@ def test_frozen_and_noisy_frames_keep_their_stamps(still: list[RgbdFrame]) -> No
     )
 
 
-def test_every_damage_leaves_most_of_half_a_minute_intact() -> None:
+def test_every_corruption_leaves_most_of_half_a_minute_intact() -> None:
     for damage in CORRUPTIONS.values():
         assert damage.frames * damage.pieces <= 120

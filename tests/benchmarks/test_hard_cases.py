@@ -1,4 +1,4 @@
-"""The table of what becomes of a method where it is hard; the method goes wrong on purpose."""
+"""The table of hard cases, with an odometry of scripted errors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from vo_service.types import Estimate
 pytestmark = pytest.mark.slow
 
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
-# A second of a millimetre a second: 30 frames, of which the camera is covered for some.
+# A second at a millimeter per second: 30 frames; the camera is covered for some.
 CONFIG = SyntheticConfig(
     camera=TINY,
     duration_s=1.0,
@@ -33,17 +33,17 @@ CONFIG = SyntheticConfig(
 
 @dataclass
 class ScriptedEstimates:
-    """An odometry that answers what it is told to, by the number of the frame."""
+    """An odometry with scripted estimates by frame number."""
 
     pose: Callable[[int], float]
     is_lost: Callable[[int], bool] = lambda seq: False
     inliers: Callable[[int], int] = lambda seq: 100
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """So far to the right."""
+        """Return the scripted pose to the right."""
         T, lost = np.eye(4), self.is_lost(frame.seq)
         T[0, 3] = self.pose(frame.seq)
-        reason = "told to" if lost else ""
+        reason = "scripted" if lost else ""
         return Estimate(
             not lost, reason, T, np.eye(4), np.eye(6) * 1e-6, inliers=self.inliers(frame.seq)
         )
@@ -56,16 +56,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def told(monkeypatch: pytest.MonkeyPatch, odometry: ScriptedEstimates) -> str:
-    """The name of a method that is this odometry."""
-    monkeypatch.setitem(registry.METHODS, "told", lambda features, stopwatch: odometry)
-    return "told"
+def make_method(monkeypatch: pytest.MonkeyPatch, odometry: ScriptedEstimates) -> str:
+    """Register an odometry as a method; return its name."""
+    monkeypatch.setitem(registry.METHODS, "make_method", lambda features, stopwatch: odometry)
+    return "make_method"
 
 
-def test_what_is_lost_for_a_while_is_told_with_the_time_until_it_was_found(
+def test_lost_frames_and_the_recovery_time_are_reported(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
-    method = told(
+    method = make_method(
         monkeypatch, ScriptedEstimates(lambda seq: 0.0, is_lost=lambda seq: 10 <= seq < 18)
     )
     case = measure(method, folder, CONFIG)
@@ -76,38 +76,44 @@ def test_what_is_lost_for_a_while_is_told_with_the_time_until_it_was_found(
     assert case.max_error_m < 0.001
 
 
-def test_a_jump_is_a_gross_error_and_worse_where_it_is_called_tracking(
+def test_a_jump_is_a_gross_error_and_counted_apart_while_tracking(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
     odometry = ScriptedEstimates(lambda seq: 0.06 * (seq >= 5) + 0.06 * (seq >= 20))
-    case = measure(told(monkeypatch, odometry), folder, CONFIG)
+    case = measure(make_method(monkeypatch, odometry), folder, CONFIG)
     assert (case.gross, case.gross_tracking, case.degraded) == (2, 2, 0)
     unsure = replace(odometry, inliers=lambda seq: 10 if seq == 20 else 100)
-    case = measure(told(monkeypatch, unsure), folder, CONFIG)
+    case = measure(make_method(monkeypatch, unsure), folder, CONFIG)
     assert (case.gross, case.gross_tracking, case.degraded) == (2, 1, 1)
     assert "2 (1)" in format_row(case)
 
 
-def test_what_never_comes_back_has_no_end(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    method = told(monkeypatch, ScriptedEstimates(lambda seq: 0.0, is_lost=lambda seq: seq >= 10))
+def test_without_recovery_its_time_is_infinite(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    method = make_method(
+        monkeypatch, ScriptedEstimates(lambda seq: 0.0, is_lost=lambda seq: seq >= 10)
+    )
     case = measure(method, folder, CONFIG)
     assert case.recovery_s == np.inf
     assert "inf" in format_row(case)
     lost = measure(
-        told(monkeypatch, ScriptedEstimates(lambda seq: 0.0, lambda seq: True)), folder, CONFIG
+        make_method(monkeypatch, ScriptedEstimates(lambda seq: 0.0, lambda seq: True)),
+        folder,
+        CONFIG,
     )
     assert (lost.lost, lost.ate_m, lost.gross) == (30, None, 0)
 
 
-def test_how_much_of_a_creep_was_followed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    stands = measure_creep(told(monkeypatch, ScriptedEstimates(lambda seq: 0.0)), folder)
+def test_the_tracked_distance_of_a_creep(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    stands = measure_creep(make_method(monkeypatch, ScriptedEstimates(lambda seq: 0.0)), folder)
     assert stands.true_distance_m == pytest.approx(29 / 30 * 0.001, rel=1e-3)
     assert stands.tracked_distance_m == 0.0
     assert "0.0 %" in format_row(stands)
 
 
 def test_standing_still_is_measured_from_the_first_pose(monkeypatch: pytest.MonkeyPatch) -> None:
-    method = told(
+    method = make_method(
         monkeypatch, ScriptedEstimates(lambda seq: 0.5 - 0.01 * (seq == 3) + 0.002 * (seq == 5))
     )
     stood = measure_stationary(method, [replace(make_frame(0), seq=seq) for seq in range(6)])

@@ -26,22 +26,22 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_every_method_is_measured(recording: Path) -> None:
-    done = run(str(recording), "--frame-to-frame", "--json")
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout)[str(recording)]
+    result = run(str(recording), "--frame-to-frame", "--json")
+    assert result.returncode == 0, result.stderr
+    results = json.loads(result.stdout)[str(recording)]
     assert list(results) == [OURS, OURS_FRAME_TO_FRAME, OPENCV]
     assert all(result["frames"] == 12 and result["cpu_ms"] > 0 for result in results.values())
 
 
-def test_a_missing_open3d_is_one_line_that_says_how_to_get_it(tmp_path: Path) -> None:
-    done = run(str(tmp_path), "--open3d", str(tmp_path / "nothing"))
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert "pip install --target" in done.stderr
+def test_a_missing_open3d_is_an_error_with_the_install_command(tmp_path: Path) -> None:
+    result = run(str(tmp_path), "--open3d", str(tmp_path / "nothing"))
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert "pip install --target" in result.stderr
 
 
 @pytest.mark.parametrize("name", [OURS, OURS_FRAME_TO_FRAME, OPENCV])
-def test_each_follows_a_corner_of_a_room_and_leaves_out_a_frame_without_depth(name: str) -> None:
+def test_each_tracks_a_corner_of_a_room_and_fails_without_depth(name: str) -> None:
     odometry = make_methods(None, frame_to_frame=True)[name]()
     blind = make_frame(np.zeros((CAMERA.height, CAMERA.width)), 2)
     frames = [add_noise(render_view(ROOM, hand_held_pose(k), k), k) for k in (0, 1)]

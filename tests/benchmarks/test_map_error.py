@@ -1,4 +1,4 @@
-"""Maps of a virtual room beside its true surfaces, from made-up meshes whose error is known."""
+"""Errors of maps of a virtual room, from synthetic meshes with a known error."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from vo_service.reconstruction.mesh import Mesh
 from vo_service.reconstruction.ply import write_ply
 
 BOX = Solid(SolidKind.BOX, np.eye(4), np.array([1.0, 1.0, 1.0]), ())
-# The first camera in the room, and a way from there.
+# The first camera in the room, and a motion from there.
 T_ROOM_CAMERA = rigid_transform(so3_exp([0.1, 0.4, -0.2]), [0.2, 0.3, -0.4])
 STAMPS_S = np.arange(10) / 30
 WAY = np.array([rigid_transform(np.eye(3), [0.1 * k, 0.0, k * k / 50]) for k in range(10)])
@@ -22,7 +22,7 @@ TRUTH = Trajectory(STAMPS_S, T_ROOM_CAMERA @ WAY)
 
 
 def measured(folder: Path, points_m: Array) -> MapError:
-    """Of a map that has these points of the room as its vertices."""
+    """Measure a map whose vertices are these points of the room."""
     in_map_m = transform_points(inverse(T_ROOM_CAMERA), points_m).astype(np.float32)
     gray = np.zeros((len(points_m), 3), np.uint8)
     write_ply(folder / "map.ply", Mesh(in_map_m, in_map_m, gray, np.zeros((1, 3), np.int32)))
@@ -32,14 +32,14 @@ def measured(folder: Path, points_m: Array) -> MapError:
 
 def test_vertices_are_measured_from_the_nearest_true_surface(tmp_path: Path) -> None:
     points_m = np.array([[1.01, 0, 0], [0, 0.98, 0], [0, 0, -1.0], [0.1, 0.2, 1.0]])
-    found = measured(tmp_path, points_m)
-    assert (found.surface.vertices, found.surface.within_15mm) == (4, 0.75)
-    assert found.surface.median_m == pytest.approx(0.005, abs=1e-5)
-    assert found.ate_rmse_m == pytest.approx(0.0, abs=1e-5)
+    error = measured(tmp_path, points_m)
+    assert (error.surface.vertices, error.surface.within_15mm) == (4, 0.75)
+    assert error.surface.median_m == pytest.approx(0.005, abs=1e-5)
+    assert error.ate_rmse_m == pytest.approx(0.0, abs=1e-5)
 
 
-def test_what_is_no_map_is_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_map_is_a_clear_error(tmp_path: Path) -> None:
     measured(tmp_path, np.eye(3))
     (tmp_path / "map.ply").write_bytes(b"ply\n")
-    with pytest.raises(InputError, match=r"map.ply: is no map of `kinect-vo reconstruct`: "):
+    with pytest.raises(InputError, match=r"map.ply: is not a map of `kinect-vo reconstruct`: "):
         measure(tmp_path, TRUTH, [BOX])

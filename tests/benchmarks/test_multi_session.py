@@ -1,4 +1,4 @@
-"""The map of one day on the next: how a start is judged, and what is not measured twice."""
+"""Relocalization in a saved map: evaluation of a start, and the cache of results."""
 
 import argparse
 from dataclasses import replace
@@ -23,7 +23,7 @@ from drivers.synthetic.renderer import make_renderer
 pytestmark = pytest.mark.slow
 
 CAMERA = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
-# Two places, and back to the first.
+# Two places, then the first again.
 THERE = [*range(0, 40, 2)]
 WAY = THERE + THERE[::-1]
 
@@ -33,14 +33,14 @@ def tour() -> TourSequence:
     config = replace(make_tour_config(1, 60.0, False), camera=CAMERA, texel_m=0.008)
     renderer, seen = make_renderer(config, 2), dict[int, RenderedImages]()
 
-    def film(number: int) -> RenderedImages:
+    def read_images(number: int) -> RenderedImages:
         shown = WAY[number]
         return seen[shown] if shown in seen else seen.setdefault(shown, renderer.render(shown))
 
-    return TourSequence(config, film, compute_true_poses(config)[WAY])
+    return TourSequence(config, read_images, compute_true_poses(config)[WAY])
 
 
-def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
+def test_a_camera_that_starts_at_a_mapped_place_is_relocalized(
     tour: TourSequence, tmp_path: Path
 ) -> None:
     file = tmp_path / "day.places"
@@ -50,13 +50,13 @@ def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
     assert (outcome.frames, outcome.is_wrong) == (1, False)
     assert 0.0 < outcome.error_m <= outcome.settled_error_m < 0.02
     assert 0.0 < outcome.nearby_error_m < 0.02
-    # The same poses, but the room said to lie elsewhere.
+    # The same poses, but another T_room_map.
     aside = T_room_map.copy()
     aside[0, 3] += 0.06
     assert relocalize_in_map("direct", tour, file, aside, tour.second_half_start).is_wrong
 
 
-def test_starts_are_counted_by_what_became_of_them() -> None:
+def test_starts_are_counted_by_their_result() -> None:
     known, never = (
         SessionStartResult(3, 0.004, 0.1, 0.003, 0.012, 0.2),
         SessionStartResult(None, 0, 0, 0, 0, 0),
@@ -67,7 +67,7 @@ def test_starts_are_counted_by_what_became_of_them() -> None:
     assert multi_session.format_row("seed 1", [never]).split()[2:] == ["1", "0", "0"]
 
 
-def test_seeds_that_are_finished_are_not_measured_again(
+def test_finished_seeds_are_not_measured_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tour: TourSequence
 ) -> None:
     monkeypatch.setattr(multi_session, "make_tour_config", lambda *choice: tour.config)

@@ -20,9 +20,9 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_each_method_is_measured_on_each_folder(recording: Path) -> None:
-    done = run(str(recording), "--json")
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout)[str(recording)]
+    result = run(str(recording), "--json")
+    assert result.returncode == 0, result.stderr
+    results = json.loads(result.stdout)[str(recording)]
     assert list(results) == list(METHODS)
     for result in results.values():
         assert (result["frames"], result["failed"]) == (12, 0)
@@ -32,20 +32,20 @@ def test_each_method_is_measured_on_each_folder(recording: Path) -> None:
 
 
 def test_the_table_compares_with_sift(recording: Path) -> None:
-    done = run(str(recording), "--methods", "SURF", "SIFT")
-    first_words = [line.split()[0] for line in done.stdout.splitlines() if line]
+    result = run(str(recording), "--methods", "SURF", "SIFT")
+    first_words = [line.split()[0] for line in result.stdout.splitlines() if line]
     assert first_words == [str(recording), "frames", "SURF", "SIFT", "SURF/SIFT"]
 
 
-def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    done = run(str(tmp_path / "missing"))
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert "missing" in done.stderr
+def test_a_missing_folder_is_a_clear_error(tmp_path: Path) -> None:
+    result = run(str(tmp_path / "missing"))
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert "missing" in result.stderr
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_answers_a_black_image_and_goes_on(method: str) -> None:
+def test_every_method_accepts_a_black_image(method: str) -> None:
     odometry = make_odometry(method, NullStageTimer())
     view = render_corner(np.eye(4))
     black = make_frame(np.zeros_like(view.gray), view.depth_m.astype(np.float64))
@@ -53,7 +53,7 @@ def test_every_method_answers_a_black_image_and_goes_on(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_descriptors_are_whole_numbers_that_float32_multiplies_exactly(method: str) -> None:
+def test_descriptors_are_integers_that_float32_multiplies_exactly(method: str) -> None:
     odometry = make_odometry(method, NullStageTimer())
     descriptor = odometry._extractor.extract(render_corner(np.eye(4)).gray).descriptor
     assert len(descriptor) > 100

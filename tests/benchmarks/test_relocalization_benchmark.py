@@ -1,4 +1,4 @@
-"""Tries for relocalisation: cut out of a film by what was seen in it, and judged by the truth."""
+"""Relocalization trials: their choice by view overlap, and their evaluation by the truth."""
 
 import argparse
 from collections.abc import Sequence
@@ -30,9 +30,9 @@ from vo_service.types import Estimate
 
 CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
-# Of a whole try, the first frame that is not covered any more.
+# First uncovered frame of a trial.
 BACK = FRAMES_BEFORE + FRAMES_COVERED
-# The frame whose pose says where the old world lies.
+# The frame at which the old map is aligned with the truth.
 ALIKE = 300
 
 
@@ -47,7 +47,7 @@ def wall(distance_m: float = 2.0) -> RgbdFrame:
     )
 
 
-def test_what_two_views_share_is_what_both_of_them_see() -> None:
+def test_the_overlap_of_two_views_is_what_both_see() -> None:
     here = ObservedView.from_frame(wall(), np.eye(4))
     assert here.overlap_with(here) == 1.0
     half_a_view_m = 320 / 525 * 2.0
@@ -61,10 +61,10 @@ def test_what_two_views_share_is_what_both_of_them_see() -> None:
 
 
 class NumberedView(ObservedView):
-    """A view of a numbered place, which shares nothing with other places."""
+    """A view of a numbered place without overlap with other places."""
 
     def overlap_with(self, other: ObservedView) -> float:
-        """All or nothing."""
+        """1 for the same place, else 0."""
         return float(self.T_room_camera[0, 3] == other.T_room_camera[0, 3])
 
 
@@ -74,12 +74,12 @@ def place(number: int) -> NumberedView:
     return NumberedView(CAMERA, T, np.empty((0, 3)), np.empty((0, 0), np.float16))
 
 
-# Two laps past fifty places, and five seconds somewhere else.
+# Two laps past fifty places, and five seconds elsewhere.
 LAPS = [place(number % 50) for number in range(100)] + [place(99) for _ in range(10)]
 
 
 @pytest.mark.parametrize("unseen", [False, True])
-def test_a_try_comes_back_where_it_was_before_or_where_it_never_was(unseen: bool) -> None:
+def test_a_trial_returns_to_a_seen_or_an_unseen_place(unseen: bool) -> None:
     tries = choose_trials(LAPS, 10, unseen, np.random.default_rng(1))
     assert len({each.first for each in tries}) == len(tries) == 10
     for each in tries:
@@ -95,21 +95,21 @@ def test_a_try_comes_back_where_it_was_before_or_where_it_never_was(unseen: bool
         assert set(is_known[:30]) == {0.0 if unseen else 1.0}
 
 
-def test_there_are_no_more_tries_than_the_film_holds() -> None:
+def test_there_are_no_more_trials_than_the_tour_allows() -> None:
     tries = choose_trials(LAPS[:60], 100, False, np.random.default_rng(1))
     assert len(tries) < 20
     assert choose_trials(LAPS[:48], 100, True, np.random.default_rng(1)) == []
 
 
-def test_while_it_is_covered_nothing_is_seen_and_time_goes_on() -> None:
+def test_covered_frames_are_black_and_have_increasing_stamps() -> None:
     config = replace(make_tour_config(1, 60.0, False), camera=TINY)
 
-    def film(number: int) -> RenderedImages:
+    def read_images(number: int) -> RenderedImages:
         return RenderedImages(
             np.full((48, 64, 3), number % 251, np.uint8), np.full((48, 64), number, np.uint16)
         )
 
-    frames = list(trial_frames(RelocalizationTrial(30, 900, 30), config, film))
+    frames = list(trial_frames(RelocalizationTrial(30, 900, 30), config, read_images))
     assert [each.seq for each in frames] == list(range(len(frames)))
     np.testing.assert_allclose(np.diff([each.stamp_s for each in frames]), 1 / 30, atol=2e-6)
     assert [each.depth_raw.max() for each in frames[FRAMES_BEFORE - 1 : BACK + 2]] == [
@@ -123,14 +123,14 @@ def test_while_it_is_covered_nothing_is_seen_and_time_goes_on() -> None:
 
 @dataclass
 class ScriptedTrial:
-    """Estimates of a whole try that are true but for what is told."""
+    """True estimates of a trial, except for scripted errors."""
 
     truth: Array
 
-    def told(
+    def make_estimates(
         self, waits: int, is_new: bool = False, off_m: float = 0.0, off_from: int = 0
     ) -> list[Estimate]:
-        """The first pose after so many frames, off by so much from frame `off_from` on."""
+        """Make estimates with the first pose after some frames and an error from `off_from` on."""
         T_old = inverse(self.truth[0])
         T_new = inverse(self.truth[BACK + waits])
         estimates = []
@@ -153,7 +153,7 @@ class ScriptedTrial:
 
 
 @pytest.fixture(scope="module")
-def story() -> ScriptedTrial:
+def scripted_trial() -> ScriptedTrial:
     return ScriptedTrial(
         compute_true_poses(make_tour_config(1, 60.0, False))[
             RelocalizationTrial(0, 900, 0).source_frames
@@ -161,38 +161,59 @@ def story() -> ScriptedTrial:
     )
 
 
-def test_who_comes_back_into_the_old_world_is_judged_there(story: ScriptedTrial) -> None:
-    outcome = evaluate_trial(story.told(waits=4, off_m=0.03), story.truth, ALIKE)
+def test_a_relocalization_in_the_old_map_is_compared_with_its_truth(
+    scripted_trial: ScriptedTrial,
+) -> None:
+    outcome = evaluate_trial(
+        scripted_trial.make_estimates(waits=4, off_m=0.03), scripted_trial.truth, ALIKE
+    )
     assert (outcome.frames, outcome.is_old_map, outcome.is_wrong) == (5, True, False)
     assert outcome.error_m == pytest.approx(0.03, abs=1e-6)
     assert outcome.error_deg == pytest.approx(0.0, abs=1e-4)
-    assert evaluate_trial(story.told(waits=4, off_m=0.06), story.truth, ALIKE).is_wrong
-    assert evaluate_trial(story.told(waits=4, off_m=0.06, off_from=9), story.truth, ALIKE).is_wrong
-
-
-def test_what_drifted_elsewhere_is_no_error_of_coming_back(story: ScriptedTrial) -> None:
-    drift = rigid_transform(np.eye(3), (0.0, 0.2, 0.0))
-    estimates = [
-        replace(each, T_world_camera=drift @ each.T_world_camera) if ALIKE < n < BACK else each
-        for n, each in enumerate(story.told(waits=0))
-    ]
-    assert evaluate_trial(estimates, story.truth, ALIKE).error_m == pytest.approx(0.0, abs=1e-6)
-    assert evaluate_trial(estimates, story.truth, FRAMES_BEFORE - 1).error_m == pytest.approx(
-        0.2, abs=1e-6
-    )
-
-
-def test_a_new_world_is_judged_by_the_way_since_its_first_pose(story: ScriptedTrial) -> None:
-    outcome = evaluate_trial(story.told(waits=0, is_new=True, off_m=0.06), story.truth, ALIKE)
-    assert outcome == RelocalizationOutcome(True, 1, False, None, None, False)
     assert evaluate_trial(
-        story.told(0, is_new=True, off_m=0.06, off_from=1), story.truth, ALIKE
+        scripted_trial.make_estimates(waits=4, off_m=0.06), scripted_trial.truth, ALIKE
+    ).is_wrong
+    assert evaluate_trial(
+        scripted_trial.make_estimates(waits=4, off_m=0.06, off_from=9), scripted_trial.truth, ALIKE
     ).is_wrong
 
 
-def test_who_never_comes_back_is_nowhere_but_not_wrong(story: ScriptedTrial) -> None:
-    estimates = [replace(each, ok=n < FRAMES_BEFORE) for n, each in enumerate(story.told(0))]
-    assert evaluate_trial(estimates, story.truth, ALIKE) == RelocalizationOutcome(
+def test_drift_elsewhere_is_not_an_error_of_the_relocalization(
+    scripted_trial: ScriptedTrial,
+) -> None:
+    drift = rigid_transform(np.eye(3), (0.0, 0.2, 0.0))
+    estimates = [
+        replace(each, T_world_camera=drift @ each.T_world_camera) if ALIKE < n < BACK else each
+        for n, each in enumerate(scripted_trial.make_estimates(waits=0))
+    ]
+    assert evaluate_trial(estimates, scripted_trial.truth, ALIKE).error_m == pytest.approx(
+        0.0, abs=1e-6
+    )
+    assert evaluate_trial(
+        estimates, scripted_trial.truth, FRAMES_BEFORE - 1
+    ).error_m == pytest.approx(0.2, abs=1e-6)
+
+
+def test_a_new_map_is_compared_with_the_motion_since_its_first_pose(
+    scripted_trial: ScriptedTrial,
+) -> None:
+    outcome = evaluate_trial(
+        scripted_trial.make_estimates(waits=0, is_new=True, off_m=0.06), scripted_trial.truth, ALIKE
+    )
+    assert outcome == RelocalizationOutcome(True, 1, False, None, None, False)
+    assert evaluate_trial(
+        scripted_trial.make_estimates(0, is_new=True, off_m=0.06, off_from=1),
+        scripted_trial.truth,
+        ALIKE,
+    ).is_wrong
+
+
+def test_a_trial_without_a_pose_is_nowhere_but_not_wrong(scripted_trial: ScriptedTrial) -> None:
+    estimates = [
+        replace(each, ok=n < FRAMES_BEFORE)
+        for n, each in enumerate(scripted_trial.make_estimates(0))
+    ]
+    assert evaluate_trial(estimates, scripted_trial.truth, ALIKE) == RelocalizationOutcome(
         True, None, False, None, None, False
     )
 
@@ -204,7 +225,7 @@ def outcome(
     return RelocalizationOutcome(True, frames, error_m is not None, error_m, error_deg, wrong)
 
 
-def test_all_tries_together_are_counted_by_what_became_of_them() -> None:
+def test_trials_are_counted_by_their_outcome() -> None:
     back = [outcome(3, 0.01), outcome(40, 0.02), outcome(2, 0.3, wrong=True)]
     outcomes = [*back, outcome(1), outcome(None)]
     all_of_them = summarize(outcomes)
@@ -216,7 +237,7 @@ def test_all_tries_together_are_counted_by_what_became_of_them() -> None:
 
 
 @pytest.mark.slow
-def test_seeds_that_are_finished_are_not_measured_again(
+def test_finished_seeds_are_not_measured_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def tiny(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
@@ -224,7 +245,7 @@ def test_seeds_that_are_finished_are_not_measured_again(
 
     monkeypatch.setattr(relocalization, "make_tour_config", tiny)
     monkeypatch.setattr(relocalization, "SEQUENCE_S", 27.0)
-    monkeypatch.setattr(relocalization, "choose_trials", _two_tries)
+    monkeypatch.setattr(relocalization, "choose_trials", _two_trials)
     args = argparse.Namespace(
         folder=tmp_path,
         tries=3,
@@ -241,7 +262,7 @@ def test_seeds_that_are_finished_are_not_measured_again(
     assert relocalization.run(args) == first
 
 
-def _two_tries(
+def _two_trials(
     views: Sequence[ObservedView], count: int, unseen: bool, rng: np.random.Generator
 ) -> list[RelocalizationTrial]:
     assert (len(views), count, unseen) == (54, 3, False)

@@ -13,7 +13,7 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import inverse, rigid_transform, rotation_angle_rad
 
 
-def test_views_around_a_spot_are_as_far_from_it_as_the_steps() -> None:
+def test_views_around_a_spot_have_the_configured_offsets() -> None:
     spot, *others = poses_around(
         rigid_transform(np.eye(3), [1.0, 2.0, 3.0]), np.random.default_rng(1)
     )
@@ -23,7 +23,7 @@ def test_views_around_a_spot_are_as_far_from_it_as_the_steps() -> None:
         assert np.degrees(rotation_angle_rad(step[:3, :3])) == pytest.approx(degrees)
 
 
-def test_a_camera_moves_during_each_glance() -> None:
+def test_a_camera_moves_during_each_view() -> None:
     poses = [rigid_transform(np.eye(3), [x, 0.0, 0.0]) for x in (0.0, 5.0)]
     path = PiecewiseMotion(poses, [np.array([0.3, 0, 0, 0, 0, 0]), np.zeros(6)], rate_hz=30.0)
     x_m = path.poses(np.array([-0.01, 0.0, 0.01, 1 / 30, 1 / 30 + 0.01]))[:, 0, 3]
@@ -36,9 +36,9 @@ def test_views_of_a_recording_have_the_velocity_of_its_truth(recording: Path) ->
     assert np.isfinite(glance.T_world_camera).all()
 
 
-def test_a_recording_without_truth_is_refused(recording: Path, tmp_path: Path) -> None:
+def test_a_recording_without_truth_is_rejected(recording: Path, tmp_path: Path) -> None:
     for each in recording.iterdir():
         if each.name != "groundtruth.txt":
             (tmp_path / each.name).symlink_to(each)
-    with pytest.raises(InputError, match="name a recording that has"):
+    with pytest.raises(InputError, match="name a recording with one"):
         next(views_of_recording(tmp_path))

@@ -1,4 +1,4 @@
-"""Sequences that benchmarks render once and keep."""
+"""Sequences that benchmarks render once and store."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,38 +21,38 @@ TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 CONFIG = SyntheticConfig(camera=TINY, duration_s=0.2, texel_m=0.05, motion=MotionKind.STILL)
 
 
-def told_nothing(line: str) -> None:
+def discard_line(line: str) -> None:
     raise AssertionError(line)
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sequence that a killed program had begun, and then was rendered."""
+def rendered_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sequence that was rendered after an interrupted rendering."""
     folder = tmp_path_factory.mktemp("rendered") / "room"
     (folder.with_name("room.part") / "rgb").mkdir(parents=True)
     render(folder, replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),)))
     return folder
 
 
-def test_a_sequence_is_whole_with_its_truth_and_its_faults(kept: Path) -> None:
-    opened = open_tum_folder(kept, None)
+def test_a_sequence_is_complete_with_its_truth_and_its_faults(rendered_folder: Path) -> None:
+    opened = open_tum_folder(rendered_folder, None)
     assert len(opened.frames.pairs) == 5
     assert opened.ground_truth is not None
     assert len(opened.ground_truth) == 6
     assert opened.calibration.readout_s == CONFIG.timing.readout_s
-    assert not kept.with_name("room.part").exists()
+    assert not rendered_folder.with_name("room.part").exists()
 
 
-def test_what_is_there_is_not_rendered_again_but_what_has_changed_is(kept: Path) -> None:
+def test_only_changed_sequences_are_rendered_again(rendered_folder: Path) -> None:
     config = replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),))
-    render_all({kept: config}, told_nothing, 1)
-    assert is_complete(kept, config)
-    assert not is_complete(kept, CONFIG)
+    render_all({rendered_folder: config}, discard_line, 1)
+    assert is_complete(rendered_folder, config)
+    assert not is_complete(rendered_folder, CONFIG)
 
 
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_of_other_files_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
-    with pytest.raises(InputError, match="was not rendered here; name another folder"):
+    with pytest.raises(InputError, match="was not written by this program; name another folder"):
         render(tmp_path, CONFIG)
     assert (tmp_path / "thesis.txt").exists()
 
@@ -63,7 +63,7 @@ def track_of(folder: Path, seconds: int) -> Path:
     return folder
 
 
-def test_each_track_is_seen_in_each_room_with_each_timing(tmp_path: Path) -> None:
+def test_each_track_is_rendered_in_each_room_with_each_timing(tmp_path: Path) -> None:
     wanted = make_configs(track_of(tmp_path, 30), [11, 12], list(TIMINGS))
     assert len(wanted) == 8
     config = wanted["fr1_xyz-room12-rolling--12"]
@@ -72,7 +72,7 @@ def test_each_track_is_seen_in_each_room_with_each_timing(tmp_path: Path) -> Non
         make_configs(tmp_path / "fr1", [11], ["ideal"])
 
 
-def test_of_a_track_that_is_shorter_all_is_rendered(tmp_path: Path) -> None:
+def test_a_shorter_track_is_rendered_to_its_end(tmp_path: Path) -> None:
     def config(start_s: float) -> SyntheticConfig:
         return make_configs(track_of(tmp_path, 23), [11], ["ideal"], start_s, 10.0)[
             "fr1_xyz-room11-ideal"
@@ -80,11 +80,11 @@ def test_of_a_track_that_is_shorter_all_is_rendered(tmp_path: Path) -> None:
 
     assert (config(4.0).track_start_s, config(4.0).duration_s) == (4.0, 10.0)
     assert config(20.0).duration_s == 3.0
-    with pytest.raises(InputError, match="ends after 23 s; begin earlier than at 25 s"):
+    with pytest.raises(InputError, match="ends after 23 s; start earlier than at 25 s"):
         config(25.0)
 
 
-def test_a_still_view_has_other_noise_in_each_frame_and_nothing_else_that_differs() -> None:
+def test_frames_of_a_static_view_differ_only_in_their_noise() -> None:
     view = StaticView.render(CONFIG)
     frames = list(view.frames(8))
     assert [frame.seq for frame in frames] == list(range(8))

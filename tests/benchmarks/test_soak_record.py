@@ -1,4 +1,4 @@
-"""What a soak keeps, and what it finds to grow."""
+"""The record of a soak test, and its checks for growth."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +34,7 @@ def failed(record: SoakRecord, warm_up: int = 2000) -> list[str]:
     return [each.name for each in check_soak(record, warm_up) if not each.is_within_limit]
 
 
-def test_what_was_measured_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_record_is_continued(tmp_path: Path) -> None:
     file = tmp_path / "state.json"
     before = record_of(file, *run_of(4))
     again = SoakRecord.load(file)
@@ -44,7 +44,7 @@ def test_what_was_measured_is_gone_on_with(tmp_path: Path) -> None:
     assert (SoakRecord.load(file).runs, SoakRecord.load(file).frames) == (2, 7000)
 
 
-def test_nothing_grows_where_nothing_does(tmp_path: Path) -> None:
+def test_constant_resources_pass(tmp_path: Path) -> None:
     assert failed(record_of(tmp_path / "state.json", *run_of(20))) == []
 
 
@@ -56,32 +56,32 @@ def test_a_leak_is_one_megabyte_in_ten_thousand_frames(
     assert ("memory of the service" in failed(record)) is is_leak
 
 
-def test_a_service_started_again_begins_at_a_level_of_its_own(tmp_path: Path) -> None:
+def test_each_run_has_its_own_offset(tmp_path: Path) -> None:
     runs = run_of(10) + run_of(10, run=1, base_mb=350.0)
     assert slope(runs, lambda sample: sample.service_mb) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_what_grows_before_a_service_is_warm_is_no_leak(tmp_path: Path) -> None:
+def test_growth_during_the_warm_up_is_not_a_leak(tmp_path: Path) -> None:
     cold = [replace(sample, service_mb=100.0) for sample in run_of(2)]
     assert failed(record_of(tmp_path / "state.json", *cold, *run_of(20)[2:])) == []
 
 
-def test_handles_latency_and_lost_poses_are_judged_too(tmp_path: Path) -> None:
+def test_handles_latency_and_lost_poses_are_checked(tmp_path: Path) -> None:
     samples = [
         replace(sample, handles=40 + k, p50_ms=11.0 + k, lost=k)
         for k, sample in enumerate(run_of(12))
     ]
-    assert {"open handles", "latency, median, end to start", "poses lost on the way"} <= set(
+    assert {"open handles", "latency, median, end to start", "poses lost in transmission"} <= set(
         failed(record_of(tmp_path / "state.json", *samples))
     )
 
 
-def test_too_few_samples_prove_nothing(tmp_path: Path) -> None:
+def test_too_few_samples_are_an_error(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="too few"):
         check_soak(record_of(tmp_path / "state.json", *run_of(3)), warm_up=2000)
 
 
-def test_it_can_be_drawn(tmp_path: Path) -> None:
+def test_a_record_can_be_plotted(tmp_path: Path) -> None:
     picture = tmp_path / "soak.png"
     save_plot(record_of(tmp_path / "state.json", *run_of(5), *run_of(5, run=1)), picture)
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -1,4 +1,4 @@
-"""What each stage takes of a frame, beside its budget."""
+"""CPU time of each stage, compared with its budget."""
 
 import json
 from pathlib import Path
@@ -14,12 +14,12 @@ FRAMES_MS = [{"align": 2.0, WHOLE_FRAME: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0,
 
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, StageTiming]:
-    """A method that may take 2.5 ms to align, and 5 ms for what it never does."""
+    """Stages with a budget of 2.5 ms for align, and 5 ms for a stage that never runs."""
     monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
     return compare_with_budget("slow", FRAMES_MS)
 
 
-def test_means_are_over_all_frames_and_the_others_over_those_that_ran_it(
+def test_means_are_over_all_frames_and_other_figures_over_frames_with_the_stage(
     stages: dict[str, StageTiming],
 ) -> None:
     assert list(stages) == ["align", "odd", WHOLE_FRAME]
@@ -27,7 +27,7 @@ def test_means_are_over_all_frames_and_the_others_over_those_that_ran_it(
     assert (stages["align"].median, stages["align"].max, stages["align"].mean) == (2.0, 6.0, 3.0)
 
 
-def test_a_mean_beyond_its_budget_is_told_and_the_whole_may_take_all_of_them(
+def test_an_exceeded_budget_is_reported_and_the_whole_frame_has_the_sum(
     stages: dict[str, StageTiming],
 ) -> None:
     assert [name for name, spent in stages.items() if spent.is_over] == ["align"]
@@ -41,7 +41,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return stage_budget.main()
 
 
-def test_a_recording_is_followed_and_what_it_cost_is_told(
+def test_a_recording_is_measured(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "direct", {"images": 1e6, "align": 0.0})
@@ -51,7 +51,7 @@ def test_a_recording_is_followed_and_what_it_cost_is_told(
     assert 0 < stages["align"]["mean"] < stages[WHOLE_FRAME]["mean"]
 
 
-def test_every_nth_frame_within_its_budget_is_all_well(
+def test_every_nth_frame_within_its_budget_passes(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "direct", {"images": 1e6})
@@ -60,7 +60,7 @@ def test_every_nth_frame_within_its_budget_is_all_well(
     assert [line.split()[:2] for line in lines[2:4]] == [["images", "3"], ["align", "2"]]
 
 
-def test_a_folder_that_is_not_there_is_one_line(
+def test_a_missing_folder_is_a_clear_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(monkeypatch, str(tmp_path / "missing")) == 2

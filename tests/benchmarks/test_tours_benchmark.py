@@ -1,4 +1,4 @@
-"""Long tours: rendered as they are followed, judged by the truth, and not run twice."""
+"""Long tours: rendering on demand, evaluation by the truth, and the cache of results."""
 
 import argparse
 import threading
@@ -36,28 +36,28 @@ def tiny_tour(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
 
 @dataclass
 class ScriptedRunner:
-    """A runner that answers what it is told to: poses, corrected poses, loops."""
+    """A runner with scripted poses, optimized poses and loop closures."""
 
     poses: Array
     offset_m: float = 0.0
-    found: Sequence[LoopClosureRecord] = field(default=())
+    closures: Sequence[LoopClosureRecord] = field(default=())
 
     def estimate_pose(self, frame: RgbdFrame) -> Estimate:
-        """The pose of that number; without one at frame LOST."""
+        """Return the scripted pose; none at frame LOST."""
         return Estimate(frame.seq != LOST, "", self.poses[frame.seq], np.eye(4), np.eye(6))
 
     def update_map(self) -> None:
-        """It knows all."""
+        """Do nothing."""
 
     def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
-        """Every other pose is off by so much upwards."""
+        """Shift every other pose up."""
         poses = trajectory.T_world_camera.copy()
         poses[::2, 2, 3] += self.offset_m
         return replace(trajectory, T_world_camera=poses)
 
     def loop_closures(self) -> Sequence[LoopClosureRecord]:
-        """As told."""
-        return self.found
+        """Return the scripted loop closures."""
+        return self.closures
 
 
 def frames(count: int) -> list[RgbdFrame]:
@@ -73,7 +73,7 @@ def truth() -> Array:
     return compute_true_poses(tiny_tour(1, 4.0, twins=False))
 
 
-def test_what_is_made_ahead_comes_in_order_and_only_a_few_are_waiting() -> None:
+def test_prefetched_items_are_in_order_and_few() -> None:
     begun, taken = [], 0
     lock = threading.Lock()
 
@@ -91,7 +91,7 @@ def test_what_is_made_ahead_comes_in_order_and_only_a_few_are_waiting() -> None:
 
 
 @pytest.mark.slow
-def test_a_tour_is_the_virtual_kinect_s_own_frames() -> None:
+def test_a_tour_has_the_frames_of_the_virtual_kinect() -> None:
     config = tiny_tour(1, 0.2, twins=False)
     streamed, renderer = list(render_frames(config)), make_renderer(config, 1)
     assert [each.stamp_s for each in streamed] == [round(n / 30, 6) for n in range(6)]
@@ -100,7 +100,7 @@ def test_a_tour_is_the_virtual_kinect_s_own_frames() -> None:
     assert (streamed[0].readout_s, streamed[0].skew_s) == (0.02, 0.01)
 
 
-def test_errors_are_those_of_the_poses_given_and_of_the_corrected_ones(truth: Array) -> None:
+def test_errors_are_those_of_the_estimated_and_of_the_optimized_poses(truth: Array) -> None:
     T_start_room = inverse(truth[0])
     result = summarize(follow(ScriptedRunner(T_start_room @ truth, offset_m=0.02), truth))
     assert (result.frames, result.epochs, result.gross, result.loop_closures) == (120, 0, 0, 0)
@@ -110,22 +110,22 @@ def test_errors_are_those_of_the_poses_given_and_of_the_corrected_ones(truth: Ar
     assert min(result.memory_mb) > 10.0
 
 
-def test_a_jump_that_says_nothing_is_a_gross_error(truth: Array) -> None:
+def test_an_unreported_jump_is_a_gross_error(truth: Array) -> None:
     jumping = truth.copy()
     jumping[60:, 0, 3] += 0.06
     assert summarize(follow(ScriptedRunner(jumping), truth)).gross == 1
 
 
-def test_a_loop_is_wrong_if_it_is_off_by_more_than_five_centimetres(truth: Array) -> None:
+def test_a_loop_closure_with_an_error_above_five_centimeters_is_wrong(truth: Array) -> None:
     right, wrong = (inverse(truth[10]) @ truth[100] for _ in range(2))
     right[0, 3] += 0.04
     wrong[0, 3] += 0.06
     loops = [LoopClosureRecord(10 / 30, 100 / 30, T) for T in (right, wrong, right)]
-    result = summarize(follow(ScriptedRunner(truth, found=loops), truth))
+    result = summarize(follow(ScriptedRunner(truth, closures=loops), truth))
     assert (result.loop_closures, result.wrong_loop_closures) == (3, 1)
 
 
-def test_what_was_measured_can_be_read_again_and_drawn(truth: Array, tmp_path: Path) -> None:
+def test_a_record_can_be_loaded_and_plotted(truth: Array, tmp_path: Path) -> None:
     record = follow(ScriptedRunner(truth, 0.02, [LoopClosureRecord(0.1, 0.2, truth[5])]), truth)
     record.save(tmp_path / "tour.npz")
     again = TourRecord.load(tmp_path / "tour.npz")
@@ -137,7 +137,7 @@ def test_what_was_measured_can_be_read_again_and_drawn(truth: Array, tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_tour_that_is_finished_is_not_run_again(
+def test_a_finished_tour_is_not_run_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(tours, "make_tour_config", tiny_tour)
@@ -159,17 +159,17 @@ def test_a_tour_that_is_finished_is_not_run_again(
     assert capsys.readouterr().out.count("tour-0.2s-1-icp-alone") == 2
 
 
-def test_results_that_were_not_written_here_are_left_alone(tmp_path: Path) -> None:
+def test_a_file_of_other_results_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text("[1, 2]")
-    with pytest.raises(InputError, match="holds no results; name another folder"):
+    with pytest.raises(InputError, match="has no results; name another folder"):
         ResultCache(tmp_path)
     (tmp_path / "results.json").write_text("thesis")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot read it"):
         ResultCache(tmp_path)
     assert (tmp_path / "results.json").read_text() == "thesis"
 
 
-def test_the_odometry_alone_knows_no_loops_and_corrects_nothing() -> None:
+def test_the_odometry_alone_has_no_loop_closures() -> None:
     runner = OdometryRunner("icp")
     estimate = runner.estimate_pose(make_frame(0))
     trajectory = Trajectory(np.zeros(1), estimate.T_world_camera[None])

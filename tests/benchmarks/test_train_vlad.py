@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.train_vlad import extract_descriptors, fit_centers
 
 
-def test_words_are_the_centres_of_clusters_and_repeat() -> None:
+def test_visual_words_are_cluster_centers_and_repeatable() -> None:
     random = np.random.default_rng(1)
     centres = random.integers(-60, 60, (4, 64)).astype(np.float32)
     descriptors = np.repeat(centres, 50, axis=0) + random.integers(-1, 2, (200, 64))

@@ -196,7 +196,9 @@ def test_a_rerun_recording_that_cannot_be_written_is_an_error_with_its_cause(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = run_in_process(capfd, "replay", recording, "--no-publish", "--rerun", "/proc/a.rrd")
-    assert_one_line(outcome, 2, "/proc/a.rrd: cannot write the Rerun recording: /proc takes no new")
+    assert_one_line(
+        outcome, 2, "/proc/a.rrd: cannot write the Rerun recording: cannot create a file"
+    )
 
 
 ARGUMENTS = {
@@ -213,9 +215,9 @@ ARGUMENTS = {
     "command": (["replai"], "invalid choice: 'replai'"),
     "no command": ([], "required: COMMAND"),
     "no command to send": (["command"], "required: NAME; see `kinect-vo command --help`"),
-    "no name": (["command", ""], "'': not a command name"),
-    "name with a hash": (["command", "reset#"], "'reset#': not a command name"),
-    "name with a dollar": (["command", "reset$"], "'reset$': not a command name"),
+    "no name": (["command", ""], "'' is not a command name"),
+    "name with a hash": (["command", "reset#"], "'reset#' is not a command name"),
+    "name with a dollar": (["command", "reset$"], "'reset$' is not a command name"),
     "camera": (["run", "--camera", "kinekt"], "camera 'kinekt' is unknown; use one of: freenect"),
     "camera folder": (["run", "--camera", "tum:"], "camera 'tum' needs a folder: tum:FOLDER"),
     "recorded camera": (["record", "--camera", "kinekt", "X"], "camera 'kinekt' is unknown"),

@@ -64,7 +64,7 @@ def test_a_given_trajectory_makes_a_map_in_its_own_world(
     given = ("--output", output, "--rerun", rerun, "--voxel-m", 0.02)
     outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
     assert (outcome.code, outcome.error_lines) == (0, "")
-    assert f"in the map              {FRAMES}" in outcome.out
+    assert f"in the map             {FRAMES}" in outcome.out
     assert names(output) == FILES
     mesh = read_ply(output / "map.ply")
     assert np.median(off_corner_m(mesh.vertices_m.astype(np.float64))) < 0.005

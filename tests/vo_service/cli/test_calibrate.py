@@ -180,7 +180,7 @@ def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
 def test_images_without_the_board_say_what_to_check(tmp_path: Path, capfd: Capture) -> None:
     write_gray(tmp_path / "gray", ["a.png", "b.png"])
     outcome = run_in_process(capfd, *OPTIONS, "gray")
-    said = "gray: none of the 2 images shows a chessboard of 9x6 inner corners; see that --board"
+    said = "gray: none of the 2 images shows a chessboard of 9x6 inner corners; check that --board"
     assert_one_line(outcome, 2, said)
     assert not (tmp_path / "camera.toml").exists()
 
@@ -200,7 +200,7 @@ def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
     outcome = run_in_process(
         capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", few
     )
-    assert_one_line(outcome, 2, "but some show another one: give --board chessboard:9x6\n")
+    assert_one_line(outcome, 2, "but some show another board; use --board chessboard:9x6\n")
 
 
 @pytest.mark.slow
@@ -216,7 +216,7 @@ def test_a_wrong_square_is_told_by_the_depth_and_nothing_is_saved(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     outcome = run_in_process(capfd, "calibrate", "--square", "0.025", folder, "--depth")
-    assert_one_line(outcome, 1, "times as far away as depth says: measure --square again")
+    assert_one_line(outcome, 1, "times as far away as measured by depth; measure --square again")
     assert not (tmp_path / "camera.toml").exists()
 
 
@@ -224,19 +224,19 @@ MISTAKES = {
     "no source": ([], "name a FOLDER of images, or a camera"),
     "two sources": (["x", "--camera", "freenect"], "name a FOLDER of images, or a camera"),
     "no such folder": (["gone"], "gone: no such folder"),
-    "no images": (["."], ".: holds no images"),
+    "no images": (["."], ".: has no images"),
     "no lists": ([".", "--depth"], "rgb.txt: no such file"),
     "no folder for it": ([".", "--output", "gone/camera.toml"], "there is no folder gone"),
     "a folder": ([".", "--output", "."], ".: is a folder"),
     "picture": ([".", "--picture", "coverage.gif"], "the file name must end in .png or .svg"),
-    "board": ([".", "--board", "checkers:8x8"], "--board checkers:8x8: is no board"),
+    "board": ([".", "--board", "checkers:8x8"], "--board checkers:8x8: is not a board"),
     "nothing to keep": ([".", "--keep", "views"], "--keep keeps what a camera shows"),
     "nothing to watch": ([".", "--rerun", "serve"], "--rerun shows what a camera sees"),
     "watch where": (["--camera", "tum:.", "--rerun", "x"], "rerun target 'x': use serve"),
     "no views": (["--camera", "freenect", "--views", "0"], "--views 0: give 1 or more"),
-    "virtual": (["--camera", "synthetic"], "it never shows a board"),
+    "virtual": (["--camera", "synthetic"], "never shows a board"),
     "camera": (["--camera", "kinekt"], "camera 'kinekt' is unknown"),
-    "print": (["--print-board", "board.doc"], "a board to print is .pdf, .svg, .png"),
+    "print": (["--print-board", "board.doc"], "the file name must end in .pdf, .svg, .png"),
 }
 
 

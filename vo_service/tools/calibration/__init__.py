@@ -1,1 +1,1 @@
-"""Camera files from views of a board, and the timing of a sensor."""
+"""Calibration of cameras from views of a board, and of a sensor's timing from fast motion."""

@@ -1,4 +1,4 @@
-"""The depth readings that lie on the board, and the plane that each must lie in."""
+"""Depth readings on the board, each with the plane of its board."""
 
 import math
 from collections.abc import Sequence
@@ -19,14 +19,15 @@ MIN_READINGS_PER_VIEW = 40
 
 @dataclass(frozen=True)
 class BoardReadings:
-    """Readings on boards, one row each; planes are n . x = offset in the color camera.
+    """N depth readings on boards; planes are n . x = offset in the frame of the color camera.
 
-    shape       (height, width) of the depth images
-    view        (N,) number of the view
-    pixels      (N, 2) column and row
-    readings_m  (N,) as the sensor has them
-    normals     (N, 3)
-    offsets_m   (N,)
+    Attributes:
+        shape: (height, width) of the depth images.
+        view_number: (N,) number of the view.
+        pixels: (N, 2) column and row.
+        readings_m: (N,) uncorrected readings of the sensor.
+        normals: (N, 3) normals of the boards.
+        offsets_m: (N,) offsets of the boards.
     """
 
     shape: tuple[int, int]
@@ -37,7 +38,7 @@ class BoardReadings:
     offsets_m: Array
 
     def residuals_m(self, model: DepthModel) -> Array:
-        """(N,) signed distances of the readings from their boards' planes."""
+        """Return signed distances (N,) of the readings from their boards' planes, m."""
         points_m = model.points_m(self.pixels, self.readings_m)
         residuals: Array = (points_m * self.normals).sum(axis=1) - self.offsets_m
         return residuals
@@ -50,21 +51,27 @@ def collect_board_readings(
     model: DepthModel,
     depth_factor: float,
 ) -> BoardReadings:
-    """Collect them, with the board outlined in each depth image as `model` has it.
+    """Collect the readings inside the board's outline in each depth image.
 
-    T_camera_board (V, 4, 4) is where the color camera saw the boards. Views with too few readings
-    give none.
+    Views with too few readings are left out.
+
+    Args:
+        views: V views.
+        T_camera_board: (V, 4, 4) poses of the boards in the frame of the color camera.
+        layout: layout of the board.
+        model: depth camera, for the outlines.
+        depth_factor: values of the depth images per meter.
     """
     rows: list[Array] = []
     for number, (view, T) in enumerate(zip(views, T_camera_board, strict=True)):
-        column_row = _sample_pixels(view.depth_raw, model, T, layout)
-        if len(column_row) < MIN_READINGS_PER_VIEW:
+        columns_rows = _sample_pixels(view.depth_raw, model, T, layout)
+        if len(columns_rows) < MIN_READINGS_PER_VIEW:
             continue
-        readings_m = view.depth_raw[column_row[:, 1], column_row[:, 0]] / depth_factor
+        readings_m = view.depth_raw[columns_rows[:, 1], columns_rows[:, 0]] / depth_factor
         normal = T[:3, 2]
-        plane = np.tile([*normal, normal @ T[:3, 3]], (len(column_row), 1))
-        which = np.full(len(column_row), number)
-        rows.append(np.column_stack([which, column_row, readings_m, plane]))
+        plane = np.tile([*normal, normal @ T[:3, 3]], (len(columns_rows), 1))
+        numbers = np.full(len(columns_rows), number)
+        rows.append(np.column_stack([numbers, columns_rows, readings_m, plane]))
     table = np.concatenate(rows) if rows else np.empty((0, 8))
     return BoardReadings(
         views[0].depth_raw.shape,
@@ -79,7 +86,7 @@ def collect_board_readings(
 def _sample_pixels(
     depth_raw: NDArray[np.uint16], model: DepthModel, T_camera_board: Array, layout: BoardLayout
 ) -> NDArray[np.int64]:
-    """(N, 2) columns and rows of readings on the board, thinned to an even grid."""
+    """Return columns and rows (N, 2) of readings on the board, subsampled to an even grid."""
     T_depth_board = inverse(model.T_color_depth) @ T_camera_board
     corners_px = model.lens.project(T_depth_board, layout.inner_rectangle_m)
     on_board = np.zeros(depth_raw.shape, np.uint8)

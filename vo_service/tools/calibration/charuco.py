@@ -1,4 +1,4 @@
-"""The ChArUco board: a chessboard with markers, of which any part may be seen."""
+"""ChArUco board: a chessboard with markers, which may be partly visible."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,9 +13,9 @@ from drivers.core.geometry import Array
 from vo_service.tools.calibration.board import NO_CORNERS, BoardCorners, BoardLayout, GrayImage
 from vo_service.tools.calibration.chessboard import SUBPIXEL_CRITERIA
 
-# Fewer corners tell little, and may all lie in two rows.
+# Fewer corners give little information, and may all lie in two rows.
 MIN_CORNERS = 12
-# Refinement must not see the markers, which begin an eighth of a square away.
+# The refinement window must not include markers, which start an eighth of a square away.
 HALF_WINDOW_RATIO = 0.12
 MIN_HALF_WINDOW_PX = 2
 MIN_SQUARE_PX = 14.0
@@ -26,9 +26,10 @@ DICTIONARIES = sorted(
 
 @dataclass(frozen=True)
 class Charuco:
-    """A chessboard whose white squares hold markers of side `marker_m` from a dictionary.
+    """Chessboard whose white squares have markers with the side `marker_m` from a dictionary.
 
-    Raises InputError if the dictionary has too few markers.
+    Raises:
+        InputError: the dictionary has too few markers.
     """
 
     layout: BoardLayout
@@ -37,21 +38,21 @@ class Charuco:
 
     def __post_init__(self) -> None:
         needed = self.layout.columns * self.layout.rows // 2
-        held = len(self._dictionary.bytesList)
-        if needed > held:
+        available = len(self._dictionary.bytesList)
+        if needed > available:
             raise InputError(
-                f"--dictionary {self.dictionary} has {held} markers, the board needs {needed}; "
-                "name a larger one"
+                f"--dictionary {self.dictionary} has {available} markers, the board needs "
+                f"{needed}; name a larger one"
             )
 
     @property
     def name(self) -> str:
-        """With the squares, as the option has them."""
+        """Name with the number of squares, as in the option."""
         size = f"{self.layout.columns}x{self.layout.rows}"
         return f"ChArUco board of {size} squares, dictionary {self.dictionary}"
 
     def find_corners(self, gray: GrayImage) -> BoardCorners:
-        """The inner corners beside markers that were read."""
+        """Find the inner corners beside detected markers."""
         for detector in self._detectors:
             pixels, ids, _, _ = detector.detectBoard(gray)
             if ids is not None and len(ids) >= MIN_CORNERS:
@@ -62,16 +63,18 @@ class Charuco:
     def _refine_corners(
         self, gray: GrayImage, pixels: NDArray[np.float32], points_m: Array
     ) -> BoardCorners:
-        """To a tenth of a pixel; NO_CORNERS where they are too close together for that."""
+        """Refine to a tenth of a pixel; NO_CORNERS if the corners are too close together."""
         square_px = _square_px(pixels.reshape(-1, 2), points_m, self.layout.square_m)
         if square_px < MIN_SQUARE_PX:
             return NO_CORNERS
-        half = max(MIN_HALF_WINDOW_PX, round(HALF_WINDOW_RATIO * square_px))
-        refined = cv2.cornerSubPix(gray, pixels, (half, half), (-1, -1), SUBPIXEL_CRITERIA)
+        half_window = max(MIN_HALF_WINDOW_PX, round(HALF_WINDOW_RATIO * square_px))
+        refined = cv2.cornerSubPix(
+            gray, pixels, (half_window, half_window), (-1, -1), SUBPIXEL_CRITERIA
+        )
         return BoardCorners(refined.reshape(-1, 2).astype(np.float64), points_m)
 
     def suggest_other_board(self, gray: GrayImage) -> str:
-        """A chessboard would not tell; another dictionary's markers do."""
+        """Return the option for markers of another dictionary in the image, or ""."""
         for name in DICTIONARIES:
             detector = aruco.ArucoDetector(_dictionary(name))
             _, ids, _ = detector.detectMarkers(gray)
@@ -80,18 +83,20 @@ class Charuco:
         return ""
 
     def dark_cells_m(self) -> Array:
-        """The squares without a marker, and the dark bits of the markers."""
+        """Return the squares without a marker, and the dark bits of the markers."""
         side = self.layout.square_m
         corners = [np.asarray(points)[0, :2] for points in self._boards[0].getObjPoints()]
-        marked = {(int(x // side), int(y // side)) for x, y in corners}
-        every = np.ndindex(self.layout.columns, self.layout.rows)
-        cells = [(c * side, r * side, side, side) for c, r in every if (c, r) not in marked]
+        marker_squares = {(int(x // side), int(y // side)) for x, y in corners}
+        squares = np.ndindex(self.layout.columns, self.layout.rows)
+        cells = [
+            (c * side, r * side, side, side) for c, r in squares if (c, r) not in marker_squares
+        ]
         for corner, number in zip(corners, np.ravel(self._boards[0].getIds()), strict=True):
             cells.extend(self._dark_bits_m(corner, int(number)))
         return np.array(cells)
 
     def _dark_bits_m(self, corner_m: Array, number: int) -> list[tuple[float, float, float, float]]:
-        """Rectangles of one marker, its border among them."""
+        """Return the dark rectangles of one marker, with its border."""
         bits = self._dictionary.markerSize + 2
         side = self.marker_m / bits
         dark = np.argwhere(self._dictionary.generateImageMarker(number, bits) == 0)
@@ -108,7 +113,7 @@ class Charuco:
 
     @cached_property
     def _boards(self) -> list[aruco.CharucoBoard]:
-        """The board, and for an even number of rows the one that older versions of OpenCV drew."""
+        """The board, and for an even number of rows also its layout in older versions of OpenCV."""
         size = (self.layout.columns, self.layout.rows)
         square_m = self.layout.square_m
         boards = []
@@ -124,14 +129,14 @@ class Charuco:
 
 
 def _square_px(pixels: NDArray[np.float32], points_m: Array, square_m: float) -> float:
-    """The shortest side of a square, from the plane's projection without distortion."""
+    """Return the shortest projected side of a square, without distortion."""
     H = np.asarray(cv2.findHomography(points_m[:, :2], pixels)[0], np.float64)
-    if H.shape != (3, 3):  # none, for corners in a line
+    if H.shape != (3, 3):  # no homography for collinear corners
         return 0.0
     sides = [np.array([square_m, 0.0]), np.array([0.0, square_m])]
-    here = _project(H, points_m[:, :2])
+    origins = _project(H, points_m[:, :2])
     ends = [_project(H, points_m[:, :2] + side) for side in sides]
-    return float(min(np.linalg.norm(end - here, axis=1).min() for end in ends))
+    return float(min(np.linalg.norm(end - origins, axis=1).min() for end in ends))
 
 
 def _project(H: Array, points: Array) -> Array:

@@ -1,4 +1,4 @@
-"""From a folder to the views that a calibration is made of."""
+"""Collection of views from a folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,17 +17,17 @@ from vo_service.tools.calibration.image_folder import (
 from vo_service.tools.calibration.snapshot import BoardView
 from vo_service.tools.calibration.view_selection import ViewSelector
 
-# So many images of a folder are searched for another board when none shows the one asked for.
+# If no image shows the requested board, this many images are searched for another one.
 MAX_SEARCHED_IMAGES = 12
 BOARD_NOT_FOUND_HINT = (
-    "see that --board counts its inner corners (chessboard) or squares (charuco), that the whole "
-    "chessboard with its white edge is in the image, sharp, and not mirrored or too bright"
+    "check that --board counts inner corners (chessboard) or squares (charuco); the whole "
+    "chessboard with its white edge must be in the image, sharp, not mirrored and not too bright"
 )
 
 
 @dataclass(frozen=True)
 class CollectedViews:
-    """Views, what depth values mean in them, and what no view shows."""
+    """Views, their depth units, and gaps in their coverage."""
 
     views: list[BoardView]
     units: DepthUnits
@@ -37,39 +37,47 @@ class CollectedViews:
 def collect_from_folder(
     board: Board, folder: Path, camera_file: Path | None, with_depth: bool, terminal: Terminal
 ) -> CollectedViews:
-    """Every view in the folder in which the board is still and stands differently.
+    """Collect the views of a folder in which the board does not move and has a new pose.
 
-    Raises InputError if the folder is no use or shows no such board.
+    Args:
+        board: the board.
+        folder: recording or folder of images.
+        camera_file: camera file of the recording; None for its own.
+        with_depth: whether to read depth images.
+        terminal: shows the progress.
+
+    Raises:
+        InputError: the folder is not usable, or no image shows the board.
     """
     files = list_snapshot_files(folder, with_depth)
     units = read_depth_units(folder, camera_file)
-    picker = ViewSelector(board)
-    for number, found in enumerate(read_snapshots(files), 1):
-        if found is not None:
-            picker.process(found)
-        views = f"{len(picker.views)} views; image"
+    selector = ViewSelector(board)
+    for number, snapshot in enumerate(read_snapshots(files), 1):
+        if snapshot is not None:
+            selector.process(snapshot)
+        views = f"{len(selector.views)} views; image"
         terminal.progress(views, number, len(files))
     terminal.clear()
-    if not picker.board_count:
+    if not selector.board_count:
         raise InputError(f"{folder}: {_no_board_message(board, files)}")
     return CollectedViews(
-        picker.views, units, find_coverage_gaps(picker.views, picker.board_poses, with_depth)
+        selector.views, units, find_coverage_gaps(selector.views, selector.board_poses, with_depth)
     )
 
 
 def _no_board_message(board: Board, files: list[SnapshotFiles]) -> str:
-    """What to say of images without the board: perhaps they show another one."""
+    """Return a message for images without the board, which may show another one."""
     count = len(files)
-    spread = files[:: max(1, count // MAX_SEARCHED_IMAGES)]
-    seen = [
-        board.suggest_other_board(found.gray)
-        for found in read_snapshots(spread)
-        if found is not None
+    sampled = files[:: max(1, count // MAX_SEARCHED_IMAGES)]
+    suggestions = [
+        board.suggest_other_board(snapshot.gray)
+        for snapshot in read_snapshots(sampled)
+        if snapshot is not None
     ]
-    others = [option for option in seen if option]
+    others = [option for option in suggestions if option]
     if others:
         return (
-            f"none of the {count} images shows a {board.name}, but some show another one: give "
+            f"none of the {count} images shows a {board.name}, but some show another board; use "
             f"--board {max(set(others), key=others.count)}"
         )
     return f"none of the {count} images shows a {board.name}; {BOARD_NOT_FOUND_HINT}"

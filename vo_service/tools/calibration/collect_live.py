@@ -1,4 +1,4 @@
-"""From a camera, and whoever holds the board before it, to the views of a calibration."""
+"""Collection of views from a live camera, with instructions for the user with the board."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -28,7 +28,7 @@ from vo_service.tools.calibration.view_selection import ViewDecision, ViewSelect
 
 @dataclass(frozen=True)
 class LiveCollectionRequest:
-    """What to see live: camera and settings, how many views, where to keep and to watch them."""
+    """Settings of a live collection: camera, number of views, output folder and viewers."""
 
     source: str
     sensor: SensorConfig
@@ -44,40 +44,52 @@ def collect_live(
     terminal: Terminal,
     stop: threading.Event,
 ) -> CollectedViews:
-    """Guide whoever holds the board until the views are enough, the camera ends, or `stop`.
+    """Guide the user until the views are complete, the camera ends, or `stop` is set.
 
-    Raises what opening the camera raises, and UserFacingError if the board was never seen.
+    Args:
+        board: the board.
+        request: settings.
+        terminal: shows the instructions.
+        stop: ends the collection.
+
+    Raises:
+        UserFacingError: no image showed the board, or the camera cannot be opened.
     """
-    picker = ViewSelector(board)
-    guide = CoverageGuide(picker, request.view_count, request.with_depth)
+    selector = ViewSelector(board)
+    guide = CoverageGuide(selector, request.view_count, request.with_depth)
     with (
         _open_raw_camera(request) as camera,
-        _open_frame_writer(request.save_folder) as keep,
+        _open_frame_writer(request.save_folder) as save_frame,
     ):
         units = DepthUnits(MILLIMETER_DEPTH_FACTOR)
         for frame in read_frames(camera, stop):
             if frame is None:
                 terminal.show(_waiting_message(camera.status))
                 continue
-            seen = make_snapshot(frame, request.with_depth)
-            verdict = picker.process(seen)
-            if verdict is ViewDecision.ACCEPTED:
-                # Photographs, a second apart: views are still, however quickly they followed.
-                keep(replace(frame, stamp_s=float(len(picker.views))))
+            snapshot = make_snapshot(frame, request.with_depth)
+            decision = selector.process(snapshot)
+            if decision is ViewDecision.ACCEPTED:
+                # Stamps one second apart make the saved frames photographs, not a video.
+                save_frame(replace(frame, stamp_s=float(len(selector.views))))
                 units = replace(units, depth_factor=frame.depth_factor)
-            terminal.show(guide.instruction(verdict))
+            terminal.show(guide.instruction(decision))
             for preview in previews:
                 preview.show(
                     BoardPreviewFrame(
-                        seen, picker.corners, tuple(picker.views), guide.instruction(verdict)
+                        snapshot,
+                        selector.corners,
+                        tuple(selector.views),
+                        guide.instruction(decision),
                     )
                 )
             if guide.is_complete:
                 break
     terminal.clear()
-    if not picker.board_count:
-        raise UserFacingError(f"the camera never saw a {board.name}; {BOARD_NOT_FOUND_HINT}")
-    return CollectedViews(picker.views, units, guide.gaps)
+    if not selector.board_count:
+        raise UserFacingError(
+            f"no image of the camera showed a {board.name}; {BOARD_NOT_FOUND_HINT}"
+        )
+    return CollectedViews(selector.views, units, guide.gaps)
 
 
 def _waiting_message(status: CameraStatus) -> str:
@@ -86,16 +98,18 @@ def _waiting_message(status: CameraStatus) -> str:
 
 @contextmanager
 def _open_raw_camera(request: LiveCollectionRequest) -> Iterator[RgbdCamera]:
-    """The camera, open, with nothing taken out of its images."""
+    """Open the camera without rectification of its images."""
     if request.source.partition(":")[0] == "synthetic":
-        raise InputError("--camera synthetic: it never shows a board, and its lens is known")
+        raise InputError(
+            "--camera synthetic: never shows a board, and its lens is known; use a real camera"
+        )
     with write_raw_camera_file(request.with_depth) as file:
         camera = make_camera(
             CameraRequest(
                 source=request.source,
                 camera_file=file,
                 playback_mode=PlaybackMode.LOCKSTEP,
-                # Drivers mirror what they have undistorted and registered.
+                # Drivers mirror images after undistortion and registration.
                 sensor=replace(request.sensor, mirror=False),
                 synthetic=SyntheticConfig.fast(),
             )
@@ -106,7 +120,7 @@ def _open_raw_camera(request: LiveCollectionRequest) -> Iterator[RgbdCamera]:
 
 @contextmanager
 def _open_frame_writer(folder: Path | None) -> Iterator[Callable[[RgbdFrame], None]]:
-    """Writes frames into a new folder, or nowhere."""
+    """Yield a function that writes frames into a new folder, or does nothing."""
     if folder is None:
         yield lambda frame: None
         return

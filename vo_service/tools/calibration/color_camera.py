@@ -1,4 +1,4 @@
-"""The color camera from views of a board: Zhang's method, as OpenCV has it.
+"""Calibration of the color camera from views of a board: Zhang's method in OpenCV.
 
 Zhang, A flexible new technique for camera calibration, IEEE PAMI 22(11), 2000.
 """
@@ -17,34 +17,37 @@ from vo_service.tools.calibration.least_squares import jackknife_sigma
 from vo_service.tools.calibration.snapshot import BoardView, Lens
 
 MIN_VIEWS = 6
-# Parts of the views that are left out in turn, to see how much each matters.
+# Groups of views for the jackknife: each fit leaves out one group.
 JACKKNIFE_GROUPS = 10
-# A corner is wrong (glare, a finger) if it is this many times the usual one off.
+# A corner is an outlier (glare, a finger) above this multiple of the median error.
 MAX_CORNER_ERROR_RATIO = 6.0
 MIN_CORNERS = 8
-# A view is wrong (a board that moved, bent or was misread) if its error is this many times the
-# usual one, and large enough to matter.
+# A view is an outlier (a board that moved, was bent or was misdetected) if its error exceeds this
+# multiple of the median error and the minimum below.
 MAX_VIEW_ERROR_RATIO = 3.0
 MIN_OUTLIER_ERROR_PX = 0.3
-# A coefficient is only used if it is this many standard deviations from zero.
+# A coefficient is used only if it is this many standard deviations from zero.
 MIN_SIGNIFICANT_SIGMAS = 3.0
 FIX_K3_FLAG = cv2.CALIB_FIX_K3
 USE_GUESS_FLAG = cv2.CALIB_USE_INTRINSIC_GUESS
 UNKNOWN_LENS = Lens(1.0, 1.0, 0.0, 0.0, NO_DISTORTION)
-K3_INDEX = 8  # its place among fx fy cx cy k1 k2 p1 p2 k3
+K3_INDEX = 8  # index in fx fy cx cy k1 k2 p1 p2 k3
 TERMINATION_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-9)
 
 
 @dataclass(frozen=True)
 class ColorCalibrationResult:
-    """The lens, and how well the views agree with it.
+    """Fitted lens of the color camera, and the residuals of the views.
 
-    sigma           (9,) standard deviations of fx fy cx cy (pixels) k1 k2 p1 p2 k3
-    rms_px          root mean square distance of corners from where the lens puts them
-    views           those that were used, each with
-    T_camera_board    (V, 4, 4) where the board was
-    residuals_px      its corners found minus expected, (N, 2)
-    rejected        names of views that were left out
+    Attributes:
+        size: (width, height) of the images.
+        lens: intrinsics and distortion.
+        sigma: (9,) standard deviations of fx fy cx cy (pixels) k1 k2 p1 p2 k3.
+        rms_px: root mean square reprojection error of the corners.
+        views: the V views that were used.
+        T_camera_board: (V, 4, 4) poses of the board.
+        residuals_px: (N, 2) for each view: detected minus projected corners.
+        rejected: names of rejected views.
     """
 
     size: tuple[int, int]
@@ -58,57 +61,59 @@ class ColorCalibrationResult:
 
     @property
     def view_rms_px(self) -> Array:
-        """(V,) root mean square distance of each view's corners."""
+        """(V,) root mean square reprojection error of each view."""
         return _view_rms_px(self.residuals_px)
 
 
 def calibrate_color(views: Sequence[BoardView]) -> ColorCalibrationResult:
-    """Fit the lens, without the views that do not agree with the others.
+    """Fit the lens without outlier views.
 
-    Raises UserFacingError if too few views are left.
+    Raises:
+        UserFacingError: too few views are left.
     """
-    kept, rejected = list(views), list[str]()
+    inliers, rejected = list(views), list[str]()
     while True:
-        if len(kept) < MIN_VIEWS:
-            left_out = f", {len(rejected)} were left out as wrong" if rejected else ""
+        if len(inliers) < MIN_VIEWS:
+            rejected_text = f", {len(rejected)} were rejected as outliers" if rejected else ""
             raise UserFacingError(
-                f"only {len(kept)} different views of the board{left_out}; at least {MIN_VIEWS} "
-                "are needed and 25 are good: show it at other places and angles, and hold it still"
+                f"only {len(inliers)} different views of the board{rejected_text}; at least "
+                f"{MIN_VIEWS} are needed and 25 are good; show the board at other places and "
+                "angles, and hold it still"
             )
-        found = _fit(kept, rejected)
-        errors_px = found.view_rms_px
+        result = _fit(inliers, rejected)
+        errors_px = result.view_rms_px
         limit_px = max(MAX_VIEW_ERROR_RATIO * float(np.median(errors_px)), MIN_OUTLIER_ERROR_PX)
         worst = int(np.argmax(errors_px))
         if errors_px[worst] <= limit_px:
-            right = _refit_without_outlier_corners(found)
-            return replace(right, sigma=np.maximum(right.sigma, _jackknife_lens_sigma(right)))
-        # One at a time: a very wrong view spoils the errors of the others.
-        rejected.append(kept.pop(worst).name)
+            refined = _refit_without_outlier_corners(result)
+            return replace(refined, sigma=np.maximum(refined.sigma, _jackknife_lens_sigma(refined)))
+        # Only one at a time, because a large outlier increases the errors of the other views.
+        rejected.append(inliers.pop(worst).name)
 
 
 def _refit_without_outlier_corners(color: ColorCalibrationResult) -> ColorCalibrationResult:
-    """Fitted again without the corners that do not agree with the others, if there are any."""
+    """Fit again without outlier corners, if there are any."""
     distances_px = [np.linalg.norm(each, axis=1) for each in color.residuals_px]
     limit_px = max(
         MAX_CORNER_ERROR_RATIO * float(np.median(np.concatenate(distances_px))),
         MIN_OUTLIER_ERROR_PX,
     )
-    right = [distances <= limit_px for distances in distances_px]
-    if all(each.all() for each in right):
+    is_inlier = [distances <= limit_px for distances in distances_px]
+    if all(each.all() for each in is_inlier):
         return color
     views = [
         replace(view, corners=BoardCorners(view.corners.pixels[keep], view.corners.points_m[keep]))
-        for view, keep in zip(color.views, right, strict=True)
+        for view, keep in zip(color.views, is_inlier, strict=True)
         if np.count_nonzero(keep) >= MIN_CORNERS
     ]
     return _fit(views, color.rejected)
 
 
 def _jackknife_lens_sigma(color: ColorCalibrationResult) -> Array:
-    """(9,) from fits that each leave out a tenth of the views.
+    """Return standard deviations (9,) from fits that each leave out a tenth of the views.
 
-    Where nothing but noise tells the focal length, as with boards that all face the camera, the
-    normal matrix at the point that was found is sure of it, wrongly.
+    If the views do not determine the focal length, as with boards that all face the camera, the
+    covariance from the normal matrix is far too small.
     """
     count = min(JACKKNIFE_GROUPS, len(color.views))
     fits = [refit_without_views(color, range(n, len(color.views), count)) for n in range(count)]
@@ -118,18 +123,18 @@ def _jackknife_lens_sigma(color: ColorCalibrationResult) -> Array:
 def refit_without_views(
     color: ColorCalibrationResult, view_numbers: Sequence[int]
 ) -> ColorCalibrationResult:
-    """Fitted again without some of its views, with the same coefficients."""
+    """Fit again without some views, with the same coefficients."""
     views = [view for number, view in enumerate(color.views) if number not in view_numbers]
     flags = 0 if color.lens.distortion[-1] else FIX_K3_FLAG
     return _fit_with_flags(views, color.rejected, flags | USE_GUESS_FLAG, color.lens)
 
 
 def _fit(views: list[BoardView], rejected: list[str]) -> ColorCalibrationResult:
-    """With as many coefficients as the views can tell."""
+    """Fit with as many coefficients as the views determine."""
     full = _fit_with_flags(views, rejected, 0)
     k3 = full.lens.distortion[-1]
-    is_known = abs(k3) > MIN_SIGNIFICANT_SIGMAS * full.sigma[K3_INDEX]
-    return full if is_known else _fit_with_flags(views, rejected, FIX_K3_FLAG)
+    is_significant = abs(k3) > MIN_SIGNIFICANT_SIGMAS * full.sigma[K3_INDEX]
+    return full if is_significant else _fit_with_flags(views, rejected, FIX_K3_FLAG)
 
 
 def _fit_with_flags(
@@ -138,7 +143,7 @@ def _fit_with_flags(
     points = [view.corners.points_m.astype(np.float32) for view in views]
     pixels = [view.corners.pixels.astype(np.float32) for view in views]
     size = views[0].size
-    rms_px, K, distortion, turns, shifts, sigma, *_ = cv2.calibrateCameraExtended(
+    rms_px, K, distortion, rotation_vectors, translations, sigma, *_ = cv2.calibrateCameraExtended(
         points,
         pixels,
         size,
@@ -153,8 +158,8 @@ def _fit_with_flags(
     )
     poses = np.array(
         [
-            rigid_transform(so3_exp(np.ravel(turn)), np.ravel(shift))
-            for turn, shift in zip(turns, shifts, strict=True)
+            rigid_transform(so3_exp(np.ravel(rotation_vector)), np.ravel(translation))
+            for rotation_vector, translation in zip(rotation_vectors, translations, strict=True)
         ]
     )
     residuals_px = [

@@ -1,4 +1,4 @@
-"""What the views taken so far still lack, as something to do with the board."""
+"""Gaps in the coverage of the views, with instructions to fill them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from drivers.core.geometry import Array
 from vo_service.tools.calibration.snapshot import BoardView
 from vo_service.tools.calibration.view_selection import BoardPose, ViewDecision, ViewSelector
 
-# Distortion is only known where corners were seen: the image in three by three zones, of which
-# the outer ones are narrow.
+# Distortion is known only where corners were seen. The image has three by three zones with narrow
+# outer ones.
 ZONES = (
     ("top left", "top", "top right"),
     ("left", "middle", "right"),
@@ -18,10 +18,10 @@ ZONES = (
 )
 ZONE_EDGES = (0.25, 0.75)
 MIN_ZONE_CORNERS = 6
-# Sideways part of the board's normal at 20 degrees, and how many views lean so far each way.
+# Sine of a tilt of 20 degrees, and the number of views with this tilt in each direction.
 MIN_TILT_SIN = 0.34
 MIN_TILTED_VIEWS = 2
-# Farthest over nearest view: a scale can be told from an offset.
+# Minimum ratio of the largest to the smallest distance, to separate scale and offset.
 MIN_DISTANCE_RATIO = 1.5
 
 EDGE_TILTS: dict[str, Callable[[Array], float]] = {
@@ -34,14 +34,14 @@ EDGE_TILTS: dict[str, Callable[[Array], float]] = {
 
 @dataclass(frozen=True)
 class CoverageGap:
-    """Something that no view shows, and what to do about it."""
+    """Gap in the coverage, and how to fill it."""
 
     problem: str
     remedy: str
 
 
 def count_zone_corners(views: Sequence[BoardView]) -> Array:
-    """(3, 3) how many corners lie in each zone of the image."""
+    """Return the number of corners (3, 3) in each zone of the image."""
     counts = np.zeros((3, 3))
     for view in views:
         column, row = np.digitize(view.corners.pixels / view.size, ZONE_EDGES).T
@@ -52,9 +52,9 @@ def count_zone_corners(views: Sequence[BoardView]) -> Array:
 def find_coverage_gaps(
     views: Sequence[BoardView], board_poses: Sequence[BoardPose], with_depth: bool
 ) -> list[CoverageGap]:
-    """What is missing, the most important first."""
-    found = [*_tilt_gaps(board_poses), *_zone_gaps(views)]
-    return [*found, *_distance_gaps(board_poses)] if with_depth else found
+    """Return the gaps in order of importance."""
+    gaps = [*_tilt_gaps(board_poses), *_zone_gaps(views)]
+    return [*gaps, *_distance_gaps(board_poses)] if with_depth else gaps
 
 
 def _zone_gaps(views: Sequence[BoardView]) -> list[CoverageGap]:
@@ -72,13 +72,13 @@ def _tilt_gaps(board_poses: Sequence[BoardPose]) -> list[CoverageGap]:
             f"too few views with the board's {edge} edge tilted towards the camera",
             f"tilt its {edge} edge 20 to 45 degrees towards the camera",
         )
-        for edge, lean in EDGE_TILTS.items()
-        if sum(lean(stance.normal) > MIN_TILT_SIN for stance in board_poses) < MIN_TILTED_VIEWS
+        for edge, tilt in EDGE_TILTS.items()
+        if sum(tilt(pose.normal) > MIN_TILT_SIN for pose in board_poses) < MIN_TILTED_VIEWS
     ]
 
 
 def _distance_gaps(board_poses: Sequence[BoardPose]) -> list[CoverageGap]:
-    distances_m = [stance.distance_m for stance in board_poses] or [1.0]
+    distances_m = [pose.distance_m for pose in board_poses] or [1.0]
     if max(distances_m) > MIN_DISTANCE_RATIO * min(distances_m):
         return []
     return [
@@ -90,33 +90,37 @@ def _distance_gaps(board_poses: Sequence[BoardPose]) -> list[CoverageGap]:
 
 
 class CoverageGuide:
-    """Knows when the views are enough, and what to do until then."""
+    """Guide of the user: gives instructions until the views are complete."""
 
     def __init__(self, selector: ViewSelector, view_count: int, with_depth: bool) -> None:
-        self._picker = selector
-        self._wanted = view_count
+        self._selector = selector
+        self._view_count = view_count
         self._with_depth = with_depth
 
     @property
     def gaps(self) -> list[CoverageGap]:
-        """What the views taken so far still lack."""
-        return find_coverage_gaps(self._picker.views, self._picker.board_poses, self._with_depth)
+        """Gaps of the views so far."""
+        return find_coverage_gaps(
+            self._selector.views, self._selector.board_poses, self._with_depth
+        )
 
     @property
     def is_complete(self) -> bool:
-        """Views enough, and nothing lacking."""
-        return len(self._picker.views) >= self._wanted and not self.gaps
+        """Whether there are enough views without gaps."""
+        return len(self._selector.views) >= self._view_count and not self.gaps
 
     def instruction(self, decision: ViewDecision) -> str:
-        """One line, after a snapshot was judged: "12 of 25 views; show it at the top right"."""
-        count = len(self._picker.views)
-        views = f"{count} of {self._wanted} views" if count < self._wanted else f"{count} views"
-        now = "" if decision is ViewDecision.ACCEPTED else f" [{decision}]"
+        """Return one line after a snapshot: "12 of 25 views; show it at the top right"."""
+        count = len(self._selector.views)
+        views = (
+            f"{count} of {self._view_count} views" if count < self._view_count else f"{count} views"
+        )
+        note = "" if decision is ViewDecision.ACCEPTED else f" [{decision}]"
         if self.is_complete:
             return f"{views}: enough"
-        return f"{views}; {_next_remedy(self.gaps)}{now}"
+        return f"{views}; {_next_remedy(self.gaps)}{note}"
 
 
 def _next_remedy(gaps: Sequence[CoverageGap]) -> str:
-    """What to do now."""
-    return gaps[0].remedy if gaps else "go on, each time a little different"
+    """Return the next instruction."""
+    return gaps[0].remedy if gaps else "continue, each view a little different"

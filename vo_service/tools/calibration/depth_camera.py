@@ -1,8 +1,8 @@
-"""The depth camera from the planes of a board that the color camera has seen.
+"""Calibration of the depth camera from planes of a board that the color camera sees.
 
-Every depth pixel on the board must lie in the board's plane, once it is turned into a point by the
-depth camera's intrinsics and carried into the color camera. That ties down intrinsics, relative
-pose and scale together, if the board is seen at many tilts, places and distances.
+Each depth reading on the board, as a point in the frame of the color camera, must lie in the
+board's plane. This determines intrinsics, relative pose and scale together, if the board is seen
+at many tilts, places and distances.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,17 +26,17 @@ from vo_service.tools.calibration.color_camera import (
 from vo_service.tools.calibration.depth_model import DISTORTION, PARAMETER_NAMES, DepthModel
 from vo_service.tools.calibration.least_squares import jackknife_sigma, minimize_gauss_newton
 
-# How far from the board's plane a reading may be and still count, in usual distances: generous
-# while usual values are all that is known of the camera, strict in the end.
+# Maximum distances of inliers from the board's plane, in robust standard deviations: large while
+# only default parameters are known, small at the end.
 GATES = (10.0, 6.0, 4.0, 4.0)
-# The median distance of normal noise, in standard deviations.
+# Median absolute deviation of normal noise, in standard deviations.
 MEDIAN_ABS_NORMAL = 0.6745
-# Beyond so many times the sensor's noise, something else than the sensor is wrong.
+# Above this multiple of the sensor's noise, the depth does not belong to the boards.
 MAX_NOISE_RATIO = 6.0
 MIN_VIEWS = 8
-# The least part of the readings that has to agree with the boards.
+# Minimum fraction of readings that agree with the boards.
 MIN_USED_FRACTION = 0.6
-# No sensor is further off: the size of the squares or the unit of depth is wrong.
+# A larger scale error means that the size of the squares or the unit of depth is wrong.
 MAX_SCALE_ERROR = 0.12
 ALL_PARAMETERS = np.arange(len(PARAMETER_NAMES))
 WITHOUT_DISTORTION = np.delete(ALL_PARAMETERS, DISTORTION)
@@ -46,12 +46,14 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class DepthCalibrationResult:
-    """The depth camera, and how well the boards agree with it.
+    """Fitted depth camera, and the residuals of the readings.
 
-    sigma        (13,) standard deviations, in the order of `depth_model.NAMES`
-    pixels       readings on the boards, one row each, with
-    residuals_m    (N,) their distances from the board's plane, and
-    is_used        (N,) bool: near enough to it to count
+    Attributes:
+        model: the depth camera.
+        sigma: (13,) standard deviations, in the order of `depth_model.PARAMETER_NAMES`.
+        pixels: N readings on the boards.
+        residuals_m: (N,) distances of the readings from the board's plane.
+        is_used: (N,) whether a reading is an inlier.
     """
 
     model: DepthModel
@@ -67,7 +69,7 @@ class DepthCalibrationResult:
 
     @property
     def view_count(self) -> int:
-        """Views with a reading that was used."""
+        """Number of views with a used reading."""
         return len(np.unique(self.pixels.view_number[self.is_used]))
 
     @property
@@ -93,50 +95,58 @@ class DepthCalibrationResult:
 def calibrate_depth(
     color: ColorCalibrationResult, layout: BoardLayout, depth_factor: float, progress: Progress
 ) -> DepthCalibrationResult:
-    """Fit the depth camera to the boards of `color`, whose views hold its images.
+    """Fit the depth camera to the boards that the color camera saw.
 
-    `progress` gets (done, total). Raises UserFacingError if the readings are not on the boards, or
-    on too few of them.
+    Args:
+        color: fitted color camera; its views have the depth images.
+        layout: layout of the board.
+        depth_factor: values of the depth images per meter.
+        progress: is called with the number of steps done and in total.
+
+    Raises:
+        UserFacingError: the readings do not lie on the boards, or on too few boards.
     """
     fit = _DepthFit(layout, depth_factor)
-    plain = fit.refine(color, fit.estimate_initial(color), WITHOUT_DISTORTION, GATES)
-    bent = fit.refine(color, plain, ALL_PARAMETERS, GATES[-1:])
+    undistorted = fit.refine(color, fit.estimate_initial(color), WITHOUT_DISTORTION, GATES)
+    distorted = fit.refine(color, undistorted, ALL_PARAMETERS, GATES[-1:])
     steps = 2 * min(JACKKNIFE_GROUPS, len(color.views))
-    sigma = _jackknife_sigma(fit, color, bent, ALL_PARAMETERS, lambda done: progress(done, steps))
-    if np.any(np.abs(bent.vector[DISTORTION]) > MIN_SIGNIFICANT_SIGMAS * sigma[DISTORTION]):
-        progress(steps, steps)
-        return _make_result(fit, color, bent, sigma)
     sigma = _jackknife_sigma(
-        fit, color, plain, WITHOUT_DISTORTION, lambda n: progress(n + steps // 2, steps)
+        fit, color, distorted, ALL_PARAMETERS, lambda done: progress(done, steps)
     )
-    return _make_result(fit, color, plain, sigma)
+    if np.any(np.abs(distorted.vector[DISTORTION]) > MIN_SIGNIFICANT_SIGMAS * sigma[DISTORTION]):
+        progress(steps, steps)
+        return _make_result(fit, color, distorted, sigma)
+    sigma = _jackknife_sigma(
+        fit, color, undistorted, WITHOUT_DISTORTION, lambda n: progress(n + steps // 2, steps)
+    )
+    return _make_result(fit, color, undistorted, sigma)
 
 
 @dataclass(frozen=True)
 class _DepthFit:
-    """What all fits of one calibration share."""
+    """Common data of all fits of one calibration."""
 
     layout: BoardLayout
     depth_factor: float
 
     def estimate_initial(self, color: ColorCalibrationResult) -> DepthModel:
-        """The usual camera, with the scale that brings its readings into the boards' planes."""
+        """Return the default camera with the scale that moves its readings onto the boards."""
         height, width = color.views[0].depth_raw.shape
-        usual = DepthModel.default((width, height), 1.0)
-        pixels = self.collect_readings(color, usual)
+        default = DepthModel.default((width, height), 1.0)
+        pixels = self.collect_readings(color, default)
         count = len(np.unique(pixels.view_number))
         if count < MIN_VIEWS:
             raise UserFacingError(
-                f"only {count} of {len(color.views)} views have depth readings on the board, at "
+                f"only {count} of {len(color.views)} views have depth readings on the board; at "
                 f"least {MIN_VIEWS} are needed; hold it 0.6 to 1.5 m away, out of the sun"
             )
-        points_m = usual.points_m(pixels.pixels, pixels.readings_m)
-        along_ray = pixels.offsets_m / (points_m * pixels.normals).sum(axis=1)
-        scale = float(np.median(along_ray))
+        points_m = default.points_m(pixels.pixels, pixels.readings_m)
+        ratios = pixels.offsets_m / (points_m * pixels.normals).sum(axis=1)
+        scale = float(np.median(ratios))
         if abs(scale - 1.0) > MAX_SCALE_ERROR:
             raise UserFacingError(
-                f"the board is {scale:.2f} times as far away as depth says: measure --square "
-                "again, and see that the recording's depth factor is right (--camera-file)"
+                f"the board is {scale:.2f} times as far away as measured by depth; measure "
+                "--square again, and check the recording's depth factor (--camera-file)"
             )
         return DepthModel.default((width, height), scale)
 
@@ -147,7 +157,7 @@ class _DepthFit:
         free: NDArray[np.int64],
         gates: Sequence[float],
     ) -> DepthModel:
-        """Fit the parameters numbered `free`; the boards' outlines follow what is found."""
+        """Fit the parameters with indices `free`; the boards' outlines follow the model."""
         for gate in gates:
             pixels = self.collect_readings(color, model)
             weights = _is_used(pixels, model, gate) / depth_sigma_m(pixels.readings_m)
@@ -158,7 +168,7 @@ class _DepthFit:
         return model
 
     def collect_readings(self, color: ColorCalibrationResult, model: DepthModel) -> BoardReadings:
-        """The readings on the boards, where `model` has them."""
+        """Collect the readings on the boards, whose outlines follow from `model`."""
         views, poses = color.views, color.T_camera_board
         return collect_board_readings(views, poses, self.layout, model, self.depth_factor)
 
@@ -170,42 +180,42 @@ def _jackknife_sigma(
     free: NDArray[np.int64],
     progress: Callable[[int], None],
 ) -> Array:
-    """(13,) from calibrations of both cameras that each leave out a tenth of the views.
+    """Return standard deviations (13,) from fits of both cameras without a tenth of the views.
 
-    The normal matrix would promise ten times too much: the pixels of one view agree with each
-    other far better than with the truth, and all views share the color camera's error.
+    The covariance from the normal matrix would be ten times too small: errors within a view are
+    correlated, and all views share the color camera's error.
     """
     fits = []
     count = min(JACKKNIFE_GROUPS, len(color.views))
     for group in range(count):
         progress(group)
-        left = refit_without_views(color, range(group, len(color.views), count))
-        fits.append(fit.refine(left, model, free, GATES[-1:]).vector)
+        color_without_group = refit_without_views(color, range(group, len(color.views), count))
+        fits.append(fit.refine(color_without_group, model, free, GATES[-1:]).vector)
     return jackknife_sigma(fits)
 
 
 def _make_result(
     fit: _DepthFit, color: ColorCalibrationResult, model: DepthModel, sigma: Array
 ) -> DepthCalibrationResult:
-    """Raises UserFacingError if the depth is not that of the boards."""
+    """Return the result. Raises UserFacingError if the depth does not belong to the boards."""
     pixels = fit.collect_readings(color, model)
     is_used = _is_used(pixels, model, GATES[-1])
     noise = float(np.median(_normalized_distances(pixels, model))) / MEDIAN_ABS_NORMAL
-    part = float(is_used.mean())
-    if noise > MAX_NOISE_RATIO or part < MIN_USED_FRACTION:
+    used_fraction = float(is_used.mean())
+    if noise > MAX_NOISE_RATIO or used_fraction < MIN_USED_FRACTION:
         raise UserFacingError(
             f"depth does not agree with the boards that the color camera saw: {noise:.0f} times "
-            f"the sensor's noise, {part:.0%} of the readings of use; the board must be flat and "
-            "still, and no image mirrored"
+            f"the sensor's noise, {used_fraction:.0%} of the readings are usable; the board must "
+            "be flat and still, and no image mirrored"
         )
     return DepthCalibrationResult(model, sigma, pixels, pixels.residuals_m(model), is_used)
 
 
 def _is_used(pixels: BoardReadings, model: DepthModel, gate: float) -> NDArray[np.bool_]:
-    """(N,) within so many usual distances of the board, but never less than the sensor's noise."""
+    """Return whether (N,) distances are below `gate` robust standard deviations."""
     distances = _normalized_distances(pixels, model)
-    usual = max(1.0, float(np.median(distances)) / MEDIAN_ABS_NORMAL)
-    is_used: NDArray[np.bool_] = distances < gate * usual
+    sigma = max(1.0, float(np.median(distances)) / MEDIAN_ABS_NORMAL)
+    is_used: NDArray[np.bool_] = distances < gate * sigma
     return is_used
 
 

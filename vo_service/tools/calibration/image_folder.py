@@ -1,4 +1,4 @@
-"""Snapshots from a folder: a recording in TUM format, or nothing but photographs."""
+"""Snapshots from a folder: a recording in TUM format, or photographs only."""
 
 import logging
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SnapshotFiles:
-    """One snapshot's files; `depth` is None where it is not wanted."""
+    """Files of one snapshot; `depth` is None without depth."""
 
     stamp_s: float
     color: Path
@@ -28,7 +28,7 @@ class SnapshotFiles:
 
 @dataclass(frozen=True)
 class DepthUnits:
-    """What a recording's camera file knows that a board cannot tell."""
+    """Data of a recording's camera file that a board cannot give."""
 
     depth_factor: float
     readout_s: float = 0.0
@@ -36,9 +36,12 @@ class DepthUnits:
 
 
 def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
-    """What a folder holds, in order of time; photographs without a list are a second apart.
+    """List the snapshots of a folder in order of time.
 
-    Raises InputError if there is nothing, or a list is wrong.
+    Photographs without an index file get stamps one second apart.
+
+    Raises:
+        InputError: the folder has no images, or an index file is invalid.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; check the path")
@@ -55,40 +58,41 @@ def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
 
 
 def _list_photographs(folder: Path) -> list[Path]:
-    for place in (folder, folder / "rgb"):
-        found = [file for file in place.glob("*") if file.suffix.lower() in SUFFIXES]
-        if found:
-            return sorted(found)
+    for image_folder in (folder, folder / "rgb"):
+        files = [file for file in image_folder.glob("*") if file.suffix.lower() in SUFFIXES]
+        if files:
+            return sorted(files)
     raise InputError(
-        f"{folder}: holds no images; name a recording (rgb.txt), or a folder of PNG or JPEG images "
+        f"{folder}: has no images; name a recording (rgb.txt), or a folder of PNG or JPEG images "
         "of the board"
     )
 
 
 def read_snapshots(files: list[SnapshotFiles]) -> Iterator[Snapshot | None]:
-    """One a file; None where an image cannot be read, which the log then names.
+    """Yield one snapshot per entry, or None for an unreadable image, which is logged.
 
-    Raises InputError if images differ in size: they are not of one camera.
+    Raises:
+        InputError: the images differ in size, so they are not of one camera.
     """
     first: Snapshot | None = None
-    for each in files:
+    for entry in files:
         try:
-            depth = NO_DEPTH if each.depth is None else load_depth(each.depth)
-            found = Snapshot(str(each.color), each.stamp_s, load_color(each.color), depth)
+            depth = NO_DEPTH if entry.depth is None else load_depth(entry.depth)
+            snapshot = Snapshot(str(entry.color), entry.stamp_s, load_color(entry.color), depth)
         except UnreadableFrameError as error:
-            _log.warning("an image is left out: %s", error)
+            _log.warning("an image is skipped: %s", error)
             yield None
             continue
-        first = first or found
-        _check_size(found, first)
-        yield found
+        first = first or snapshot
+        _check_size(snapshot, first)
+        yield snapshot
 
 
-def _check_size(found: Snapshot, first: Snapshot) -> None:
-    if found.size != first.size or found.depth_raw.shape != first.depth_raw.shape:
+def _check_size(snapshot: Snapshot, first: Snapshot) -> None:
+    if snapshot.size != first.size or snapshot.depth_raw.shape != first.depth_raw.shape:
         raise InputError(
-            f"{found.name}: is {_format_size(found)}, but {first.name} is {_format_size(first)}; calibrate from "
-            "images of one camera at one size"
+            f"{snapshot.name}: is {_format_size(snapshot)}, but {first.name} is "
+            f"{_format_size(first)}; calibrate from images of one camera at one size"
         )
 
 
@@ -99,9 +103,10 @@ def _format_size(snapshot: Snapshot) -> str:
 
 
 def read_depth_units(folder: Path, given: Path | None) -> DepthUnits:
-    """From the camera file `given` or the folder's own; else millimetres, as a sensor gives them.
+    """Read the camera file `given` or the folder's own; without one, depth is in millimeters.
 
-    Raises InputError if there is such a file and it is wrong.
+    Raises:
+        InputError: the camera file is invalid.
     """
     try:
         camera = find_calibration(folder, given)

@@ -1,4 +1,4 @@
-"""Non-linear least squares for a dozen parameters and thousands of residuals."""
+"""Nonlinear least squares for about ten parameters and thousands of residuals."""
 
 from collections.abc import Callable, Sequence
 
@@ -14,9 +14,15 @@ DAMPING = 1e-9
 def minimize_gauss_newton(
     residuals: Residuals, start: Array, weights: Array, steps: int = 10
 ) -> Array:
-    """Gauss-Newton: the parameters (P,) that make the weighted residuals (N,) small.
+    """Minimize weighted residuals (N,) by Gauss-Newton and return the parameters (P,).
 
-    Every parameter must matter to some residual; how well each is told is not looked at.
+    Each parameter must influence some residual; the conditioning is not checked.
+
+    Args:
+        residuals: function of the parameters (P,) that returns residuals (N,).
+        start: (P,) initial parameters.
+        weights: (N,) weights of the residuals.
+        steps: maximum number of iterations.
     """
     x = start.copy()
     for _ in range(steps):
@@ -29,7 +35,7 @@ def minimize_gauss_newton(
 
 
 def jacobian(residuals: Residuals, x: Array) -> Array:
-    """(N, P) by central differences."""
+    """Return the Jacobian (N, P) by central differences."""
     columns = []
     for index, value in enumerate(x):
         step = np.zeros_like(x)
@@ -39,19 +45,19 @@ def jacobian(residuals: Residuals, x: Array) -> Array:
 
 
 def jackknife_sigma(fits: Sequence[Array]) -> Array:
-    """(P,) standard deviations from fits (P,) that each leave out another of the same many groups.
+    """Return standard deviations (P,) from fits (P,) that each leave out one of the groups.
 
-    It sees whatever varies from view to view, of whatever cause (Efron and Stein, The jackknife
-    estimate of variance, Annals of Statistics 9(3), 1981).
+    They include all variation between views, of any cause (Efron and Stein, The jackknife estimate
+    of variance, Annals of Statistics 9(3), 1981).
     """
-    spread = np.asarray(fits) - np.mean(fits, axis=0)
+    deviations = np.asarray(fits) - np.mean(fits, axis=0)
     count = len(fits)
-    sigma: Array = np.sqrt((count - 1) / count * (spread**2).sum(axis=0))
+    sigma: Array = np.sqrt((count - 1) / count * (deviations**2).sum(axis=0))
     return sigma
 
 
 def _solve(A: Array, b: Array) -> Array:
-    """Scaled to a unit diagonal first: pixels and radians differ by a thousand."""
+    """Solve A x = b, scaled to a unit diagonal because pixels and radians differ by a thousand."""
     scale = 1.0 / np.sqrt(np.diag(A))
     scaled = A * np.outer(scale, scale) + DAMPING * np.eye(len(A))
     return scale * np.linalg.solve(scaled, scale * b)

@@ -1,4 +1,4 @@
-"""Snapshots from a camera that is open now, and the file that makes it show raw images."""
+"""Snapshots from a live camera, and a camera file for raw images."""
 
 import threading
 import time
@@ -21,10 +21,10 @@ from drivers.core.errors import CameraError
 from vo_service.tools.calibration.snapshot import NO_DEPTH, Snapshot
 
 POLL_PERIOD_S = 0.25
-# A camera that has not shown anything for so long is not going to.
+# A camera without frames for this time has failed.
 FRAME_TIMEOUT_S = 15.0
-# A lens that bends nothing, and a depth camera in the same place with the same lens: undistorting
-# and registering then leave every pixel where it is.
+# A lens without distortion, and a depth camera at the same place with the same lens: undistortion
+# and registration then move no pixel.
 IDENTITY_POSE = RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 RAW_DEPTH_CALIBRATION = DepthCameraCalibration(525.0, 525.0, 319.5, 239.5, IDENTITY_POSE)
 RAW_COLOR_CALIBRATION = CameraCalibration(
@@ -35,9 +35,9 @@ RAW_CALIBRATION = replace(RAW_COLOR_CALIBRATION, depth=RAW_DEPTH_CALIBRATION)
 
 @contextmanager
 def write_raw_camera_file(with_depth: bool) -> Iterator[Path]:
-    """A camera file under which a driver hands on what the sensor sees; gone after the block.
+    """Write a temporary camera file with which a driver returns raw images.
 
-    Its `[depth]` table keeps a sensor from registering depth itself.
+    Its `[depth]` table prevents registration by the sensor.
     """
     with TemporaryDirectory(prefix="kinect-vo-") as folder:
         file = Path(folder) / CAMERA_FILE_NAME
@@ -48,9 +48,10 @@ def write_raw_camera_file(with_depth: bool) -> Iterator[Path]:
 
 
 def read_frames(camera: RgbdCamera, stop: threading.Event) -> Iterator[RgbdFrame | None]:
-    """The camera's frames until its end or `stop`; None while it has nothing to show.
+    """Yield the camera's frames until its end or `stop`, and None while there is no frame.
 
-    Raises CameraError if there is none for `PATIENCE_S`.
+    Raises:
+        CameraError: there was no frame for `FRAME_TIMEOUT_S`.
     """
     last_s = time.monotonic()
     while not stop.is_set():
@@ -58,7 +59,7 @@ def read_frames(camera: RgbdCamera, stop: threading.Event) -> Iterator[RgbdFrame
             frame = camera.read(POLL_PERIOD_S)
         except FrameTimeout as error:
             if time.monotonic() - last_s > FRAME_TIMEOUT_S:
-                reason = camera.status.reason or "it is there but sends no frames"
+                reason = camera.status.reason or "the camera sends no frames"
                 raise CameraError(f"{camera.name}: {reason}") from error
             yield None
         except EndOfStream:
@@ -69,6 +70,6 @@ def read_frames(camera: RgbdCamera, stop: threading.Event) -> Iterator[RgbdFrame
 
 
 def make_snapshot(frame: RgbdFrame, with_depth: bool) -> Snapshot:
-    """A frame as the calibration sees it."""
+    """Make a snapshot of a frame."""
     depth = frame.depth_raw if with_depth else NO_DEPTH
     return Snapshot(f"frame {frame.seq}", frame.stamp_s, frame.color_bgr, depth)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and say beforehand if they cannot."""
+"""Output files, written atomically and checked before the work."""
 
 import os
 from pathlib import Path
@@ -9,39 +9,43 @@ from drivers.core.files import atomic_write, is_disk_full
 
 
 def check_writable(path: Path) -> None:
-    """Raise InputError if a file cannot be written there: before the work, not after it."""
+    """Raise InputError if the file cannot be written."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; create it")
     if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise InputError(f"{path}: cannot be written; name a folder that you may write to")
+        raise InputError(f"{path}: cannot be written; name a writable folder")
 
 
 def save_camera_file(path: Path, camera: CameraCalibration, heading: str) -> Path | None:
-    """Write it; as `save_with_backup`."""
+    """Write a camera file as `save_with_backup` does."""
     return save_with_backup(path, f"# {heading}\n{format_calibration(camera)}".encode())
 
 
 def save_with_backup(path: Path, data: bytes) -> Path | None:
-    """Write a file; one that was there is kept beside it, and its new name returned.
+    """Write a file and keep an existing one as a backup.
 
-    Raises UserFacingError if the disk refuses; the old file is then still in place.
+    Returns:
+        The path of the backup; None without an existing file.
+
+    Raises:
+        UserFacingError: the disk fails; the existing file is then unchanged.
     """
     path = path.resolve()
-    kept = None
+    backup = None
     try:
         if path.exists():
-            kept = path.with_name(f"{path.name}.bak")
-            atomic_write(kept, path.read_bytes())
+            backup = path.with_name(f"{path.name}.bak")
+            atomic_write(backup, path.read_bytes())
         atomic_write(path, data)
     except OSError as error:
         raise _write_error(path, error) from error
-    return kept
+    return backup
 
 
 def save(path: Path, data: bytes) -> None:
-    """Write a file. Raises UserFacingError if the disk refuses."""
+    """Write a file. Raises UserFacingError if the disk fails."""
     try:
         atomic_write(path, data)
     except OSError as error:
@@ -50,4 +54,4 @@ def save(path: Path, data: bytes) -> None:
 
 def _write_error(path: Path, error: OSError) -> UserFacingError:
     cause = "the disk is full" if is_disk_full(error) else error.strerror
-    return UserFacingError(f"{path}: cannot be written: {cause}; mend that and calibrate again")
+    return UserFacingError(f"{path}: cannot be written: {cause}; fix this and calibrate again")

@@ -1,6 +1,6 @@
-"""A picture of a calibration: where corners were seen, and how far each is from where it should be.
+"""Figure of a calibration: the corners and their residuals.
 
-Residuals are drawn enlarged; what lies in one direction over a whole region is not noise.
+Residuals are enlarged; equal directions over a whole region are not noise.
 """
 
 import io
@@ -18,25 +18,25 @@ from vo_service.tools.calibration.output_files import save
 from vo_service.tools.calibration.result import CalibrationResult
 from vo_service.tools.calibration.view_selection import convex_outline
 
-if TYPE_CHECKING:  # drawn with rarely, and slow to import
+if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FORMATS = (".png", ".svg")
-# Length of an arrow whose corner is off by the usual error, in parts of the image's width.
+# Length of an arrow for the rms error, relative to the image's width.
 ARROW_LENGTH_RATIO = 0.025
-# Colors of depth residuals end at so many usual ones.
+# Range of the color scale of depth residuals, in rms errors.
 MAX_RESIDUAL_SIGMAS = 2.5
 
 
 def check_plot_format(path: Path) -> None:
-    """Raise InputError for a suffix that is no format."""
+    """Raise InputError for an unknown suffix."""
     if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
+        raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")
 
 
 def write_plot(path: Path, calibration: CalibrationResult) -> None:
-    """Draw it. Raises InputError for a suffix that is no format, UserFacingError from the disk."""
+    """Write the figure. Raises InputError for an unknown suffix, UserFacingError for the disk."""
     check_plot_format(path)
     image = io.BytesIO()
     draw_plot(calibration).savefig(image, format=path.suffix.lower().removeprefix("."), dpi=110)
@@ -44,7 +44,7 @@ def write_plot(path: Path, calibration: CalibrationResult) -> None:
 
 
 def draw_plot(calibration: CalibrationResult) -> "Figure":
-    """The picture as a matplotlib figure, drawn without pyplot: no global state, no window."""
+    """Draw the matplotlib figure without pyplot: no global state, no window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -58,35 +58,39 @@ def draw_plot(calibration: CalibrationResult) -> "Figure":
     for depth, (image, bars) in zip(calibration.depth, plots[1:], strict=True):
         _draw_readings(figure, image, depth)
         errors_mm = _view_rms_mm(depth, len(color.views))
-        _draw_bars(bars, errors_mm, "depth off the board in each view", "mm")
+        _draw_bars(bars, errors_mm, "depth error in each view", "mm")
     return figure
 
 
 def _draw_corners(plot: "Axes", color: ColorCalibrationResult) -> None:
-    """Outlines of the boards, corners, and arrows from where they should be."""
+    """Draw outlines of the boards, corners, and arrows of their residuals."""
     _set_image_axes(plot, color.size)
     _draw_zones(plot, color)
     for view in color.views:
         plot.fill(*convex_outline(view.corners.pixels).T, facecolor="tab:blue", alpha=0.05)
     pixels = np.concatenate([view.corners.pixels for view in color.views])
     residuals = np.concatenate(color.residuals_px)
-    enlarged = _round_to_one_digit(ARROW_LENGTH_RATIO * color.size[0] / max(color.rms_px, 1e-3))
+    magnification = _round_to_one_digit(
+        ARROW_LENGTH_RATIO * color.size[0] / max(color.rms_px, 1e-3)
+    )
     columns, rows = pixels.T
     plot.scatter(columns, rows, s=3, color="tab:blue", linewidths=0)
     plot.quiver(
-        *pixels.T, *residuals.T, angles="xy", scale_units="xy", scale=1 / enlarged,
+        *pixels.T, *residuals.T, angles="xy", scale_units="xy", scale=1 / magnification,
         width=0.0013, color="tab:red", alpha=0.8,
     )  # fmt: skip
-    plot.set_title(f"corners, and {color.rms_px:.2f} px of error enlarged {enlarged:.0f} times")
+    plot.set_title(
+        f"corners, and {color.rms_px:.2f} px of error, enlarged {magnification:.0f} times"
+    )
 
 
 def _round_to_one_digit(value: float) -> float:
-    """As a caption would have it: 300 for 329."""
+    """Round to one significant digit: 300 for 329."""
     return float(f"{value:.1g}")
 
 
 def _draw_zones(plot: "Axes", color: ColorCalibrationResult) -> None:
-    """Gray out the zones that hardly a corner was seen in, and rule the others off."""
+    """Draw the zones, those with hardly any corner in gray."""
     from matplotlib.patches import Rectangle
 
     edges = np.array([0.0, *ZONE_EDGES, 1.0])
@@ -98,12 +102,12 @@ def _draw_zones(plot: "Axes", color: ColorCalibrationResult) -> None:
         face = "0.8" if is_empty else "none"
         plot.add_patch(Rectangle(corner, width, height, facecolor=face, edgecolor="0.85", zorder=0))
         if is_empty:
-            middle = (corner[0] + width / 2, corner[1] + height / 2)
-            plot.text(*middle, "hardly seen", ha="center", va="center", color="0.35")
+            center = (corner[0] + width / 2, corner[1] + height / 2)
+            plot.text(*center, "few corners", ha="center", va="center", color="0.35")
 
 
 def _draw_readings(figure: "Figure", plot: "Axes", depth: DepthCalibrationResult) -> None:
-    """Used depth readings, colored by how far they are from their board."""
+    """Draw the used depth readings, colored by their distance from the board."""
     height, width = depth.pixels.shape
     _set_image_axes(plot, (width, height))
     pixels, residuals_mm = depth.pixels.pixels[depth.is_used], 1e3 * depth.residuals_m
@@ -119,7 +123,7 @@ def _draw_readings(figure: "Figure", plot: "Axes", depth: DepthCalibrationResult
 
 
 def _set_image_axes(plot: "Axes", size: tuple[int, int]) -> None:
-    """The image's edge, row 0 at the top."""
+    """Set the axes to the image's edges, with row 0 at the top."""
     width, height = size
     plot.set_anchor("W")
     plot.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
@@ -128,17 +132,17 @@ def _set_image_axes(plot: "Axes", size: tuple[int, int]) -> None:
 
 
 def _draw_bars(plot: "Axes", errors: Array, title: str, unit: str) -> None:
-    """One bar a view, with the usual one ruled."""
-    usual = float(np.median(errors[errors > 0]))
+    """Draw one bar per view, with a line at the median."""
+    median = float(np.median(errors[errors > 0]))
     plot.bar(np.arange(1, len(errors) + 1), errors, color="tab:blue", alpha=0.75)
-    plot.axhline(usual, color="0.4", linewidth=1, linestyle="--")
+    plot.axhline(median, color="0.4", linewidth=1, linestyle="--")
     plot.set(xlabel="view", ylabel=f"{unit} (rms)", xlim=(0.3, len(errors) + 0.7))
-    plot.set_title(f"{title}: median {usual:.2f} {unit}")
+    plot.set_title(f"{title}: median {median:.2f} {unit}")
     plot.grid(axis="y", alpha=0.3)
 
 
 def _view_rms_mm(depth: DepthCalibrationResult, count: int) -> Array:
-    """(count,) of each view's used readings; 0 where there are none."""
+    """Return the rms error (count,) of each view's used readings, mm; 0 without readings."""
     numbers = depth.pixels.view_number[depth.is_used]
     squares = np.bincount(numbers, (1e3 * depth.residuals_m[depth.is_used]) ** 2, count)
     readings = np.bincount(numbers, minlength=count)

@@ -1,4 +1,4 @@
-"""What a preview of a live calibration shows."""
+"""Frame of the preview of a live calibration."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -9,7 +9,7 @@ from vo_service.tools.calibration.snapshot import BoardView, Snapshot
 
 @dataclass(frozen=True)
 class BoardPreviewFrame:
-    """One snapshot with the corners found in it, the views taken so far, and what to do next."""
+    """Snapshot with its corners, the accepted views so far, and the next instruction."""
 
     snapshot: Snapshot
     corners: BoardCorners

@@ -1,4 +1,4 @@
-"""What the camera sees of the board, in Rerun. Imports rerun: load it lazily."""
+"""Preview of a live calibration in Rerun. Imports rerun: load it lazily."""
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ JPEG_QUALITY = 80
 
 
 class BoardScene:
-    """Logs sights to one recording stream."""
+    """Logger of preview frames to one recording stream."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
@@ -29,13 +29,11 @@ class BoardScene:
 
     @staticmethod
     def blueprint() -> rrb.Blueprint:
-        """The advice above the image."""
+        """Return the layout: the instruction above the image."""
         return rrb.Blueprint(
             rrb.Vertical(
                 rrb.TextDocumentView(name="What to do", origin=ADVICE_PATH),
-                rrb.Spatial2DView(
-                    name="What the camera sees; views taken in green", origin=IMAGE_PATH
-                ),
+                rrb.Spatial2DView(name="Camera image; accepted views in green", origin=IMAGE_PATH),
                 row_shares=[1, 8],
             ),
             rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
@@ -45,20 +43,20 @@ class BoardScene:
         )
 
     def log(self, item: BoardPreviewFrame) -> None:
-        """The image, the corners in it, the outlines of the views taken, and the advice."""
+        """Log the image, its corners, the outlines of the accepted views, and the instruction."""
         stream = self._stream
         stream.set_time(TIMELINE, sequence=self._seq)
         self._seq += 1
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         jpeg = cv2.imencode(".jpg", item.snapshot.color_bgr, quality)[1].tobytes()
         stream.log(IMAGE_PATH, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
-        # Rerun's pixels have their centres at one half.
+        # Pixel centers in Rerun are at one half.
         points = rr.Points2D(
             item.corners.pixels + 0.5, colors=CORNER_COLOR, radii=rr.Radius.ui_points(3.0)
         )
         stream.log(CORNERS_PATH, points)
         hulls = [convex_outline(view.corners.pixels) for view in item.views]
-        closed = [np.vstack([hull, hull[:1]]) for hull in hulls]
-        lines = rr.LineStrips2D(closed, colors=VIEW_COLOR, radii=rr.Radius.ui_points(1.0))
+        outlines = [np.vstack([hull, hull[:1]]) for hull in hulls]
+        lines = rr.LineStrips2D(outlines, colors=VIEW_COLOR, radii=rr.Radius.ui_points(1.0))
         stream.log(VIEWS_PATH, lines)
         stream.log(ADVICE_PATH, rr.TextDocument(f"# {item.advice}", media_type="text/markdown"))

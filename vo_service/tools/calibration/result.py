@@ -1,4 +1,4 @@
-"""A whole calibration: the camera file it becomes, and how it is told to people and programs."""
+"""Result of a calibration: camera file, table for people and JSON for programs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from vo_service.tools.calibration.snapshot import Lens
 
 ROW_FORMAT = "{:<26}{:>24}{:>24}"
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
-# Far below any standard deviation, and easier to read than sixteen digits.
-PIXEL_DIGITS, COEFFICIENT_DIGITS, METRE_DIGITS, QUATERNION_DIGITS = 4, 7, 6, 9
+# Far below any standard deviation, and readable.
+PIXEL_DIGITS, COEFFICIENT_DIGITS, METER_DIGITS, QUATERNION_DIGITS = 4, 7, 6, 9
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """What was found; `depth` is empty where it was not asked for."""
+    """Calibrated cameras; `depth` is empty without a depth camera."""
 
     board: Board
     units: DepthUnits
@@ -33,7 +33,7 @@ class CalibrationResult:
 
     @property
     def camera_calibration(self) -> CameraCalibration:
-        """Rounded to what can be read."""
+        """Calibration with readable, rounded values."""
         lens, (width, height) = self.color.lens, self.color.size
         fx, fy, cx, cy = (round(v, PIXEL_DIGITS) for v in (lens.fx, lens.fy, lens.cx, lens.cy))
         k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in lens.distortion)
@@ -53,17 +53,17 @@ class CalibrationResult:
         )
 
     def as_table(self) -> str:
-        """For people."""
+        """Return a table for people."""
         color = self.color
         width, height = color.size
         count = f"{len(color.views)} views of a {self.board.name}"
         rows = [f"{count}, {width}x{height}", ""]
         rows.append(ROW_FORMAT.format("", "color camera", "depth camera" if self.depth else ""))
-        figures = [_format_column(color.lens, color.sigma)]
-        figures += [_format_column(d.model.lens, d.sigma[:6]) for d in self.depth]
+        columns = [_format_column(color.lens, color.sigma)]
+        columns += [_format_column(d.model.lens, d.sigma[:6]) for d in self.depth]
         for number, name in enumerate(("fx", "fy", "cx", "cy", *COEFFICIENTS)):
             unit = " (px)" if number < 4 else ""
-            cells = [column[number] for column in figures]
+            cells = [column[number] for column in columns]
             rows.append(ROW_FORMAT.format(name + unit, *cells, *[""] * (2 - len(cells))))
         errors = [f"{color.rms_px:.3f} px", *(f"{1e3 * d.rms_m:.2f} mm" for d in self.depth)]
         rows.append(ROW_FORMAT.format("error (rms)", *errors, *[""] * (2 - len(errors))))
@@ -71,7 +71,7 @@ class CalibrationResult:
         return "\n".join(row.rstrip() for row in rows)
 
     def as_json(self) -> dict[str, Any]:
-        """For programs; keys stay."""
+        """Return the result for programs; the keys are stable."""
         color = self.color
         return {
             "board": self.board.name,
@@ -85,7 +85,7 @@ class CalibrationResult:
 
 
 def _round_depth_calibration(calibration: DepthCameraCalibration) -> DepthCameraCalibration:
-    x, y, z = (round(v, METRE_DIGITS) for v in calibration.T_color_depth.translation_m)
+    x, y, z = (round(v, METER_DIGITS) for v in calibration.T_color_depth.translation_m)
     qx, qy, qz, qw = (
         round(q, QUATERNION_DIGITS) for q in calibration.T_color_depth.quaternion_xyzw
     )
@@ -103,12 +103,12 @@ def _round_depth_calibration(calibration: DepthCameraCalibration) -> DepthCamera
         distortion=(k1, k2, p1, p2, k3),
         width=calibration.width,
         height=calibration.height,
-        scale=round(calibration.scale, METRE_DIGITS),
+        scale=round(calibration.scale, METER_DIGITS),
     )
 
 
 def _format_column(lens: Lens, sigma: Array) -> list[str]:
-    """Nine cells; a coefficient that the views do not tell is "-"."""
+    """Return nine cells; "-" for a coefficient that was not fitted."""
     sigmas = np.append(sigma, np.zeros(9 - len(sigma)))
     cells = zip(lens.vector, sigmas, [2] * 4 + [4] * 5, strict=True)
     return [f"{v:.{d}f} ± {s:.{d}f}" if s else "-" for v, s, d in cells]
@@ -116,14 +116,15 @@ def _format_column(lens: Lens, sigma: Array) -> list[str]:
 
 def _format_pose(depth: DepthCalibrationResult) -> list[str]:
     vector, sigma = depth.model.vector, depth.sigma
-    shift = _format_axes(1e3 * vector[TRANSLATION], 1e3 * sigma[TRANSLATION])
-    turn = _format_axes(np.degrees(vector[ROTATION]), np.degrees(sigma[ROTATION]))
+    translation = _format_axes(1e3 * vector[TRANSLATION], 1e3 * sigma[TRANSLATION])
+    rotation = _format_axes(np.degrees(vector[ROTATION]), np.degrees(sigma[ROTATION]))
+    scale = f"{depth.model.scale:.4f} ± {sigma[SCALE_INDEX]:.4f}"
     return [
         "",
         "from the depth camera to the color camera (T_color_depth)",
-        f"  shift (mm)  {shift}",
-        f"  turn (deg)  {turn}",
-        f"true distance per distance read (scale)  {depth.model.scale:.4f} ± {sigma[SCALE_INDEX]:.4f}",
+        f"  translation (mm)  {translation}",
+        f"  rotation (deg)    {rotation}",
+        f"true distance per measured distance (scale)  {scale}",
     ]
 
 

@@ -1,4 +1,4 @@
-"""What a calibration looks at: images as the sensor gave them, nothing taken out or moved."""
+"""Snapshots and views for a calibration: raw images without rectification."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,13 @@ NO_DEPTH: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
 
 @dataclass(frozen=True)
 class Snapshot:
-    """One look through the cameras.
+    """Raw images of both cameras at one time.
 
-    name        for people: a file, or the number of a frame
-    stamp_s     when, on any clock
-    color_bgr  (height, width, 3) uint8 with the lens distortion in it
-    depth_raw   (height, width) uint16, not registered; NO_DEPTH where none was asked for
+    Attributes:
+        name: name for people: a file, or the number of a frame.
+        stamp_s: time on any clock.
+        color_bgr: (height, width, 3) uint8, distorted.
+        depth_raw: (height, width) uint16, not registered; NO_DEPTH without depth.
     """
 
     name: str
@@ -42,7 +43,7 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class BoardView:
-    """A snapshot that shows the board; of its color image only the size is kept."""
+    """Snapshot of the board, without its color image."""
 
     name: str
     size: tuple[int, int]
@@ -51,7 +52,7 @@ class BoardView:
 
 
 def make_view(snapshot: Snapshot, corners: BoardCorners) -> BoardView:
-    """The snapshot without its colors."""
+    """Make a view from a snapshot and its corners."""
     return BoardView(snapshot.name, snapshot.size, corners, snapshot.depth_raw)
 
 
@@ -76,20 +77,21 @@ class Lens:
         return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
 
     def project(self, T_camera_board: Array, points_m: Array) -> Array:
-        """(N, 2) where points (N, 3), moved by a 4x4 transform, are in the image."""
-        turn = cv2.Rodrigues(T_camera_board[:3, :3])[0]
-        shift = T_camera_board[:3, 3]
-        pixels, _ = cv2.projectPoints(points_m, turn, shift, self.K, np.array(self.distortion))
+        """Return the pixels (N, 2) of points (N, 3) in board coordinates."""
+        rotation = cv2.Rodrigues(T_camera_board[:3, :3])[0]
+        pixels, _ = cv2.projectPoints(
+            points_m, rotation, T_camera_board[:3, 3], self.K, np.array(self.distortion)
+        )
         return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 
 def solve_board_pose(lens: Lens, corners: BoardCorners) -> Array:
-    """4x4 T_camera_board of a planar board."""
-    _, turn, shift = cv2.solvePnP(
+    """Return the 4x4 T_camera_board of a planar board."""
+    _, rotation, translation = cv2.solvePnP(
         corners.points_m,
         corners.pixels,
         lens.K,
         np.array(lens.distortion),
         flags=cv2.SOLVEPNP_IPPE,
     )
-    return rigid_transform(so3_exp(turn.ravel()), shift.ravel())
+    return rigid_transform(so3_exp(rotation.ravel()), translation.ravel())

@@ -1,4 +1,4 @@
-"""From views to a calibration that may be used."""
+"""Calibration of both cameras from views, with validation."""
 
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board
@@ -14,7 +14,14 @@ def solve_calibration(
 ) -> CalibrationResult:
     """Fit the color camera, then the depth camera to it.
 
-    Raises UserFacingError if the views are too few or too much alike, or the result cannot be.
+    Args:
+        board: the board.
+        collected: views of the board.
+        with_depth: whether to calibrate the depth camera.
+        terminal: shows the progress.
+
+    Raises:
+        UserFacingError: there are too few or too similar views, or the result is not valid.
     """
     with terminal.busy("fitting the color camera"):
         color = calibrate_color(collected.views)
@@ -26,5 +33,5 @@ def solve_calibration(
             depth = calibrate_depth(color, board.layout, factor, busy.progress_callback("step"))
         warnings += validate_depth(depth, color, collected.gaps)
         fits.append(depth)
-    warnings += [lack.problem for lack in collected.gaps]
+    warnings += [gap.problem for gap in collected.gaps]
     return CalibrationResult(board, collected.units, color, fits, warnings)

@@ -1,4 +1,4 @@
-"""Readout and depth offset of a sensor from brisk motion, or why they cannot be told."""
+"""Estimation of a sensor's readout time and depth offset from fast motion."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,24 +16,24 @@ from vo_service.tools.calibration.timing_search import (
     find_minimum,
 )
 
-# Film with fewer pieces is too short; the search begins with so many of the briskest.
+# Minimum number of segments; the search starts with this many of the fastest.
 MIN_SEGMENTS, COARSE_SEGMENTS = 4, 4
-# An image that moves less briskly than this tells nothing.
+# Slower segments do not determine the timing.
 MIN_SPEED_SIGMA_RAD_S = 0.05
 # Largest standard deviations that are saved, of the readout and of the depth offset.
 MAX_READOUT_SIGMA_S, MAX_DEPTH_OFFSET_SIGMA_S = 0.002, 0.0012
-# A readout further below zero than this is none that was not told from zero.
+# A smaller readout cannot be zero within its uncertainty.
 MIN_READOUT_S = -0.004
-# Seconds are rounded to so many digits: less than what can be found.
+# Digits of saved seconds, below the accuracy.
 DIGITS = 5
 REMEDY = (
-    "shake it to and fro as one shakes a hand, for a minute, near things with a pattern and depth"
+    "shake the camera to and fro like a hand, for a minute, near objects with texture and depth"
 )
 
 
 @dataclass(frozen=True)
 class TimingEstimate:
-    """What was found, and its standard deviations."""
+    """Estimated timing with standard deviations."""
 
     timing: SensorTiming
     sigma: SensorTiming
@@ -43,49 +43,55 @@ class TimingEstimate:
 def estimate_timing(
     segments: Sequence[MotionSegment], on_progress: Callable[[str], None]
 ) -> TimingEstimate:
-    """The timing that explains the pieces of a film best; the briskest piece comes first.
+    """Estimate the timing that explains the segments best.
 
-    Frames carry the skew of their stamps alone. `tell` gets what is being done.
-    Raises UserFacingError if the film does not tell the timing.
+    Args:
+        segments: segments, the fastest first; their frames have the skew of their stamps only.
+        on_progress: is called with a description of each step.
+
+    Raises:
+        UserFacingError: the segments do not determine the timing.
     """
     check_motion(segments)
-    found = find_minimum(
+    minimum = find_minimum(
         _make_cost_function(segments[:COARSE_SEGMENTS], on_progress),
         _make_cost_function(segments, on_progress),
     )
-    return validate_minimum(found)
+    return validate_minimum(minimum)
 
 
 def check_motion(segments: Sequence[MotionSegment]) -> None:
-    """Raise UserFacingError where nothing has to be tried to know that it is too little."""
+    """Raise UserFacingError if there is obviously too little motion."""
     if len(segments) < MIN_SEGMENTS:
         raise UserFacingError(
-            f"{NOTHING_SAVED_PREFIX}the film is too short: {len(segments)} stretches of {SEGMENT_FRAMES} "
-            f"frames without a gap, at least {MIN_SEGMENTS} are needed; give it a minute"
+            f"{NOTHING_SAVED_PREFIX}the recording is too short: {len(segments)} segments of "
+            f"{SEGMENT_FRAMES} frames without a gap, at least {MIN_SEGMENTS} are needed; "
+            "record one minute"
         )
-    shake_deg_s = math.degrees(segments[MIN_SEGMENTS - 1].speed_sigma_rad_s)
-    if shake_deg_s < math.degrees(MIN_SPEED_SIGMA_RAD_S):
+    speed_sigma_deg_s = math.degrees(segments[MIN_SEGMENTS - 1].speed_sigma_rad_s)
+    if speed_sigma_deg_s < math.degrees(MIN_SPEED_SIGMA_RAD_S):
         raise UserFacingError(
-            f"{NOTHING_SAVED_PREFIX}the camera moved too slowly to tell its timing: its speed changed by "
-            f"{shake_deg_s:.1f} degrees a second (at least {math.degrees(MIN_SPEED_SIGMA_RAD_S):.0f} "
-            f"are needed); {REMEDY}"
+            f"{NOTHING_SAVED_PREFIX}the camera moved too slowly to determine its timing: its speed "
+            f"changed by {speed_sigma_deg_s:.1f} degrees a second (at least "
+            f"{math.degrees(MIN_SPEED_SIGMA_RAD_S):.0f} are needed); {REMEDY}"
         )
 
 
 def validate_minimum(minimum: TimingMinimum) -> TimingEstimate:
-    """What is sure enough. Raises UserFacingError for what is not."""
+    """Return the estimate. Raises UserFacingError if it is too uncertain."""
     sigma_ms = 1e3 * minimum.sigma_s
     if not (minimum.sigma_s <= [MAX_READOUT_SIGMA_S, MAX_DEPTH_OFFSET_SIGMA_S]).all():
         raise UserFacingError(
-            f"{NOTHING_SAVED_PREFIX}the camera moved too slowly or too little to tell its timing: readout "
-            f"±{sigma_ms[0]:.1f} ms (at most {1e3 * MAX_READOUT_SIGMA_S:g}), depth offset "
-            f"±{sigma_ms[1]:.1f} ms (at most {1e3 * MAX_DEPTH_OFFSET_SIGMA_S:g}); {REMEDY}"
+            f"{NOTHING_SAVED_PREFIX}the camera moved too slowly or too little to determine its "
+            f"timing: readout ±{sigma_ms[0]:.1f} ms (at most {1e3 * MAX_READOUT_SIGMA_S:g}), "
+            f"depth offset ±{sigma_ms[1]:.1f} ms (at most {1e3 * MAX_DEPTH_OFFSET_SIGMA_S:g}); "
+            f"{REMEDY}"
         )
     readout_s, depth_offset_s = (round(float(value), DIGITS) for value in minimum.timing_s)
     if readout_s < MIN_READOUT_S:
         raise UserFacingError(
             f"{NOTHING_SAVED_PREFIX}the rows seem to be read from bottom to top, in "
-            f"{-1e3 * readout_s:.0f} ms; are the images upside down?"
+            f"{-1e3 * readout_s:.0f} ms; check that the images are not upside down"
         )
     return TimingEstimate(
         SensorTiming(max(readout_s, 0.0), depth_offset_s),
@@ -97,16 +103,17 @@ def validate_minimum(minimum: TimingMinimum) -> TimingEstimate:
 def _make_cost_function(
     segments: Sequence[MotionSegment], on_progress: Callable[[str], None]
 ) -> Callable[[Array, Array], Array]:
-    def table(known_s: Array, tried_s: Array) -> Array:
-        known, tried = SensorTiming(*known_s), [SensorTiming(*each) for each in tried_s]
+    def cost_table(assumed_s: Array, candidates_s: Array) -> Array:
+        assumed = SensorTiming(*assumed_s)
+        candidates = [SensorTiming(*candidate_s) for candidate_s in candidates_s]
         rows = []
-        for number, piece in enumerate(segments, 1):
-            readout_ms, offset_ms = 1e3 * known_s
+        for number, segment in enumerate(segments, 1):
+            readout_ms, offset_ms = 1e3 * assumed_s
             on_progress(
                 f"around readout {readout_ms:.1f} ms, depth offset {offset_ms:.1f} ms: "
-                f"piece {number}/{len(segments)}"
+                f"segment {number}/{len(segments)}"
             )
-            rows.append(timing_costs(piece.frames, known, tried))
+            rows.append(timing_costs(segment.frames, assumed, candidates))
         return np.array(rows)
 
-    return table
+    return cost_table

@@ -1,7 +1,7 @@
-"""How badly a sensor's timing explains a piece of film.
+"""Cost of a sensor's timing on a segment of frames.
 
-The keyframe odometry says where the camera was at each stamp, and so how fast it moved there. That
-depends little on the timing. How well images then fit one another, row by row, depends on it much.
+The direct odometry gives the camera's pose and velocity at each stamp, which depend little on the
+timing. The photometric residuals between images depend on it strongly.
 """
 
 from collections.abc import Sequence
@@ -19,20 +19,21 @@ from vo_service.odometry.direct.timing_residuals import (
     make_posed_frame,
 )
 
-# A velocity is that of a curve through so many poses on either side.
+# A velocity is the derivative of a polynomial through this many poses on either side.
 NEIGHBORS = 2
-# Every so often a frame is one that others are laid on: so many before and after it.
+# Every n-th frame is a reference; this many frames before and after are aligned with it.
 REFERENCE_STRIDE, REFERENCE_REACH = 8, 6
-# Fewer frames that are laid on others say too little of a piece.
+# Minimum number of alignments in a segment.
 MIN_ALIGNMENTS = 12
 
 
 @dataclass(frozen=True)
 class SensorTiming:
-    """When rows are taken.
+    """Timing of a sensor.
 
-    readout_s       from the first row to the last, of both images
-    depth_offset_s  instant of a depth image minus what its stamp says, relative to color
+    Attributes:
+        readout_s: time from the first row to the last, of both images.
+        depth_offset_s: true time of a depth image minus its stamp, relative to color.
     """
 
     readout_s: float
@@ -42,23 +43,26 @@ class SensorTiming:
 def timing_costs(
     frames: Sequence[RgbdFrame], assumed: SensorTiming, candidates: Sequence[SensorTiming]
 ) -> Array:
-    """(N,) mean logarithm of the brightness' spread, for each of the timings.
+    """Return the mean log standard deviation (N,) of brightness residuals for each timing.
 
-    piece  frames whose skew is the difference of their stamps
-    known  what the timing is thought to be, to follow the camera with
+    Args:
+        frames: frames of a segment; their skew is the difference of their stamps.
+        assumed: timing for the tracking of the camera.
+        candidates: N timings.
 
-    NaN where the camera cannot be followed.
+    Returns:
+        (N,) costs; NaN if the camera cannot be tracked.
     """
-    moments = track_motion(frames, assumed)
-    spreads = [_brightness_spreads(moments, timing) for timing in candidates]
-    if min(map(len, spreads)) < MIN_ALIGNMENTS:
+    posed_frames = track_motion(frames, assumed)
+    sigmas = [_brightness_sigmas(posed_frames, timing) for timing in candidates]
+    if min(map(len, sigmas)) < MIN_ALIGNMENTS:
         return np.full(len(candidates), np.nan)
-    means: Array = np.log(spreads).mean(axis=1)
+    means: Array = np.log(sigmas).mean(axis=1)
     return means
 
 
 def track_motion(frames: Sequence[RgbdFrame], timing: SensorTiming) -> dict[int, PosedFrame]:
-    """Where the camera was and how fast, by the frame's place in the piece; not where lost."""
+    """Return pose and velocity by the frame's index in the segment, without lost frames."""
     odometry = DirectOdometry()
     poses: dict[int, Array] = {}
     for n, frame in enumerate(frames):
@@ -73,20 +77,20 @@ def track_motion(frames: Sequence[RgbdFrame], timing: SensorTiming) -> dict[int,
             poses.clear()
         if estimate.ok:
             poses[n] = estimate.T_world_camera
-    moments = {}
+    posed_frames = {}
     for n in poses:
-        around = range(n - NEIGHBORS, n + NEIGHBORS + 1)
-        if all(m in poses for m in around):
-            stamps_s = np.array([frames[m].stamp_s for m in around])
-            velocity = fit_velocity([poses[m] for m in around], stamps_s)
-            moments[n] = make_posed_frame(frames[n], poses[n], velocity)
-    return moments
+        neighbors = range(n - NEIGHBORS, n + NEIGHBORS + 1)
+        if all(m in poses for m in neighbors):
+            stamps_s = np.array([frames[m].stamp_s for m in neighbors])
+            velocity = fit_velocity([poses[m] for m in neighbors], stamps_s)
+            posed_frames[n] = make_posed_frame(frames[n], poses[n], velocity)
+    return posed_frames
 
 
 def fit_velocity(T_world_camera: Sequence[Array], stamps_s: Array) -> Array:
-    """(6,) twist of the camera in its own axes at the middle of an odd number of poses.
+    """Return the twist (6,) of the camera in its own frame at the middle of an odd number of poses.
 
-    It is the slope of the polynomial through their twists as seen from the middle one.
+    It is the derivative of the polynomial through the twists relative to the middle pose.
     """
     middle = len(stamps_s) // 2
     T_middle_world = inverse(T_world_camera[middle])
@@ -96,15 +100,19 @@ def fit_velocity(T_world_camera: Sequence[Array], stamps_s: Array) -> Array:
     return slopes
 
 
-def _brightness_spreads(moments: dict[int, PosedFrame], timing: SensorTiming) -> list[float]:
-    timed = {n: m.with_timing(timing.readout_s, timing.depth_offset_s) for n, m in moments.items()}
-    spreads: list[float] = []
-    for n in range(NEIGHBORS + REFERENCE_STRIDE // 2, max(timed, default=0) + 1, REFERENCE_STRIDE):
-        if n in timed:
-            near = [
-                timed[m]
+def _brightness_sigmas(posed_frames: dict[int, PosedFrame], timing: SensorTiming) -> list[float]:
+    timed_frames = {
+        n: m.with_timing(timing.readout_s, timing.depth_offset_s) for n, m in posed_frames.items()
+    }
+    sigmas: list[float] = []
+    for n in range(
+        NEIGHBORS + REFERENCE_STRIDE // 2, max(timed_frames, default=0) + 1, REFERENCE_STRIDE
+    ):
+        if n in timed_frames:
+            others = [
+                timed_frames[m]
                 for m in range(n - REFERENCE_REACH, n + REFERENCE_REACH + 1)
-                if m != n and m in timed
+                if m != n and m in timed_frames
             ]
-            spreads += brightness_sigmas(timed[n], near)
-    return spreads
+            sigmas += brightness_sigmas(timed_frames[n], others)
+    return sigmas

@@ -1,4 +1,4 @@
-"""A sensor's timing put into its camera file, of which all else stays as it is."""
+"""Change of a sensor's timing in its camera file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +10,10 @@ from vo_service.tools.calibration.timing_cost import SensorTiming
 
 
 def read_timing(path: Path, fallback: CameraCalibration) -> SensorTiming:
-    """What a camera file says now; if there is none, what the other one says.
+    """Return the timing of a camera file, or of `fallback` if the file does not exist.
 
-    Raises InputError if the file is wrong.
+    Raises:
+        InputError: the file is invalid.
     """
     camera = read_calibration(path) if path.exists() else fallback
     return SensorTiming(camera.readout_s, camera.depth_offset_s)
@@ -21,10 +22,20 @@ def read_timing(path: Path, fallback: CameraCalibration) -> SensorTiming:
 def save_timing(
     path: Path, fallback: CameraCalibration, timing: SensorTiming, heading: str
 ) -> Path | None:
-    """Put a timing into a camera file, or write one that is as the other otherwise.
+    """Change the timing in a camera file, or write a new file.
 
-    A file that was there is kept beside it, and its new name returned. Raises InputError if it is
-    no camera file, UserFacingError if the disk refuses; the old one is then still in place.
+    Args:
+        path: the camera file.
+        fallback: contents of a new file, except for the timing.
+        timing: the timing.
+        heading: comment at the top of a new file.
+
+    Returns:
+        The path of the backup of an existing file; None without one.
+
+    Raises:
+        InputError: the existing file is not a camera file.
+        UserFacingError: the disk fails; the existing file is then unchanged.
     """
     camera = replace(fallback, readout_s=timing.readout_s, depth_offset_s=timing.depth_offset_s)
     text = f"# {heading}\n{format_calibration(camera)}"
@@ -35,16 +46,18 @@ def save_timing(
 
 
 def replace_timing(text: str, timing: SensorTiming) -> str:
-    """A camera file's text with its two keys for the timing changed, or put behind the first."""
+    """Return a camera file's text with the timing's keys changed, or inserted after `schema`."""
     for key, value in (
         ("depth_offset_s", timing.depth_offset_s),
         ("readout_s", timing.readout_s),
     ):
         lines, numbers = text.split("\n"), find_key_lines(text)
         if (key,) in numbers:
-            at = numbers[(key,)] - 1
-            _, mark, comment = lines[at].partition("#")
-            lines[at] = f"{key} = {value!r}" + (f"  {mark}{comment}" if mark else "")
+            index = numbers[(key,)] - 1
+            _, comment_sign, comment = lines[index].partition("#")
+            lines[index] = f"{key} = {value!r}" + (
+                f"  {comment_sign}{comment}" if comment_sign else ""
+            )
         else:
             lines.insert(numbers[("schema",)], f"{key} = {value!r}")
         text = "\n".join(lines)

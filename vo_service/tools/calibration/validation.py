@@ -1,4 +1,4 @@
-"""Whether a calibration may be used: a camera file that is wrong is worse than none."""
+"""Validation of a calibration: a wrong camera file is worse than none."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ from vo_service.tools.calibration.coverage import CoverageGap
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
 from vo_service.tools.calibration.depth_model import ROTATION, TRANSLATION
 
-# Largest standard deviations that are saved; what is above half of one is told.
+# Maximum standard deviations of a saved calibration; above half of one there is a warning.
 MAX_FOCAL_SIGMA_PERCENT = 0.5
 MAX_CENTER_SIGMA_PX = 2.0
 MAX_ROTATION_SIGMA_DEG = 0.3
 MAX_TRANSLATION_SIGMA_MM = 5.0
 MAX_SCALE_SIGMA_PERCENT = 0.5
-# Corners of a flat board that is still are found to a tenth of a pixel.
+# Corners of a flat, still board are accurate to a tenth of a pixel.
 MAX_GOOD_RMS_PX = 0.7
 MIN_GOOD_VIEWS = 15
-# Two cameras are at least so far apart, or the depth is registered already.
+# With a smaller distance of the two cameras, the depth is already registered.
 MIN_CAMERA_DISTANCE_M = 0.008
 MAX_SAME_FOCAL_RATIO = 0.01
 
 
 @dataclass(frozen=True)
 class ParameterUncertainty:
-    """One figure's standard deviation and the largest that is good enough."""
+    """Standard deviation of one parameter, and its limit."""
 
     name: str
     sigma: float
@@ -40,16 +40,16 @@ class ParameterUncertainty:
 
 
 def validate_color(color: ColorCalibrationResult, gaps: Iterable[CoverageGap]) -> list[str]:
-    """Warnings. Raises UserFacingError if the views do not determine the camera."""
+    """Return warnings. Raises UserFacingError if the views do not determine the camera."""
     warnings = _check_uncertainties(
         "color", _lens_uncertainties(color.lens.fx, color.lens.fy, color.sigma), gaps
     )
     if len(color.views) < MIN_GOOD_VIEWS:
-        warnings.append(f"only {len(color.views)} views: 25 make a calibration that lasts")
+        warnings.append(f"only {len(color.views)} views; use 25 for a reliable calibration")
     if color.rms_px > MAX_GOOD_RMS_PX:
         warnings.append(
-            f"corners are {color.rms_px:.2f} px off: put the board on something flat and stiff, "
-            "hold it still, and see that --board and --square are right"
+            f"the error of the corners is {color.rms_px:.2f} px; fix the board to something flat "
+            "and stiff, hold it still, and check --board and --square"
         )
     return warnings
 
@@ -57,14 +57,15 @@ def validate_color(color: ColorCalibrationResult, gaps: Iterable[CoverageGap]) -
 def validate_depth(
     depth: DepthCalibrationResult, color: ColorCalibrationResult, gaps: Iterable[CoverageGap]
 ) -> list[str]:
-    """Warnings. Raises UserFacingError if the result is not to be used."""
+    """Return warnings. Raises UserFacingError if the result is not valid."""
     model = depth.model
-    gap_m = float(np.linalg.norm(model.vector[TRANSLATION]))
+    distance_m = float(np.linalg.norm(model.vector[TRANSLATION]))
     same_lens = abs(model.lens.fx / color.lens.fx - 1.0) < MAX_SAME_FOCAL_RATIO
-    if gap_m < MIN_CAMERA_DISTANCE_M and same_lens:
+    if distance_m < MIN_CAMERA_DISTANCE_M and same_lens:
         raise UserFacingError(
-            f"this depth is registered to color already (its camera would be {1e3 * gap_m:.0f} mm "
-            "from the color camera); leave out --depth, or record with --depth --keep"
+            "this depth is already registered to color (its camera would be "
+            f"{1e3 * distance_m:.0f} mm from the color camera); leave out --depth, or record with "
+            "--depth --keep"
         )
     return _check_uncertainties("depth", _depth_uncertainties(depth), gaps)
 
@@ -80,12 +81,16 @@ def _lens_uncertainties(fx: float, fy: float, sigma: Array) -> list[ParameterUnc
 
 def _depth_uncertainties(depth: DepthCalibrationResult) -> list[ParameterUncertainty]:
     sigma, lens = depth.sigma, depth.model.lens
-    turn_deg = float(np.degrees(np.linalg.norm(sigma[ROTATION])))
-    shift_mm = 1e3 * float(np.linalg.norm(sigma[TRANSLATION]))
+    rotation_deg = float(np.degrees(np.linalg.norm(sigma[ROTATION])))
+    translation_mm = 1e3 * float(np.linalg.norm(sigma[TRANSLATION]))
     return [
         *_lens_uncertainties(lens.fx, lens.fy, sigma),
-        ParameterUncertainty("angle between the cameras", turn_deg, MAX_ROTATION_SIGMA_DEG, "deg"),
-        ParameterUncertainty("offset of the cameras", shift_mm, MAX_TRANSLATION_SIGMA_MM, "mm"),
+        ParameterUncertainty(
+            "angle between the cameras", rotation_deg, MAX_ROTATION_SIGMA_DEG, "deg"
+        ),
+        ParameterUncertainty(
+            "offset of the cameras", translation_mm, MAX_TRANSLATION_SIGMA_MM, "mm"
+        ),
         ParameterUncertainty("scale", 100 * float(sigma[-1]), MAX_SCALE_SIGMA_PERCENT, "%"),
     ]
 
@@ -93,16 +98,17 @@ def _depth_uncertainties(depth: DepthCalibrationResult) -> list[ParameterUncerta
 def _check_uncertainties(
     camera: str, uncertainties: list[ParameterUncertainty], gaps: Iterable[CoverageGap]
 ) -> list[str]:
-    """Warnings about what is not certain. Raises UserFacingError if it is too little."""
-    remedies = [lack.remedy for lack in gaps] or ["take more views, each different"]
-    bad = [str(figure) for figure in uncertainties if not figure.sigma <= figure.limit]
+    """Return warnings for uncertain parameters. Raises UserFacingError above a limit."""
+    remedies = [gap.remedy for gap in gaps] or ["take more views, each different"]
+    bad = [str(parameter) for parameter in uncertainties if not parameter.sigma <= parameter.limit]
     if bad:
         raise UserFacingError(
             f"nothing is saved: the views do not determine the {camera} camera: {', '.join(bad)}; "
             f"{'; '.join(remedies[:3])}"
         )
     return [
-        f"the {camera} camera's {figure.name} is known to ±{figure.sigma:.2g} {figure.unit} only"
-        for figure in uncertainties
-        if figure.sigma > figure.limit / 2
+        f"the {camera} camera's {parameter.name} is uncertain: "
+        f"±{parameter.sigma:.2g} {parameter.unit}"
+        for parameter in uncertainties
+        if parameter.sigma > parameter.limit / 2
     ]

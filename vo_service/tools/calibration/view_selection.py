@@ -1,4 +1,4 @@
-"""Which snapshots become views: the board is still in them and not where it has been before."""
+"""Selection of views: snapshots with a still board at a new pose."""
 
 import math
 from dataclasses import dataclass
@@ -19,19 +19,19 @@ from vo_service.tools.calibration.snapshot import (
     solve_board_pose,
 )
 
-# Half a pixel from frame to frame blurs nothing; corners are found to a tenth.
+# Half a pixel from frame to frame causes no blur; corners are accurate to a tenth.
 MAX_STILL_SPEED_PX_S = 15.0
-# Two images further apart than this are photographs, not a film: each may be still.
+# Two images with a longer interval are photographs, not a video, so each counts as still.
 MAX_VIDEO_GAP_S = 0.5
-# A new view is this far from all others: in parts of the image's diagonal for the place and the
-# size, in radians of tilt.
+# Minimum distance of a new view from all others, with position relative to the image size,
+# logarithm of the distance, and tilt in radians.
 MIN_POSE_DISTANCE = 0.12
-# The usual focal length over the image's width, for a rough pose.
+# Typical ratio of focal length and image width, for an approximate pose.
 DEFAULT_FOCAL_RATIO = 525.0 / 640.0
 
 
 class ViewDecision(StrEnum):
-    """What became of a snapshot, as something to do for whoever holds the board."""
+    """Decision on a snapshot; the value is an instruction for the user."""
 
     NO_BOARD = "show the board"
     MOVING = "hold it still"
@@ -41,11 +41,12 @@ class ViewDecision(StrEnum):
 
 @dataclass(frozen=True)
 class BoardPose:
-    """How the board stood, roughly: the lens is not known yet.
+    """Approximate pose of the board, with a typical lens.
 
-    centre    (2,) of its corners, in parts of the image's width and height
-    distance  of its centre along the axis, metres
-    normal    (3,) in camera axes, towards the camera
+    Attributes:
+        center: (2,) mean of the corners, relative to the image's width and height.
+        distance_m: distance of the board's center along the optical axis.
+        normal: (3,) normal in optical axes, towards the camera.
     """
 
     center: Array
@@ -53,31 +54,32 @@ class BoardPose:
     normal: Array
 
     def vector(self) -> Array:
-        """(5,) for distances between stances."""
+        """Return a vector (5,) for distances between poses."""
         return np.array([*self.center, math.log(self.distance_m), *self.normal[:2]])
 
 
 def estimate_board_pose(view: BoardView) -> BoardPose:
-    """From the corners and a usual lens."""
+    """Estimate the pose from the corners and a typical lens."""
     width, height = view.size
     focal_px = DEFAULT_FOCAL_RATIO * width
     lens = Lens(focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, NO_DISTORTION)
     T_camera_board = solve_board_pose(lens, view.corners)
-    middle_m = view.corners.points_m.mean(axis=0)
-    centre_m = T_camera_board[:3, :3] @ middle_m + T_camera_board[:3, 3]
-    normal = T_camera_board[:3, 2] * -np.sign(T_camera_board[:3, 2] @ centre_m)
-    centre = view.corners.pixels.mean(axis=0) / (width, height)
-    return BoardPose(centre, max(float(centre_m[2]), 1e-3), normal)
+    board_center_m = view.corners.points_m.mean(axis=0)
+    center_m = T_camera_board[:3, :3] @ board_center_m + T_camera_board[:3, 3]
+    normal = T_camera_board[:3, 2] * -np.sign(T_camera_board[:3, 2] @ center_m)
+    center = view.corners.pixels.mean(axis=0) / (width, height)
+    return BoardPose(center, max(float(center_m[2]), 1e-3), normal)
 
 
 class ViewSelector:
-    """Takes snapshots one after another and keeps the views that tell something new.
+    """Selector of views with a still board at a new pose.
 
-    corners   of the snapshot offered last
-    views     that were kept, each with its
-    stances     rough place
-    offered   how many snapshots were looked at, and
-    showing     how many of them showed the board
+    Attributes:
+        corners: corners of the last snapshot.
+        views: accepted views.
+        board_poses: approximate pose of the board in each view.
+        snapshot_count: number of processed snapshots.
+        board_count: number of snapshots that showed the board.
     """
 
     def __init__(self, board: Board) -> None:
@@ -89,7 +91,7 @@ class ViewSelector:
         self.snapshot_count = self.board_count = 0
 
     def process(self, snapshot: Snapshot) -> ViewDecision:
-        """Look for the board; keep the view if it is still and new."""
+        """Find the board, and accept the view if it is still and new."""
         self.snapshot_count += 1
         corners = self.board.find_corners(snapshot.gray)
         is_still = self._is_still(snapshot.stamp_s, corners)
@@ -100,11 +102,11 @@ class ViewSelector:
         if not is_still:
             return ViewDecision.MOVING
         view = make_view(snapshot, corners)
-        found = estimate_board_pose(view)
-        if not self._is_new(found):
+        pose = estimate_board_pose(view)
+        if not self._is_new(pose):
             return ViewDecision.DUPLICATE
         self.views.append(view)
-        self.board_poses.append(found)
+        self.board_poses.append(pose)
         return ViewDecision.ACCEPTED
 
     def _is_still(self, stamp_s: float, corners: BoardCorners) -> bool:
@@ -115,28 +117,28 @@ class ViewSelector:
             return False
         return _median_shift_px(corners, self.corners) <= MAX_STILL_SPEED_PX_S * gap_s
 
-    def _is_new(self, found: BoardPose) -> bool:
-        here = found.vector()
+    def _is_new(self, pose: BoardPose) -> bool:
+        vector = pose.vector()
         return all(
-            np.linalg.norm(here - old.vector()) > MIN_POSE_DISTANCE for old in self.board_poses
+            np.linalg.norm(vector - old.vector()) > MIN_POSE_DISTANCE for old in self.board_poses
         )
 
 
 def _median_shift_px(corners: BoardCorners, before: BoardCorners) -> float:
-    """The median way of the corners that both have; infinite without any."""
-    now, then = _pixels_by_board_point(corners), _pixels_by_board_point(before)
-    both = now.keys() & then.keys()
-    if not both:
+    """Return the median shift of the common corners; infinite without any."""
+    current, previous = _pixels_by_board_point(corners), _pixels_by_board_point(before)
+    common = current.keys() & previous.keys()
+    if not common:
         return math.inf
-    return float(np.median([np.linalg.norm(now[key] - then[key]) for key in both]))
+    return float(np.median([np.linalg.norm(current[key] - previous[key]) for key in common]))
 
 
 def _pixels_by_board_point(corners: BoardCorners) -> dict[tuple[float, ...], Array]:
-    places = [tuple(point) for point in corners.points_m.tolist()]
-    return dict(zip(places, corners.pixels, strict=True))
+    points = [tuple(point) for point in corners.points_m.tolist()]
+    return dict(zip(points, corners.pixels, strict=True))
 
 
 def convex_outline(pixels: Array) -> NDArray[np.int32]:
-    """(K, 2) the convex hull of corners, in whole pixels."""
+    """Return the convex hull (K, 2) of corners, in whole pixels."""
     hull: NDArray[np.int32] = cv2.convexHull(np.rint(pixels).astype(np.int32)).reshape(-1, 2)  # type: ignore[assignment]
     return hull

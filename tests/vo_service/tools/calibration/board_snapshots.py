@@ -1,4 +1,4 @@
-"""One Kinect before one board, photographed in many places: the same for all tests."""
+"""Snapshots of one board by one Kinect, shared by all tests."""
 
 import hashlib
 import pickle
@@ -19,66 +19,66 @@ from vo_service.tools.calibration.snapshot import Snapshot
 # On A3.
 BOARD = Chessboard(BoardLayout(10, 7, 0.035))
 VIEWS = 26
-# Boards of this seed reach every part of the image, and are tilted every way.
+# With this seed, the boards reach every part of the image and have all tilts.
 SEED = 4
 FILE = "snapshots.pickle"
 
 
 def load_snapshots(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
-    """Color and depth; rendered once."""
-    folder = make_once(tmp_path_factory, "photographs", _render)
-    found: list[Snapshot] = pickle.loads((folder / FILE).read_bytes())
-    return found
+    """Load snapshots with color and depth, which are rendered once."""
+    folder = make_once(tmp_path_factory, "snapshots", _render)
+    snapshots: list[Snapshot] = pickle.loads((folder / FILE).read_bytes())
+    return snapshots
 
 
 def _render(folder: Path) -> None:
-    found = take_snapshots(BOARD, random_board_poses(BOARD, VIEWS, SEED), with_depth=True)
-    (folder / FILE).write_bytes(pickle.dumps(found))
+    snapshots = take_snapshots(BOARD, random_board_poses(BOARD, VIEWS, SEED), with_depth=True)
+    (folder / FILE).write_bytes(pickle.dumps(snapshots))
 
 
 @contextmanager
 def each_image_is_searched_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Most tests see the same images, and what takes the time is to find the board in them.
+    """Cache the detected corners of each image, because detection takes most of the tests' time.
 
-    In the photographs it is found once for all of pytest's processes.
+    In the snapshots, corners are detected once for all processes of pytest.
     """
-    find = Chessboard.find_corners
-    known: dict[tuple[int, int, bytes], BoardCorners] = {}
+    detect = Chessboard.find_corners
+    cache: dict[tuple[int, int, bytes], BoardCorners] = {}
 
-    def remembered(board: Chessboard, gray: GrayImage) -> BoardCorners:
+    def find_cached(board: Chessboard, gray: GrayImage) -> BoardCorners:
         image = hashlib.sha256(gray.tobytes()).digest()
         key = board.layout.columns, board.layout.rows, image
-        if key not in known:
-            known[key] = find(board, gray)
-        found = known[key]
-        points_m = board.layout.inner_corners_m  # whatever the side of its squares
-        return replace(found, points_m=points_m) if len(found.pixels) else found
+        if key not in cache:
+            cache[key] = detect(board, gray)
+        corners = cache[key]
+        points_m = board.layout.inner_corners_m  # the side of the squares may differ
+        return replace(corners, points_m=points_m) if len(corners.pixels) else corners
 
     def search(folder: Path) -> None:
-        for photograph in load_snapshots(tmp_path_factory):
-            remembered(BOARD, photograph.gray)
-        (folder / FILE).write_bytes(pickle.dumps(known))
+        for snapshot in load_snapshots(tmp_path_factory):
+            find_cached(BOARD, snapshot.gray)
+        (folder / FILE).write_bytes(pickle.dumps(cache))
 
     folder = make_once(tmp_path_factory, "searched", search)
-    known |= pickle.loads((folder / FILE).read_bytes())
+    cache |= pickle.loads((folder / FILE).read_bytes())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Chessboard, "find_corners", remembered)
+        patch.setattr(Chessboard, "find_corners", find_cached)
         yield
 
 
 def record_snapshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The photographs as a recording of unregistered depth in millimetres; leave it as it is."""
-    photographs = load_snapshots(tmp_path_factory)
+    """Record the snapshots with unregistered depth in millimeters; tests must not change it."""
+    snapshots = load_snapshots(tmp_path_factory)
 
     def record(folder: Path) -> None:
         for name in ("rgb", "depth"):
             (folder / name).mkdir()
         lines = []
-        for each in photographs:
-            file = f"{each.stamp_s:.6f}.png"
-            assert cv2.imwrite(str(folder / "rgb" / file), each.color_bgr)
-            assert cv2.imwrite(str(folder / "depth" / file), each.depth_raw)
-            lines.append(f"{each.stamp_s} rgb/{file} {each.stamp_s} depth/{file}\n")
+        for snapshot in snapshots:
+            file = f"{snapshot.stamp_s:.6f}.png"
+            assert cv2.imwrite(str(folder / "rgb" / file), snapshot.color_bgr)
+            assert cv2.imwrite(str(folder / "depth" / file), snapshot.depth_raw)
+            lines.append(f"{snapshot.stamp_s} rgb/{file} {snapshot.stamp_s} depth/{file}\n")
         (folder / "associations.txt").write_text("".join(lines))
 
     return make_once(tmp_path_factory, "boards", record)

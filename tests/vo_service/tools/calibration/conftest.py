@@ -1,4 +1,4 @@
-"""One Kinect before one board, rendered and calibrated once."""
+"""Rendered snapshots of a board and their calibration, shared by all tests."""
 
 import pickle
 from collections.abc import Sequence
@@ -24,51 +24,51 @@ FILE = "calibrated.pickle"
 
 @pytest.fixture(scope="session")
 def board() -> Chessboard:
-    """A chessboard on A3."""
+    """Chessboard on A3."""
     return BOARD
 
 
 @pytest.fixture(scope="session")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
-    """Of the board in many places, color and depth."""
+    """Snapshots of the board in many places, color and depth."""
     return load_snapshots(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")
-def calibrated(
+def calibrated_kinect(
     board: Chessboard,
     photographs: Sequence[Snapshot],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> CalibratedKinect:
-    """Found and fitted once for all of pytest's processes."""
+    """Views and calibration, computed once for all processes of pytest."""
 
     def calibrate(folder: Path) -> None:
-        picker = ViewSelector(board)
+        selector = ViewSelector(board)
         with each_image_is_searched_once(tmp_path_factory):
-            for photograph in photographs:
-                picker.process(photograph)
-        color = calibrate_color(picker.views)
+            for snapshot in photographs:
+                selector.process(snapshot)
+        color = calibrate_color(selector.views)
         depth = calibrate_depth(color, board.layout, 1000.0, lambda done, total: None)
-        (folder / FILE).write_bytes(pickle.dumps((picker, color, depth)))
+        (folder / FILE).write_bytes(pickle.dumps((selector, color, depth)))
 
     folder = make_once(tmp_path_factory, "calibrated", calibrate)
-    found: CalibratedKinect = pickle.loads((folder / FILE).read_bytes())
-    return found
+    result: CalibratedKinect = pickle.loads((folder / FILE).read_bytes())
+    return result
 
 
 @pytest.fixture(scope="session")
-def picker(calibrated: CalibratedKinect) -> ViewSelector:
-    """After all photographs."""
-    return calibrated[0]
+def selector(calibrated_kinect: CalibratedKinect) -> ViewSelector:
+    """The view selector after all snapshots."""
+    return calibrated_kinect[0]
 
 
 @pytest.fixture(scope="session")
-def color(calibrated: CalibratedKinect) -> ColorCalibrationResult:
-    """The color camera from the photographs."""
-    return calibrated[1]
+def color(calibrated_kinect: CalibratedKinect) -> ColorCalibrationResult:
+    """The color camera, calibrated from the snapshots."""
+    return calibrated_kinect[1]
 
 
 @pytest.fixture(scope="session")
-def depth(calibrated: CalibratedKinect) -> DepthCalibrationResult:
-    """The depth camera from the photographs."""
-    return calibrated[2]
+def depth(calibrated_kinect: CalibratedKinect) -> DepthCalibrationResult:
+    """The depth camera, calibrated from the snapshots."""
+    return calibrated_kinect[2]

@@ -1,4 +1,4 @@
-"""A camera that is shaken in a corner of a painted room, each row seen at its own time."""
+"""Rendered rolling-shutter sequences of a shaken camera."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,36 +17,36 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 
 SMALL = PinholeCamera(208, 156, 190.0, 190.0, 103.5, 77.5)
 PERIOD_S = 0.55
-# More than the longest gap within a piece.
+# More than the maximum gap within a segment.
 PAUSE_S = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class ShakenCamera(MovingCamera):
-    """To and fro along the twist of the velocity, which is the highest one, and aside as well."""
+    """Camera that moves to and fro along the twist of the maximum velocity, and sideways."""
 
     def pose_at(self, time_s: float) -> Array:
         """4x4 T_world_camera."""
         w = 2 * np.pi / PERIOD_S
-        first = np.sin(w * time_s) / w * self.velocity
-        second = np.sin(0.7 * w * time_s + 1.0) / w * np.roll(self.velocity, 1)
-        return self.T_world_start @ series_exponential(first + second)
+        forward = np.sin(w * time_s) / w * self.velocity
+        sideways = np.sin(0.7 * w * time_s + 1.0) / w * np.roll(self.velocity, 1)
+        return self.T_world_start @ series_exponential(forward + sideways)
 
 
 FAST_SHAKING = ShakenCamera(np.array([0.25, -0.2, 0.15, -0.6, 0.8, 0.4]))
 
 
 def render_segment(readout_s: float, skew_s: float, frames: int = 32) -> list[RgbdFrame]:
-    """With noise; the stamps claim that depth was taken with color."""
-    film = [
+    """Render a noisy segment; its stamps show no readout and no skew."""
+    frames_exact = [
         render_view(FAST_SHAKING, n / 30, readout_s=readout_s, skew_s=skew_s, camera=SMALL)
         for n in range(frames)
     ]
-    return [replace(add_noise(f, n), readout_s=0.0, skew_s=0.0) for n, f in enumerate(film)]
+    return [replace(add_noise(f, n), readout_s=0.0, skew_s=0.0) for n, f in enumerate(frames_exact)]
 
 
 def record_repeated(folder: Path, segment: list[RgbdFrame], times: int) -> Path:
-    """A recording of the same piece so many times, with a pause between."""
+    """Record the same segment several times, with pauses in between."""
     length_s = segment[-1].stamp_s - segment[0].stamp_s + PAUSE_S
     with TumWriter(folder) as writer:
         for n in range(times):

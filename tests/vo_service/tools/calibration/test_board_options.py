@@ -1,4 +1,4 @@
-"""What can be wrong about a board on the command line."""
+"""Options for the board and their errors."""
 
 import pytest
 
@@ -20,17 +20,20 @@ def test_a_charuco_board_is_given_by_its_squares() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
-        (BoardOptions("chess:9x6", 0.025, None, "4X4_100"), "chess:9x6: is no board; write chessb"),
-        (BoardOptions("chessboard:9", 0.025, None, "4X4_100"), "chessboard:9: is no board"),
-        (BoardOptions("chessboard:9x2", 0.025, None, "4X4_100"), "give 3 to 100 each way"),
+        (
+            BoardOptions("chess:9x6", 0.025, None, "4X4_100"),
+            "chess:9x6: is not a board; write chessb",
+        ),
+        (BoardOptions("chessboard:9", 0.025, None, "4X4_100"), "chessboard:9: is not a board"),
+        (BoardOptions("chessboard:9x2", 0.025, None, "4X4_100"), "use 3 to 100 columns and rows"),
         (BoardOptions("chessboard:9x6", None, None, "4X4_100"), "--square is missing: measure a"),
-        (BoardOptions("charuco:8x6", 0.04, 0.04, "4X4_100"), "a marker is smaller than its square"),
+        (BoardOptions("charuco:8x6", 0.04, 0.04, "4X4_100"), "must be smaller than the square"),
         (BoardOptions("charuco:8x6", 0.04, None, "9X9"), "--dictionary 9X9: is unknown; use one"),
     ],
 )
-def test_a_mistake_is_named(options: BoardOptions, said: str) -> None:
+def test_a_wrong_option_is_named(options: BoardOptions, message: str) -> None:
     with pytest.raises(InputError) as caught:
         make_board(options)
-    assert said in str(caught.value)
+    assert message in str(caught.value)

@@ -1,4 +1,4 @@
-"""The printed board: its size on paper is what it says."""
+"""The printed board has the correct size."""
 
 from pathlib import Path
 
@@ -14,16 +14,14 @@ from vo_service.tools.calibration.chessboard import Chessboard
 
 CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.025))
 CHARUCO = Charuco(BoardLayout(8, 6, 0.030), 0.021, "4X4_100")
-# Scanned with a third of the dots.
+# The scan has a third of the resolution.
 SCAN = 3
 AREA = cv2.INTER_AREA
 DOTS_PER_MM = DOTS_PER_INCH / 25.4
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
-def test_the_squares_on_paper_have_the_size_that_was_asked_for(
-    board: Board, tmp_path: Path
-) -> None:
+def test_the_squares_on_paper_have_the_requested_size(board: Board, tmp_path: Path) -> None:
     assert print_board(board, tmp_path / "board.png") == "A4"
     page = cv2.imread(str(tmp_path / "board.png"), cv2.IMREAD_GRAYSCALE)
     assert page is not None
@@ -35,25 +33,25 @@ def test_the_squares_on_paper_have_the_size_that_was_asked_for(
     assert len(corners.pixels) == len(board.layout.inner_corners_m)
     on_paper_mm = (corners.pixels - corners.pixels[0]) * SCAN / DOTS_PER_MM
     on_board_mm = 1e3 * (corners.points_m - corners.points_m[0])[:, :2]
-    flipped = np.abs(on_paper_mm) - np.abs(on_board_mm)
-    assert np.abs(flipped).max() < 0.1
+    errors_mm = np.abs(on_paper_mm) - np.abs(on_board_mm)
+    assert np.abs(errors_mm).max() < 0.1
 
 
-def test_the_ruler_is_a_hundred_millimetres_long(tmp_path: Path) -> None:
+def test_the_ruler_is_a_hundred_millimeters_long(tmp_path: Path) -> None:
     print_board(CHESSBOARD, tmp_path / "board.png")
     page = cv2.imread(str(tmp_path / "board.png"), cv2.IMREAD_GRAYSCALE)
     assert page is not None
-    below = page[round(2480 - 14 * DOTS_PER_MM) : round(2480 - 12 * DOTS_PER_MM)]
-    longest = max(
+    rows = page[round(2480 - 14 * DOTS_PER_MM) : round(2480 - 12 * DOTS_PER_MM)]
+    length = max(
         np.diff(np.flatnonzero(np.diff((row > 128).astype(int)))).max()
-        for row in below
+        for row in rows
         if (row < 128).any()
     )
-    assert longest / DOTS_PER_MM == pytest.approx(100.0, abs=0.3)
+    assert length / DOTS_PER_MM == pytest.approx(100.0, abs=0.3)
 
 
 @pytest.mark.parametrize(("suffix", "begin"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
-def test_it_can_be_printed_from_a_drawing(suffix: str, begin: bytes, tmp_path: Path) -> None:
+def test_it_can_be_a_vector_drawing(suffix: str, begin: bytes, tmp_path: Path) -> None:
     file = tmp_path / f"board.{suffix}"
     print_board(CHESSBOARD, file)
     assert file.read_bytes().startswith(begin)
@@ -67,12 +65,14 @@ def test_it_can_be_printed_from_a_drawing(suffix: str, begin: bytes, tmp_path: P
         (BoardLayout(10, 7, 0.1), "1016 x 729 mm"),
     ],
 )
-def test_the_smallest_paper_that_takes_it_is_named(layout: BoardLayout, name: str) -> None:
+def test_the_smallest_suitable_paper_is_named(layout: BoardLayout, name: str) -> None:
     assert choose_paper(Chessboard(layout))[0] == name
 
 
-def test_another_format_or_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"board\.gif: a board to print is \.pdf, \.svg, \.png"):
+def test_another_format_or_a_missing_folder_is_rejected(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"board\.gif: the file name must end in \.pdf, \.svg, \.png"
+    ):
         print_board(CHESSBOARD, tmp_path / "board.gif")
     with pytest.raises(InputError, match="there is no folder"):
         print_board(CHESSBOARD, tmp_path / "none" / "board.pdf")

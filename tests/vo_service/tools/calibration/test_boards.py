@@ -1,4 +1,4 @@
-"""Boards in images: corners to a tenth of a pixel, or none."""
+"""Detection of boards: corners to a tenth of a pixel, or none."""
 
 import cv2
 import numpy as np
@@ -28,9 +28,9 @@ def gray_image(board: Board, T_color_board: Array) -> NDArray[np.uint8]:
 
 def error_px(corners: BoardCorners, T_color_board: Array) -> Array:
     true = COLOR_LENS.project(T_color_board, corners.points_m)
-    # A board that looks the same upside down may be found so.
-    ways = (corners.pixels - true, corners.pixels[::-1] - true)
-    errors = [np.linalg.norm(way, axis=1) for way in ways]
+    # A symmetric board may be detected upside down.
+    orders = (corners.pixels - true, corners.pixels[::-1] - true)
+    errors = [np.linalg.norm(order, axis=1) for order in orders]
     return min(errors, key=lambda each: float(each.mean()))
 
 
@@ -42,7 +42,7 @@ def test_all_corners_of_a_chessboard_are_found(seed: int) -> None:
     assert np.sqrt((errors**2).mean()) < 0.15
 
 
-def test_a_charuco_board_is_found_though_half_of_it_is_outside() -> None:
+def test_a_charuco_board_is_found_with_half_of_it_outside() -> None:
     T = rigid_transform(so3_exp([0.2, 0.3, 0.1]), [0.05, -0.12, 0.6])
     corners = CHARUCO.find_corners(gray_image(CHARUCO, T))
     assert 12 <= len(corners.pixels) < 35
@@ -50,16 +50,16 @@ def test_a_charuco_board_is_found_though_half_of_it_is_outside() -> None:
     assert np.median(errors) < 0.12
 
 
-def test_a_charuco_board_as_older_versions_of_opencv_drew_it_is_found() -> None:
-    drawn = aruco.CharucoBoard((8, 6), 0.045, 0.031, aruco.getPredefinedDictionary(0))
-    drawn.setLegacyPattern(True)
-    image = np.asarray(drawn.generateImage((640, 480), marginSize=40), np.uint8)
+def test_a_charuco_board_of_older_opencv_versions_is_found() -> None:
+    legacy_board = aruco.CharucoBoard((8, 6), 0.045, 0.031, aruco.getPredefinedDictionary(0))
+    legacy_board.setLegacyPattern(True)
+    image = np.asarray(legacy_board.generateImage((640, 480), marginSize=40), np.uint8)
     board = Charuco(CHARUCO.layout, CHARUCO.marker_m, "4X4_50")
     assert len(board.find_corners(image).pixels) == 35
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
-def test_where_there_is_no_board_there_are_no_corners(board: Board) -> None:
+def test_without_a_board_there_are_no_corners(board: Board) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
     smooth = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3.0), np.uint8)
     assert not len(board.find_corners(noise).pixels)
@@ -67,12 +67,12 @@ def test_where_there_is_no_board_there_are_no_corners(board: Board) -> None:
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
-def test_a_board_too_far_away_to_be_measured_is_left_alone(board: Board) -> None:
+def test_a_board_too_far_away_has_no_corners(board: Board) -> None:
     T = rigid_transform(np.eye(3), [-0.17, -0.12, 4.0])
     assert not len(board.find_corners(gray_image(board, T)).pixels)
 
 
-def test_another_chessboard_is_named_as_the_option_has_it() -> None:
+def test_another_chessboard_is_suggested_as_an_option() -> None:
     other = Chessboard(BoardLayout(9, 7, 0.035))
     image = gray_image(CHESSBOARD, STRAIGHT)
     assert not len(other.find_corners(image).pixels)
@@ -80,20 +80,20 @@ def test_another_chessboard_is_named_as_the_option_has_it() -> None:
     assert CHESSBOARD.suggest_other_board(image) == ""
 
 
-def test_another_dictionary_is_named_as_the_option_has_it() -> None:
+def test_another_dictionary_is_suggested_as_an_option() -> None:
     other = Charuco(CHARUCO.layout, CHARUCO.marker_m, "6X6_50")
     image = gray_image(CHARUCO, rigid_transform(np.eye(3), [-0.17, -0.12, 0.6]))
     assert not len(other.find_corners(image).pixels)
     assert other.suggest_other_board(image).startswith("charuco:8x6 --dictionary 4X4_")
 
 
-def test_a_board_with_more_markers_than_its_dictionary_is_refused() -> None:
+def test_a_board_with_more_markers_than_its_dictionary_is_rejected() -> None:
     with pytest.raises(InputError, match="has 50 markers, the board needs 60"):
         Charuco(BoardLayout(12, 10, 0.02), 0.014, "4X4_50")
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
-def test_half_of_a_board_is_printed_black_more_or_less(board: Board) -> None:
+def test_about_half_of_a_board_is_printed_black(board: Board) -> None:
     _, _, width_m, height_m = board.dark_cells_m().T
     layout = board.layout
     assert 0.45 < (width_m * height_m).sum() / (layout.width_m * layout.height_m) < 0.75

@@ -1,4 +1,4 @@
-"""The camera file, the table and the picture of a calibration."""
+"""Camera file, table and figure of a calibration."""
 
 import json
 from pathlib import Path
@@ -27,31 +27,31 @@ def calibration(
     return CalibrationResult(board, DepthUnits(1000.0, 0.02), color, [depth], ["a warning"])
 
 
-def test_the_camera_file_holds_what_was_found(
-    calibration: CalibrationResult, tmp_path: Path
-) -> None:
+def test_the_camera_file_has_the_result(calibration: CalibrationResult, tmp_path: Path) -> None:
     save_camera_file(tmp_path / "camera.toml", calibration.camera_calibration, "a heading")
     read = read_calibration(tmp_path / "camera.toml")
     assert read == calibration.camera_calibration
     assert (read.depth_factor, read.readout_s) == (1000.0, 0.02)
     assert read.fx == pytest.approx(calibration.color.lens.fx, abs=1e-4)
     assert read.depth is not None
-    found = calibration.depth[0].model.T_color_depth
-    np.testing.assert_allclose(read.depth.T_color_depth.matrix, found, atol=1e-6)
+    expected = calibration.depth[0].model.T_color_depth
+    np.testing.assert_allclose(read.depth.T_color_depth.matrix, expected, atol=1e-6)
 
 
-def test_a_file_that_is_there_is_kept(calibration: CalibrationResult, tmp_path: Path) -> None:
+def test_an_existing_file_is_kept_as_a_backup(
+    calibration: CalibrationResult, tmp_path: Path
+) -> None:
     file = tmp_path / "camera.toml"
     assert save_camera_file(file, calibration.camera_calibration, "first") is None
     before = file.read_bytes()
-    kept = save_camera_file(file, calibration.camera_calibration, "second")
-    assert kept == tmp_path / "camera.toml.bak"
-    assert kept.read_bytes() == before
+    backup = save_camera_file(file, calibration.camera_calibration, "second")
+    assert backup == tmp_path / "camera.toml.bak"
+    assert backup.read_bytes() == before
     assert file.read_text().startswith("# second\nschema = 1\n")
     assert {path.name for path in tmp_path.iterdir()} == {"camera.toml", "camera.toml.bak"}
 
 
-def test_a_file_behind_a_link_is_written_where_the_link_points(
+def test_a_file_behind_a_link_is_written_at_its_target(
     calibration: CalibrationResult, tmp_path: Path
 ) -> None:
     (tmp_path / "real").mkdir()
@@ -62,9 +62,9 @@ def test_a_file_behind_a_link_is_written_where_the_link_points(
     assert read_calibration(tmp_path / "real" / "camera.toml") == calibration.camera_calibration
 
 
-def test_where_nothing_can_be_written_is_known_beforehand(tmp_path: Path) -> None:
-    for path, said in ((tmp_path, "is a folder"), (tmp_path / "a" / "b", "there is no folder")):
-        with pytest.raises(InputError, match=said):
+def test_an_unwritable_path_is_rejected_at_once(tmp_path: Path) -> None:
+    for path, message in ((tmp_path, "is a folder"), (tmp_path / "a" / "b", "there is no folder")):
+        with pytest.raises(InputError, match=message):
             check_writable(path)
 
 
@@ -78,15 +78,15 @@ def test_the_table_shows_both_cameras(calibration: CalibrationResult) -> None:
     assert all(line == line.rstrip() for line in table.splitlines())
 
 
-def test_programs_get_numbers(calibration: CalibrationResult) -> None:
-    told = json.loads(json.dumps(calibration.as_json()))
-    assert told["color"]["fx"] == calibration.color.lens.fx
-    assert set(told["color"]["sigma"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"}
-    assert told["depth"]["translation_m"][0] == pytest.approx(-0.025, abs=0.002)
-    assert told["warnings"] == ["a warning"]
+def test_the_json_has_numbers(calibration: CalibrationResult) -> None:
+    content = json.loads(json.dumps(calibration.as_json()))
+    assert content["color"]["fx"] == calibration.color.lens.fx
+    assert set(content["color"]["sigma"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"}
+    assert content["depth"]["translation_m"][0] == pytest.approx(-0.025, abs=0.002)
+    assert content["warnings"] == ["a warning"]
 
 
-def test_the_picture_has_two_plots_a_camera(calibration: CalibrationResult) -> None:
+def test_the_figure_has_two_plots_per_camera(calibration: CalibrationResult) -> None:
     figure = draw_plot(calibration)
     titles = [plot.get_title() for plot in figure.axes]
     assert titles[0].startswith("corners, and 0.")
@@ -94,13 +94,13 @@ def test_the_picture_has_two_plots_a_camera(calibration: CalibrationResult) -> N
 
 
 @pytest.mark.parametrize("name", ["coverage.png", "coverage.svg"])
-def test_the_picture_is_written(calibration: CalibrationResult, tmp_path: Path, name: str) -> None:
+def test_the_figure_is_written(calibration: CalibrationResult, tmp_path: Path, name: str) -> None:
     write_plot(tmp_path / name, calibration)
     if name.endswith(".png"):
         assert cv2.imread(str(tmp_path / name)) is not None
     assert (tmp_path / name).stat().st_size > 10_000
 
 
-def test_another_picture_format_is_refused(calibration: CalibrationResult, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a picture is \.png or \.svg"):
+def test_another_figure_format_is_rejected(calibration: CalibrationResult, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the file name must end in \.png or \.svg"):
         write_plot(tmp_path / "coverage.gif", calibration)

@@ -1,4 +1,4 @@
-"""The color camera from rendered boards."""
+"""Calibration of the color camera from rendered boards."""
 
 from dataclasses import replace
 
@@ -18,20 +18,20 @@ from vo_service.tools.calibration.color_camera import ColorCalibrationResult, ca
 from vo_service.tools.calibration.snapshot import BoardView, Lens
 from vo_service.tools.calibration.view_selection import ViewSelector
 
-NO_BEND = replace(COLOR_LENS, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
+NO_DISTORTION = replace(COLOR_LENS, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def intrinsics(lens: Lens) -> Array:
     return np.array([lens.fx, lens.fy, lens.cx, lens.cy])
 
 
-def moved(view: BoardView, shift_px: Array) -> BoardView:
+def shift_corners(view: BoardView, shift_px: Array) -> BoardView:
     return replace(
         view, corners=BoardCorners(view.corners.pixels + shift_px, view.corners.points_m)
     )
 
 
-def test_intrinsics_are_found_within_a_pixel_and_half_a_per_cent(
+def test_intrinsics_are_accurate_to_a_pixel_and_half_a_percent(
     color: ColorCalibrationResult,
 ) -> None:
     error = intrinsics(color.lens) - intrinsics(COLOR_LENS)
@@ -41,16 +41,16 @@ def test_intrinsics_are_found_within_a_pixel_and_half_a_per_cent(
     assert color.rejected == []
 
 
-def test_rays_go_within_a_pixel_of_where_they_should_all_over_the_image(
+def test_projections_are_accurate_to_a_pixel_in_the_whole_image(
     color: ColorCalibrationResult,
 ) -> None:
     x, y = np.meshgrid(np.linspace(-0.55, 0.55, 12), np.linspace(-0.42, 0.42, 10))
     rays = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
-    found, true = color.lens.project(np.eye(4), rays), COLOR_LENS.project(np.eye(4), rays)
-    assert np.linalg.norm(found - true, axis=1).max() < 1.0
+    actual, true = color.lens.project(np.eye(4), rays), COLOR_LENS.project(np.eye(4), rays)
+    assert np.linalg.norm(actual - true, axis=1).max() < 1.0
 
 
-def test_the_standard_deviations_are_the_errors_order_of_size(
+def test_the_standard_deviations_have_the_size_of_the_errors(
     color: ColorCalibrationResult,
 ) -> None:
     error = np.abs(intrinsics(color.lens) - intrinsics(COLOR_LENS))
@@ -58,40 +58,43 @@ def test_the_standard_deviations_are_the_errors_order_of_size(
     assert np.all(color.sigma[:4] < 1.0)
 
 
-def test_a_coefficient_that_cannot_be_told_is_left_out(board: Chessboard) -> None:
-    found = calibrate_color(
-        RenderedKinect(color=NO_BEND).make_views(board, random_board_poses(board, 15, 1))
+def test_an_insignificant_coefficient_is_left_out(board: Chessboard) -> None:
+    result = calibrate_color(
+        RenderedKinect(color=NO_DISTORTION).make_views(board, random_board_poses(board, 15, 1))
     )
-    assert found.lens.distortion[-1] == 0.0
+    assert result.lens.distortion[-1] == 0.0
 
 
-def test_a_board_that_moved_is_left_out_and_named(picker: ViewSelector) -> None:
-    bent = np.zeros((54, 2))
-    bent[::2] = 3.0
-    views = [*picker.views[:14], moved(replace(picker.views[14], name="wrong"), bent)]
-    found = calibrate_color(views)
-    assert found.rejected == ["wrong"]
-    assert found.rms_px < 0.15
+def test_a_view_of_a_moved_board_is_rejected_and_named(selector: ViewSelector) -> None:
+    shift_px = np.zeros((54, 2))
+    shift_px[::2] = 3.0
+    views = [
+        *selector.views[:14],
+        shift_corners(replace(selector.views[14], name="wrong"), shift_px),
+    ]
+    result = calibrate_color(views)
+    assert result.rejected == ["wrong"]
+    assert result.rms_px < 0.15
 
 
-def test_a_corner_behind_a_finger_is_left_out(picker: ViewSelector) -> None:
-    wrong = np.zeros((54, 2))
-    wrong[17] = (1.0, -0.6)
-    found = calibrate_color([*picker.views[:19], moved(picker.views[19], wrong)])
-    assert len(found.views) == 20
-    assert len(found.views[-1].corners.pixels) == 53
+def test_a_wrong_corner_is_left_out(selector: ViewSelector) -> None:
+    shift_px = np.zeros((54, 2))
+    shift_px[17] = (1.0, -0.6)
+    result = calibrate_color([*selector.views[:19], shift_corners(selector.views[19], shift_px)])
+    assert len(result.views) == 20
+    assert len(result.views[-1].corners.pixels) == 53
 
 
 @pytest.mark.parametrize("count", [0, 5])
-def test_too_few_views_are_refused(picker: ViewSelector, count: int) -> None:
+def test_too_few_views_are_rejected(selector: ViewSelector, count: int) -> None:
     with pytest.raises(UserFacingError, match=f"only {count} different views .* at least 6"):
-        calibrate_color(picker.views[:count])
+        calibrate_color(selector.views[:count])
 
 
-def test_views_may_show_different_corners(picker: ViewSelector) -> None:
-    partly = [
+def test_views_may_show_different_corners(selector: ViewSelector) -> None:
+    partial_views = [
         replace(v, corners=BoardCorners(v.corners.pixels[n % 7 :], v.corners.points_m[n % 7 :]))
-        for n, v in enumerate(picker.views)
+        for n, v in enumerate(selector.views)
     ]
-    error = intrinsics(calibrate_color(partly).lens) - intrinsics(COLOR_LENS)
+    error = intrinsics(calibrate_color(partial_views).lens) - intrinsics(COLOR_LENS)
     assert np.abs(error).max() < 1.0

@@ -1,4 +1,4 @@
-"""The depth camera from planes that are read with a Kinect's noise and quantisation."""
+"""Calibration of the depth camera from planes with a Kinect's noise and quantization."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,11 +25,11 @@ from vo_service.tools.calibration.validation import validate_depth
 TRUE_SCALE = RenderedKinect().depth_scale
 
 
-def silent(done: int, total: int) -> None:
+def ignore_progress(done: int, total: int) -> None:
     pass
 
 
-def test_its_intrinsics_are_found_within_a_pixel_and_half_a_per_cent(
+def test_its_intrinsics_are_accurate_to_a_pixel_and_half_a_percent(
     depth: DepthCalibrationResult,
 ) -> None:
     lens = depth.model.lens
@@ -39,17 +39,17 @@ def test_its_intrinsics_are_found_within_a_pixel_and_half_a_per_cent(
     assert lens.cy == pytest.approx(DEPTH_LENS.cy, abs=1.0)
 
 
-def test_its_place_beside_the_color_camera_is_found(depth: DepthCalibrationResult) -> None:
+def test_its_pose_relative_to_the_color_camera_is_accurate(depth: DepthCalibrationResult) -> None:
     error = inverse(T_COLOR_DEPTH) @ depth.model.T_color_depth
     assert np.linalg.norm(error[:3, 3]) < 0.002
     assert np.degrees(rotation_angle_rad(error[:3, :3])) < 0.2
 
 
-def test_the_scale_is_found_within_half_a_per_cent(depth: DepthCalibrationResult) -> None:
+def test_the_scale_is_accurate_to_half_a_percent(depth: DepthCalibrationResult) -> None:
     assert depth.model.scale == pytest.approx(TRUE_SCALE, rel=0.005)
 
 
-def test_the_standard_deviations_are_the_errors_order_of_size(
+def test_the_standard_deviations_have_the_size_of_the_errors(
     depth: DepthCalibrationResult,
 ) -> None:
     true = np.array([DEPTH_LENS.fx, DEPTH_LENS.fy, DEPTH_LENS.cx, DEPTH_LENS.cy])
@@ -58,17 +58,17 @@ def test_the_standard_deviations_are_the_errors_order_of_size(
     assert np.all(depth.sigma[:4] < 1.0)
 
 
-def test_a_lens_that_does_not_bend_gets_no_distortion(depth: DepthCalibrationResult) -> None:
+def test_an_undistorted_lens_gets_no_distortion(depth: DepthCalibrationResult) -> None:
     assert depth.calibration.distortion == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def test_depth_is_off_the_boards_by_the_sensors_noise(depth: DepthCalibrationResult) -> None:
+def test_the_residuals_are_the_sensors_noise(depth: DepthCalibrationResult) -> None:
     assert 0.0005 < depth.rms_m < 0.003
     assert depth.is_used.mean() > 0.99
     assert abs(float(np.median(depth.residuals_m))) < 0.0005
 
 
-def test_the_table_holds_what_was_found(depth: DepthCalibrationResult) -> None:
+def test_the_table_has_the_result(depth: DepthCalibrationResult) -> None:
     table: DepthCameraCalibration = depth.calibration
     np.testing.assert_allclose(table.T_color_depth.matrix, depth.model.T_color_depth, atol=1e-12)
     assert (table.width, table.height) == (640, 480)
@@ -76,17 +76,17 @@ def test_the_table_holds_what_was_found(depth: DepthCalibrationResult) -> None:
 
 
 @pytest.mark.slow
-def test_a_lens_that_bends_is_found_all_over_the_image(board: Chessboard) -> None:
-    bent = RenderedKinect(depth=replace(DEPTH_LENS, distortion=(-0.12, 0.2, 0.0, 0.0, 0.0)))
-    color = calibrate_color(bent.make_views(board, random_board_poses(board, 24, 6)))
-    found = calibrate_depth(color, board.layout, 1000.0, silent).model.lens
+def test_a_distorted_lens_is_accurate_in_the_whole_image(board: Chessboard) -> None:
+    distorted = RenderedKinect(depth=replace(DEPTH_LENS, distortion=(-0.12, 0.2, 0.0, 0.0, 0.0)))
+    color = calibrate_color(distorted.make_views(board, random_board_poses(board, 24, 6)))
+    lens = calibrate_depth(color, board.layout, 1000.0, ignore_progress).model.lens
     rays = np.column_stack([*np.mgrid[-0.5:0.5:8j, -0.4:0.4:8j].reshape(2, -1), np.ones(64)])
-    shift = found.project(np.eye(4), rays) - bent.depth.project(np.eye(4), rays)
-    assert found.distortion[0] < -0.05
+    shift = lens.project(np.eye(4), rays) - distorted.depth.project(np.eye(4), rays)
+    assert lens.distortion[0] < -0.05
     assert np.linalg.norm(shift, axis=1).max() < 2.0
 
 
-def _with(
+def _change_depth(
     color: ColorCalibrationResult, change: Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
 ) -> ColorCalibrationResult:
     views = [replace(view, depth_raw=change(view.depth_raw)) for view in color.views]
@@ -94,33 +94,37 @@ def _with(
 
 
 @pytest.mark.slow
-def test_readings_that_are_not_on_the_board_are_left_out(
+def test_readings_beside_the_board_are_left_out(
     color: ColorCalibrationResult, board: Chessboard
 ) -> None:
-    def with_a_hand(depth_raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        near = depth_raw.copy()
-        near[200:260, 250:330] = 500
-        return near
+    def add_near_object(depth_raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        changed = depth_raw.copy()
+        changed[200:260, 250:330] = 500
+        return changed
 
-    found = calibrate_depth(_with(color, with_a_hand), board.layout, 1000.0, silent)
-    assert found.model.lens.fx == pytest.approx(DEPTH_LENS.fx, rel=0.005)
-    assert found.model.scale == pytest.approx(TRUE_SCALE, rel=0.005)
+    result = calibrate_depth(
+        _change_depth(color, add_near_object), board.layout, 1000.0, ignore_progress
+    )
+    assert result.model.lens.fx == pytest.approx(DEPTH_LENS.fx, rel=0.005)
+    assert result.model.scale == pytest.approx(TRUE_SCALE, rel=0.005)
 
 
-def test_no_depth_on_the_board_is_refused(color: ColorCalibrationResult, board: Chessboard) -> None:
+def test_no_depth_on_the_board_is_rejected(
+    color: ColorCalibrationResult, board: Chessboard
+) -> None:
     with pytest.raises(UserFacingError, match=r"only 0 of \d+ views have depth readings"):
-        calibrate_depth(_with(color, np.zeros_like), board.layout, 1000.0, silent)
+        calibrate_depth(_change_depth(color, np.zeros_like), board.layout, 1000.0, ignore_progress)
 
 
 @pytest.mark.slow
-def test_a_few_views_are_fitted_too_and_known_to_be_few(board: Chessboard) -> None:
+def test_a_few_views_are_fitted_and_counted(board: Chessboard) -> None:
     color = calibrate_color(RenderedKinect().make_views(board, random_board_poses(board, 8, 4)))
-    few = calibrate_depth(color, board.layout, 1000.0, silent)
+    few = calibrate_depth(color, board.layout, 1000.0, ignore_progress)
     assert np.all(few.sigma[:4] > 0.0)
     assert few.view_count == 8
 
 
-def test_depth_of_another_scene_is_refused(
+def test_depth_of_another_scene_is_rejected(
     color: ColorCalibrationResult, board: Chessboard
 ) -> None:
     depths = [view.depth_raw for view in color.views]
@@ -129,18 +133,18 @@ def test_depth_of_another_scene_is_refused(
         for view, depth_raw in zip(color.views, [*depths[1:], depths[0]], strict=True)
     ]
     with pytest.raises(UserFacingError, match=r"depth does not agree with the boards|times as far"):
-        calibrate_depth(replace(color, views=views), board.layout, 1000.0, silent)
+        calibrate_depth(replace(color, views=views), board.layout, 1000.0, ignore_progress)
 
 
-def test_a_wrong_depth_factor_is_refused(color: ColorCalibrationResult, board: Chessboard) -> None:
+def test_a_wrong_depth_factor_is_rejected(color: ColorCalibrationResult, board: Chessboard) -> None:
     with pytest.raises(UserFacingError, match=r"5\.\d\d times as far .* measure --square again"):
-        calibrate_depth(color, board.layout, 5000.0, silent)
+        calibrate_depth(color, board.layout, 5000.0, ignore_progress)
 
 
 @pytest.mark.slow
-def test_depth_that_is_registered_to_color_already_is_refused(board: Chessboard) -> None:
+def test_depth_that_is_registered_to_color_is_rejected(board: Chessboard) -> None:
     same = RenderedKinect(depth=COLOR_LENS, T_color_depth=np.eye(4))
     color = calibrate_color(same.make_views(board, random_board_poses(board, 12, 4)))
-    found = calibrate_depth(color, board.layout, 1000.0, silent)
-    with pytest.raises(UserFacingError, match="registered to color already"):
-        validate_depth(found, color, [])
+    result = calibrate_depth(color, board.layout, 1000.0, ignore_progress)
+    with pytest.raises(UserFacingError, match="already registered to color"):
+        validate_depth(result, color, [])

@@ -1,4 +1,4 @@
-"""Thirteen numbers that turn a reading into a point."""
+"""The depth camera's model, which converts readings to points."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from drivers.core.geometry import inverse, transform_points
 from vo_service.tools.calibration.depth_model import DepthModel
 
 models = st.builds(
-    lambda focal, centre, bend, turn, shift, scale: DepthModel(
-        np.array([*focal, *centre, *bend, *turn, *shift, scale])
+    lambda focal, center, distortion, rotation, translation, scale: DepthModel(
+        np.array([*focal, *center, *distortion, *rotation, *translation, scale])
     ),
     st.tuples(*[st.floats(500.0, 650.0)] * 2),
     st.tuples(st.floats(300.0, 340.0), st.floats(220.0, 260.0)),
-    st.tuples(*[st.floats(-0.08, 0.08)] * 2),  # beyond, a lens may fold the image over
+    st.tuples(*[st.floats(-0.08, 0.08)] * 2),  # a stronger distortion may not be invertible
     st.tuples(*[st.floats(-0.1, 0.1)] * 3),
     st.tuples(*[st.floats(-0.1, 0.1)] * 3),
     st.floats(0.9, 1.1),
@@ -22,17 +22,17 @@ models = st.builds(
 
 
 @given(models, st.tuples(st.floats(0, 639), st.floats(0, 479)), st.floats(0.5, 5.0))
-def test_the_point_of_a_reading_is_seen_at_its_pixel(
+def test_the_point_of_a_reading_projects_to_its_pixel(
     model: DepthModel, pixel: tuple[float, float], reading_m: float
 ) -> None:
     point_m = model.points_m(np.array([pixel]), np.array([reading_m]))
-    own = transform_points(inverse(model.T_color_depth), point_m)
-    assert own[0, 2] == pytest.approx(model.scale * reading_m)
-    np.testing.assert_allclose(model.lens.project(np.eye(4), own)[0], pixel, atol=0.02)
+    point_depth_m = transform_points(inverse(model.T_color_depth), point_m)
+    assert point_depth_m[0, 2] == pytest.approx(model.scale * reading_m)
+    np.testing.assert_allclose(model.lens.project(np.eye(4), point_depth_m)[0], pixel, atol=0.02)
 
 
-def test_what_is_not_free_stays() -> None:
-    usual = DepthModel.default((640, 480), 1.0)
-    changed = usual.with_parameters(np.array([2, 12]), np.array([300.0, 1.01]))
+def test_other_parameters_do_not_change() -> None:
+    default = DepthModel.default((640, 480), 1.0)
+    changed = default.with_parameters(np.array([2, 12]), np.array([300.0, 1.01]))
     assert (changed.lens.cx, changed.scale) == (300.0, 1.01)
-    assert (changed.lens.cy, usual.lens.cx) == (239.5, 319.5)
+    assert (changed.lens.cy, default.lens.cx) == (239.5, 319.5)

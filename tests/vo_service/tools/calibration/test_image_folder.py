@@ -22,7 +22,7 @@ def write_image(file: Path, width: int = 32) -> None:
     assert cv2.imwrite(str(file), np.full((24, width, 3), 7, np.uint8))
 
 
-def test_a_recording_gives_its_images_as_they_are_stored(recording: Path) -> None:
+def test_a_recording_gives_its_stored_images(recording: Path) -> None:
     files = list_snapshot_files(recording, with_depth=True)
     first = next(read_snapshots(files))
     assert first is not None
@@ -31,63 +31,63 @@ def test_a_recording_gives_its_images_as_they_are_stored(recording: Path) -> Non
     np.testing.assert_array_equal(first.depth_raw, depth)
 
 
-def test_a_recorded_lens_is_not_taken_out(copy_recording: CopyRecording) -> None:
+def test_images_are_not_undistorted(copy_recording: CopyRecording) -> None:
     folder = copy_recording()
     text = (folder / "camera.toml").read_text()
     (folder / "camera.toml").write_text(text.replace("[0.0, 0.0,", "[0.3, -0.1,"))
     files = list_snapshot_files(folder, with_depth=False)
-    (found, *_) = list(read_snapshots(files))
-    assert found is not None
-    np.testing.assert_array_equal(found.color_bgr, cv2.imread(str(files[0].color)))
+    (snapshot, *_) = list(read_snapshots(files))
+    assert snapshot is not None
+    np.testing.assert_array_equal(snapshot.color_bgr, cv2.imread(str(files[0].color)))
 
 
-def test_without_depth_a_list_of_color_images_will_do(copy_recording: CopyRecording) -> None:
+def test_without_depth_a_list_of_color_images_is_enough(copy_recording: CopyRecording) -> None:
     folder = copy_recording(lists=True)
     (folder / "depth.txt").unlink()
     files = list_snapshot_files(folder, with_depth=False)
     assert len(files) == 12
-    assert all(found is not None and not found.depth_raw.size for found in read_snapshots(files))
+    assert all(
+        snapshot is not None and not snapshot.depth_raw.size for snapshot in read_snapshots(files)
+    )
     with pytest.raises(InputError, match=r"depth\.txt: no such file"):
         list_snapshot_files(folder, with_depth=True)
 
 
-@pytest.mark.parametrize("place", ["", "rgb"])
-def test_a_folder_of_photographs_will_do(tmp_path: Path, place: str) -> None:
+@pytest.mark.parametrize("subfolder", ["", "rgb"])
+def test_a_folder_of_photographs_is_enough(tmp_path: Path, subfolder: str) -> None:
     for name in ("b.JPG", "a.png"):
-        write_image(tmp_path / place / name)
-    (tmp_path / place / "notes.txt").write_text("taken on Monday\n")
+        write_image(tmp_path / subfolder / name)
+    (tmp_path / subfolder / "notes.txt").write_text("taken on Monday\n")
     files = list_snapshot_files(tmp_path, with_depth=False)
     assert [file.color.name for file in files] == ["a.png", "b.JPG"]
     assert [file.stamp_s for file in files] == [0.0, 1.0]
 
 
-def test_an_image_that_cannot_be_read_is_left_out_and_named(
+def test_an_unreadable_image_is_skipped_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     write_image(tmp_path / "a.png")
     (tmp_path / "b.png").write_bytes(b"")
-    found = list(read_snapshots(list_snapshot_files(tmp_path, with_depth=False)))
-    assert [each is None for each in found] == [False, True]
+    snapshots = list(read_snapshots(list_snapshot_files(tmp_path, with_depth=False)))
+    assert [snapshot is None for snapshot in snapshots] == [False, True]
     assert "b.png: is empty" in caplog.text
 
 
-def test_images_of_two_sizes_are_refused(tmp_path: Path) -> None:
+def test_images_of_two_sizes_are_rejected(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png")
     write_image(tmp_path / "b.png", width=40)
     with pytest.raises(InputError, match=r"b\.png: is 40x24, but .*a\.png is 32x24; calibrate"):
         list(read_snapshots(list_snapshot_files(tmp_path, with_depth=False)))
 
 
-def test_nothing_to_see_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no images"):
+def test_an_empty_or_missing_folder_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no images"):
         list_snapshot_files(tmp_path, with_depth=False)
     with pytest.raises(InputError, match="no such folder"):
         list_snapshot_files(tmp_path / "none", with_depth=False)
 
 
-def test_the_unit_of_depth_is_the_recordings_or_millimetres(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_the_depth_unit_is_the_recordings_or_millimeters(recording: Path, tmp_path: Path) -> None:
     assert read_depth_units(recording, None).depth_factor == 5000.0
     assert read_depth_units(tmp_path, None).depth_factor == 1000.0
     (tmp_path / "camera.toml").write_text("schema = 1\n")

@@ -1,4 +1,4 @@
-"""A camera as the calibration opens it: nothing taken out, nothing moved."""
+"""Raw images of a live camera."""
 
 import threading
 
@@ -21,10 +21,10 @@ from vo_service.tools.calibration import live_snapshots
 from vo_service.tools.calibration.live_snapshots import read_frames, write_raw_camera_file
 
 
-class DeafCamera(RgbdCamera):
-    """Opens, and never shows a thing."""
+class SilentCamera(RgbdCamera):
+    """Camera that opens and never sends a frame."""
 
-    name, clock, counters = "deaf", Clock.MONOTONIC, CameraCounters()
+    name, clock, counters = "silent", Clock.MONOTONIC, CameraCounters()
     status = CameraStatus(CameraState.ABSENT, "no Kinect is plugged in")
 
     def open(self) -> None:
@@ -37,7 +37,7 @@ class DeafCamera(RgbdCamera):
         pass
 
 
-def test_under_the_raw_camera_file_every_depth_pixel_stays_where_it_is() -> None:
+def test_with_the_raw_camera_file_depth_does_not_change() -> None:
     with write_raw_camera_file(with_depth=True) as path:
         camera = read_calibration(path)
     assert not path.exists()
@@ -48,7 +48,7 @@ def test_under_the_raw_camera_file_every_depth_pixel_stays_where_it_is() -> None
     assert registration.depth_factor == 1000.0
 
 
-def test_under_the_raw_camera_file_no_lens_is_taken_out() -> None:
+def test_with_the_raw_camera_file_color_is_not_undistorted() -> None:
     with write_raw_camera_file(with_depth=False) as path:
         camera = read_calibration(path)
     image = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
@@ -56,15 +56,15 @@ def test_under_the_raw_camera_file_no_lens_is_taken_out() -> None:
     assert camera.depth is None
 
 
-def test_a_camera_that_shows_nothing_is_given_up_with_its_reason(
+def test_a_silent_camera_fails_with_its_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(live_snapshots, "FRAME_TIMEOUT_S", 0.0)
-    with pytest.raises(CameraError, match="deaf: no Kinect is plugged in"):
-        list(read_frames(DeafCamera(), threading.Event()))
+    with pytest.raises(CameraError, match="silent: no Kinect is plugged in"):
+        list(read_frames(SilentCamera(), threading.Event()))
 
 
 def test_a_stop_ends_the_frames() -> None:
     stop = threading.Event()
     stop.set()
-    assert list(read_frames(DeafCamera(), stop)) == []
+    assert list(read_frames(SilentCamera(), stop)) == []

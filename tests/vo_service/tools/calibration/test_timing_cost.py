@@ -1,4 +1,4 @@
-"""What a piece of film says of the timing it was taken with."""
+"""The cost of a timing on a rendered segment."""
 
 from collections.abc import Sequence
 
@@ -21,17 +21,17 @@ TRUE = SensorTiming(0.012, -0.007)
 
 
 @pytest.fixture(scope="module")
-def piece() -> Sequence[RgbdFrame]:
+def segment() -> Sequence[RgbdFrame]:
     return render_segment(TRUE.readout_s, TRUE.depth_offset_s)
 
 
-def test_an_even_motion_has_its_own_velocity_however_uneven_the_stamps() -> None:
+def test_constant_motion_has_its_velocity_with_irregular_stamps() -> None:
     stamps_s = np.array([0.0, 0.02, 0.07, 0.1, 0.2])
     velocity = fit_velocity([BRISK.pose_at(time_s) for time_s in stamps_s], stamps_s)
     np.testing.assert_allclose(velocity, BRISK.velocity, atol=1e-9)
 
 
-def test_a_shaken_camera_has_the_velocity_of_the_instant() -> None:
+def test_a_shaken_camera_has_the_instantaneous_velocity() -> None:
     stamps_s = 0.3 + np.arange(-2, 3) / 30
     velocity = fit_velocity([FAST_SHAKING.pose_at(time_s) for time_s in stamps_s], stamps_s)
     before, after = FAST_SHAKING.pose_at(0.2999), FAST_SHAKING.pose_at(0.3001)
@@ -39,14 +39,14 @@ def test_a_shaken_camera_has_the_velocity_of_the_instant() -> None:
     np.testing.assert_allclose(velocity[:3], translation_m / 0.0002, atol=0.01)
 
 
-def test_the_true_timing_costs_less_than_any_other(piece: Sequence[RgbdFrame]) -> None:
+def test_the_true_timing_costs_less_than_any_other(segment: Sequence[RgbdFrame]) -> None:
     readouts = [TRUE, SensorTiming(0.004, -0.007), SensorTiming(0.020, -0.007)]
     offsets = [SensorTiming(0.012, -0.013), SensorTiming(0.012, -0.001)]
-    found = timing_costs(piece, SensorTiming(0.018, 0.0), [*readouts, *offsets])
-    assert found[0] < found[1:].min() - 0.01
+    costs = timing_costs(segment, SensorTiming(0.018, 0.0), [*readouts, *offsets])
+    assert costs[0] < costs[1:].min() - 0.01
 
 
-def test_a_piece_without_depth_tells_nothing(piece: Sequence[RgbdFrame]) -> None:
-    blind = [remove_depth(frame) for frame in piece]
-    assert track_motion(blind, TRUE) == {}
-    assert np.isnan(timing_costs(blind, TRUE, [TRUE])).all()
+def test_a_segment_without_depth_has_no_costs(segment: Sequence[RgbdFrame]) -> None:
+    without_depth = [remove_depth(frame) for frame in segment]
+    assert track_motion(without_depth, TRUE) == {}
+    assert np.isnan(timing_costs(without_depth, TRUE, [TRUE])).all()

@@ -1,4 +1,4 @@
-"""A timing goes into a camera file, and nothing else in it changes."""
+"""Change of the timing in a camera file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,20 +27,21 @@ CAMERA = replace(
         580.0, 580.0, 320.0, 240.0, RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     ),
 )
-NOW = SensorTiming(0.0203, -0.0012)
+TIMING = SensorTiming(0.0203, -0.0012)
 timings = st.builds(SensorTiming, st.floats(0.0, 0.05), st.floats(-0.05, 0.05))
 
 
 @given(timings)
-def test_all_else_stays(timing: SensorTiming) -> None:
+def test_other_values_do_not_change(timing: SensorTiming) -> None:
     text = replace_timing(format_calibration(CAMERA), timing)
     changed = replace(CAMERA, readout_s=timing.readout_s, depth_offset_s=timing.depth_offset_s)
     assert parse_toml(text, "camera.toml", CameraCalibration) == changed
 
 
-def test_comments_and_order_stay_and_missing_keys_are_put_behind_the_schema() -> None:
+def test_comments_and_order_stay_and_missing_keys_follow_the_schema() -> None:
     text = replace_timing(
-        "# mine\nschema = 1\nwidth = 640 # wide\nreadout_s = 3e-3 # guessed\n[depth]\nfx = 5\n", NOW
+        "# mine\nschema = 1\nwidth = 640 # wide\nreadout_s = 3e-3 # guessed\n[depth]\nfx = 5\n",
+        TIMING,
     )
     assert text == (
         "# mine\nschema = 1\ndepth_offset_s = -0.0012\nwidth = 640 # wide\n"
@@ -48,34 +49,34 @@ def test_comments_and_order_stay_and_missing_keys_are_put_behind_the_schema() ->
     )
 
 
-def test_the_file_that_was_there_is_kept(tmp_path: Path) -> None:
+def test_an_existing_file_is_kept_as_a_backup(tmp_path: Path) -> None:
     file = tmp_path / "camera.toml"
     file.write_text(format_calibration(CAMERA))
-    kept = save_timing(file, CAMERA, NOW, "heading")
-    assert kept is not None
-    assert read_calibration(kept) == CAMERA
-    assert read_calibration(file).readout_s == NOW.readout_s
+    backup = save_timing(file, CAMERA, TIMING, "heading")
+    assert backup is not None
+    assert read_calibration(backup) == CAMERA
+    assert read_calibration(file).readout_s == TIMING.readout_s
 
 
-def test_a_file_that_was_not_there_is_the_camera_that_was_seen_with(tmp_path: Path) -> None:
+def test_a_new_file_has_the_fallback_camera(tmp_path: Path) -> None:
     file = tmp_path / "new.toml"
-    assert save_timing(file, CAMERA, NOW, "found today") is None
+    assert save_timing(file, CAMERA, TIMING, "found today") is None
     assert file.read_text().startswith("# found today\n")
     assert read_calibration(file) == replace(CAMERA, readout_s=0.0203, depth_offset_s=-0.0012)
 
 
-def test_nothing_is_written_into_what_is_no_camera_file_or_onto_a_disk_that_refuses(
+def test_another_file_or_a_full_disk_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = tmp_path / "other.toml"
     other.write_text("schema = 1\ncolor = 'red'\n")
     with pytest.raises(InputError, match=r"other\.toml"):
-        save_timing(other, CAMERA, NOW, "")
+        save_timing(other, CAMERA, TIMING, "")
     assert other.read_text() == "schema = 1\ncolor = 'red'\n"
 
-    def full(path: Path, data: bytes) -> None:
+    def raise_disk_full(path: Path, data: bytes) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("vo_service.tools.calibration.output_files.atomic_write", full)
+    monkeypatch.setattr("vo_service.tools.calibration.output_files.atomic_write", raise_disk_full)
     with pytest.raises(UserFacingError, match="the disk is full"):
-        save_timing(tmp_path / "new.toml", CAMERA, NOW, "")
+        save_timing(tmp_path / "new.toml", CAMERA, TIMING, "")

@@ -220,7 +220,7 @@ def _is_used(pixels: BoardReadings, model: DepthModel, gate: float) -> NDArray[n
 
 
 def _normalized_distances(pixels: BoardReadings, model: DepthModel) -> Array:
-    """(N,) distances from the boards, in standard deviations of the sensor's noise."""
+    """Return distances (N,) from the boards, in standard deviations of the sensor's noise."""
     distances: Array = np.abs(pixels.residuals_m(model)) / depth_sigma_m(pixels.readings_m)
     return distances
 

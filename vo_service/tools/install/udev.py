@@ -14,18 +14,18 @@ RULES_FILE = Path("etc/udev/rules.d/59-kinect-vo.rules")
 MODPROBE_FILE = Path("etc/modprobe.d/kinect-vo.conf")
 
 _RULES_HEADING = f"""\
-# Depth cameras may be used by who sits at the computer (uaccess) and by the group {GROUP}.
-# Written by: kinect-vo udev install    Taken away by: kinect-vo udev uninstall
-# The name begins with 59 and the assignments with ":=" for one reason: 60-libopenni2-0.rules
-# sets MODE:="0666" for some of these devices, and the first ":=" is the one that counts.
+# The user at the computer (uaccess) and the group {GROUP} may use depth cameras.
+# Written by: kinect-vo udev install    Removed by: kinect-vo udev uninstall
+# The number 59 and the assignments with ":=" are needed because 60-libopenni2-0.rules sets
+# MODE:="0666" for some of these devices, and the first ":=" wins.
 # The Kinect 1473 has ids of the 1414 and of the Kinect for Windows.
 ACTION=="remove", GOTO="kinect_vo_end"
 SUBSYSTEM!="usb", GOTO="kinect_vo_end"
 ENV{{DEVTYPE}}!="usb_device", GOTO="kinect_vo_end"
 """
 _MODPROBE_TEXT = f"""\
-# The kernel's own driver makes a webcam of a Kinect and would hold its camera.
-# Written by: kinect-vo udev install    Taken away by: kinect-vo udev uninstall
+# The kernel's webcam driver would hold the Kinect's camera.
+# Written by: kinect-vo udev install    Removed by: kinect-vo udev uninstall
 blacklist {KERNEL_DRIVER}
 """
 

@@ -86,7 +86,7 @@ def printed(screen: FakeTerminal, results: list[CheckResult]) -> str:
 
 @pytest.fixture(autouse=True)
 def plain_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A terminal of 64 columns without colors."""
+    """Set up a terminal with 64 columns and without colors."""
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "64")
 

@@ -90,7 +90,7 @@ def _draw_figures(
 
 
 def _published_as_json(result: SequenceResults) -> dict[str, dict[str, float]]:
-    """What the paper reports of the same sequence, by method."""
+    """Return the paper's results on the same sequence, by method."""
     return {
         method: {"mean_global_error_m": known.mean_global_error_m, "time_s": known.time_s}
         for method, known in find_published_results(result.recording.folder).items()
@@ -103,7 +103,7 @@ def _make_figures(result: SequenceResults) -> Iterator[NamedFigure]:
 
 
 def render_figure(figure: NamedFigure, file_format: str) -> bytes:
-    """The file's content. The same figure gives the same bytes."""
+    """Return the file's content. The same figure gives the same bytes."""
     from matplotlib import rc_context
 
     metadata = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}[file_format]

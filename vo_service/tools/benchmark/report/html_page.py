@@ -195,7 +195,7 @@ def html_run_errors(result: SequenceResults) -> Iterator[str]:
 
 
 def html_lost_reasons(result: SequenceResults) -> Iterator[str]:
-    """The reasons that the methods gave, most frequent first."""
+    """Yield the reasons for lost frames, the most frequent first."""
     rows = [
         [
             text_cell(method, describe_method(method).name),

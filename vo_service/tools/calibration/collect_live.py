@@ -49,6 +49,7 @@ def collect_live(
     Args:
         board: the board.
         request: settings.
+        previews: places where the views are shown; may be empty.
         terminal: shows the instructions.
         stop: ends the collection.
 

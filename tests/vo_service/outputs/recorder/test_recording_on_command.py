@@ -101,7 +101,7 @@ def test_another_camera_ends_the_recording_and_the_reason_is_said(tmp_path: Path
         folder = Path(recorder.start_recording("desk"))
         send_updates(recorder, make_update(0), make_update(1), make_update(2, camera=other))
         wait_until(lambda: recorder.recording == "")
-        assert "the camera changed while it was recorded" in recorder.warning
+        assert "the camera changed during recording" in recorder.warning
     assert len(read_recording(folder)) == 2
 
 

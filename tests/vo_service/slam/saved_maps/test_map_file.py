@@ -130,7 +130,7 @@ def test_another_version_is_refused(saved: Path) -> None:
     data = bytearray(saved.read_bytes())
     data[16] = 2
     saved.write_bytes(data)
-    assert "of version 2, and this program reads version 1" in load_error(saved)
+    assert "map version 2 is not supported, only 1" in load_error(saved)
 
 
 def test_a_map_cut_short_is_refused(saved: Path) -> None:

@@ -52,7 +52,7 @@ def test_the_oldest_maps_make_room_and_nothing_else_goes(maps: MapStore) -> None
 
 def test_a_map_that_is_too_large_by_itself_costs_no_other(maps: MapStore) -> None:
     maps.write(maps.mesh_file("old"), TOTAL, file_of(4000))
-    with pytest.raises(UserFacingError, match=r"huge.ply: it has .* more than map.total_mb"):
+    with pytest.raises(UserFacingError, match=r"huge.ply: it needs .* more than map.total_mb"):
         maps.write(maps.mesh_file("huge"), TOTAL, file_of(TOTAL + 1))
     assert names(maps) == ["old.ply"]
 

@@ -31,7 +31,7 @@ def estimate_all(odometry: Odometry, frames: Iterable[RgbdFrame]) -> list[Estima
 
 
 def assert_close(T: Array, expected: Array, metres: float, degrees: float) -> None:
-    """Within so many metres and degrees of each other."""
+    """Within so many meters and degrees of each other."""
     error = inverse(T) @ expected
     assert np.linalg.norm(error[:3, 3]) < metres
     assert np.degrees(rotation_angle_rad(error[:3, :3])) < degrees

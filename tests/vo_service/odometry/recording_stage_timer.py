@@ -1,4 +1,4 @@
-"""A stopwatch that lists the stages which an odometry names, and measures nothing."""
+"""A timer that lists the stages which an odometry names, and measures nothing."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -16,7 +16,7 @@ FIRST_CALL_COMPILES = settings(deadline=None)
 CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
 DEPTH_FACTOR = 5000.0
 
-# Planes n.X = d in the world, and how many pixels of texture lie on a metre.
+# Planes n.X = d in the world, and how many pixels of texture lie on a meter.
 WALL = (np.array([0.25, 0.1, 1.0]), 2.4)
 FLOOR = (np.array([0.0, 1.0, 0.35]), 1.25)
 TEXELS_PER_M = 130.0
@@ -38,11 +38,11 @@ def make_textured_image(height: int, width: int, seed: int = 0) -> NDArray[np.ui
 
 
 def make_blob_image(
-    height: int, width: int, centre_px: tuple[float, float], sigma_px: float, dark: bool = False
+    height: int, width: int, center_px: tuple[float, float], sigma_px: float, dark: bool = False
 ) -> NDArray[np.uint8]:
     """One Gaussian blob on flat ground, bright unless dark."""
     y, x = np.mgrid[:height, :width]
-    squared = (x - centre_px[0]) ** 2 + (y - centre_px[1]) ** 2
+    squared = (x - center_px[0]) ** 2 + (y - center_px[1]) ** 2
     blob = 40 + 180 * np.exp(-squared / (2 * sigma_px**2))
     image: NDArray[np.uint8] = np.rint(255 - blob if dark else blob).astype(np.uint8)
     return image

@@ -51,7 +51,7 @@ def test_noise_is_averaged() -> None:
     inverse_m = 0.5 + random.normal(0.0, 0.0014, (240, 320))
     position_px = np.column_stack([x.ravel(), y.ravel()]).astype(np.float32)
     found = fit_inverse_depth((1.0 / inverse_m).astype(np.float32), position_px)
-    # At the centre of a square of 81 readings a plane is as good as their mean: a ninth.
+    # At the center of a square of 81 readings a plane is as good as their mean: a ninth.
     assert np.std(found - 0.5) == pytest.approx(0.0014 / 9, rel=0.15)
 
 
@@ -84,7 +84,7 @@ def test_a_hole_under_the_feature_is_no_point() -> None:
 
 
 @pytest.mark.parametrize(("columns", "found"), [(3, True), (4, False)])
-def test_too_few_readings_are_no_point(columns: int, found: bool) -> None:
+def test_too_few_samples_are_no_point(columns: int, found: bool) -> None:
     # Of nine columns, six are two thirds, five are 0.56: less than 0.6.
     depth_m = plane(0.5, 0.0, 0.0)
     depth_m[:, 16 : 16 + columns] = 0.0

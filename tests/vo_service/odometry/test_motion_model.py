@@ -45,7 +45,7 @@ def test_further_ahead_less_is_sure() -> None:
     assert later.spread_rad > 1.5 * soon.spread_rad
 
 
-def test_nothing_is_told_before_a_motion_or_long_after_it() -> None:
+def test_nothing_is_reported_before_a_motion_or_long_after_it() -> None:
     model = ConstantVelocityModel()
     model.reset(0.0)
     assert model.predict(1 / RATE_HZ) is None

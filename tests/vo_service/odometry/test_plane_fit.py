@@ -73,7 +73,7 @@ def test_with_too_little_of_one_surface_there_is_no_plane(column: int) -> None:
     assert fitted(image, column, 15, 0.0) == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_readings_in_one_line_are_no_plane() -> None:
+def test_samples_in_one_line_are_no_plane() -> None:
     image = np.zeros((HEIGHT, WIDTH), np.float32)
     image[15] = 0.7
     assert fitted(image, 20, 15, 0.0) == (0.0, 0.0, 0.0, 0.0)

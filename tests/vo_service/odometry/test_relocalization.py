@@ -136,7 +136,7 @@ def test_pose_is_held_and_lost_until_two_answers_agree() -> None:
 
 @pytest.mark.parametrize("wrong", [LOST_AT, LOST_AT + 3])
 @pytest.mark.parametrize(("off_m", "off_rad"), [(0.2, 0.0), (0.0, 0.2)])
-def test_one_wrong_answer_is_not_believed(wrong: int, off_m: float, off_rad: float) -> None:
+def test_one_wrong_answer_is_not_accepted(wrong: int, off_m: float, off_rad: float) -> None:
     off = rigid_transform(so3_exp([0.0, 0.0, off_rad]), [off_m, 0.0, 0.0])
     estimates = walk(ScriptedRelocalizer({wrong: off}), LOST_AT)
     back = first_back(estimates)
@@ -159,13 +159,13 @@ def test_poses_stay_rigid_though_answers_are_rounded() -> None:
     assert all(is_rigid(estimate.T_world_camera, tolerance=1e-9) for estimate in estimates)
 
 
-def test_place_that_the_camera_cannot_have_reached_is_not_believed() -> None:
+def test_place_that_the_camera_cannot_have_reached_is_not_accepted() -> None:
     far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])
     estimates = walk(ScriptedRelocalizer(T_world_true=far), LOST_AT, frames=range(30))
     assert not any(estimate.ok for estimate in estimates[LOST_AT:])
 
 
-def test_camera_that_was_carried_on_in_the_dark_is_back_where_it_came_to() -> None:
+def test_camera_that_was_extrapolated_in_the_dark_is_back_where_it_came_to() -> None:
     far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])
     estimates = walk(
         ScriptedRelocalizer(T_world_true=far), 40, frames=[*range(LOST_AT), *range(40, 50)]
@@ -178,7 +178,7 @@ def test_answers_to_what_was_not_asked_lead_nowhere() -> None:
     assert epochs_begin(estimates) == [LOST_AT + MAX_SEARCH_FRAMES - 1]
 
 
-def test_answers_from_before_it_began_anew_once_more_are_not_believed() -> None:
+def test_answers_from_before_it_began_again_once_more_are_not_accepted() -> None:
     # Frames 5, 8 and 11 are asked about, and told about when the camera is elsewhere.
     frames = [*range(12), *range(30, 60)]
     estimates = walk(DelayedRelocalizer(), LOST_AT, 30, frames=frames)
@@ -202,12 +202,12 @@ def test_without_any_place_an_epoch_begins_at_once() -> None:
     assert estimates[LOST_AT].ok
 
 
-def test_beginning_anew_once_more_keeps_the_patience() -> None:
+def test_beginning_again_once_more_keeps_the_patience() -> None:
     estimates = walk(FailingRelocalizer(), LOST_AT, LOST_AT + 10)
     assert epochs_begin(estimates) == [LOST_AT + MAX_SEARCH_FRAMES - 1]
 
 
-def test_motions_told_lead_from_each_reference_to_its_frame() -> None:
+def test_motions_reported_lead_from_each_reference_to_its_frame() -> None:
     estimates = walk(ScriptedRelocalizer(), LOST_AT)
     T_world_reference = np.eye(4)
     for estimate in estimates:

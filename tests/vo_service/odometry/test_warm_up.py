@@ -11,10 +11,10 @@ from vo_service.odometry.surf import guided_matching, hessian, maxima, orientati
 from vo_service.odometry.warm_up import warm_up
 
 
-def test_every_stage_of_the_method_is_run_and_told() -> None:
-    told: list[str] = []
-    assert warm_up("surf", told.append) > 0
-    assert set(told) == {"surf", "points", "match", "ransac", "svd", "recovery"}
+def test_every_stage_of_the_method_is_run_and_reported() -> None:
+    stages: list[str] = []
+    assert warm_up("surf", stages.append) > 0
+    assert set(stages) == {"surf", "points", "match", "ransac", "svd", "recovery"}
 
 
 def test_a_warm_method_compiles_nothing_more_for_a_real_frame() -> None:

@@ -20,21 +20,21 @@ from vo_service.slam.saved_maps.map_file import MapContents
 
 
 @pytest.fixture(scope="session")
-def recogniser() -> PlaceRecognizer:
+def recognizer() -> PlaceRecognizer:
     """Gives the same whatever it has seen before."""
     return PlaceRecognizer()
 
 
 @pytest.fixture(scope="session")
-def here(recogniser: PlaceRecognizer) -> MapKeyframe:
+def here(recognizer: PlaceRecognizer) -> MapKeyframe:
     """Place 0."""
-    return make_keyframe(recogniser, HERE)
+    return make_keyframe(recognizer, HERE)
 
 
 @pytest.fixture(scope="session")
-def elsewhere(recogniser: PlaceRecognizer) -> MapKeyframe:
+def elsewhere(recognizer: PlaceRecognizer) -> MapKeyframe:
     """Place 1, with nothing in view that place 0 has."""
-    return make_keyframe(recogniser, ELSEWHERE, number=1)
+    return make_keyframe(recognizer, ELSEWHERE, number=1)
 
 
 @pytest.fixture(scope="session")

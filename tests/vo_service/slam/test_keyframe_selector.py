@@ -24,42 +24,44 @@ def turned(angle_rad: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]
 
 
 def test_a_frame_is_let_through_when_the_camera_has_moved_a_step() -> None:
-    gate = KeyframeSelector()
-    let_through = [gate.accepts(make_wall_update(seq, 0.06 * seq)) for seq in range(7)]
-    assert let_through == [True, False, False, True, False, False, True]
+    selector = KeyframeSelector()
+    accepted = [selector.accepts(make_wall_update(seq, 0.06 * seq)) for seq in range(7)]
+    assert accepted == [True, False, False, True, False, False, True]
 
 
-def test_a_turn_counts_like_a_way() -> None:
-    gate = KeyframeSelector()
-    assert gate.accepts(make_wall_update(0))
-    assert not gate.accepts(replace(make_wall_update(1), T_world_camera=turned(math.radians(9.0))))
-    assert gate.accepts(replace(make_wall_update(2), T_world_camera=turned(math.radians(11.0))))
+def test_a_turn_counts_like_a_path() -> None:
+    selector = KeyframeSelector()
+    assert selector.accepts(make_wall_update(0))
+    assert not selector.accepts(
+        replace(make_wall_update(1), T_world_camera=turned(math.radians(9.0)))
+    )
+    assert selector.accepts(replace(make_wall_update(2), T_world_camera=turned(math.radians(11.0))))
 
 
 @pytest.mark.parametrize("state", [TrackingState.LOST, TrackingState.DEGRADED])
 def test_a_pose_that_is_not_sure_is_none_for_a_map(state: TrackingState) -> None:
-    gate = KeyframeSelector()
-    assert not gate.accepts(make_wall_update(0, state=state))
-    assert gate.accepts(make_wall_update(1))
+    selector = KeyframeSelector()
+    assert not selector.accepts(make_wall_update(0, state=state))
+    assert selector.accepts(make_wall_update(1))
 
 
 def test_the_first_good_frame_of_an_epoch_is_one() -> None:
-    gate = KeyframeSelector()
-    assert gate.accepts(make_wall_update(0))
-    assert not gate.accepts(make_wall_update(1, epoch=1, state=TrackingState.LOST))
-    assert gate.accepts(make_wall_update(2, epoch=1))
+    selector = KeyframeSelector()
+    assert selector.accepts(make_wall_update(0))
+    assert not selector.accepts(make_wall_update(1, epoch=1, state=TrackingState.LOST))
+    assert selector.accepts(make_wall_update(2, epoch=1))
 
 
-def test_what_is_forgotten_is_taken_again() -> None:
-    gate = KeyframeSelector()
-    assert gate.accepts(make_wall_update(0))
-    gate.reset()
-    assert gate.accepts(make_wall_update(1))
+def test_what_is_removed_is_taken_again() -> None:
+    selector = KeyframeSelector()
+    assert selector.accepts(make_wall_update(0))
+    selector.reset()
+    assert selector.accepts(make_wall_update(1))
 
 
 @given(st.floats(0.0, 5.0), st.floats(0.0, 3.0))
-def test_steps_are_those_of_the_way_or_of_the_turn(way_m: float, angle_rad: float) -> None:
+def test_steps_are_those_of_the_path_or_of_the_turn(path_m: float, angle_rad: float) -> None:
     there = turned(angle_rad)
-    there[0, 3] = way_m
-    expected = max(way_m / STEP_M, angle_rad / STEP_RAD)
+    there[0, 3] = path_m
+    expected = max(path_m / STEP_M, angle_rad / STEP_RAD)
     assert pose_distance_steps(np.eye(4), there) == pytest.approx(expected, abs=1e-6)

@@ -57,7 +57,7 @@ class MovingCamera:
         return self.T_world_start @ series_exponential(twist)
 
     @property
-    def movement(self) -> Array:
+    def motion(self) -> Array:
         """(9,) at the start; of a constant twist, at any time."""
         return np.concatenate([self.velocity, self.acceleration_rad_s2])
 

@@ -28,47 +28,47 @@ CLEAR = np.full(6, 1e12)
 STRAYED = np.repeat((STAMP_S - MOTION.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA), 3)
 
 
-def carried(
-    sigma: Array, clarity: Array = CLEAR, way: MotionState = MOTION
+def fuse(
+    sigma: Array, observability: Array = CLEAR, way: MotionState = MOTION
 ) -> tuple[TrackingResult, MotionUncertainty]:
     """What becomes of a motion that is found with standard deviations sigma (6,)."""
     # In the camera's axes; what is clear is told in those of the keyframe.
     axes = adjoint(inverse(make_result(OFF, FASTER).alignment.T_camera_keyframe))
-    sure = MotionUncertainty(np.diag(sigma**2), DegeneracyAnalysis(clarity, axes))
-    return fuse_with_prediction(make_result(OFF, FASTER), sure, way, STAMP_S)
+    uncertainty = MotionUncertainty(np.diag(sigma**2), DegeneracyAnalysis(observability, axes))
+    return fuse_with_prediction(make_result(OFF, FASTER), uncertainty, way, STAMP_S)
 
 
 def test_what_is_open_goes_on_as_before_and_the_rest_is_as_found() -> None:
-    found, _ = carried(np.where(OPEN, UNSURE, SURE))
+    found, _ = fuse(np.where(OPEN, UNSURE, SURE))
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(np.where(OPEN, 0.0, OFF))
     np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-5)
     velocity = BRISK.velocity + np.where(OPEN, 0.0, FASTER)
     np.testing.assert_allclose(found.alignment.camera_velocity, velocity, atol=1e-5)
 
 
-def test_what_is_but_noise_goes_on_as_before_and_is_told() -> None:
-    found, sure = carried(np.full(6, SURE), np.where(OPEN, 1.0, 1e12))
+def test_what_is_but_noise_goes_on_as_before_and_is_reported() -> None:
+    found, uncertainty = fuse(np.full(6, SURE), np.where(OPEN, 1.0, 1e12))
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(np.where(OPEN, 0.0, OFF))
     np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-5)
-    sigma = np.sqrt(np.diag(sure.covariance))
+    sigma = np.sqrt(np.diag(uncertainty.covariance))
     np.testing.assert_allclose(sigma, np.where(OPEN, STRAYED, SURE), rtol=1e-3)
     assert (
         found.degradation
-        == sure.rejection_reason
+        == uncertainty.rejection_reason
         == "degenerate view: 2 of 6 degrees of freedom are unconstrained"
     )
 
 
 def test_what_is_as_sure_as_what_was_expected_goes_halfway() -> None:
-    found, sure = carried(STRAYED)
+    found, uncertainty = fuse(STRAYED)
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(0.5 * OFF)
     np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-9)
-    np.testing.assert_allclose(sure.covariance, np.diag(0.5 * STRAYED**2), atol=1e-12)
+    np.testing.assert_allclose(uncertainty.covariance, np.diag(0.5 * STRAYED**2), atol=1e-12)
 
 
 def test_the_longer_ago_the_camera_was_held_the_more_counts_what_is_found() -> None:
-    held_of_late, _ = carried(STRAYED)
-    held_long_ago, _ = carried(
+    held_of_late, _ = fuse(STRAYED)
+    held_long_ago, _ = fuse(
         STRAYED, way=replace(MOTION, well_constrained_stamp_s=MOTION.well_constrained_stamp_s - 0.3)
     )
     late, long_ago = (
@@ -83,8 +83,8 @@ def test_the_longer_ago_the_camera_was_held_the_more_counts_what_is_found() -> N
 def test_it_is_as_sure_as_both_together(seed: int) -> None:
     A = np.random.default_rng(seed).normal(scale=0.01, size=(6, 6))
     covariance = A @ A.T + 1e-8 * np.eye(6)
-    sure = MotionUncertainty(covariance, DegeneracyAnalysis(CLEAR, np.eye(6)))
-    _, both = fuse_with_prediction(make_result(OFF, FASTER), sure, MOTION, STAMP_S)
+    uncertainty = MotionUncertainty(covariance, DegeneracyAnalysis(CLEAR, np.eye(6)))
+    _, both = fuse_with_prediction(make_result(OFF, FASTER), uncertainty, MOTION, STAMP_S)
     information = np.linalg.inv(covariance) + np.diag(STRAYED**-2.0)
     np.testing.assert_allclose(both.covariance @ information, np.eye(6), atol=1e-6)
     assert both.covariance == pytest.approx(both.covariance.T, abs=0.0)

@@ -1,4 +1,4 @@
-"""A frame laid on a keyframe: motion, velocity and light are found."""
+"""A frame aligned with a keyframe: motion, velocity and light are found."""
 
 from dataclasses import replace
 
@@ -39,46 +39,46 @@ POINTS = select_points(build_image_pyramid(render_view()), zero_motion(), ALL_ST
 LOOSE = replace(STATIC_PRIOR, information=np.full(9, 1e-3))
 
 
-def laid(
+def align_frame(
     frame: RgbdFrame,
-    tie: MotionPrior = LOOSE,
+    prior: MotionPrior = LOOSE,
     weights: Array | None = None,
-    starts: tuple[Array, ...] = (np.eye(4),),
+    initial_guesses: tuple[Array, ...] = (np.eye(4),),
 ) -> DirectAlignment:
     weights = uniform_weights() if weights is None else weights
-    return align(POINTS, build_image_pyramid(frame), starts, tie, (1.0, 0.0), weights)
+    return align(POINTS, build_image_pyramid(frame), initial_guesses, prior, (1.0, 0.0), weights)
 
 
 @pytest.mark.parametrize("time_s", [0.0, 0.03, 0.12, -0.12])
-def test_a_known_motion_is_found_to_a_fraction_of_a_millimetre(time_s: float) -> None:
-    found = laid(render_view(BRISK, time_s))
+def test_a_known_motion_is_found_to_a_fraction_of_a_millimeter(time_s: float) -> None:
+    found = align_frame(render_view(BRISK, time_s))
     assert is_rigid(found.T_camera_keyframe, 1e-9)
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(time_s), 0.0005, 0.01)
     assert rejection_reason(found) == degradation_reason(found) == ""
 
 
-def test_a_frame_laid_on_itself_has_not_moved() -> None:
-    found = laid(render_view())
+def test_a_frame_aligned_with_itself_has_not_moved() -> None:
+    found = align_frame(render_view())
     assert_close(found.T_camera_keyframe, np.eye(4), 2e-4, 5e-3)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_does_little(seed: int) -> None:
-    found = laid(add_noise(render_view(BRISK, 0.1), seed))
+    found = align_frame(add_noise(render_view(BRISK, 0.1), seed))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.001, 0.03)
 
 
 def test_the_start_that_fits_best_is_taken() -> None:
     far = MovingCamera(4.0 * BRISK.velocity)
     wrong, right = np.eye(4), inverse(far.pose_at(0.09))
-    for starts in ((wrong, right), (right, wrong)):
-        found = laid(render_view(far, 0.1), starts=starts)
+    for initial_guesses in ((wrong, right), (right, wrong)):
+        found = align_frame(render_view(far, 0.1), initial_guesses=initial_guesses)
         assert_close(inverse(found.T_camera_keyframe), far.pose_at(0.1), 0.001, 0.03)
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 20.0), (0.7, 0.0), (1.2, -15.0)])
 def test_gain_and_offset_of_the_light_are_found(gain: float, offset: float) -> None:
-    found = laid(change_lighting(render_view(BRISK, 0.05), gain, offset))
+    found = align_frame(change_lighting(render_view(BRISK, 0.05), gain, offset))
     assert found.affine_brightness[0] == pytest.approx(gain, abs=0.05)
     assert found.affine_brightness[1] == pytest.approx(offset, abs=6.0)
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.05), 0.0007, 0.02)
@@ -86,7 +86,7 @@ def test_gain_and_offset_of_the_light_are_found(gain: float, offset: float) -> N
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.02, 0.01), (0.03, 0.0), (0.02, -0.012)])
 def test_a_rolling_views_motion_and_velocity_are_found(readout_s: float, skew_s: float) -> None:
-    found = laid(render_view(BRISK, 0.1, readout_s=readout_s, skew_s=skew_s))
+    found = align_frame(render_view(BRISK, 0.1, readout_s=readout_s, skew_s=skew_s))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.0015, 0.05)
     np.testing.assert_allclose(found.camera_velocity, BRISK.velocity, atol=0.06)
 
@@ -94,11 +94,11 @@ def test_a_rolling_views_motion_and_velocity_are_found(readout_s: float, skew_s:
 @pytest.mark.parametrize("skew_s", [-0.012, 0.0, 0.012])
 def test_a_tremor_while_rows_are_read_is_found_and_bends_no_motion(skew_s: float) -> None:
     frame = render_view(SHAKING, readout_s=0.02, skew_s=skew_s)
-    steady = LOOSE.information.copy()
-    steady[ACCELERATION_START:] = 1e6
-    found, held = laid(frame), laid(frame, replace(LOOSE, information=steady))
-    told_rad_s2 = found.camera_motion[ACCELERATION_START:]
-    np.testing.assert_allclose(told_rad_s2, SHAKING.acceleration_rad_s2, atol=3.0)
+    filter_pose = LOOSE.information.copy()
+    filter_pose[ACCELERATION_START:] = 1e6
+    found, held = align_frame(frame), align_frame(frame, replace(LOOSE, information=filter_pose))
+    acceleration_rad_s2_found = found.camera_motion[ACCELERATION_START:]
+    np.testing.assert_allclose(acceleration_rad_s2_found, SHAKING.acceleration_rad_s2, atol=3.0)
     assert not np.abs(held.camera_motion[ACCELERATION_START:]).max() > 1.0
     assert off_rad(found) < min(2e-4, 0.4 * off_rad(held))
 
@@ -108,30 +108,33 @@ def off_rad(found: DirectAlignment) -> float:
     return float(np.linalg.norm(so3_log(found.T_camera_keyframe[:3, :3])))
 
 
-def test_depth_that_is_late_tells_no_velocity_but_the_motion_of_the_color() -> None:
+def test_depth_that_is_late_shows_no_velocity_but_the_motion_of_the_color() -> None:
     late = render_view(BRISK, 0.1, skew_s=0.012)
-    told, untold = laid(late, moving()), laid(replace(late, skew_s=0.0), moving())
-    error_m, untold_m = (
+    with_skew, without_skew = (
+        align_frame(late, moving()),
+        align_frame(replace(late, skew_s=0.0), moving()),
+    )
+    error_m, error_without_skew_m = (
         np.linalg.norm((inverse(each.T_camera_keyframe) - BRISK.pose_at(0.1))[:3, 3])
-        for each in (told, untold)
+        for each in (with_skew, without_skew)
     )
     assert error_m < 0.0005
-    assert untold_m > 3 * error_m
+    assert error_without_skew_m > 3 * error_m
 
 
 def moving() -> MotionPrior:
     """The velocity is known as well as from frame to frame."""
     last = BRISK.pose_at(0.1 - 1 / 30)
     return MotionPrior(
-        last, 30.0, -change_frame(BRISK.movement, last), velocity_information(np.array([0.03, 0.1]))
+        last, 30.0, -change_frame(BRISK.motion, last), velocity_information(np.array([0.03, 0.1]))
     )
 
 
 def test_an_instant_shutter_is_a_shutter_of_no_time() -> None:
     """With times that are nearly nothing all is nearly as with none."""
     frame = add_noise(render_view(BRISK, 0.1), 1)
-    instant = laid(frame, moving())
-    nearly = laid(replace(frame, readout_s=1e-9, skew_s=1e-9), moving())
+    instant = align_frame(frame, moving())
+    nearly = align_frame(replace(frame, readout_s=1e-9, skew_s=1e-9), moving())
     np.testing.assert_allclose(nearly.T_camera_keyframe, instant.T_camera_keyframe, atol=1e-6)
     np.testing.assert_allclose(nearly.motion, instant.motion, atol=1e-4)
 
@@ -141,29 +144,31 @@ def test_depth_alone_is_enough_in_a_corner() -> None:
         (remove_color(render_view(BRISK, 0.1)), depth_only_weights()),
         (render_view(BRISK, 0.1), depth_only_weights()),
     ):
-        found = laid(frame, weights=weights)
+        found = align_frame(frame, weights=weights)
         assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.001, 0.03)
         assert not found.uses_brightness
         assert degradation_reason(found).startswith("depth only")
 
 
 def test_brightness_alone_is_enough_where_there_is_paint() -> None:
-    found = laid(remove_depth(render_view(BRISK, 0.1)))
+    found = align_frame(remove_depth(render_view(BRISK, 0.1)))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.004, 0.1)
     assert degradation_reason(found).startswith("brightness only")
 
 
-def test_a_frame_of_another_place_is_doubted() -> None:
+def test_a_frame_of_another_place_is_rejected() -> None:
     away = MovingCamera(np.array([0.0, 0.0, 0.0, 0.3, 1.5, 0.0]))
-    assert rejection_reason(laid(render_view(away, 0.6))) != ""
+    assert rejection_reason(align_frame(render_view(away, 0.6))) != ""
 
 
-def test_a_frame_that_tells_nothing_is_doubted() -> None:
-    nothing = laid(remove_depth(remove_color(render_view(STILL))), weights=depth_only_weights())
+def test_a_frame_that_shows_nothing_is_rejected() -> None:
+    nothing = align_frame(
+        remove_depth(remove_color(render_view(STILL))), weights=depth_only_weights()
+    )
     assert rejection_reason(nothing) == "only 0 samples in view"
 
 
-def test_a_keyframe_of_fewer_sizes_is_laid_on_a_larger_image() -> None:
+def test_a_keyframe_of_fewer_sizes_is_aligned_with_a_larger_image() -> None:
     images = build_image_pyramid(render_view(BRISK, 0.02))
     found = align(POINTS[:2], images, [np.eye(4)], LOOSE, (1.0, 0.0), uniform_weights())
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.02), 0.001, 0.03)

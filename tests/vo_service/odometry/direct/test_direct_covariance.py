@@ -38,50 +38,58 @@ def keyframe_of(frame: RgbdFrame) -> DirectKeyframe:
     return make_keyframe(frame, build_image_pyramid(frame), np.eye(4), zero_motion(), ALL_STATIC)
 
 
-def laid(
+def align_frame(
     keyframe: DirectKeyframe,
     frame: RgbdFrame,
-    tie: MotionPrior = STATIC_PRIOR,
-    agitation: Array = CALM,
+    prior: MotionPrior = STATIC_PRIOR,
+    velocity_noise: Array = CALM,
 ) -> tuple[MotionUncertainty, Array]:
     """How sure, and T_keyframe_camera."""
     images = build_image_pyramid(frame)
-    found = align(keyframe.points, images, [np.eye(4)], tie, (1.0, 0.0), uniform_weights())
-    return estimate_uncertainty(keyframe.points, images, found, tie, agitation), inverse(
+    found = align(keyframe.points, images, [np.eye(4)], prior, (1.0, 0.0), uniform_weights())
+    return estimate_uncertainty(keyframe.points, images, found, prior, velocity_noise), inverse(
         found.T_camera_keyframe
     )
 
 
-def itself(frame: RgbdFrame) -> MotionUncertainty:
-    return laid(keyframe_of(frame), frame)[0]
+def self_uncertainty(frame: RgbdFrame) -> MotionUncertainty:
+    return align_frame(keyframe_of(frame), frame)[0]
 
 
 @pytest.mark.parametrize(
     ("planes", "open_directions"), [((WALL,), 3), ((WALL, FLOOR), 1), ((WALL, SIDE), 1)]
 )
-def test_bare_planes_leave_directions_open(planes: Sequence[Plane], open_directions: int) -> None:
+def test_bare_planes_leave_directions_unconstrained(
+    planes: Sequence[Plane], open_directions: int
+) -> None:
     for seed in (1, 2):
-        reason = itself(add_noise(render_view(planes=planes, paint=0.0), seed)).rejection_reason
+        reason = self_uncertainty(
+            add_noise(render_view(planes=planes, paint=0.0), seed)
+        ).rejection_reason
         assert reason.startswith(f"degenerate view: {open_directions} of 6 degrees of freedom")
 
 
 @pytest.mark.parametrize("planes", [(WALL,), (WALL, FLOOR), (WALL, SIDE)])
-def test_bare_planes_without_noise_leave_directions_open_too(planes: Sequence[Plane]) -> None:
-    assert itself(render_view(planes=planes, paint=0.0)).rejection_reason.startswith(
+def test_bare_planes_without_noise_leave_directions_unconstrained_too(
+    planes: Sequence[Plane],
+) -> None:
+    assert self_uncertainty(render_view(planes=planes, paint=0.0)).rejection_reason.startswith(
         "degenerate view: "
     )
 
 
 @pytest.mark.parametrize("planes", [(WALL,), (WALL, FLOOR), CORNER])
-def test_paint_or_a_corner_settle_all_directions(planes: Sequence[Plane]) -> None:
-    assert itself(add_noise(render_view(planes=planes), 1)).rejection_reason == ""
-    assert itself(add_noise(render_view(paint=0.0), 1)).rejection_reason == ""
+def test_paint_or_a_corner_constrain_all_directions(planes: Sequence[Plane]) -> None:
+    assert self_uncertainty(add_noise(render_view(planes=planes), 1)).rejection_reason == ""
+    assert self_uncertainty(add_noise(render_view(paint=0.0), 1)).rejection_reason == ""
 
 
-def test_paint_settles_all_directions_without_depth_in_the_frame() -> None:
+def test_paint_constrains_all_directions_without_depth_in_the_frame() -> None:
     keyframe = keyframe_of(add_noise(render_view(planes=(WALL,)), 1))
     assert (
-        laid(keyframe, remove_depth(add_noise(render_view(planes=(WALL,)), 2)))[0].rejection_reason
+        align_frame(keyframe, remove_depth(add_noise(render_view(planes=(WALL,)), 2)))[
+            0
+        ].rejection_reason
         == ""
     )
 
@@ -89,13 +97,13 @@ def test_paint_settles_all_directions_without_depth_in_the_frame() -> None:
 @pytest.mark.parametrize("readout_s", [0.0, 0.02])
 def test_the_covariance_is_symmetric_and_positive(readout_s: float) -> None:
     frame = add_noise(render_view(BRISK, 0.03, readout_s=readout_s), 1)
-    covariance = laid(keyframe_of(add_noise(render_view(), 0)), frame)[0].covariance
+    covariance = align_frame(keyframe_of(add_noise(render_view(), 0)), frame)[0].covariance
     np.testing.assert_array_equal(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance).min() > 0
 
 
 def sigma_m(frame: RgbdFrame, keyframe: DirectKeyframe) -> float:
-    return float(np.sqrt(np.trace(laid(keyframe, frame)[0].covariance[:3, :3])))
+    return float(np.sqrt(np.trace(align_frame(keyframe, frame)[0].covariance[:3, :3])))
 
 
 def test_more_noise_makes_it_less_sure() -> None:
@@ -112,16 +120,16 @@ def test_less_to_see_makes_it_less_sure() -> None:
     assert sigma_m(frame, keyframe) < sigma_m(remove_depth(frame), keyframe)
 
 
-def test_a_wall_of_weak_paint_holds_the_camera_worst_along_itself() -> None:
+def test_a_wall_of_weak_paint_constrains_the_camera_least_along_itself() -> None:
     keyframe = keyframe_of(add_noise(render_view(planes=(WALL,), paint=0.25), 0))
-    sure, _ = laid(keyframe, add_noise(render_view(planes=(WALL,), paint=0.25), 1))
+    uncertainty, _ = align_frame(keyframe, add_noise(render_view(planes=(WALL,), paint=0.25), 1))
     across = np.array(WALL[0]) / np.linalg.norm(WALL[0])
     along = np.cross(across, [0.0, 1.0, 0.0])
-    in_metres = sure.covariance[:3, :3]
+    in_metres = uncertainty.covariance[:3, :3]
     assert along @ in_metres @ along > 2 * across @ in_metres @ across
 
 
-def test_it_is_told_in_the_axes_of_the_camera() -> None:
+def test_it_is_reported_in_the_axes_of_the_camera() -> None:
     """Where two bare planes meet nothing holds a camera along their edge, however it is turned."""
     planes, turned = (
         (WALL, FLOOR),
@@ -148,23 +156,25 @@ def test_with_a_rolling_shutter_it_is_less_sure_of_what_it_did_meanwhile(how: st
     keyframe = keyframe_of(add_noise(render_view(), 0))
     for readout_s in (0.0, 0.02):
         frame = add_noise(render_view(readout_s=readout_s), 1)
-        calm = np.trace(laid(keyframe, frame)[0].covariance)
+        calm = np.trace(align_frame(keyframe, frame)[0].covariance)
         if how == "agitated":
             other = np.trace(
-                laid(keyframe, frame, STATIC_PRIOR, np.array([0.5, 1.0]))[0].covariance
+                align_frame(keyframe, frame, STATIC_PRIOR, np.array([0.5, 1.0]))[0].covariance
             )
         else:
-            other = np.trace(laid(keyframe, frame, VAGUE)[0].covariance)
+            other = np.trace(align_frame(keyframe, frame, VAGUE)[0].covariance)
         assert (other > 1.1 * calm) == (readout_s > 0)
 
 
-def test_an_agitated_camera_strays_about_as_far_as_in_one_row() -> None:
+def test_a_shaking_camera_strays_about_as_far_as_in_one_row() -> None:
     keyframe, frame = (
         keyframe_of(add_noise(render_view(), 0)),
         add_noise(render_view(readout_s=0.02), 1),
     )
     calm, agitated = (
-        np.trace(laid(keyframe, frame, STATIC_PRIOR, np.array([mps, 0.0]))[0].covariance[:3, :3])
+        np.trace(
+            align_frame(keyframe, frame, STATIC_PRIOR, np.array([mps, 0.0]))[0].covariance[:3, :3]
+        )
         for mps in (0.0, 0.5)
     )
     in_a_row = 3 * (0.02 * 0.5) ** 2 / 12.0
@@ -177,10 +187,12 @@ def test_over_many_noises_the_error_is_of_the_size_that_it_says() -> None:
     frame, truth, distances = render_view(BRISK, 0.03), BRISK.pose_at(0.03), []
     blank = render_view()
     for seed in range(25):
-        sure, T = laid(keyframe_of(add_noise(blank, 2 * seed)), add_noise(frame, 2 * seed + 1))
+        uncertainty, T = align_frame(
+            keyframe_of(add_noise(blank, 2 * seed)), add_noise(frame, 2 * seed + 1)
+        )
         off = inverse(T) @ truth
         error = np.concatenate([off[:3, 3], so3_log(off[:3, :3])])
-        distances.append(float(error @ np.linalg.solve(sure.covariance, error)))
+        distances.append(float(error @ np.linalg.solve(uncertainty.covariance, error)))
     assert np.mean(np.array(distances) < CHI_SQUARED_95) > 0.8
     # Six on average, if all of it were true.
     assert np.mean(distances) > 0.3

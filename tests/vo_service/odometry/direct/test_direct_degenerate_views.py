@@ -18,7 +18,7 @@ from vo_service.odometry.direct.parameters import MAX_STEP_S
 from vo_service.odometry.direct.se3 import se3_log
 
 REASON = "degenerate view: 3 of 6 degrees of freedom are unconstrained"
-# 99 of 100 normalised squares of a motion's six errors are below it.
+# 99 of 100 normalized squares of a motion's six errors are below it.
 CHI_SQUARED_99 = 16.8
 
 
@@ -38,7 +38,7 @@ def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times:
 
 
 @pytest.mark.slow
-def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> None:
+def test_a_degenerate_view_is_followed_for_a_moment_and_reported_and_then_lost() -> None:
     """A painted wall, and the light goes out: the depth holds the camera in three directions."""
     odometry = DirectOdometry()
     wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(18)]
@@ -54,7 +54,7 @@ def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> N
 
 
 @pytest.mark.slow
-def test_the_jump_from_where_it_was_carried_on_to_is_no_velocity_to_carry_on_with() -> None:
+def test_the_jump_from_where_it_was_extrapolated_to_is_no_velocity_to_carry_on_with() -> None:
     """The light goes out, is seen for one frame, and goes out again."""
     odometry = DirectOdometry()
     wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(18)]
@@ -67,7 +67,7 @@ def test_the_jump_from_where_it_was_carried_on_to_is_no_velocity_to_carry_on_wit
 
 
 @pytest.mark.slow
-def test_where_a_keyframe_begins_in_a_plain_view_is_told_by_the_way_there() -> None:
+def test_where_a_keyframe_begins_in_a_degenerate_view_is_reported_by_the_path_there() -> None:
     """Laid on other keyframes in view as well, it would turn before the wall."""
     odometry, hand = DirectOdometry(), MovingCamera(3.0 * BRISK.velocity)
     wall = [add_noise(render_view(hand, k / 30, (WALL,)), k) for k in range(16)]

@@ -28,7 +28,7 @@ from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_INITIAL_FAILURES
 
 SHAPE = (CAMERA.height, CAMERA.width)
-# Noise of the brightness, gray levels: bad, and still to be recognised.
+# Noise of the brightness, gray levels: bad, and still to be recognized.
 GRAIN = 45.0
 
 
@@ -67,7 +67,7 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out(
         (lambda frame: change_lighting(frame, 0.6), "", 0.002),
     ],
 )
-def test_half_of_what_it_sees_is_enough_and_it_says_so(
+def test_half_of_what_it_sees_is_enough_and_reports_it(
     views: list[RgbdFrame], spoil: Spoil, reason: str, error_m: float
 ) -> None:
     odometry = DirectOdometry()
@@ -94,7 +94,7 @@ def test_without_texture_the_shape_of_the_room_is_enough() -> None:
         assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.004, 0.1)
 
 
-def test_depth_alone_is_not_believed_when_the_camera_may_be_anywhere(
+def test_depth_alone_is_not_accepted_when_the_camera_may_be_anywhere(
     views: list[RgbdFrame],
 ) -> None:
     for later_s, is_believed in ((1 / 30, True), (3.0, False)):
@@ -105,7 +105,7 @@ def test_depth_alone_is_not_believed_when_the_camera_may_be_anywhere(
 
 
 @pytest.mark.parametrize(("later_s", "is_believed"), [(0.0, True), (1.0, False)])
-def test_what_fits_badly_is_not_believed_when_the_camera_may_be_anywhere(
+def test_what_fits_badly_is_not_accepted_when_the_camera_may_be_anywhere(
     views: list[RgbdFrame], later_s: float, is_believed: bool
 ) -> None:
     odometry = DirectOdometry()
@@ -162,7 +162,7 @@ def elsewhere(k: int) -> RgbdFrame:
     return add_noise(render_view(MovingCamera(BRISK.velocity, start), k / 30, corner), k)
 
 
-def test_after_too_many_failures_it_begins_anew(views: list[RgbdFrame]) -> None:
+def test_after_too_many_failures_it_begins_again(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     before = estimate_all(odometry, views[:2])[-1]
     black = [
@@ -183,14 +183,16 @@ def test_after_too_many_failures_it_begins_anew(views: list[RgbdFrame]) -> None:
     )
 
 
-def test_a_first_keyframe_that_nothing_fits_is_soon_given_up(views: list[RgbdFrame]) -> None:
+def test_a_first_keyframe_that_nothing_fits_is_soon_dropped(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     estimates = estimate_all(odometry, [views[0], *(elsewhere(40 + k) for k in range(6))])
     assert [e.ok for e in estimates] == [True, *[False] * MAX_INITIAL_FAILURES, True, True, True]
     assert [e.is_reset for e in estimates].index(True) == 1 + MAX_INITIAL_FAILURES
 
 
-def test_with_nothing_to_begin_anew_from_the_old_keyframes_are_kept(views: list[RgbdFrame]) -> None:
+def test_with_nothing_to_begin_again_from_the_old_keyframes_are_kept(
+    views: list[RgbdFrame],
+) -> None:
     odometry = DirectOdometry()
     estimate_all(odometry, views[:2])
     black = [

@@ -95,7 +95,7 @@ def garbage(seed: int, kind: int) -> RgbdFrame:
     if kind == 4:
         return add_noise(frame, seed, seed % 40)
     if kind == 5:
-        covered = frame.depth_raw.copy()
-        covered[:, : 10 + seed % 300] = random.integers(0, 3000)
-        return replace(frame, depth_raw=covered)
+        occluded = frame.depth_raw.copy()
+        occluded[:, : 10 + seed % 300] = random.integers(0, 3000)
+        return replace(frame, depth_raw=occluded)
     return frame

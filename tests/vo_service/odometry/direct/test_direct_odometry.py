@@ -29,7 +29,7 @@ from vo_service.types import Estimate
 TIMINGS = [(0.0, 0.0), (0.02, 0.01), (0.02, -0.012)]
 
 
-def way_of(estimates: list[Estimate]) -> Array:
+def positions_of(estimates: list[Estimate]) -> Array:
     """(N, 3) positions."""
     return np.array([e.T_world_camera[:3, 3] for e in estimates])
 
@@ -58,14 +58,14 @@ def test_rows_of_other_times_taken_as_of_one_do_harm() -> None:
     still = [render_view(stamp_s=k / 30 - 1.0, readout_s=0.03, skew_s=0.015) for k in range(28, 30)]
     rolling = still + render_sequence(BRISK, 5, 0.03, 0.015)
     blind = [replace(frame, readout_s=0.0, skew_s=0.0) for frame in rolling]
-    told, untold = (
+    with_motion, without_timing = (
         np.linalg.norm(
-            way_of(estimate_all(DirectOdometry(), each))[-1] - BRISK.pose_at(4 / 30)[:3, 3]
+            positions_of(estimate_all(DirectOdometry(), each))[-1] - BRISK.pose_at(4 / 30)[:3, 3]
         )
         for each in (rolling, blind)
     )
-    assert told < 1e-3
-    assert untold > 3 * told
+    assert with_motion < 1e-3
+    assert without_timing > 3 * with_motion
 
 
 def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
@@ -116,11 +116,11 @@ def test_standing_still_does_not_creep_and_needs_no_other_keyframe(readout_s: fl
     assert all(e.ok for e in estimates)
     # Where rows have times the first frame is made a keyframe anew, once.
     assert not any(e.is_next_reference for e in estimates[2:])
-    way = way_of(estimates)
-    assert np.linalg.norm(way[40:].mean(axis=0) - way[5:25].mean(axis=0)) < 3e-4
-    assert np.linalg.norm(way, axis=1).max() < 1.5e-3
+    positions = positions_of(estimates)
+    assert np.linalg.norm(positions[40:].mean(axis=0) - positions[5:25].mean(axis=0)) < 3e-4
+    assert np.linalg.norm(positions, axis=1).max() < 1.5e-3
     # A frame by itself is good to 0.15 mm: the pose is that of many.
-    assert way[30:].std(axis=0).max() < 7e-5
+    assert positions[30:].std(axis=0).max() < 7e-5
 
 
 @pytest.mark.slow
@@ -129,17 +129,19 @@ def test_a_start_from_rest_is_followed_at_once() -> None:
     rest = [render_view(readout_s=0.02) for _ in range(20)]
     frames = [*rest, *render_sequence(going, 10, 0.02)]
     frames = [replace(add_noise(frame, k), stamp_s=k / 30) for k, frame in enumerate(frames)]
-    way = way_of(estimate_all(DirectOdometry(), frames)) @ [0.6, 0.0, 0.8]
+    positions = positions_of(estimate_all(DirectOdometry(), frames)) @ [0.6, 0.0, 0.8]
     # 0.7 mm a frame: never more than a frame late.
-    np.testing.assert_allclose(way[20:] - way[10:20].mean(), 0.02 * np.arange(10) / 30, atol=0.7e-3)
+    np.testing.assert_allclose(
+        positions[20:] - positions[10:20].mean(), 0.02 * np.arange(10) / 30, atol=0.7e-3
+    )
 
 
 @pytest.mark.slow
 def test_slow_motion_is_not_swallowed() -> None:
     slow = MovingCamera(np.array([0.9e-3, 0.0, 1.2e-3, 0.0, 0.0, 0.0]))
     frames = [add_noise(frame, k) for k, frame in enumerate(render_sequence(slow, 50))]
-    way = way_of(estimate_all(DirectOdometry(), frames))
-    gone_m = np.linalg.norm(way[40:].mean(axis=0) - way[:10].mean(axis=0))
+    positions = positions_of(estimate_all(DirectOdometry(), frames))
+    gone_m = np.linalg.norm(positions[40:].mean(axis=0) - positions[:10].mean(axis=0))
     # 0.05 mm a frame, over forty.
     assert gone_m == pytest.approx(40 * 5e-5, rel=0.35)
 
@@ -164,14 +166,16 @@ def swept() -> list[Estimate]:
     return estimate_all(DirectOdometry(), [looking(a, k) for k, a in enumerate(sweep())])
 
 
-def test_a_long_way_passes_from_keyframe_to_keyframe(swept: list[Estimate]) -> None:
+def test_a_long_trajectory_passes_from_keyframe_to_keyframe(swept: list[Estimate]) -> None:
     assert all(e.ok for e in swept)
     assert sum(e.is_next_reference for e in swept[:9]) >= 3
     for angle_rad, estimate in zip(sweep(), swept, strict=True):
         assert_close(estimate.T_world_camera, turned(angle_rad), 0.003, 0.08)
 
 
-def test_a_view_that_returns_is_laid_on_the_keyframe_that_it_had(swept: list[Estimate]) -> None:
+def test_a_view_that_returns_is_aligned_with_the_keyframe_that_it_had(
+    swept: list[Estimate],
+) -> None:
     """So the error on the way is forgotten: it does not add up there and back."""
     assert_close(swept[-1].T_world_camera, np.eye(4), 0.0012, 0.04)
 
@@ -226,17 +230,17 @@ class Trembling(MovingCamera):
 
 def drift_of(frames: list[RgbdFrame]) -> float:
     """Mean distance from the way of a trembling hand, m."""
-    way = way_of(estimate_all(DirectOdometry(), frames))
+    positions = positions_of(estimate_all(DirectOdometry(), frames))
     T_start_world = inverse(Trembling().pose_at(0.0))
     truth = [(T_start_world @ Trembling().pose_at(frame.stamp_s))[:3, 3] for frame in frames]
-    return float(np.linalg.norm(way - truth, axis=1).mean())
+    return float(np.linalg.norm(positions - truth, axis=1).mean())
 
 
 @pytest.mark.slow
 def test_a_trembling_hand_bends_no_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keyframes are un-bent by the poses around them, not by what bent ones before made of it."""
     frames = [add_noise(f, k) for k, f in enumerate(render_sequence(Trembling(), 36, 0.02, 0.012))]
-    told = drift_of(frames)
+    with_motion = drift_of(frames)
     monkeypatch.setattr(keyframe_selection, "estimate_previous_motion", lambda before, now: None)
-    assert told < 0.001
-    assert told < 0.7 * drift_of(frames)
+    assert with_motion < 0.001
+    assert with_motion < 0.7 * drift_of(frames)

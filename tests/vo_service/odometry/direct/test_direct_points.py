@@ -77,11 +77,11 @@ def test_brightness_and_its_change_with_the_place_are_those_of_the_paint() -> No
     # Sideways, along a wall that faces the camera, brightness changes as it is painted.
     step = np.array([2e-3, 0.0, -2e-4])
     on_wall = np.abs(places @ WALL[0] - WALL[1]) < 1e-3
-    told = points[:, POINT_BRIGHTNESS_GRADIENT : POINT_BRIGHTNESS_GRADIENT + 3] @ step
+    predicted = points[:, POINT_BRIGHTNESS_GRADIENT : POINT_BRIGHTNESS_GRADIENT + 3] @ step
     true = texture_at(places) - texture_at(places - step)
     strong = on_wall & (points[:, HAS_TEXTURE] > 0)
     # The camera's pixel goes with the point: what it meets is the paint further on.
-    assert np.corrcoef(told[strong], true[strong])[0, 1] > 0.95
+    assert np.corrcoef(predicted[strong], true[strong])[0, 1] > 0.95
 
 
 def test_depth_changes_with_the_place_as_the_plane_lies() -> None:
@@ -94,8 +94,8 @@ def test_depth_changes_with_the_place_as_the_plane_lies() -> None:
     # 1/z of the wall where the moved point is seen, less that of the moved point.
     rays = moved / moved[:, 2:]
     difference = rays @ normal / distance - 1.0 / moved[:, 2]
-    told = points[:, POINT_DEPTH_GRADIENT : POINT_DEPTH_GRADIENT + 3] @ step
-    np.testing.assert_allclose(told, difference, atol=1e-5)
+    predicted = points[:, POINT_DEPTH_GRADIENT : POINT_DEPTH_GRADIENT + 3] @ step
+    np.testing.assert_allclose(predicted, difference, atol=1e-5)
 
 
 def test_a_pixel_beside_a_depth_edge_is_no_point() -> None:
@@ -112,9 +112,9 @@ def test_a_pixel_beside_a_depth_edge_is_no_point() -> None:
 
 
 def test_no_points_are_taken_from_cells_that_move() -> None:
-    is_still = np.ones(NUM_CELLS, np.bool_).reshape(CELL_ROWS, CELL_COLUMNS)
-    is_still[:, : CELL_COLUMNS // 2] = False
-    for points in select_points(build_image_pyramid(render_view()), STANDING, is_still.ravel()):
+    is_static = np.ones(NUM_CELLS, np.bool_).reshape(CELL_ROWS, CELL_COLUMNS)
+    is_static[:, : CELL_COLUMNS // 2] = False
+    for points in select_points(build_image_pyramid(render_view()), STANDING, is_static.ravel()):
         assert np.all(points[:, 0] > -0.02 * points[:, 2])
 
 
@@ -132,7 +132,7 @@ def test_rows_taken_at_other_times_are_brought_to_the_stamp(
 ) -> None:
     frame = render_view(BRISK, planes=(WALL,), readout_s=readout_s, skew_s=skew_s)
     images, instant = build_image_pyramid(frame), build_image_pyramid(render_view(planes=(WALL,)))
-    points = select_points(images, BRISK.movement, ALL_STATIC)[level]
+    points = select_points(images, BRISK.motion, ALL_STATIC)[level]
     left = select_points(images, STANDING, ALL_STATIC)[level]
     assert off_wall_m(points[:, :3]).max() < 3e-4
     assert off_paint(points) < 1.1 * off_paint(select_points(instant, STANDING, ALL_STATIC)[level])
@@ -146,8 +146,8 @@ def test_rows_that_a_tremor_has_bent_are_straightened(skew_s: float) -> None:
     images = build_image_pyramid(
         render_view(SHAKING, planes=(WALL,), readout_s=0.03, skew_s=skew_s)
     )
-    straight = select_points(images, SHAKING.movement, ALL_STATIC)[0]
-    bent = select_points(images, BRISK.movement, ALL_STATIC)[0]
+    straight = select_points(images, SHAKING.motion, ALL_STATIC)[0]
+    bent = select_points(images, BRISK.motion, ALL_STATIC)[0]
     assert off_wall_m(straight[:, :3]).max() < 4e-4
     assert off_paint(straight) < 0.8 * off_paint(bent)
 
@@ -155,7 +155,7 @@ def test_rows_that_a_tremor_has_bent_are_straightened(skew_s: float) -> None:
 def test_the_points_of_a_rolled_image_are_in_the_axes_of_the_camera_at_its_stamp() -> None:
     stamp_s = 0.4
     frame = render_view(BRISK, stamp_s, readout_s=0.03, skew_s=0.01)
-    points = select_points(build_image_pyramid(frame), BRISK.movement, ALL_STATIC)[0]
+    points = select_points(build_image_pyramid(frame), BRISK.motion, ALL_STATIC)[0]
     places = transform_points(BRISK.pose_at(stamp_s), points[:, :3])
     assert np.percentile(off_planes_m(places), 80) < 3e-4
 
@@ -164,7 +164,7 @@ def test_for_an_instant_shutter_the_velocity_does_not_matter() -> None:
     images = build_image_pyramid(render_view())
     for standing, moving in zip(
         select_points(images, STANDING, ALL_STATIC),
-        select_points(images, BRISK.movement, ALL_STATIC),
+        select_points(images, BRISK.motion, ALL_STATIC),
         strict=True,
     ):
         np.testing.assert_array_equal(standing, moving)

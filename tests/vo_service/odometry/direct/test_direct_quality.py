@@ -54,7 +54,7 @@ def fitted(**fit: float) -> DirectAlignment:
     return replace(GOOD, residual_model=changed)
 
 
-def test_a_good_alignment_is_believed_and_lacks_nothing() -> None:
+def test_a_good_alignment_is_accepted_and_lacks_nothing() -> None:
     assert rejection_reason(GOOD) == degradation_reason(GOOD) == ""
     assert is_consistent(GOOD.counts)
     assert outlier_score(GOOD) < 1.0
@@ -76,17 +76,17 @@ def test_a_good_alignment_is_believed_and_lacks_nothing() -> None:
         (fitted(GAIN=9.0), "the brightness changed too much against the keyframe"),
     ],
 )
-def test_what_does_not_fit_is_doubted_and_said(found: DirectAlignment, reason: str) -> None:
+def test_what_does_not_fit_is_rejected_and_reported(found: DirectAlignment, reason: str) -> None:
     assert reason in rejection_reason(found)
 
 
-def test_brightness_that_does_not_count_is_not_doubted() -> None:
+def test_brightness_that_does_not_count_is_not_rejected() -> None:
     dark = replace(fitted(SIGMA_BRIGHTNESS=100.0, GAIN=9.0), cell_weights=depth_only_weights())
     assert rejection_reason(dark) == ""
     assert outlier_score(dark) < 1.0 < outlier_score(fitted(SIGMA_BRIGHTNESS=100.0))
 
 
-def test_what_it_has_to_do_without_is_said() -> None:
+def test_what_it_has_to_do_without_is_reported() -> None:
     assert "depth only" in degradation_reason(counted(WITH_BRIGHTNESS=0))
     assert "brightness only" in degradation_reason(counted(WITH_DEPTH=0))
 
@@ -97,7 +97,7 @@ def count_of(readings: Array) -> Array:
     )
 
 
-def test_readings_are_counted_by_what_they_say() -> None:
+def test_samples_are_counted_by_what_they_say() -> None:
     counts = count_of(GOOD.samples)
     assert counts[residual_stats.IN_IMAGE] == np.count_nonzero(
         GOOD.samples[:, columns.SAMPLE_CELL] >= 0
@@ -136,23 +136,23 @@ def test_points_agree_if_both_their_brightness_and_their_depth_do() -> None:
         np.testing.assert_array_equal(now[1::2], agreeing[1::2])
 
 
-def covered(share: float) -> DirectAlignment:
+def occluded(share: float) -> DirectAlignment:
     readings = GOOD.samples.copy()
     readings[: int(share * len(readings)), columns.SAMPLE_OCCLUSION] = columns.OCCLUDED
     return replace(GOOD, samples=readings, counts=count_of(readings))
 
 
-def test_a_view_that_something_covers_is_not_believed_however_well_the_rest_fits() -> None:
-    assert occlusion_reason(GOOD) == occlusion_reason(covered(0.4)) == ""
-    assert "of the view is occluded" in occlusion_reason(covered(0.7))
-    assert rejection_reason(covered(0.7)) == ""
+def test_a_view_that_something_covers_is_not_accepted_however_well_the_rest_fits() -> None:
+    assert occlusion_reason(GOOD) == occlusion_reason(occluded(0.4)) == ""
+    assert "of the view is occluded" in occlusion_reason(occluded(0.7))
+    assert rejection_reason(occluded(0.7)) == ""
     unfit = counted(DISREGARDED=0.7 * GOOD.counts[residual_stats.IN_IMAGE])
     assert occlusion_reason(unfit) == "70 % of the view is occluded"
 
 
-def test_a_view_that_is_covered_in_part_is_told() -> None:
-    assert degradation_reason(covered(0.1)) == ""
-    assert "of the view is occluded" in degradation_reason(covered(0.4))
+def test_a_view_that_is_covered_in_part_is_reported() -> None:
+    assert degradation_reason(occluded(0.1)) == ""
+    assert "of the view is occluded" in degradation_reason(occluded(0.4))
 
 
 def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:

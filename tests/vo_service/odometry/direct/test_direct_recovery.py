@@ -49,21 +49,21 @@ def keyframe_of(frame: RgbdFrame, T: Array) -> DirectKeyframe:
 
 
 AHEAD, ASIDE = keyframe_of(looking(0.0), np.eye(4)), keyframe_of(looking(0.5), turned(0.5))
-WAY = MotionState(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), AHEAD.images.mean_brightness)
+MOTION_STATE = MotionState(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), AHEAD.images.mean_brightness)
 SEARCH = FeatureSearch(SurfExtractor())
 
 
 def first_try(frame: RgbdFrame) -> TrackingResult:
-    return laid_from(WAY.initial_guesses(AHEAD.T_world_keyframe, frame.stamp_s), frame)
+    return align_from(MOTION_STATE.initial_guesses(AHEAD.T_world_keyframe, frame.stamp_s), frame)
 
 
-def laid_from(starts: list[Array], frame: RgbdFrame) -> TrackingResult:
-    images, tie = (
+def align_from(starts: list[Array], frame: RgbdFrame) -> TrackingResult:
+    images, prior = (
         build_image_pyramid(frame),
-        WAY.motion_prior(AHEAD.T_world_keyframe, frame.stamp_s),
+        MOTION_STATE.motion_prior(AHEAD.T_world_keyframe, frame.stamp_s),
     )
     return TrackingResult(
-        AHEAD, align(AHEAD.points, images, starts, tie, (1.0, 0.0), uniform_weights()), tie
+        AHEAD, align(AHEAD.points, images, starts, prior, (1.0, 0.0), uniform_weights()), prior
     )
 
 
@@ -76,7 +76,7 @@ def searched(frame: RgbdFrame, first: TrackingResult) -> TrackingResult:
     local_map.reset(ASIDE)
     local_map.add(AHEAD)
     return DirectRecovery(SurfExtractor()).recover(
-        frame, build_image_pyramid(frame), first, WAY, local_map
+        frame, build_image_pyramid(frame), first, MOTION_STATE, local_map
     )
 
 
@@ -96,9 +96,9 @@ def T_world_of(found: TrackingResult) -> Array:
 
 
 def test_features_find_the_keyframes_that_are_in_view() -> None:
-    sightings = list(SEARCH.find_matches(looking(0.1, 1), [ASIDE, AHEAD]))
-    assert AHEAD in [each.keyframe for each in sightings]
-    for each in sightings:
+    observations = list(SEARCH.find_matches(looking(0.1, 1), [ASIDE, AHEAD]))
+    assert AHEAD in [each.keyframe for each in observations]
+    for each in observations:
         T_world_camera = each.keyframe.T_world_keyframe @ inverse(each.T_camera_keyframe)
         assert_close(T_world_camera, turned(0.1), 0.02, 0.5)
 
@@ -127,7 +127,7 @@ def test_a_motion_that_fits_well_enough_gives_way_to_one_that_fits_clearly_bette
     frame = looking(-0.3, 5)
     wrong = plausible(first_try(frame))
     assert not wrong.needs_recovery
-    assert WAY.is_stale(frame.stamp_s)
+    assert MOTION_STATE.is_stale(frame.stamp_s)
     assert_close(T_world_of(searched(frame, wrong)), turned(-0.3), 0.003, 0.08)
 
 
@@ -142,7 +142,7 @@ def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken()
     assert (in_use.keyframe, other.keyframe) == (AHEAD, ASIDE)
     # Where it is expected it does not fit; where features see it, too little of it is left.
     assert "the keyframe" in rejection_reason(first_try(frame).alignment)
-    sighted = laid_from([in_use.T_camera_keyframe], frame)
+    sighted = align_from([in_use.T_camera_keyframe], frame)
     assert "points of the keyframe are in view" in rejection_reason(sighted.alignment)
     assert recovered(frame).keyframe is ASIDE
 
@@ -154,7 +154,7 @@ def test_in_the_dark_depth_alone_is_tried() -> None:
     assert_close(T_world_of(found), turned(0.02), 0.003, 0.1)
 
 
-def test_what_is_found_nowhere_stays_in_doubt() -> None:
+def test_what_is_found_nowhere_stays_invalid() -> None:
     found = recovered(looking(np.pi, 1))
     assert rejection_reason(found.alignment) != ""
     assert found.needs_recovery
@@ -169,31 +169,33 @@ def test_a_jump_is_followed_without_a_restart() -> None:
         assert_close(estimate.T_world_camera, turned(angle_rad), 0.004, 0.1)
 
 
-def test_a_first_keyframe_is_made_anew_once_the_velocity_is_known() -> None:
+def test_a_first_keyframe_is_made_again_once_the_velocity_is_known() -> None:
     first, second = render_sequence(BRISK, 2, readout_s=0.03, skew_s=0.01)
     images = build_image_pyramid(first)
     keyframe = make_keyframe(first, images, np.eye(4), zero_motion(), ALL_STATIC)
     way = MotionState(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), images.mean_brightness)
-    tie = way.motion_prior(np.eye(4), second.stamp_s)
+    prior = way.motion_prior(np.eye(4), second.stamp_s)
     starts = way.initial_guesses(np.eye(4), second.stamp_s)
-    laid = align(
-        keyframe.points, build_image_pyramid(second), starts, tie, (1.0, 0.0), uniform_weights()
+    align_frame = align(
+        keyframe.points, build_image_pyramid(second), starts, prior, (1.0, 0.0), uniform_weights()
     )
-    found = reinitialize(TrackingResult(keyframe, laid, tie), build_image_pyramid(second), way)
-    np.testing.assert_allclose(found.keyframe.motion, BRISK.movement, atol=0.04)
+    found = reinitialize(
+        TrackingResult(keyframe, align_frame, prior), build_image_pyramid(second), way
+    )
+    np.testing.assert_allclose(found.keyframe.motion, BRISK.motion, atol=0.04)
     assert found.keyframe.frame.depth_raw is first.depth_raw
     assert_close(T_world_of(found), BRISK.pose_at(1 / 30), 0.0007, 0.03)
 
 
 def test_what_is_drawn_lies_in_both_images() -> None:
     found = first_try(looking(0.01, 1))
-    evidence = make_tracking_debug(AHEAD, found.alignment)
+    debug = make_tracking_debug(AHEAD, found.alignment)
     assert len(project_keyframe_points(AHEAD)) == -(-len(AHEAD.points[0]) // POINT_STRIDE)
-    assert evidence.inlier.mean() > 0.8
-    flow_px = evidence.matches_px - evidence.reference_matches_px
+    assert debug.inlier.mean() > 0.8
+    flow_px = debug.matches_px - debug.reference_matches_px
     # A turn to the right: what is seen goes to the left.
     assert np.median(flow_px[:, 0]) == pytest.approx(-0.01 * 290, rel=0.2)
     assert abs(np.median(flow_px[:, 1])) < 0.5
-    for pixels in (evidence.keypoints_px, evidence.reference_matches_px):
+    for pixels in (debug.keypoints_px, debug.reference_matches_px):
         assert pixels.min() > -1
         assert (pixels.max(axis=0) < (320, 240)).all()

@@ -27,7 +27,7 @@ def stages_of(frame: RgbdFrame, *before: RgbdFrame) -> list[str]:
     return stages.names
 
 
-def test_a_frame_that_fits_is_laid_on_the_keyframe_and_no_more() -> None:
+def test_a_frame_that_fits_is_aligned_with_the_keyframe_and_no_more() -> None:
     *before, frame = views(0.0, 1 / 30, 2 / 30)
     assert stages_of(frame, *before) == ["images", "align", "certainty"]
 
@@ -37,7 +37,7 @@ def test_after_a_gap_features_are_asked_as_well_though_all_fits() -> None:
     assert stages_of(frame, *before) == ["images", "align", "recovery", "certainty"]
 
 
-def covered(frame: RgbdFrame, share: float) -> RgbdFrame:
+def occluded(frame: RgbdFrame, share: float) -> RgbdFrame:
     """The same frame, so much of it behind a near plate of one gray."""
     color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     until = round(share * frame.camera.width)
@@ -45,10 +45,10 @@ def covered(frame: RgbdFrame, share: float) -> RgbdFrame:
     return replace(frame, color_bgr=color, depth_raw=depth)
 
 
-def test_a_frame_of_which_most_is_covered_is_not_believed_though_the_rest_fits() -> None:
+def test_a_frame_of_which_most_is_covered_is_not_accepted_though_the_rest_fits() -> None:
     odometry, (*before, frame, after) = DirectOdometry(), views(0.0, 1 / 30, 2 / 30, 3 / 30)
     held = estimate_all(odometry, before)[-1].T_world_camera
-    estimate = odometry.estimate(covered(frame, 0.7))
+    estimate = odometry.estimate(occluded(frame, 0.7))
     assert not estimate.ok
     assert estimate.reason.endswith("% of the view is occluded")
     np.testing.assert_array_equal(estimate.T_world_camera, held)

@@ -31,10 +31,10 @@ KERNELS = [
 ]
 
 
-def test_every_stage_of_the_method_is_run_and_told_and_has_a_budget() -> None:
-    told: list[str] = []
-    assert warm_up("direct", told.append) > 0
-    assert set(told) == set(STAGE_BUDGET_MS)
+def test_every_stage_of_the_method_is_run_and_reported_and_has_a_budget() -> None:
+    stages: list[str] = []
+    assert warm_up("direct", stages.append) > 0
+    assert set(stages) == set(STAGE_BUDGET_MS)
 
 
 def compiled() -> list[tuple[str, list[object]]]:
@@ -61,10 +61,10 @@ def all_that_may_happen() -> list[RgbdFrame]:
 
 def test_a_warm_method_compiles_nothing_more_for_real_frames() -> None:
     warm_up("direct", lambda _: None)
-    told: list[str] = []
+    stages: list[str] = []
     before = compiled()
-    odometry = METHODS["direct"](FeatureConfig(), StageReporter(told.append))
+    odometry = METHODS["direct"](FeatureConfig(), StageReporter(stages.append))
     assert all(odometry.estimate(frame).ok for frame in all_that_may_happen())
-    assert set(told) == set(STAGE_BUDGET_MS)
+    assert set(stages) == set(STAGE_BUDGET_MS)
     assert KERNELS
     assert compiled() == before

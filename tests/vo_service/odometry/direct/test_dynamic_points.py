@@ -39,7 +39,7 @@ def turned(angle_rad: float) -> Array:
     return rigid_transform(so3_exp([0.0, angle_rad, 0.0]), np.zeros(3))
 
 
-def with_a_thing(frame: RgbdFrame, left: int, right: int) -> RgbdFrame:
+def with_object(frame: RgbdFrame, left: int, right: int) -> RgbdFrame:
     color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     color[ROWS, left:right] = np.roll(color, 90, axis=1)[ROWS, left:right]
     depth[ROWS, left:right] = round(THING_M * frame.depth_factor)
@@ -47,7 +47,7 @@ def with_a_thing(frame: RgbdFrame, left: int, right: int) -> RgbdFrame:
 
 
 def keyframe_at(T: Array, thing: tuple[int, int] = (0, 0), seed: int = 0) -> DirectKeyframe:
-    frame = add_noise(with_a_thing(render_view(MovingCamera(T_world_start=T)), *thing), seed)
+    frame = add_noise(with_object(render_view(MovingCamera(T_world_start=T)), *thing), seed)
     return make_keyframe(frame, build_image_pyramid(frame), T, zero_motion(), ALL_STATIC)
 
 
@@ -78,7 +78,7 @@ def test_a_room_in_which_nothing_moves_is_kept(T: Array) -> None:
     assert of_room > 0.97
 
 
-def test_a_thing_that_stays_is_kept_though_it_hides_other_parts_of_the_wall() -> None:
+def test_an_object_that_stays_is_kept_though_it_hides_other_parts_of_the_wall() -> None:
     before = keyframe_at(np.eye(4), (150, 230))
     moved_on = keyframe_at(aside(ASIDE_M), (150 - PARALLAX_PX, 230 - PARALLAX_PX), 1)
     of_thing, of_room = parts_kept(moved_on, [before])
@@ -94,7 +94,7 @@ def test_what_comes_from_outside_has_to_be_seen_by_another_first() -> None:
     assert of_room > 0.95
 
 
-def test_who_was_there_first_is_believed() -> None:
+def test_who_was_there_first_is_accepted() -> None:
     came, still_there = (keyframe_at(np.eye(4), (150, 230), seed) for seed in (1, 2))
     assert parts_kept(still_there, [EMPTY, came])[0] == 0.0
     assert parts_kept(still_there, [came])[0] > 0.9
@@ -114,11 +114,13 @@ def test_a_camera_that_came_back_with_smaller_images_is_compared_all_the_same() 
 
 
 def test_a_frame_that_becomes_the_next_keyframe_has_no_points_of_what_came() -> None:
-    frame = add_noise(with_a_thing(render_view(), 150, 230), 1)
+    frame = add_noise(with_object(render_view(), 150, 230), 1)
     images, local_map = build_image_pyramid(frame), LocalMap()
     local_map.reset(EMPTY)
-    laid = align(EMPTY.points, images, [np.eye(4)], STATIC_PRIOR, (1.0, 0.0), uniform_weights())
-    found = TrackingResult(EMPTY, laid, STATIC_PRIOR)
+    align_frame = align(
+        EMPTY.points, images, [np.eye(4)], STATIC_PRIOR, (1.0, 0.0), uniform_weights()
+    )
+    found = TrackingResult(EMPTY, align_frame, STATIC_PRIOR)
     chosen = select(TrackedFrame(frame, images, found, MOTION, is_well_constrained=True), local_map)
     assert chosen.frame.depth_raw is frame.depth_raw
     assert local_map.keyframes == [EMPTY, chosen]

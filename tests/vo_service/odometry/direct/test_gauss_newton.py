@@ -8,7 +8,7 @@ from drivers.core.geometry import Array
 from vo_service.odometry.direct.gauss_newton import add_motion_prior, solve_cholesky
 
 FEW = settings(max_examples=30)
-MOVEMENTS = arrays(np.float64, 9, elements=st.floats(-1.0, 1.0, allow_subnormal=False))
+MOTIONS = arrays(np.float64, 9, elements=st.floats(-1.0, 1.0, allow_subnormal=False))
 
 
 @FEW
@@ -25,8 +25,8 @@ def test_a_system_that_says_nothing_has_an_answer() -> None:
 
 
 @FEW
-@given(MOVEMENTS, st.floats(1.0, 60.0), st.integers(0, 1000))
-def test_the_tie_is_the_square_of_how_far_movement_and_way_are_apart(
+@given(MOTIONS, st.floats(1.0, 60.0), st.integers(0, 1000))
+def test_the_prior_is_the_square_of_how_far_motion_and_path_are_apart(
     off: Array, rate_hz: float, seed: int
 ) -> None:
     """Its value is sum P (off + e - rate d)^2 for a step d of the motion and e of the movement.

@@ -39,7 +39,9 @@ OTHER_WAY = MovingCamera(np.array([0.8, 0.0, 0.0, 0.0, 0.0, 0.0]))
 JOLT = MovingCamera(np.array([0.3, -0.2, 0.3, -0.3, 0.4, 0.2]))
 LEFT = 3
 # It has stood still, calmly.
-WAY = MotionState(np.eye(4), np.zeros(6), 0.0, IDENTITY_BRIGHTNESS, 128.0, np.array([0.01, 0.02]))
+MOTION_STATE = MotionState(
+    np.eye(4), np.zeros(6), 0.0, IDENTITY_BRIGHTNESS, 128.0, np.array([0.01, 0.02])
+)
 KEYFRAME = make_keyframe(
     add_noise(render_view(), 0),
     build_image_pyramid(add_noise(render_view(), 0)),
@@ -49,7 +51,7 @@ KEYFRAME = make_keyframe(
 )
 
 
-def with_a_thing(frame: RgbdFrame, thing: RgbdFrame) -> RgbdFrame:
+def with_object(frame: RgbdFrame, thing: RgbdFrame) -> RgbdFrame:
     """The left of the view is that of another frame."""
     color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     until = LEFT * frame.camera.width // CELL_COLUMNS
@@ -57,10 +59,10 @@ def with_a_thing(frame: RgbdFrame, thing: RgbdFrame) -> RgbdFrame:
     return replace(frame, color_bgr=color, depth_raw=depth)
 
 
-def found_by(images: ImagePyramid, weights: Array) -> TrackingResult:
-    tie = WAY.motion_prior(np.eye(4), STEP_S)
-    alignment = align(KEYFRAME.points, images, [np.eye(4)], tie, IDENTITY_BRIGHTNESS, weights)
-    return TrackingResult(KEYFRAME, alignment, tie)
+def align_with_weights(images: ImagePyramid, weights: Array) -> TrackingResult:
+    prior = MOTION_STATE.motion_prior(np.eye(4), STEP_S)
+    alignment = align(KEYFRAME.points, images, [np.eye(4)], prior, IDENTITY_BRIGHTNESS, weights)
+    return TrackingResult(KEYFRAME, alignment, prior)
 
 
 def of_the_left() -> Array:
@@ -72,49 +74,50 @@ def of_the_left() -> Array:
 def align_the_left(
     points: PointPyramid,
     images: ImagePyramid,
-    starts: Sequence[Array],
-    tie: MotionPrior,
-    light: tuple[float, float],
+    initial_guesses: Sequence[Array],
+    prior: MotionPrior,
+    affine_brightness: tuple[float, float],
     _: Array,
 ) -> DirectAlignment:
-    return align(points, images, starts, tie, light, of_the_left())
+    return align(points, images, initial_guesses, prior, affine_brightness, of_the_left())
 
 
-def test_a_motion_that_follows_a_thing_is_given_up_for_that_of_the_room() -> None:
+def test_a_motion_that_follows_an_object_is_dropped_for_that_of_the_room() -> None:
     images = build_image_pyramid(
-        add_noise(with_a_thing(render_view(), render_view(OTHER_WAY, STEP_S)), 1)
+        add_noise(with_object(render_view(), render_view(OTHER_WAY, STEP_S)), 1)
     )
     images = replace(images, stamp_s=STEP_S)
-    following = found_by(images, of_the_left())
+    following = align_with_weights(images, of_the_left())
     assert_close(
         inverse(following.alignment.T_camera_keyframe), OTHER_WAY.pose_at(STEP_S), 0.004, 0.2
     )
-    again = retry_without_half(following, images, WAY)
+    again = retry_without_half(following, images, MOTION_STATE)
     assert_close(inverse(again.alignment.T_camera_keyframe), np.eye(4), 0.002, 0.05)
 
 
-def test_a_jolt_of_the_camera_is_believed() -> None:
+def test_a_jolt_of_the_camera_is_accepted() -> None:
     images = build_image_pyramid(add_noise(render_view(JOLT, STEP_S), 1))
-    again = retry_without_half(found_by(images, uniform_weights()), images, WAY)
+    again = retry_without_half(align_with_weights(images, uniform_weights()), images, MOTION_STATE)
     assert_close(inverse(again.alignment.T_camera_keyframe), JOLT.pose_at(STEP_S), 0.002, 0.05)
 
 
 @pytest.mark.parametrize(
-    "way", [replace(WAY, velocity_noise=np.full(2, 1.0)), replace(WAY, stamp_s=-1)]
+    "way",
+    [replace(MOTION_STATE, velocity_noise=np.full(2, 1.0)), replace(MOTION_STATE, stamp_s=-1)],
 )
-def test_what_does_not_surprise_is_not_looked_at_again(way: MotionState) -> None:
+def test_what_does_not_surprise_is_not_retried(way: MotionState) -> None:
     images = build_image_pyramid(add_noise(render_view(JOLT, STEP_S), 1))
-    found = found_by(images, uniform_weights())
+    found = align_with_weights(images, uniform_weights())
     assert retry_without_half(found, images, way) is found
 
 
 def test_a_camera_that_goes_on_standing_does_not_surprise() -> None:
     images = replace(build_image_pyramid(add_noise(render_view(STILL), 1)), stamp_s=STEP_S)
-    found = found_by(images, uniform_weights())
-    assert retry_without_half(found, images, WAY) is found
+    found = align_with_weights(images, uniform_weights())
+    assert retry_without_half(found, images, MOTION_STATE) is found
 
 
-def test_the_odometry_looks_again_where_its_first_answer_follows_a_thing(
+def test_the_odometry_looks_again_where_its_first_answer_follows_an_object(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # Too few features for these to find the room.
@@ -123,7 +126,7 @@ def test_the_odometry_looks_again_where_its_first_answer_follows_a_thing(
         odometry, [replace(add_noise(render_view(), k), stamp_s=k * STEP_S) for k in range(3)]
     )
     monkeypatch.setattr(keyframe_odometry, "align", align_the_left)
-    moved = add_noise(with_a_thing(render_view(), render_view(OTHER_WAY, STEP_S)), 3)
+    moved = add_noise(with_object(render_view(), render_view(OTHER_WAY, STEP_S)), 3)
     estimate = odometry.estimate(replace(moved, stamp_s=3 * STEP_S))
     assert estimate.ok
     assert_close(estimate.T_world_camera, np.eye(4), 0.002, 0.05)

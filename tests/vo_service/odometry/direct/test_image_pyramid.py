@@ -63,7 +63,7 @@ def test_a_shutter_is_instant_only_if_both_images_are_of_one_instant() -> None:
     assert not ImageTiming(0.0, -0.01).is_instant
 
 
-def test_light_is_compared_within_what_is_believed_of_it() -> None:
+def test_light_is_compared_within_what_is_accepted_of_it() -> None:
     frame, brighter = render_sequence(STILL, 2)
     bright = build_image_pyramid(change_lighting(brighter, 1.4))
     assert bright.brightness_ratio(build_image_pyramid(frame)) == pytest.approx(1.4, rel=0.03)

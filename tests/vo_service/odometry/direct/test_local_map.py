@@ -58,19 +58,21 @@ def keyframe_at(angle_rad: float, seed: int = 0) -> DirectKeyframe:
 AHEAD = keyframe_at(0.0)
 
 
-def found_at(
+def align_at(
     angle_rad: float, keyframe: DirectKeyframe = AHEAD
 ) -> tuple[TrackingResult, ImagePyramid]:
     images = looking(angle_rad, seed=5)
     start = inverse(turned(angle_rad)) @ keyframe.T_world_keyframe
-    tie = STATIC_PRIOR.relaxed()
+    prior = STATIC_PRIOR.relaxed()
     return TrackingResult(
-        keyframe, align(keyframe.points, images, [start], tie, (1.0, 0.0), uniform_weights()), tie
+        keyframe,
+        align(keyframe.points, images, [start], prior, (1.0, 0.0), uniform_weights()),
+        prior,
     ), images
 
 
-def good_at(angle_rad: float) -> TrackedFrame:
-    found, images = found_at(angle_rad)
+def tracked_at(angle_rad: float) -> TrackedFrame:
+    found, images = align_at(angle_rad)
     frame = add_noise(render_view(MovingCamera(T_world_start=turned(angle_rad))), 5)
     way = replace(MOTION, stamp_s=images.stamp_s - 1 / 30)
     return TrackedFrame(frame, images, found, way, is_well_constrained=True)
@@ -90,7 +92,7 @@ def test_a_turned_camera_sees_the_part_that_it_still_points_at() -> None:
     assert compute_overlap(AHEAD, inverse(turned(np.pi))).share == 0.0
 
 
-def test_the_map_tells_first_what_is_seen_most_of() -> None:
+def test_the_map_shows_first_what_is_seen_most_of() -> None:
     local_map, aside = LocalMap(), keyframe_at(0.4)
     local_map.reset(AHEAD)
     local_map.add(aside)
@@ -112,41 +114,41 @@ def test_the_map_forgets_what_was_longest_out_of_use() -> None:
 
 
 def test_the_next_keyframe_is_due_when_the_last_goes_out_of_view() -> None:
-    assert not needs_keyframe(good_at(0.03), *CLEAR)
-    assert needs_keyframe(good_at(0.35), *CLEAR)
+    assert not needs_keyframe(tracked_at(0.03), *CLEAR)
+    assert needs_keyframe(tracked_at(0.35), *CLEAR)
 
 
 @pytest.mark.parametrize(
     ("turn_rad", "after_s", "expected"),
     [(0.17, 1 / 30, False), (0.17, 0.3, True), (0.14, 0.3, False)],
 )
-def test_where_frames_come_seldom_the_next_keyframe_is_due_sooner(
+def test_where_frames_come_rarely_the_next_keyframe_is_due_sooner(
     turn_rad: float, after_s: float, expected: bool
 ) -> None:
     """The image has moved by 53 pixels of 70, or by 44: the next frame may be far on."""
-    good = good_at(turn_rad)
-    way = replace(good.motion_state, stamp_s=good.images.stamp_s - after_s)
-    assert needs_keyframe(replace(good, motion_state=way), *CLEAR) is expected
+    tracked = tracked_at(turn_rad)
+    way = replace(tracked.motion_state, stamp_s=tracked.images.stamp_s - after_s)
+    assert needs_keyframe(replace(tracked, motion_state=way), *CLEAR) is expected
 
 
 @pytest.mark.parametrize(
-    ("clarity", "at_first", "expected"),
+    ("observability", "at_first", "expected"),
     [(4.0, 9.0, True), (5.0, 9.0, False), (6.1, 20.0, False), (2.9, 9.0, False)],
     ids=["half as clear", "nearly as clear", "clear enough", "too plain to stand on"],
 )
 def test_the_next_keyframe_is_due_while_the_view_is_still_clear(
-    clarity: float, at_first: float, expected: bool
+    observability: float, at_first: float, expected: bool
 ) -> None:
-    assert needs_keyframe(good_at(0.03), clarity, at_first) is expected
+    assert needs_keyframe(tracked_at(0.03), observability, at_first) is expected
 
 
 def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:
-    good, local_map = good_at(0.35), LocalMap()
+    tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
-    chosen = select(good, local_map)
+    chosen = select(tracked, local_map)
     assert chosen is not AHEAD
     assert local_map.keyframes == [AHEAD, chosen]
-    np.testing.assert_array_equal(chosen.T_world_keyframe, good.result.T_world_camera)
+    np.testing.assert_array_equal(chosen.T_world_keyframe, tracked.result.T_world_camera)
 
 
 # The image moves by 31 pixels, and by 53: a keyframe in use may move by 70 before the next is due.
@@ -155,41 +157,43 @@ def test_an_older_keyframe_that_is_near_is_used_again(beside_rad: float, is_near
     local_map, aside = LocalMap(), keyframe_at(0.35 - beside_rad, 7)
     local_map.reset(aside)
     local_map.add(AHEAD)
-    chosen = select(good_at(0.35), local_map)
+    chosen = select(tracked_at(0.35), local_map)
     assert (chosen is aside) is is_near
     assert local_map.keyframes == ([AHEAD, aside] if is_near else [aside, AHEAD, chosen])
 
 
 def test_a_frame_without_depth_is_no_keyframe() -> None:
-    good, local_map = good_at(0.35), LocalMap()
+    tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
-    blind = remove_depth(good.frame)
-    assert select(replace(good, frame=blind, images=build_image_pyramid(blind)), local_map) is AHEAD
+    blind = remove_depth(tracked.frame)
+    assert (
+        select(replace(tracked, frame=blind, images=build_image_pyramid(blind)), local_map) is AHEAD
+    )
     assert local_map.keyframes == [AHEAD]
 
 
 def test_no_keyframe_is_made_while_much_of_the_view_is_covered() -> None:
-    good, local_map = good_at(0.35), LocalMap()
+    tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
-    readings = good.result.alignment.samples.copy()
+    readings = tracked.result.alignment.samples.copy()
     readings[::2, columns.SAMPLE_OCCLUSION] = columns.OCCLUDED
-    alignment = replace(good.result.alignment, samples=readings)
-    covered = replace(good, result=replace(good.result, alignment=alignment))
-    assert select(covered, local_map) is AHEAD
+    alignment = replace(tracked.result.alignment, samples=readings)
+    occluded = replace(tracked, result=replace(tracked.result, alignment=alignment))
+    assert select(occluded, local_map) is AHEAD
     assert local_map.keyframes == [AHEAD]
 
 
 def test_several_keyframes_settle_a_frame_better_than_a_wrong_start() -> None:
     """All agree on the truth; a pose that is off by a little is brought there."""
-    found, images = found_at(0.2)
+    found, images = align_at(0.2)
     wrong = rigid_transform(so3_exp([0.002, -0.001, 0.001]), [3e-3, -2e-3, 2e-3])
     alignment = replace(found.alignment, T_camera_keyframe=wrong @ inverse(turned(0.2)))
     T = align_jointly(AHEAD, [keyframe_at(0.3, 3), keyframe_at(0.1, 4)], images, alignment)
     assert_close(inverse(T), turned(0.2), 0.0015, 0.04)
 
 
-def test_a_keyframe_that_does_not_agree_has_no_say() -> None:
-    found, images = found_at(0.2)
+def test_a_keyframe_that_does_not_agree_has_no_effect() -> None:
+    found, images = align_at(0.2)
     misplaced = replace(keyframe_at(0.3, 3), T_world_keyframe=turned(0.1))
     T = align_jointly(AHEAD, [misplaced], images, found.alignment)
     alone = align_jointly(AHEAD, [], images, found.alignment)
@@ -197,30 +201,30 @@ def test_a_keyframe_that_does_not_agree_has_no_say() -> None:
     assert_close(inverse(T), turned(0.2), 0.002, 0.05)
 
 
-def test_before_the_next_keyframe_those_in_view_have_a_say() -> None:
-    good, local_map = good_at(0.3), LocalMap()
+def test_before_the_next_keyframe_those_in_view_are_used() -> None:
+    tracked, local_map = tracked_at(0.3), LocalMap()
     local_map.reset(keyframe_at(0.25, 3))
     local_map.add(AHEAD)
-    settled, now = refine(None, good, local_map)
-    assert settled is now
-    assert settled.result.keyframe is AHEAD
-    assert_close(settled.result.T_world_camera, turned(0.3), 0.0015, 0.04)
+    refined, now = refine(None, tracked, local_map)
+    assert refined is now
+    assert refined.result.keyframe is AHEAD
+    assert_close(refined.result.T_world_camera, turned(0.3), 0.0015, 0.04)
     local_map.reset(AHEAD)
-    alone, _ = refine(None, good, local_map)
-    assert not np.array_equal(alone.result.T_world_camera, settled.result.T_world_camera)
+    alone, _ = refine(None, tracked, local_map)
+    assert not np.array_equal(alone.result.T_world_camera, refined.result.T_world_camera)
 
 
-def test_a_plain_view_is_left_where_it_was_carried_on_to() -> None:
-    plain, local_map = replace(good_at(0.3), is_well_constrained=False), LocalMap()
+def test_a_degenerate_view_is_left_where_it_was_extrapolated_to() -> None:
+    plain, local_map = replace(tracked_at(0.3), is_well_constrained=False), LocalMap()
     local_map.reset(keyframe_at(0.25, 3))
     assert refine(None, plain, local_map) == (plain, plain)
 
 
-def test_a_rolling_frame_is_laid_on_several_keyframes_too() -> None:
+def test_a_rolling_frame_is_aligned_with_several_keyframes_too() -> None:
     hand = MovingCamera(BRISK.velocity, turned(0.2))
     images = build_image_pyramid(render_view(hand, readout_s=0.02, skew_s=0.01, planes=CORNER))
-    tie = replace(STATIC_PRIOR, information=np.full(9, 1e-3))
+    prior = replace(STATIC_PRIOR, information=np.full(9, 1e-3))
     start = inverse(turned(0.2))
-    found = align(AHEAD.points, images, [start], tie, (1.0, 0.0), uniform_weights())
+    found = align(AHEAD.points, images, [start], prior, (1.0, 0.0), uniform_weights())
     T = align_jointly(AHEAD, [keyframe_at(0.3, 3)], images, found)
     assert_close(inverse(T), turned(0.2), 0.002, 0.06)

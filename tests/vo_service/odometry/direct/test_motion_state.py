@@ -17,66 +17,70 @@ from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
 from vo_service.odometry.direct.rolling_shutter import change_frame
 
 T_WORLD_KEYFRAME = BRISK.pose_at(-0.3)
-WAY = MotionState(BRISK.pose_at(1.0), BRISK.velocity, 1.0, (1.1, -5.0), 120.0)
+MOTION_STATE = MotionState(BRISK.pose_at(1.0), BRISK.velocity, 1.0, (1.1, -5.0), 120.0)
 
 
 def test_it_begins_where_the_motion_goes_on_and_where_it_stops() -> None:
-    moving, standing = WAY.initial_guesses(T_WORLD_KEYFRAME, 1.1)
+    moving, standing = MOTION_STATE.initial_guesses(T_WORLD_KEYFRAME, 1.1)
     np.testing.assert_allclose(moving, inverse(BRISK.pose_at(1.1)) @ T_WORLD_KEYFRAME, atol=1e-12)
     np.testing.assert_allclose(standing, inverse(BRISK.pose_at(1.0)) @ T_WORLD_KEYFRAME, atol=1e-12)
 
 
 @pytest.mark.parametrize("stamp_s", [5.0, 1.0, 0.2])
 def test_after_a_long_time_or_none_nothing_is_predicted(stamp_s: float) -> None:
-    (only,) = WAY.initial_guesses(T_WORLD_KEYFRAME, stamp_s)
+    (only,) = MOTION_STATE.initial_guesses(T_WORLD_KEYFRAME, stamp_s)
     np.testing.assert_allclose(only, inverse(BRISK.pose_at(1.0)) @ T_WORLD_KEYFRAME, atol=1e-12)
-    tie = WAY.motion_prior(T_WORLD_KEYFRAME, stamp_s)
-    assert tie.rate_hz == 0.0
-    assert np.all(tie.information < WAY.motion_prior(T_WORLD_KEYFRAME, 1.03).information)
+    prior = MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, stamp_s)
+    assert prior.rate_hz == 0.0
+    assert np.all(prior.information < MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, 1.03).information)
 
 
 def test_after_a_few_frames_without_a_pose_the_camera_may_be_elsewhere() -> None:
-    assert not WAY.is_stale(1.0 + 2 / 30)
-    assert WAY.is_stale(1.0 + 1 / 6)
+    assert not MOTION_STATE.is_stale(1.0 + 2 / 30)
+    assert MOTION_STATE.is_stale(1.0 + 1 / 6)
 
 
 def test_the_velocity_is_expected_to_stay_in_the_keyframes_axes() -> None:
-    tie = WAY.motion_prior(T_WORLD_KEYFRAME, 1.05)
+    prior = MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, 1.05)
     T_keyframe_last = inverse(T_WORLD_KEYFRAME) @ BRISK.pose_at(1.0)
-    np.testing.assert_allclose(tie.T_keyframe_last, T_keyframe_last, atol=1e-12)
-    assert tie.rate_hz == pytest.approx(20.0)
+    np.testing.assert_allclose(prior.T_keyframe_last, T_keyframe_last, atol=1e-12)
+    assert prior.rate_hz == pytest.approx(20.0)
     np.testing.assert_allclose(
-        tie.motion, -change_frame(BRISK.movement, T_keyframe_last), atol=1e-12
+        prior.motion, -change_frame(BRISK.motion, T_keyframe_last), atol=1e-12
     )
 
 
-def test_a_camera_whose_velocity_changes_is_agitated_and_calms_down_again() -> None:
-    calm = replace(WAY, velocity_noise=np.zeros(2))
-    np.testing.assert_array_equal(calm.update_velocity_noise(WAY.velocity), [0.0, 0.0])
-    jolted = calm.update_velocity_noise(WAY.velocity + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]))
+def test_a_camera_whose_velocity_changes_is_shaking_and_calms_down_again() -> None:
+    calm = replace(MOTION_STATE, velocity_noise=np.zeros(2))
+    np.testing.assert_array_equal(calm.update_velocity_noise(MOTION_STATE.velocity), [0.0, 0.0])
+    jolted = calm.update_velocity_noise(
+        MOTION_STATE.velocity + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    )
     assert jolted[0] > 0.0 == jolted[1]
-    after = replace(calm, velocity_noise=jolted).update_velocity_noise(WAY.velocity)
+    after = replace(calm, velocity_noise=jolted).update_velocity_noise(MOTION_STATE.velocity)
     assert 0.0 < after[0] < jolted[0]
 
 
-def test_the_first_change_is_no_agitation_beyond_the_usual() -> None:
-    assert np.isinf(WAY.velocity_noise).all()
-    standing = WAY.update_velocity_noise(WAY.velocity)
+def test_the_first_change_is_no_velocity_noise_beyond_the_usual() -> None:
+    assert np.isinf(MOTION_STATE.velocity_noise).all()
+    standing = MOTION_STATE.update_velocity_noise(MOTION_STATE.velocity)
     np.testing.assert_array_equal(standing, [0.0, 0.0])
-    moving = WAY.update_velocity_noise(WAY.velocity + 0.5)
+    moving = MOTION_STATE.update_velocity_noise(MOTION_STATE.velocity + 0.5)
     assert np.all(moving < 0.5)
     assert np.all(moving > np.array(VELOCITY_SIGMA))
 
 
-def test_unrest_is_told_at_once_and_fades() -> None:
-    jolted = replace(WAY, normalized_innovation=WAY.update_normalized_innovation(9.0))
+def test_innovation_is_reported_at_once_and_fades() -> None:
+    jolted = replace(
+        MOTION_STATE, normalized_innovation=MOTION_STATE.update_normalized_innovation(9.0)
+    )
     assert jolted.normalized_innovation == 9.0
     assert 0.0 < jolted.update_normalized_innovation(0.0) < 9.0
 
 
 def known_velocity(agitation: float) -> Array:
     return (
-        replace(WAY, velocity_noise=np.full(2, agitation))
+        replace(MOTION_STATE, velocity_noise=np.full(2, agitation))
         .motion_prior(T_WORLD_KEYFRAME, 1.03)
         .information
     )
@@ -91,19 +95,23 @@ def test_the_velocity_of_a_calm_camera_is_better_known_but_never_for_certain() -
 
 
 def test_calm_says_nothing_of_the_velocity_after_a_long_time() -> None:
-    calm = replace(WAY, velocity_noise=np.zeros(2))
+    calm = replace(MOTION_STATE, velocity_noise=np.zeros(2))
     after = calm.motion_prior(T_WORLD_KEYFRAME, 5.0).information
-    np.testing.assert_array_equal(after, WAY.motion_prior(T_WORLD_KEYFRAME, 5.0).information)
+    np.testing.assert_array_equal(
+        after, MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, 5.0).information
+    )
 
 
 def test_it_goes_on_from_the_next_good_frame() -> None:
     images = build_image_pyramid(render_view())
-    there = WAY.advance(BRISK.pose_at(1.1), BRISK.velocity, images, (1.2, 0.0), 0.7, 1.05)
+    there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, images, (1.2, 0.0), 0.7, 1.05)
     assert there.stamp_s == images.stamp_s
     assert there.affine_brightness == (1.2, 0.0)
     assert there.normalized_innovation == 0.7
     assert there.well_constrained_stamp_s == 1.05
-    np.testing.assert_array_equal(there.velocity_noise, WAY.update_velocity_noise(BRISK.velocity))
+    np.testing.assert_array_equal(
+        there.velocity_noise, MOTION_STATE.update_velocity_noise(BRISK.velocity)
+    )
     np.testing.assert_array_equal(there.T_world_camera, BRISK.pose_at(1.1))
 
 
@@ -118,34 +126,39 @@ def test_it_goes_on_from_the_next_good_frame() -> None:
     ],
 )
 def test_a_view_is_held_for_a_moment(held_s: float, stamp_s: float, is_held: bool) -> None:
-    assert replace(WAY, well_constrained_stamp_s=held_s).is_recently_constrained(stamp_s) is is_held
+    assert (
+        replace(MOTION_STATE, well_constrained_stamp_s=held_s).is_recently_constrained(stamp_s)
+        is is_held
+    )
 
 
-def test_it_was_carried_on_if_the_last_good_frame_did_not_hold_it() -> None:
-    assert not replace(WAY, well_constrained_stamp_s=1.0).is_extrapolated
-    assert replace(WAY, well_constrained_stamp_s=0.9).is_extrapolated
+def test_it_was_extrapolated_if_the_last_good_frame_did_not_hold_it() -> None:
+    assert not replace(MOTION_STATE, well_constrained_stamp_s=1.0).is_extrapolated
+    assert replace(MOTION_STATE, well_constrained_stamp_s=0.9).is_extrapolated
 
 
 def expected_light(gain: float) -> Array:
     images = build_image_pyramid(change_lighting(render_view(), gain))
-    way = replace(WAY, mean_brightness=build_image_pyramid(render_view()).mean_brightness)
+    way = replace(MOTION_STATE, mean_brightness=build_image_pyramid(render_view()).mean_brightness)
     return np.array(way.predict_affine_brightness(images))
 
 
 def test_light_stays_as_it_was_unless_it_changed_at_once() -> None:
-    np.testing.assert_array_equal(expected_light(1.02), WAY.affine_brightness)
+    np.testing.assert_array_equal(expected_light(1.02), MOTION_STATE.affine_brightness)
     np.testing.assert_allclose(
-        expected_light(0.5), 0.5 * np.array(WAY.affine_brightness), rtol=0.05
+        expected_light(0.5), 0.5 * np.array(MOTION_STATE.affine_brightness), rtol=0.05
     )
 
 
 def test_a_velocity_surprises_by_how_much_more_than_of_late_it_has_changed() -> None:
-    agitated = replace(WAY, velocity_noise=np.array([0.1, 0.1]))
-    faster = WAY.velocity + np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
-    assert WAY.innovation_ratio(WAY.velocity, 1.03) == 0.0
+    agitated = replace(MOTION_STATE, velocity_noise=np.array([0.1, 0.1]))
+    faster = MOTION_STATE.velocity + np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
+    assert MOTION_STATE.innovation_ratio(MOTION_STATE.velocity, 1.03) == 0.0
     assert agitated.innovation_ratio(faster, 1.03) == pytest.approx(3.0)
-    assert np.isfinite(replace(WAY, velocity_noise=np.zeros(2)).innovation_ratio(faster, 1.03))
+    assert np.isfinite(
+        replace(MOTION_STATE, velocity_noise=np.zeros(2)).innovation_ratio(faster, 1.03)
+    )
 
 
 def test_after_a_long_time_no_velocity_surprises() -> None:
-    assert WAY.innovation_ratio(WAY.velocity + 1.0, 2.0) == 0.0
+    assert MOTION_STATE.innovation_ratio(MOTION_STATE.velocity + 1.0, 2.0) == 0.0

@@ -65,30 +65,30 @@ def change(column: int, direction: Array) -> Array:
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_depth_changes_as_its_jacobian_says(direction: Array) -> None:
     rows, counts = jacobians(POINT_DEPTH_GRADIENT, HAS_SHAPE)
-    told, true = rows @ direction, change(SAMPLE_DEPTH_RESIDUAL, direction)
+    predicted, true = rows @ direction, change(SAMPLE_DEPTH_RESIDUAL, direction)
     counts = counts & np.isfinite(true)
-    off = np.abs(told - true)[counts]
+    off = np.abs(predicted - true)[counts]
     assert np.median(off) < 0.03 * np.abs(true[counts]).max()
 
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_brightness_changes_as_its_jacobian_says(direction: Array) -> None:
     rows, counts = jacobians(POINT_BRIGHTNESS_GRADIENT, HAS_TEXTURE)
-    told, true = rows @ direction, change(SAMPLE_BRIGHTNESS, direction)
+    predicted, true = rows @ direction, change(SAMPLE_BRIGHTNESS, direction)
     counts = counts & np.isfinite(true)
     # The one is a slope over two pixels, the other one between two.
-    assert np.corrcoef(told[counts], true[counts])[0, 1] > 0.9
-    assert np.polyfit(told[counts], true[counts], 1)[0] == pytest.approx(1.0, abs=0.2)
+    assert np.corrcoef(predicted[counts], true[counts])[0, 1] > 0.9
+    assert np.polyfit(predicted[counts], true[counts], 1)[0] == pytest.approx(1.0, abs=0.2)
 
 
 def system(T: Array, movement: Array) -> tuple[Array, Array]:
-    readings = sample_points(POINTS, IMAGES, T, movement, 0)
-    bands = accumulate(POINTS[0], readings, uniform_weights(), initial_residual_model())
+    samples = sample_points(POINTS, IMAGES, T, movement, 0)
+    bands = accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model())
     return expand_rolling_shutter(bands, READOUT_S, SKEW_S)
 
 
 def test_information_is_symmetric_and_positive() -> None:
-    H, g = system(series_exponential(np.full(6, 2e-3)), BRISK.movement)
+    H, g = system(series_exponential(np.full(6, 2e-3)), BRISK.motion)
     np.testing.assert_array_equal(H, H.T)
     assert np.linalg.eigvalsh(H).min() > -1e-9 * np.trace(H)
     assert np.linalg.eigvalsh(H[:6, :6]).min() > 0
@@ -96,7 +96,7 @@ def test_information_is_symmetric_and_positive() -> None:
 
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
-def test_the_vector_changes_by_the_information_as_the_motion_does(direction: Array) -> None:
+def test_the_vector_changes_by_the_information_as_the_pose_does(direction: Array) -> None:
     H, _ = system(np.eye(4), zero_motion())
     (_, there), (_, back) = (
         system(series_exponential(s * SMALL * direction), zero_motion()) for s in (1, -1)
@@ -105,7 +105,7 @@ def test_the_vector_changes_by_the_information_as_the_motion_does(direction: Arr
 
 
 @pytest.mark.parametrize("direction", list(np.eye(9)))
-def test_the_vector_changes_by_the_information_as_the_movement_does(direction: Array) -> None:
+def test_the_vector_changes_by_the_information_as_the_motion_does(direction: Array) -> None:
     H, _ = system(np.eye(4), zero_motion())
     # An acceleration has less time to act than a velocity.
     step = 1.0 if direction[6:].any() else 0.01
@@ -113,63 +113,63 @@ def test_the_vector_changes_by_the_information_as_the_movement_does(direction: A
     assert_alike(H[:, 6:] @ direction, (there - back) / (2 * step), H)
 
 
-def assert_alike(told: Array, true: Array, H: Array) -> None:
+def assert_alike(predicted: Array, true: Array, H: Array) -> None:
     """In units of what each direction is known by; measured slopes are off by some per cent."""
     known = np.sqrt(np.maximum(np.diag(H), 1e-9 * np.trace(H)))
-    off = np.linalg.norm((told - true) / known)
-    assert off < 0.25 * np.linalg.norm(told / known)
+    off = np.linalg.norm((predicted - true) / known)
+    assert off < 0.25 * np.linalg.norm(predicted / known)
 
 
-def test_with_an_instant_shutter_the_velocity_has_no_say() -> None:
-    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
+def test_with_an_instant_shutter_the_velocity_has_no_effect() -> None:
+    samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
     H, g = expand_rolling_shutter(
-        accumulate(POINTS[0], readings, uniform_weights(), initial_residual_model()), 0.0, 0.0
+        accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model()), 0.0, 0.0
     )
     assert H[:6, :6].any()
     assert not H[:, 6:].any()
     assert not g[6:].any()
 
 
-def test_cells_of_no_weight_have_no_say() -> None:
-    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
-    nothing = accumulate(POINTS[0], readings, 0.0 * uniform_weights(), initial_residual_model())
+def test_cells_of_no_weight_have_no_effect() -> None:
+    samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
+    nothing = accumulate(POINTS[0], samples, 0.0 * uniform_weights(), initial_residual_model())
     by_depth, by_brightness = uniform_weights(), uniform_weights()
     by_depth[0] = by_brightness[1] = 0.0
     either = [
-        accumulate(POINTS[0], readings, weights, initial_residual_model()).sum(axis=0)
+        accumulate(POINTS[0], samples, weights, initial_residual_model()).sum(axis=0)
         for weights in (by_depth, by_brightness)
     ]
-    both = accumulate(POINTS[0], readings, uniform_weights(), initial_residual_model()).sum(axis=0)
+    both = accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model()).sum(axis=0)
     assert not nothing.any()
     np.testing.assert_allclose(either[0] + either[1], both, rtol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_light_and_spreads_are_found(seed: int) -> None:
+def test_brightness_and_sigmas_are_found(seed: int) -> None:
     random = np.random.default_rng(seed)
-    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
-    n = len(readings)
-    readings[:, SAMPLE_BRIGHTNESS] = 1.3 * POINTS[0][:, 3] - 12.0 + random.normal(0.0, 5.0, n)
-    readings[:, SAMPLE_DEPTH_RESIDUAL] = random.normal(0.0, 2e-3, n)
+    samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
+    n = len(samples)
+    samples[:, SAMPLE_BRIGHTNESS] = 1.3 * POINTS[0][:, 3] - 12.0 + random.normal(0.0, 5.0, n)
+    samples[:, SAMPLE_DEPTH_RESIDUAL] = random.normal(0.0, 2e-3, n)
     wrong = random.uniform(size=n) < 0.05
-    readings[wrong, SAMPLE_BRIGHTNESS] = 255.0
-    fit = initial_residual_model()
+    samples[wrong, SAMPLE_BRIGHTNESS] = 255.0
+    residual_model = initial_residual_model()
     for _ in range(20):
-        fit_affine_brightness(POINTS[0], readings, uniform_weights(), fit)
-    assert fit[GAIN] == pytest.approx(1.3, abs=0.04)
-    assert fit[OFFSET] == pytest.approx(-12.0, abs=5.0)
+        fit_affine_brightness(POINTS[0], samples, uniform_weights(), residual_model)
+    assert residual_model[GAIN] == pytest.approx(1.3, abs=0.04)
+    assert residual_model[OFFSET] == pytest.approx(-12.0, abs=5.0)
     # Of Student's t, whose variance is greater than the square of its spread.
-    assert 3.0 < fit[SIGMA_BRIGHTNESS] < 6.5
-    assert 1.2e-3 < fit[SIGMA_DEPTH] < 2.3e-3
+    assert 3.0 < residual_model[SIGMA_BRIGHTNESS] < 6.5
+    assert 1.2e-3 < residual_model[SIGMA_DEPTH] < 2.3e-3
 
 
 @pytest.mark.parametrize(("readings_each", "is_enough"), [(49, False), (50, True)])
-def test_too_few_readings_change_nothing(readings_each: int, is_enough: bool) -> None:
+def test_too_few_samples_change_nothing(readings_each: int, is_enough: bool) -> None:
     both = (POINTS[0][:, HAS_TEXTURE] > 0) & (POINTS[0][:, HAS_SHAPE] > 0)
     chosen = np.flatnonzero(both)[:readings_each]
-    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)[chosen]
-    assert np.isfinite(readings[:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
-    fit = initial_residual_model()
-    fit_affine_brightness(POINTS[0][chosen], readings, uniform_weights(), fit)
+    samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)[chosen]
+    assert np.isfinite(samples[:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
+    residual_model = initial_residual_model()
+    fit_affine_brightness(POINTS[0][chosen], samples, uniform_weights(), residual_model)
     for spread in (SIGMA_BRIGHTNESS, SIGMA_DEPTH):
-        assert bool(fit[spread] != initial_residual_model()[spread]) is is_enough
+        assert bool(residual_model[spread] != initial_residual_model()[spread]) is is_enough

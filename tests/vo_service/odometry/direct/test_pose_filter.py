@@ -12,13 +12,13 @@ from vo_service.odometry.direct.parameters import MIN_POSE_GAIN
 from vo_service.odometry.direct.pose_filter import alpha_beta_filter, filter_gains
 from vo_service.odometry.direct.recovery import TrackingResult
 
-# A millimetre, and a milliradian.
+# A millimeter, and a milliradian.
 SIGMA = 1e-3
 OFF = SIGMA * np.array([0.5, -0.3, 0.2, 0.4, 0.1, -0.3])
 FASTER = np.array([0.01, 0.02, -0.01, 0.02, 0.01, 0.03])
 
 
-def steady(
+def filter_pose(
     times: float, way: MotionState = MOTION, stamp_s: float = STAMP_S
 ) -> tuple[TrackingResult, TrackingResult, float]:
     """What was found, the same steadied, and the unrest."""
@@ -27,36 +27,36 @@ def steady(
 
 
 def test_what_lies_within_its_noise_hardly_moves_a_calm_camera() -> None:
-    _, calm, unrest = steady(1.0)
-    assert unrest == pytest.approx(np.mean((OFF / SIGMA) ** 2))
+    _, calm, innovation = filter_pose(1.0)
+    assert innovation == pytest.approx(np.mean((OFF / SIGMA) ** 2))
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(MIN_POSE_GAIN * OFF)
     np.testing.assert_allclose(calm.T_world_camera, expected, atol=1e-12)
     change = calm.alignment.camera_velocity - BRISK.velocity
-    np.testing.assert_allclose(change, filter_gains(unrest)[1] * FASTER, atol=1e-12)
-    assert 0.0 < filter_gains(unrest)[1] < MIN_POSE_GAIN
+    np.testing.assert_allclose(change, filter_gains(innovation)[1] * FASTER, atol=1e-12)
+    assert 0.0 < filter_gains(innovation)[1] < MIN_POSE_GAIN
 
 
 def test_what_is_beyond_its_noise_is_taken_as_it_was_found() -> None:
-    found, taken, _ = steady(6.0)
+    found, taken, _ = filter_pose(6.0)
     assert taken is found
 
 
-def test_a_camera_that_was_agitated_of_late_is_not_calm_yet() -> None:
-    found, taken, unrest = steady(1.0, replace(MOTION, normalized_innovation=4.0))
+def test_a_camera_that_was_shaking_of_late_is_not_calm_yet() -> None:
+    found, taken, innovation = filter_pose(1.0, replace(MOTION, normalized_innovation=4.0))
     assert taken is found
-    assert 1.0 < unrest < 4.0
+    assert 1.0 < innovation < 4.0
 
 
 def test_after_a_long_time_nothing_is_expected() -> None:
-    found, taken, _ = steady(1.0, replace(MOTION, stamp_s=0.5))
+    found, taken, _ = filter_pose(1.0, replace(MOTION, stamp_s=0.5))
     assert taken is found
 
 
-def test_the_shares_of_a_frame_grow_with_the_unrest() -> None:
-    of_pose, of_velocity = np.array(
-        [filter_gains(unrest) for unrest in (0.0, 1.3, 1.6, 2.0, 9.0)]
+def test_the_shares_of_a_frame_grow_with_the_innovation() -> None:
+    pose_gain, velocity_gain = np.array(
+        [filter_gains(innovation) for innovation in (0.0, 1.3, 1.6, 2.0, 9.0)]
     ).T
-    assert of_pose[0] == MIN_POSE_GAIN
-    assert np.all(np.diff(of_pose[:4]) > 0)
-    assert np.all(np.diff(of_velocity[:3]) > 0)
-    assert of_pose[-1] == of_velocity[-1] == 1.0
+    assert pose_gain[0] == MIN_POSE_GAIN
+    assert np.all(np.diff(pose_gain[:4]) > 0)
+    assert np.all(np.diff(velocity_gain[:3]) > 0)
+    assert pose_gain[-1] == velocity_gain[-1] == 1.0

@@ -44,7 +44,7 @@ PATCH = (slice(2, 4), slice(3, 6))
 OTHER_WAY = MovingCamera(np.array([-0.6, 0.5, -1.0, 0.0, 0.0, 0.0]))
 
 
-def with_a_mover(frame: RgbdFrame, other: RgbdFrame) -> RgbdFrame:
+def with_moving_patch(frame: RgbdFrame, other: RgbdFrame) -> RgbdFrame:
     """A patch of the view shows what another camera sees there."""
     rows, columns = PATCH
     height, width = (
@@ -58,7 +58,7 @@ def with_a_mover(frame: RgbdFrame, other: RgbdFrame) -> RgbdFrame:
     return replace(frame, color_bgr=color, depth_raw=depth)
 
 
-def laid_on(frame: RgbdFrame, weights: Array) -> DirectAlignment:
+def align_frame(frame: RgbdFrame, weights: Array) -> DirectAlignment:
     return align(
         POINTS, build_image_pyramid(frame), [np.eye(4)], STATIC_PRIOR.relaxed(), (1.0, 0.0), weights
     )
@@ -74,7 +74,7 @@ def in_patch(weights: Array) -> tuple[Array, Array]:
 
 def test_a_patch_that_moves_by_itself_counts_little_and_the_motion_stays_right() -> None:
     here, there = render_view(BRISK, 0.1), render_view(OTHER_WAY, 0.1)
-    found = laid_on(add_noise(with_a_mover(here, there), 1), uniform_weights())
+    found = align_frame(add_noise(with_moving_patch(here, there), 1), uniform_weights())
     inside, outside = in_patch(found.cell_weights)
     assert inside.max() < 0.5
     assert np.median(outside) == 1.0
@@ -84,33 +84,33 @@ def test_a_patch_that_moves_by_itself_counts_little_and_the_motion_stays_right()
 
 
 def test_where_nothing_moves_by_itself_all_regions_count() -> None:
-    found = laid_on(add_noise(render_view(BRISK, 0.1), 1), uniform_weights())
+    found = align_frame(add_noise(render_view(BRISK, 0.1), 1), uniform_weights())
     assert found.is_static.mean() > 0.95
     assert found.cell_weights.mean() > 0.95
 
 
 def test_what_does_not_count_from_the_start_still_does_not() -> None:
-    found = laid_on(add_noise(render_view(BRISK, 0.1), 1), depth_only_weights())
+    found = align_frame(add_noise(render_view(BRISK, 0.1), 1), depth_only_weights())
     assert not found.cell_weights[0].any()
     assert found.cell_weights[1].mean() > 0.95
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.002, 0.05)
 
 
-def readings_at_rest() -> tuple[Array, Array]:
-    fit = initial_residual_model()
-    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = 3.0, 1e-3
+def samples_at_rest() -> tuple[Array, Array]:
+    residual_model = initial_residual_model()
+    residual_model[SIGMA_BRIGHTNESS], residual_model[SIGMA_DEPTH] = 3.0, 1e-3
     return sample_points(
         POINTS, build_image_pyramid(add_noise(render_view(), 1)), np.eye(4), zero_motion(), 0
-    ), fit
+    ), residual_model
 
 
 @pytest.mark.parametrize("worse_by", [15.0, 60.0, 120.0])
 def test_a_cell_counts_the_less_the_worse_it_fits(worse_by: float) -> None:
-    readings, fit = readings_at_rest()
-    before = weigh_regions(POINTS[0], readings, fit, uniform_weights())
-    odd = readings[:, SAMPLE_CELL] == 20
-    readings[odd, SAMPLE_BRIGHTNESS] += np.where(np.arange(odd.sum()) % 2, worse_by, 0.0)
-    after = weigh_regions(POINTS[0], readings, fit, uniform_weights())
+    samples, residual_model = samples_at_rest()
+    before = weigh_regions(POINTS[0], samples, residual_model, uniform_weights())
+    odd = samples[:, SAMPLE_CELL] == 20
+    samples[odd, SAMPLE_BRIGHTNESS] += np.where(np.arange(odd.sum()) % 2, worse_by, 0.0)
+    after = weigh_regions(POINTS[0], samples, residual_model, uniform_weights())
     assert after[0, 20] == after[1, 20] < 0.5 < before[0, 20]
     others = np.arange(len(after[0])) != 20
     np.testing.assert_allclose(after[:, others], before[:, others], rtol=0.1)
@@ -120,18 +120,18 @@ def test_a_cell_counts_the_less_the_worse_it_fits(worse_by: float) -> None:
 def test_a_cell_that_is_seen_through_counts_less_one_that_is_hidden_a_little_does_not(
     sign: float, is_lowered: bool
 ) -> None:
-    readings, fit = readings_at_rest()
-    (in_cell,) = np.nonzero(readings[:, SAMPLE_CELL] == 20)
+    samples, residual_model = samples_at_rest()
+    (in_cell,) = np.nonzero(samples[:, SAMPLE_CELL] == 20)
     odd = in_cell[::3]
-    readings[odd, SAMPLE_OCCLUSION] = sign
-    readings[odd, SAMPLE_BRIGHTNESS] = readings[odd, SAMPLE_DEPTH_RESIDUAL] = np.nan
-    weights = weigh_regions(POINTS[0], readings, fit, uniform_weights())
+    samples[odd, SAMPLE_OCCLUSION] = sign
+    samples[odd, SAMPLE_BRIGHTNESS] = samples[odd, SAMPLE_DEPTH_RESIDUAL] = np.nan
+    weights = weigh_regions(POINTS[0], samples, residual_model, uniform_weights())
     assert (weights[1, 20] < 0.9) == is_lowered
 
 
 def test_with_nothing_to_judge_by_all_weights_stay() -> None:
-    readings, fit = readings_at_rest()
-    readings[:, SAMPLE_CELL] = -1.0
+    samples, residual_model = samples_at_rest()
+    samples[:, SAMPLE_CELL] = -1.0
     np.testing.assert_array_equal(
-        weigh_regions(POINTS[0], readings, fit, uniform_weights()), uniform_weights()
+        weigh_regions(POINTS[0], samples, residual_model, uniform_weights()), uniform_weights()
     )

@@ -22,7 +22,7 @@ from vo_service.odometry.direct.rolling_shutter import (
 
 FEW = settings(max_examples=30)
 NUMBERS = st.floats(-1.0, 1.0, allow_subnormal=False)
-TWISTS, MOVEMENTS = (arrays(np.float64, n, elements=NUMBERS) for n in (6, 9))
+TWISTS, MOTIONS = (arrays(np.float64, n, elements=NUMBERS) for n in (6, 9))
 X, Y, Z = POINT = np.array([0.4, -0.3, 1.7])
 
 
@@ -38,8 +38,8 @@ def test_the_cameras_velocity_is_minus_that_of_the_motion_in_its_own_axes(
 
 
 @FEW
-@given(TWISTS, MOVEMENTS)
-def test_a_movement_is_the_same_in_other_axes_and_back(twist: Array, movement: Array) -> None:
+@given(TWISTS, MOTIONS)
+def test_a_motion_is_the_same_in_other_axes_and_back(twist: Array, movement: Array) -> None:
     T = series_exponential(twist)
     there = change_frame(movement, inverse(T))
     np.testing.assert_allclose(body_motion(T, -there), movement, atol=1e-12)
@@ -64,7 +64,7 @@ def test_the_velocity_is_that_of_the_camera_that_moves() -> None:
 @pytest.mark.parametrize("delay_s", [-0.012, -0.005, 0.006, 0.012])
 def test_a_point_is_where_a_trembling_camera_sees_it_later(delay_s: float) -> None:
     (exact,) = transform_points(inverse(SHAKING.pose_at(delay_s)), POINT[None])
-    there = propagate_point(SHAKING.movement, X, Y, Z, delay_s)
+    there = propagate_point(SHAKING.motion, X, Y, Z, delay_s)
     without = propagate_point(constant_velocity_motion(SHAKING.velocity), X, Y, Z, delay_s)
     np.testing.assert_allclose(there, exact, atol=1.5e-5)
     assert np.linalg.norm(without - exact) > 20 * np.linalg.norm(there - exact)
@@ -73,28 +73,28 @@ def test_a_point_is_where_a_trembling_camera_sees_it_later(delay_s: float) -> No
 @pytest.mark.parametrize("early_s", [-0.012, 0.012])
 def test_what_was_seen_at_another_time_is_brought_back(early_s: float) -> None:
     ((x, y, z),) = transform_points(inverse(SHAKING.pose_at(early_s)), POINT[None])
-    back = propagate_point(propagate_motion(SHAKING.movement, early_s), x, y, z, -early_s)
+    back = propagate_point(propagate_motion(SHAKING.motion, early_s), x, y, z, -early_s)
     np.testing.assert_allclose(back, POINT, atol=3e-5)
-    wrong = propagate_point(SHAKING.movement, x, y, z, -early_s)
+    wrong = propagate_point(SHAKING.motion, x, y, z, -early_s)
     assert np.linalg.norm(wrong - POINT) > 1e-3
 
 
 @FEW
 @given(TWISTS, TWISTS)
-def test_three_poses_on_the_way_of_a_constant_twist_tell_it(start: Array, velocity: Array) -> None:
+def test_three_poses_on_the_path_of_a_constant_twist_show_it(start: Array, velocity: Array) -> None:
     stamps_s = (10.0, 10.03, 10.07)
     T = series_exponential(start)
     before, now, after = (T @ series_exponential(t * velocity) for t in stamps_s)
-    told = fit_through_poses((before, now, after), stamps_s)
-    np.testing.assert_allclose(told, constant_velocity_motion(velocity), atol=1e-9)
+    fitted = fit_through_poses((before, now, after), stamps_s)
+    np.testing.assert_allclose(fitted, constant_velocity_motion(velocity), atol=1e-9)
 
 
 @pytest.mark.parametrize("until_s", [0.03, 0.05])
-def test_three_poses_of_a_hand_that_turns_ever_faster_tell_its_acceleration(until_s: float) -> None:
+def test_three_poses_of_a_hand_that_turns_ever_faster_show_its_acceleration(until_s: float) -> None:
     turning = np.array([0.3, -0.4, 0.5])
     hand = MovingCamera(np.concatenate([np.zeros(3), turning]), acceleration_rad_s2=20.0 * turning)
     stamps_s = (-0.03, 0.0, until_s)
     before, now, after = (hand.pose_at(t) for t in stamps_s)
     np.testing.assert_allclose(
-        fit_through_poses((before, now, after), stamps_s), hand.movement, atol=1e-9
+        fit_through_poses((before, now, after), stamps_s), hand.motion, atol=1e-9
     )

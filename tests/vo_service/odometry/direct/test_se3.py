@@ -52,10 +52,10 @@ def test_the_logarithm_undoes_the_exponential(twist: Array) -> None:
 
 @FEW
 @given(VECTORS)
-def test_without_a_turn_a_twist_is_the_way(way_m: Array) -> None:
-    T = rigid_transform(np.eye(3), way_m)
-    np.testing.assert_array_equal(se3_exp(np.concatenate([way_m, np.zeros(3)])), T)
-    np.testing.assert_array_equal(se3_log(T), np.concatenate([way_m, np.zeros(3)]))
+def test_without_a_turn_a_twist_is_the_path(translation_m: Array) -> None:
+    T = rigid_transform(np.eye(3), translation_m)
+    np.testing.assert_array_equal(se3_exp(np.concatenate([translation_m, np.zeros(3)])), T)
+    np.testing.assert_array_equal(se3_log(T), np.concatenate([translation_m, np.zeros(3)]))
 
 
 @pytest.mark.parametrize("angle_rad", [np.pi - 1e-6, np.pi - 1e-9])
@@ -73,7 +73,7 @@ def test_the_product_is_that_of_the_matrices(a: Array, b: Array) -> None:
 
 @FEW
 @given(twists())
-def test_a_constant_twist_over_half_the_time_is_half_the_way(twist: Array) -> None:
+def test_a_constant_twist_over_half_the_time_is_half_the_path(twist: Array) -> None:
     half = se3_exp(0.5 * twist)
     np.testing.assert_allclose(compose(half, half), se3_exp(twist), atol=1e-12)
 

@@ -55,11 +55,11 @@ def good_frame(stamp_s: float, readout_s: float = 0.02) -> TrackedFrame:
         128.0,
         well_constrained_stamp_s=before_s,
     )
-    tie = way.motion_prior(BENT.T_world_keyframe, stamp_s)
+    prior = way.motion_prior(BENT.T_world_keyframe, stamp_s)
     start = inverse(UNSTEADY.pose_at(stamp_s)) @ BENT.T_world_keyframe
-    laid = align(BENT.points, images, [start], tie, IDENTITY_BRIGHTNESS, uniform_weights())
+    align_frame = align(BENT.points, images, [start], prior, IDENTITY_BRIGHTNESS, uniform_weights())
     return TrackedFrame(
-        frame, images, TrackingResult(BENT, laid, tie), way, is_well_constrained=True
+        frame, images, TrackingResult(BENT, align_frame, prior), way, is_well_constrained=True
     )
 
 
@@ -73,13 +73,13 @@ def now() -> TrackedFrame:
     return good_frame(FRAME_S)
 
 
-def test_poses_around_a_frame_tell_its_movement_better_than_its_own_rows(
+def test_poses_around_a_frame_show_its_motion_better_than_its_own_rows(
     before: TrackedFrame, now: TrackedFrame
 ) -> None:
     told = estimate_previous_motion(before, now)
     assert told is not None
-    off = told - UNSTEADY.movement
-    off_alone = before.result.alignment.camera_motion - UNSTEADY.movement
+    off = told - UNSTEADY.motion
+    off_alone = before.result.alignment.camera_motion - UNSTEADY.motion
     for part in (slice(0, 3), slice(3, 6), slice(6, 9)):
         assert np.linalg.norm(off[part]) < 0.5 * np.linalg.norm(off_alone[part])
 
@@ -90,27 +90,29 @@ def test_the_next_keyframe_is_the_frame_before_and_this_one_goes_with_it(
     told, local_map = estimate_previous_motion(before, now), LocalMap()
     assert told is not None
     local_map.reset(BENT)
-    chosen, after = refine(before, now, local_map)
-    assert chosen.frame is before.frame
+    keyframe_frame, after = refine(before, now, local_map)
+    assert keyframe_frame.frame is before.frame
     assert after.frame is now.frame
     alone, _ = refine(None, before, local_map)
-    np.testing.assert_array_equal(chosen.result.T_world_camera, alone.result.T_world_camera)
-    assert not np.array_equal(chosen.result.T_world_camera, before.result.T_world_camera)
-    np.testing.assert_allclose(chosen.result.alignment.camera_motion, told, atol=1e-9)
+    np.testing.assert_array_equal(keyframe_frame.result.T_world_camera, alone.result.T_world_camera)
+    assert not np.array_equal(keyframe_frame.result.T_world_camera, before.result.T_world_camera)
+    np.testing.assert_allclose(keyframe_frame.result.alignment.camera_motion, told, atol=1e-9)
     T_before_now = inverse(before.result.T_world_camera) @ now.result.T_world_camera
     np.testing.assert_allclose(
-        inverse(chosen.result.T_world_camera) @ after.result.T_world_camera, T_before_now, atol=1e-9
+        inverse(keyframe_frame.result.T_world_camera) @ after.result.T_world_camera,
+        T_before_now,
+        atol=1e-9,
     )
     np.testing.assert_allclose(
         after.result.alignment.camera_velocity, now.result.alignment.camera_velocity, atol=1e-9
     )
 
 
-def test_an_instant_shutter_has_nothing_to_be_told() -> None:
+def test_an_instant_shutter_needs_no_motion() -> None:
     assert estimate_previous_motion(good_frame(0.0, 0.0), good_frame(FRAME_S, 0.0)) is None
 
 
-def test_a_frame_with_none_before_it_is_told_nothing(now: TrackedFrame) -> None:
+def test_a_frame_with_none_before_it_has_no_motion(now: TrackedFrame) -> None:
     assert estimate_previous_motion(None, now) is None
 
 
@@ -127,7 +129,7 @@ def test_a_frame_with_none_before_it_is_told_nothing(now: TrackedFrame) -> None:
         "at once now",
     ],
 )
-def test_poses_that_are_not_alike_tell_nothing(
+def test_poses_that_are_not_alike_show_nothing(
     before: TrackedFrame, now: TrackedFrame, odd: str
 ) -> None:
     way = before.motion_state

@@ -48,11 +48,11 @@ def keyframe_of(frame: RgbdFrame) -> DirectKeyframe:
     return make_keyframe(frame, build_image_pyramid(frame), np.eye(4), zero_motion(), ALL_STATIC)
 
 
-def laid(
+def align_frame(
     keyframe: DirectKeyframe, images: ImagePyramid, hand: MovingCamera = STILL
 ) -> DirectAlignment:
-    starts, tie = [inverse(hand.pose_at(1.0))], STATIC_PRIOR.relaxed()
-    return align(keyframe.points, images, starts, tie, (1.0, 0.0), uniform_weights())
+    initial_guesses, prior = [inverse(hand.pose_at(1.0))], STATIC_PRIOR.relaxed()
+    return align(keyframe.points, images, initial_guesses, prior, (1.0, 0.0), uniform_weights())
 
 
 def looked(
@@ -63,17 +63,17 @@ def looked(
     images = build_image_pyramid(
         through_a_lens(add_noise(render_view(TURN, 1.0), 1), falloff), known
     )
-    return keyframe, images, laid(keyframe, images, TURN)
+    return keyframe, images, align_frame(keyframe, images, TURN)
 
 
 @pytest.mark.parametrize("falloff", [-0.1, 0.0, 0.2])
 @pytest.mark.parametrize("known", [0.0, 0.15])
-def test_one_turn_tells_most_of_it_whatever_was_known(falloff: float, known: float) -> None:
+def test_one_turn_shows_most_of_it_whatever_was_known(falloff: float, known: float) -> None:
     first = VignettingEstimate(known, information=1.0)
     assert first.update(*looked(falloff, known)).value == pytest.approx(falloff, abs=0.02)
 
 
-def test_it_is_believed_by_and_by() -> None:
+def test_it_is_accepted_gradually() -> None:
     view = looked(0.2)
     once = VignettingEstimate().update(*view)
     twice = once.update(*view)
@@ -81,22 +81,22 @@ def test_it_is_believed_by_and_by() -> None:
     assert VignettingEstimate().information < once.information < twice.information
 
 
-def test_a_view_that_has_not_moved_tells_nothing() -> None:
+def test_a_view_that_has_not_moved_shows_nothing() -> None:
     keyframe = keyframe_of(through_a_lens(add_noise(render_view(), 0), 0.2))
     images = build_image_pyramid(through_a_lens(add_noise(render_view(), 1), 0.2))
     known = VignettingEstimate(0.1, information=400.0)
-    after = known.update(keyframe, images, laid(keyframe, images))
+    after = known.update(keyframe, images, align_frame(keyframe, images))
     assert after.value == pytest.approx(0.1, abs=0.02)
     assert after.information < 1.05 * known.information
 
 
-def test_the_dark_tells_nothing() -> None:
+def test_the_dark_shows_nothing() -> None:
     keyframe, images = (
         keyframe_of(remove_color(render_view())),
         build_image_pyramid(remove_color(render_view())),
     )
     assert VignettingEstimate(0.1).update(
-        keyframe, images, laid(keyframe, images)
+        keyframe, images, align_frame(keyframe, images)
     ) == VignettingEstimate(0.1)
 
 
@@ -121,7 +121,7 @@ def test_the_odometry_learns_it_as_it_goes() -> None:
     assert odometry.vignetting == pytest.approx(0.25, abs=0.07)
 
 
-def test_what_the_first_way_tells_of_it_counts_in_the_next_keyframe_already(
+def test_what_the_first_path_shows_of_it_counts_in_the_next_keyframe_already(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def off_m() -> float:
@@ -133,6 +133,6 @@ def test_what_the_first_way_tells_of_it_counts_in_the_next_keyframe_already(
         off = [e.T_world_camera - TURN.pose_at(k / 6) for k, e in enumerate(estimates)][6:]
         return float(np.linalg.norm(np.array(off)[:, :3, 3], axis=1).mean())
 
-    told = off_m()
+    with_update = off_m()
     monkeypatch.setattr(TrackedFrame, "with_vignetting", lambda self, falloff: self)
-    assert told < 0.7 * off_m()
+    assert with_update < 0.7 * off_m()

@@ -38,11 +38,11 @@ STAMP_S = 1.0 + 1 / 30
 def make_result(off: Array, faster: Array) -> TrackingResult:
     """So far from where it is expected (6,), and with another velocity (6,)."""
     T_camera_keyframe = inverse(BRISK.pose_at(STAMP_S) @ series_exponential(off)) @ T_WORLD_KEYFRAME
-    movement = change_frame(
+    motion = change_frame(
         -constant_velocity_motion(BRISK.velocity + faster), inverse(T_camera_keyframe)
     )
     nothing = np.zeros((0, 0))
     alignment = DirectAlignment(
-        T_camera_keyframe, movement, initial_residual_model(), nothing, nothing, nothing
+        T_camera_keyframe, motion, initial_residual_model(), nothing, nothing, nothing
     )
     return TrackingResult(KEYFRAME, alignment, MOTION.motion_prior(T_WORLD_KEYFRAME, STAMP_S))

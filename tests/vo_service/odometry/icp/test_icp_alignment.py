@@ -47,7 +47,7 @@ def test_it_begins_where_it_fits_best() -> None:
     assert_close(inverse(found.T_camera_reference), T, 0.003, 0.1)
 
 
-def test_what_is_found_far_from_the_start_is_not_believed() -> None:
+def test_what_is_found_far_from_the_start_is_not_accepted() -> None:
     there = rigid_transform(so3_exp([0.0, 0.0, 0.6]), np.zeros(3))
     found = align(
         REFERENCE.planes, build_depth_pyramid(render_view(ROOM, there)), [np.eye(4)], COARSE_TO_FINE
@@ -74,8 +74,8 @@ def test_along_a_wall_nothing_moves() -> None:
 def test_a_wall_leaves_three_directions_open_and_two_leave_one() -> None:
     for planes, known in (((WALL,), 3), ((WALL, FLOOR), 5), (ROOM, 6)):
         view = build_depth_pyramid(add_noise(render_view(planes, np.eye(4)), 3))
-        itself = evaluate_alignment(start_track(view, 4000).planes, view, np.eye(4))
-        assert itself.degeneracy.observable_axes.shape == (6, known)
+        self_uncertainty = evaluate_alignment(start_track(view, 4000).planes, view, np.eye(4))
+        assert self_uncertainty.degeneracy.observable_axes.shape == (6, known)
 
 
 @settings(deadline=None, max_examples=25)
@@ -95,12 +95,12 @@ def test_what_is_known_depends_neither_on_units_nor_on_the_origin(seed: int, uni
 @pytest.mark.parametrize(("clarity", "share"), [(0.5, 0.0), (1.0, 0.0), (4.0, 0.75), (1e9, 1.0)])
 def test_information_without_noise_is_what_is_beyond_it(clarity: float, share: float) -> None:
     axes = np.random.default_rng(3).normal(size=(6, 6))
-    clarities = np.array([clarity, *[1e9] * 5])
-    W = DegeneracyAnalysis(clarities, axes).noise_suppression
-    information = np.linalg.inv(axes).T @ np.diag(clarities) @ np.linalg.inv(axes)
+    observabilities = np.array([clarity, *[1e9] * 5])
+    W = DegeneracyAnalysis(observabilities, axes).noise_suppression
+    information = np.linalg.inv(axes).T @ np.diag(observabilities) @ np.linalg.inv(axes)
     left = axes.T @ W.T @ information @ W @ axes
     np.testing.assert_allclose(np.diag(left)[0], share * clarity, rtol=1e-5, atol=1e-3)
-    np.testing.assert_allclose(np.diag(left)[1:], clarities[1:], rtol=1e-5)
+    np.testing.assert_allclose(np.diag(left)[1:], observabilities[1:], rtol=1e-5)
 
 
 def test_no_information_is_no_knowledge() -> None:

@@ -111,7 +111,7 @@ def test_half_of_the_depth_may_be_missing(views: list[RgbdFrame]) -> None:
     assert_close(estimates[-1].T_world_camera, hand_held_pose(7), 0.01, 0.4)
 
 
-def test_a_long_way_passes_from_reference_to_reference() -> None:
+def test_a_long_trajectory_passes_from_reference_to_reference() -> None:
     stages = RecordingStageTimer()
     estimates = estimate_all(
         IcpOdometry(timer=stages), [render_view(ROOM, hand_held_pose(2 * k), k) for k in range(18)]
@@ -122,7 +122,7 @@ def test_a_long_way_passes_from_reference_to_reference() -> None:
 
 
 @pytest.mark.parametrize(("planes", "unknown"), [((WALL,), 3), ((WALL, FLOOR), 1)])
-def test_a_view_that_leaves_directions_open_is_no_place_to_start(
+def test_a_view_that_leaves_directions_unconstrained_is_no_place_to_start(
     planes: Sequence[Plane], unknown: int
 ) -> None:
     frame = add_noise(render_view(planes, np.eye(4)), seed=0)
@@ -144,7 +144,7 @@ def test_it_does_not_slide_along_a_single_wall(views: list[RgbdFrame]) -> None:
     assert_close(after.T_world_camera, hand_held_pose(4), 0.004, 0.2)
 
 
-def test_a_direction_that_stays_open_for_a_while_does_not_make_it_creep() -> None:
+def test_a_direction_that_stays_unconstrained_for_a_while_does_not_make_it_creep() -> None:
     odometry = IcpOdometry()
     sure = estimate_all(
         odometry, [add_noise(render_view(ROOM, hand_held_pose(k), k), k) for k in range(4)]
@@ -179,7 +179,7 @@ def test_no_depth_is_an_answer_and_is_left_out_of_the_chain(views: list[RgbdFram
     assert_close(after.T_reference_camera, hand_held_pose(2), 0.004, 0.2)
 
 
-def test_after_too_many_failures_tracking_starts_afresh(views: list[RgbdFrame]) -> None:
+def test_after_too_many_failures_tracking_starts_again(views: list[RgbdFrame]) -> None:
     odometry = IcpOdometry(IcpParameters(max_failures=2))
     before = estimate_all(odometry, views[:2])[1]
     away = rigid_transform(so3_exp([0.0, 0.0, 3.0]), np.zeros(3))

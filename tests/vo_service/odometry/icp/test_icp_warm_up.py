@@ -16,10 +16,10 @@ KERNELS = [
 ]
 
 
-def test_every_stage_is_run_and_told() -> None:
-    told: list[str] = []
-    assert warm_up("icp", told.append) > 0
-    assert set(told) == {"pyramid", "planes", "align", "again"}
+def test_every_stage_is_run_and_reported() -> None:
+    stages: list[str] = []
+    assert warm_up("icp", stages.append) > 0
+    assert set(stages) == {"pyramid", "planes", "align", "again"}
 
 
 def test_a_warm_icp_compiles_nothing_more_for_a_real_frame() -> None:

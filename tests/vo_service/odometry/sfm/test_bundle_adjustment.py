@@ -18,7 +18,7 @@ POSES = [
 ]
 
 
-def sightings(noise: float = 0.0) -> BundleObservations:
+def observations(noise: float = 0.0) -> BundleObservations:
     """Every camera sees every point."""
     seen = np.array([project_rays(inverse(T), make_cloud(POINTS))[:, :2] for T in POSES])
     seen += np.random.default_rng(5).normal(0.0, 1.0, seen.shape) * noise
@@ -28,7 +28,7 @@ def sightings(noise: float = 0.0) -> BundleObservations:
 
 
 def adjusted_from_afar(seen: BundleObservations) -> BundleResult:
-    """Poses and points off by a few centimetres and degrees; the first pose is right."""
+    """Poses and points off by a few centimeters and degrees; the first pose is right."""
     random = np.random.default_rng(3)
     T = [inverse(POSES[0])]
     for pose in POSES[1:]:
@@ -48,19 +48,19 @@ def shape(adjusted: BundleResult) -> Array:
 
 @pytest.mark.slow
 def test_poses_and_points_are_led_to_where_they_are_seen_from() -> None:
-    adjusted = adjusted_from_afar(sightings())
+    adjusted = adjusted_from_afar(observations())
     truth = np.array([T[:3, 3] for T in POSES])
     np.testing.assert_allclose(shape(adjusted), truth / np.linalg.norm(truth[-1]), atol=2e-3)
     assert adjusted.squared_error.max() < 0.1
 
 
 def test_the_first_pose_stays() -> None:
-    adjusted = adjusted_from_afar(sightings(noise=SIGMA))
+    adjusted = adjusted_from_afar(observations(noise=SIGMA))
     assert np.array_equal(adjusted.T_view_world[0], inverse(POSES[0]))
 
 
-def test_a_sighting_of_something_else_stands_out_and_does_no_harm() -> None:
-    seen = sightings()
+def test_an_observation_of_something_else_stands_out_and_does_no_harm() -> None:
+    seen = observations()
     seen.ray[::40] += 40 * SIGMA
     adjusted = adjusted_from_afar(seen)
     is_wrong = np.zeros(len(seen.view), np.bool_)
@@ -72,19 +72,19 @@ def test_a_sighting_of_something_else_stands_out_and_does_no_harm() -> None:
 def test_rounding_in_the_poses_does_not_live_on() -> None:
     T = np.array([inverse(pose) for pose in POSES])
     T[1:, :3, :3] += 1e-6
-    adjusted = adjust_bundle(T, make_cloud(POINTS), sightings())
+    adjusted = adjust_bundle(T, make_cloud(POINTS), observations())
     assert all(is_rigid(each, tolerance=1e-14) for each in adjusted.T_view_world)
 
 
 def test_a_point_behind_a_camera_is_no_error() -> None:
     points = make_cloud(POINTS)
     points[0, 2] = -1.0
-    adjusted = adjust_bundle(np.array([inverse(T) for T in POSES]), points, sightings())
+    adjusted = adjust_bundle(np.array([inverse(T) for T in POSES]), points, observations())
     assert np.isfinite(adjusted.T_view_world).all()
     assert np.isfinite(adjusted.position_m).all()
 
 
-def test_the_same_sightings_give_the_same_bits() -> None:
-    first, second = (adjusted_from_afar(sightings(noise=SIGMA)) for _ in range(2))
+def test_the_same_observations_give_the_same_bits() -> None:
+    first, second = (adjusted_from_afar(observations(noise=SIGMA)) for _ in range(2))
     assert np.array_equal(first.T_view_world, second.T_view_world)
     assert np.array_equal(first.position_m, second.position_m)

@@ -44,7 +44,7 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out_of_the_chain() -> None:
     assert_close(after.T_world_camera, sideways_pose(8), 0.03, 0.5)
 
 
-def test_a_motion_that_the_points_leave_open_is_not_told() -> None:
+def test_a_motion_that_the_points_leave_unconstrained_is_not_reported() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_sigma_rad=1e-5))
     estimates = estimate_all(odometry, render_views(8))
     unsure = estimates[-1]
@@ -54,7 +54,7 @@ def test_a_motion_that_the_points_leave_open_is_not_told() -> None:
     assert not unsure.covariance.any()
 
 
-def test_a_step_too_long_for_a_camera_is_not_told() -> None:
+def test_a_step_too_long_for_a_camera_is_not_reported() -> None:
     odometry = SfmOdometry()
     before = estimate_all(odometry, render_views(7))[-1]
     jump = odometry.estimate(replace(render_view(11), stamp_s=render_view(6).stamp_s + 0.01))
@@ -63,7 +63,7 @@ def test_a_step_too_long_for_a_camera_is_not_told() -> None:
     assert np.array_equal(jump.T_world_camera, before.T_world_camera)
 
 
-def test_a_frozen_picture_waits_for_parallax_and_never_gives_up() -> None:
+def test_a_frozen_picture_waits_for_parallax_and_never_drops() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=1))
     first, *frozen = estimate_all(odometry, [render_view(0)] * 5)
     assert first.ok
@@ -78,7 +78,7 @@ def test_without_depth_there_is_no_first_scale() -> None:
     assert estimates[-1].reason == "no initial scale from the depth of the first frame"
 
 
-def test_after_too_many_failures_tracking_and_scale_begin_afresh() -> None:
+def test_after_too_many_failures_tracking_and_scale_begin_again() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=2))
     before = estimate_all(odometry, render_views(7))[-1]
     lost = estimate_all(odometry, [BLACK, BLACK, render_elsewhere(0)])

@@ -26,7 +26,7 @@ def estimates() -> list[Estimate]:
 
 
 def placed(estimates: list[Estimate]) -> list[int]:
-    """Numbers of the frames that have a pose, but for the first."""
+    """Numbers of the frames that have a pose, except the first."""
     return [k for k, estimate in enumerate(estimates) if estimate.ok and k > 0]
 
 
@@ -47,7 +47,7 @@ def test_there_is_no_pose_before_there_is_parallax(estimates: list[Estimate]) ->
         assert np.array_equal(estimate.T_world_camera, np.eye(4))
 
 
-def test_from_then_on_every_frame_has_its_place_in_metres(estimates: list[Estimate]) -> None:
+def test_from_then_on_every_frame_has_its_place_in_meters(estimates: list[Estimate]) -> None:
     begin = placed(estimates)[0]
     assert placed(estimates) == list(range(begin, FRAMES))
     for k in range(begin, FRAMES):

@@ -86,7 +86,7 @@ def test_a_motion_backwards_in_time_is_the_same_sweep() -> None:
     )
 
 
-def test_what_took_no_time_tells_no_velocity() -> None:
+def test_what_took_no_time_shows_no_velocity() -> None:
     sweep = ShutterMotion.from_motion(rigid_transform(np.eye(3), [1.0, 0.0, 0.0]), 0.0, 0.5)
     assert not sweep.translation_per_s.any()
     assert not sweep.angular_velocity_rad_s.any()
@@ -106,7 +106,7 @@ def step_error_deg(estimates: list[Estimate]) -> float:
 
 
 @pytest.mark.slow
-def test_a_rolling_shutter_that_is_told_of_costs_little() -> None:
+def test_a_rolling_shutter_that_is_reported_of_costs_little() -> None:
     frames = [rolled(k) for k in range(10)]
     told = step_error_deg(estimate_all(SfmOdometry(), frames))
     untold = step_error_deg(

@@ -16,7 +16,7 @@ from vo_service.odometry.surf import SurfExtractor
 
 
 def first_pair(with_depth: bool = True) -> InitialPair:
-    """Points that are as far as they are, in units of a quarter of a metre."""
+    """Points that are as far as they are, in units of a quarter of a meter."""
     frame = render_view(0)
     features = SurfExtractor(300).extract(frame.gray)
     depth_m = backproject_features(features, frame).position_m[:, 2]
@@ -46,7 +46,7 @@ def test_points_that_are_wrong_do_not_change_it_much() -> None:
     assert scale.metres_per_unit == pytest.approx(0.25, rel=0.01)
 
 
-def test_without_depth_it_cannot_be_told() -> None:
+def test_without_depth_it_cannot_be_reported() -> None:
     assert FirstDepthScale().estimate_scale(first_pair(with_depth=False)) is None
 
 

@@ -17,7 +17,7 @@ def test_points_are_as_far_as_they_are(turn: Array, shift: Array, n: int) -> Non
     np.testing.assert_allclose(found.inverse_depth[n], 1.0 / make_cloud(10)[n, 2], rtol=1e-6)
 
 
-def test_a_motion_the_other_way_round_puts_all_points_behind() -> None:
+def test_a_motion_the_other_path_round_puts_all_points_behind() -> None:
     T = inverse(MOTION)
     found = triangulate(T[:3, :3], -T[:3, 3], make_pairs(MOTION))
     assert (found.inverse_depth < 0.0).all()

@@ -33,7 +33,7 @@ def apply_filter(image: NDArray[np.uint8], kernel: NDArray[np.int64]) -> NDArray
 
 
 def hessian_products(image: NDArray[np.uint8], lobe: int) -> tuple[Array, Array]:
-    """Dxx Dyy and Dxy^2 of the whole image, normalised by a lobe pair's area; 0 at the border."""
+    """Dxx Dyy and Dxy^2 of the whole image, normalized by a lobe pair's area; 0 at the border."""
     area = lobe * (2 * lobe - 1)
     tall = vertical_filter(lobe)
     xx, yy = apply_filter(image, tall.T) / area, apply_filter(image, tall) / area

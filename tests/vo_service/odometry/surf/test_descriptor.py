@@ -47,7 +47,7 @@ def expected_descriptor(patch: Array) -> Array:
 
 @pytest.mark.parametrize("upright", [True, False])
 @pytest.mark.parametrize("shape", [(240, 320), (233, 307)])
-def test_descriptors_are_those_of_a_slow_reading_of_the_paper(
+def test_descriptors_are_those_of_a_slow_sample_of_the_paper(
     upright: bool, shape: tuple[int, int]
 ) -> None:
     image = make_textured_image(*shape, seed=5)

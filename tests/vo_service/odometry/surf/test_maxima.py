@@ -17,9 +17,9 @@ from vo_service.odometry.surf.maxima import (
 )
 
 LOBES = (3, 5, 7)
-FIRST = 11  # of the 21x21 filter's border, and one neighbour
+FIRST = 11  # of the 21x21 filter's border, and one neighbor
 SIZE = 40
-OFFSET = st.floats(-0.4, 0.4)  # further out, the mixed terms can lift a neighbour above
+OFFSET = st.floats(-0.4, 0.4)  # further out, the mixed terms can lift a neighbor above
 
 
 def maxima(layers: Array, threshold: float, step: int = 1) -> NDArray[np.float32]:
@@ -109,7 +109,7 @@ def test_the_maxima_of_noise_are_those_of_a_brute_force_search(
 @pytest.mark.parametrize(
     "cells", [[(1, 0, 1)], [(1, 1, 0)], [(1, 1, 1)], [(1, 1, -1)], [(2, 0, 0)]]
 )
-def test_of_two_equal_neighbours_one_is_found(cells: list[tuple[int, int, int]]) -> None:
+def test_of_two_equal_neighbors_one_is_found(cells: list[tuple[int, int, int]]) -> None:
     layers = hill(20.0, 18.0, 0.0) - 20.0
     layers[1, 18, 20] = 99.0
     for layer, row, column in cells:
@@ -145,7 +145,7 @@ def test_the_table_has_room_for_a_maximum_in_every_square_of_four() -> None:
 
 
 @pytest.mark.parametrize(("dark", "sign"), [(True, 1.0), (False, -1.0)])
-def test_the_sign_tells_dark_blobs_from_bright_ones(dark: bool, sign: float) -> None:
+def test_the_sign_shows_dark_blobs_from_bright_ones(dark: bool, sign: float) -> None:
     image = make_blob_image(SIZE, SIZE, (20.0, 18.0), 3.0, dark)
     table = np.empty((max_num_maxima(SIZE, SIZE), NUM_COLUMNS), np.float32)
     below, middle, above = hill(20.0, 18.0, 0.0).astype(np.float32)

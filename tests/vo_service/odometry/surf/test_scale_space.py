@@ -43,12 +43,12 @@ def expected_scale(sigma_px: float) -> float:
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
-@pytest.mark.parametrize("centre_px", CENTRES_PX)
-def test_a_blob_is_found_at_its_centre_between_the_pixels(
-    sigma_px: float, centre_px: tuple[float, float]
+@pytest.mark.parametrize("center_px", CENTRES_PX)
+def test_a_blob_is_found_at_its_center_between_the_pixels(
+    sigma_px: float, center_px: tuple[float, float]
 ) -> None:
-    found = strongest(make_blob_image(SIZE, SIZE, centre_px, sigma_px))
-    assert found[:2] == pytest.approx(centre_px, abs=0.15)
+    found = strongest(make_blob_image(SIZE, SIZE, center_px, sigma_px))
+    assert found[:2] == pytest.approx(center_px, abs=0.15)
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)

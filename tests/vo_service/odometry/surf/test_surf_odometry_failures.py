@@ -56,7 +56,7 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out_of_the_chain(
     )
 
 
-def test_after_too_many_failures_tracking_starts_afresh(views: list[RgbdFrame]) -> None:
+def test_after_too_many_failures_tracking_starts_again(views: list[RgbdFrame]) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=2))
     before = estimate_all(odometry, views[:2])[1]
     lost = estimate_all(
@@ -69,7 +69,7 @@ def test_after_too_many_failures_tracking_starts_afresh(views: list[RgbdFrame]) 
     assert_close(step, inverse(hand_held_poses(3)[1]) @ hand_held_poses(3)[2], 0.004, 0.2)
 
 
-def test_without_anything_to_see_it_does_not_start_afresh(views: list[RgbdFrame]) -> None:
+def test_without_anything_to_see_it_does_not_start_again(views: list[RgbdFrame]) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=2))
     estimate_all(odometry, views[:1])
     lost = estimate_all(odometry, [BLACK] * 5)

@@ -56,7 +56,7 @@ def test_a_camera_that_looks_back_is_found_by_an_older_view(
     assert_close(found.T_world_camera, turned(BACK_RAD), 0.01, 0.5)
 
 
-def test_the_motion_is_told_since_the_last_good_frame(
+def test_the_motion_is_reported_since_the_last_good_frame(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
     odometry = SurfOdometry()

@@ -38,8 +38,10 @@ def make_observation(
 ) -> KeyframeObservation:
     """The n-th place, in a world that lies anywhere."""
     T = np.eye(4) if T_world_truth is None else T_world_truth
-    hop = OdometryConstraint(np.zeros(6), COVARIANCE, 0.15)
-    return KeyframeObservation(render_corner(true_pose(n), n), world, T @ odometry_pose(n), hop)
+    constraint = OdometryConstraint(np.zeros(6), COVARIANCE, 0.15)
+    return KeyframeObservation(
+        render_corner(true_pose(n), n), world, T @ odometry_pose(n), constraint
+    )
 
 
 def make_loop_closer(count: int) -> LoopCloser:
@@ -64,5 +66,7 @@ def make_update(
     stamped = StampedFrame(frame, frame.stamp_s)
     motion = inverse(odometry_pose(n - 1)) @ odometry_pose(n) if n else np.eye(4)
     estimate = replace(good_estimate(odometry_pose(n), motion), covariance=COVARIANCE)
-    said = OdomFrame().update(stamped, estimate, {}, 0.0)
-    return replace(said, state=state, epoch=epoch, T_odom_camera=T_BODY_CAMERA @ odometry_pose(n))
+    published = OdomFrame().update(stamped, estimate, {}, 0.0)
+    return replace(
+        published, state=state, epoch=epoch, T_odom_camera=T_BODY_CAMERA @ odometry_pose(n)
+    )

@@ -38,7 +38,7 @@ class ScriptedRecognizer(PlaceRecognizer):
     """All views look the same, and show what `shows` says.
 
     shows          4x4 T_place_camera by number of the place
-    contradictory  of several places at once none is recognised
+    contradictory  of several places at once none is recognized
     velocity       of the last view, and how well it is known
     T_map_place    of the places that were asked about last
     """
@@ -46,15 +46,15 @@ class ScriptedRecognizer(PlaceRecognizer):
     matches: Mapping[int, Array] = field(default_factory=dict)
     rejects_multiple: bool = False
     velocity: tuple[Array, tuple[float, float]] = field(default=(VELOCITY, TRACKED_VELOCITY_SIGMA))
-    T_map_place: KeyframePoses = field(default_factory=lambda: NO_POSES)
+    T_map_keyframe: KeyframePoses = field(default_factory=lambda: NO_POSES)
 
     def create_query(
         self,
         frame: RgbdFrame,
         velocity: Array,
-        known_to: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
+        velocity_sigma: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
     ) -> QueryFrame:
-        self.velocity = velocity, known_to
+        self.velocity = velocity, velocity_sigma
         return _described_corner()[1]
 
     def create_keyframe(
@@ -65,10 +65,13 @@ class ScriptedRecognizer(PlaceRecognizer):
         )
 
     def recognize(
-        self, view: QueryFrame, places: Sequence[MapKeyframe], T_map_place: KeyframePoses = NO_POSES
+        self,
+        view: QueryFrame,
+        keyframes: Sequence[MapKeyframe],
+        T_map_keyframe: KeyframePoses = NO_POSES,
     ) -> PlaceMatch | None:
-        self.T_map_place = T_map_place
-        shown = [place.number for place in places if place.number in self.matches]
+        self.T_map_place = T_map_keyframe
+        shown = [keyframe.number for keyframe in keyframes if keyframe.number in self.matches]
         if not shown or (self.rejects_multiple and len(shown) > 1):
             return None
         return PlaceMatch(shown[0], self.matches[shown[0]], LOOP_COVARIANCE, 50)
@@ -83,8 +86,8 @@ def _corner_keyframe() -> MapKeyframe:
 def make_loop_closer(max_keyframes: int = 1000) -> tuple[LoopCloser, ScriptedRecognizer]:
     """It knows no place yet, and never more than so many."""
     scripted = ScriptedRecognizer()
-    places = KeyframeDatabase(max_bytes=max_keyframes * _corner_keyframe().size_bytes)
-    return LoopCloser(scripted, places, PoseGraph()), scripted
+    keyframes = KeyframeDatabase(max_bytes=max_keyframes * _corner_keyframe().size_bytes)
+    return LoopCloser(scripted, keyframes, PoseGraph()), scripted
 
 
 def pose_ahead(distance_m: float) -> Array:

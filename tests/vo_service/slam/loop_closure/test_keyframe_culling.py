@@ -20,7 +20,7 @@ LAST_M = 9 * STEP_M
 
 
 @pytest.mark.parametrize(("steps", "stays"), [(MAX_DUPLICATE_STEPS - 0.1, False), (2.0, True)])
-def test_a_place_that_is_nearly_where_one_was_goes_when_the_next_has_come(
+def test_a_keyframe_that_is_nearly_where_one_was_goes_when_the_next_has_come(
     steps: float, stays: bool
 ) -> None:
     made, scripted = closer_after_walk(error_m=0.0)
@@ -34,7 +34,7 @@ def test_a_place_that_is_nearly_where_one_was_goes_when_the_next_has_come(
     assert set(made.graph.nodes) == {place.number for place in made.database}
 
 
-def test_a_place_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
+def test_a_keyframe_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
     made, scripted = closer_after_walk(error_m=0.0)
     scripted.matches = {1: pose_ahead(0.1)}
     repeated = made.process_keyframe(straight_on(LAST_M + 5.0)).keyframe.number
@@ -43,7 +43,7 @@ def test_a_place_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
 
 
 @pytest.mark.slow
-def test_who_comes_by_again_adds_few_places() -> None:
+def test_who_comes_by_again_adds_few_keyframes() -> None:
     made = make_loop_closer(STEPS + 1)
     once = len(made.database)
     for n in range(STEPS + 1, 4 * STEPS):

@@ -6,8 +6,8 @@ from tests.vo_service.slam.place_recognition.corner_keyframes import make_pose
 from vo_service.slam.loop_closure.keyframe_culling import find_most_redundant
 
 
-def along(*ways_m: float) -> Array:
-    return np.array([make_pose((way_m, 0.0, 0.0)) for way_m in ways_m])
+def along(*positions_m: float) -> Array:
+    return np.array([make_pose((path_m, 0.0, 0.0)) for path_m in positions_m])
 
 
 def redundant(poses: Array) -> int:
@@ -15,16 +15,16 @@ def redundant(poses: Array) -> int:
     return find_most_redundant(poses, np.zeros(len(poses), np.int64))
 
 
-def test_the_one_nearest_to_others_can_be_spared() -> None:
+def test_the_one_nearest_to_others_can_be_culled() -> None:
     assert redundant(along(0.0, 1.0, 2.0, 2.1, 2.3, 5.0)) == 3
 
 
-def test_a_turn_counts_as_a_way() -> None:
+def test_a_turn_counts_as_a_path() -> None:
     turned = [make_pose((0.0, 0.0, 0.0), (0.0, degrees, 0.0)) for degrees in (0, 60, 65, 120)]
     assert redundant(np.array(turned)) == 2
 
 
-def test_the_first_and_the_newest_are_never_spared() -> None:
+def test_the_first_and_the_newest_are_never_culled() -> None:
     assert redundant(along(0.0, 0.1, 3.0, 6.0, 6.1)) in (1, 3)
     assert redundant(along(0.0, 5.0, 0.0)) == 1
     with pytest.raises(ValueError, match="never culled"):

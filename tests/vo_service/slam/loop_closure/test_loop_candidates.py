@@ -33,22 +33,22 @@ class KeyframeLine:
         for number in range(count):
             self._add(number, number in unlike)
 
-    def of_a_loop(self, way_m: float, world: int = 0) -> list[int]:
-        found = self._candidates.find_loop_candidates(self.view, world, pose_ahead(way_m))
-        return [place.number for place in found]
+    def of_a_loop(self, path_m: float, world: int = 0) -> list[int]:
+        found = self._candidates.find_loop_candidates(self.view, world, pose_ahead(path_m))
+        return [keyframe.number for keyframe in found]
 
     def passed(self, number: int) -> None:
         self._candidates.mark_visited(self._places[number])
 
     def _add(self, number: int, is_unlike: bool) -> None:
         T = pose_ahead(STEP_M * number)
-        place = self._scripted.create_keyframe(self.view, number, 0, T)
+        keyframe = self._scripted.create_keyframe(self.view, number, 0, T)
         self._graph.add_node(number, 0, T)
-        self._places.add(_unlike(place) if is_unlike else place)
+        self._places.add(_unlike(keyframe) if is_unlike else keyframe)
 
 
-def _unlike(place: MapKeyframe) -> MapKeyframe:
-    return replace(place, vlad_descriptor=np.zeros_like(place.vlad_descriptor))
+def _unlike(keyframe: MapKeyframe) -> MapKeyframe:
+    return replace(keyframe, vlad_descriptor=np.zeros_like(keyframe.vlad_descriptor))
 
 
 def test_what_should_be_in_view_is_looked_at_though_it_looks_like_nothing() -> None:
@@ -64,12 +64,12 @@ def test_what_should_be_in_view_is_looked_at_though_it_looks_like_nothing() -> N
     assert walk.of_a_loop(100.0) == list(range(MAX_SIMILAR_KEYFRAMES))
 
 
-def test_no_place_is_looked_at_twice() -> None:
+def test_no_keyframe_is_looked_at_twice() -> None:
     assert KeyframeLine(MAX_NEARBY_KEYFRAMES).of_a_loop(0.0) == list(range(MAX_NEARBY_KEYFRAMES))
 
 
 @pytest.mark.parametrize(("world", "found"), [(0, [0]), (1, list(range(MAX_SIMILAR_KEYFRAMES)))])
-def test_the_last_places_of_the_way_are_no_loop_but_after_a_loss_they_are(
+def test_the_last_keyframes_of_the_path_are_no_loop_but_after_a_loss_they_are(
     world: int, found: list[int]
 ) -> None:
     walk = KeyframeLine(MAX_RECENT_KEYFRAMES + 1)

@@ -27,24 +27,24 @@ def walked() -> LoopCloser:
     return make_loop_closer(2 * STEPS + 1)
 
 
-def test_a_way_back_is_known_again_and_the_drift_is_gone(walked: LoopCloser) -> None:
+def test_a_path_back_is_recognized_again_and_the_drift_is_gone(walked: LoopCloser) -> None:
     drift_m = float(np.linalg.norm(odometry_pose(2 * STEPS)[:3, 3] - true_pose(2 * STEPS)[:3, 3]))
     assert walked.loop_count >= 3
     assert keyframe_error_m(walked, 2 * STEPS) < 0.2 * drift_m
 
 
-def test_a_way_out_is_no_loop() -> None:
+def test_a_path_out_is_no_loop() -> None:
     assert make_loop_closer(MAX_RECENT_KEYFRAMES + 1).loop_count == 0
 
 
-def test_a_frame_of_a_known_place_is_located_in_the_world_of_the_odometry(
+def test_a_frame_of_a_known_keyframe_is_located_in_the_world_of_the_odometry(
     walked: LoopCloser,
 ) -> None:
-    located = walked.relocalize(render_corner(true_pose(3), 99))
-    assert located is not None
-    assert located.seq == 99
+    result = walked.relocalize(render_corner(true_pose(3), 99))
+    assert result is not None
+    assert result.seq == 99
     # The world of the odometry is told the same way as the last pose was: drift and all.
-    T_last_camera = inverse(odometry_pose(2 * STEPS)) @ located.T_world_camera
+    T_last_camera = inverse(odometry_pose(2 * STEPS)) @ result.T_world_camera
     expected = inverse(true_pose(2 * STEPS)) @ true_pose(3)
     assert np.allclose(T_last_camera, expected, atol=0.01)
 
@@ -55,7 +55,7 @@ def test_a_view_of_nothing_known_is_located_nowhere(walked: LoopCloser) -> None:
     assert create_loop_closer(MapConfig()).relocalize(elsewhere) is None
 
 
-def test_a_loop_that_the_odometry_cannot_have_missed_is_not_believed() -> None:
+def test_a_loop_that_the_odometry_cannot_have_missed_is_not_accepted() -> None:
     closer = make_loop_closer(MAX_RECENT_KEYFRAMES + 1)
     far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])  # says the odometry, 15 cm after the last
     for n in (2 * STEPS - 2, 2 * STEPS - 1, 2 * STEPS):
@@ -63,7 +63,7 @@ def test_a_loop_that_the_odometry_cannot_have_missed_is_not_believed() -> None:
     assert closer.loop_count == 0
 
 
-def test_a_new_world_is_joined_when_two_places_say_so_alike() -> None:
+def test_a_new_world_is_connected_when_two_keyframes_say_so_alike() -> None:
     closer = make_loop_closer(1)
     is_localized = []
     for n in (1, 2):
@@ -74,7 +74,7 @@ def test_a_new_world_is_joined_when_two_places_say_so_alike() -> None:
     assert np.allclose(T_map_camera[:3, 3], true_pose(2)[:3, 3], atol=0.03)
 
 
-def test_a_place_that_was_left_out_while_a_loop_waited_is_not_missed() -> None:
+def test_a_keyframe_that_was_left_out_while_a_loop_waited_is_not_missed() -> None:
     closer = make_loop_closer(1)
     waiting = closer.process_keyframe(make_observation(1, 1, ELSEWHERE)).keyframe
     closer.process_keyframe(make_observation(1))  # the newest place is never left out
@@ -85,8 +85,8 @@ def test_a_place_that_was_left_out_while_a_loop_waited_is_not_missed() -> None:
 
 
 def test_a_map_that_was_kept_is_known_the_next_day() -> None:
-    kept = make_loop_closer(STEPS).contents
-    closer = create_loop_closer_from_map(kept, MapConfig())
+    saved = make_loop_closer(STEPS).contents
+    closer = create_loop_closer_from_map(saved, MapConfig())
     assert len(closer.database) == STEPS
     for n in (STEPS + 3, STEPS + 5):
         closer.process_keyframe(make_observation(n, 0, ELSEWHERE))
@@ -95,7 +95,7 @@ def test_a_map_that_was_kept_is_known_the_next_day() -> None:
     assert np.allclose(T_map_camera[:3, 3], true_pose(STEPS + 5)[:3, 3], atol=0.03)
 
 
-def test_places_near_others_go_when_there_are_too_many() -> None:
+def test_keyframes_near_others_go_when_there_are_too_many() -> None:
     few = make_loop_closer(STEPS)
     limit_mb = 1 + few.database.size_bytes // 1_000_000
     closer = create_loop_closer(MapConfig(keyframe_database_mb=limit_mb))

@@ -28,12 +28,12 @@ LAST = 9
 LAST_M = LAST * STEP_M
 
 
-def way_m(T: Array) -> float:
+def path_m(T: Array) -> float:
     """Of a pose straight ahead."""
     return float(T[2, 3])
 
 
-def corrected() -> tuple[LoopCloser, ScriptedRecognizer]:
+def optimized() -> tuple[LoopCloser, ScriptedRecognizer]:
     """Three places, all of which a view is compared with."""
     made, scripted = closer_after_walk(error_m=0.02)
     for number in range(1, LAST - 1):
@@ -42,22 +42,22 @@ def corrected() -> tuple[LoopCloser, ScriptedRecognizer]:
     return made, scripted
 
 
-def test_a_loop_that_says_that_the_map_is_off_corrects_it_at_once() -> None:
+def test_a_loop_that_says_that_the_map_is_off_optimizes_it_at_once() -> None:
     made, _ = closer_after_walk(error_m=0.02)
-    assert way_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.02, abs=1e-3)
-    assert way_m(made.T_map_world) == pytest.approx(0.02, abs=1e-3)
+    assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.02, abs=1e-3)
+    assert path_m(made.T_map_world) == pytest.approx(0.02, abs=1e-3)
 
 
-def test_a_loop_that_says_little_corrects_the_map_ten_places_later() -> None:
+def test_a_loop_that_says_little_optimizes_the_map_ten_keyframes_later() -> None:
     made, _ = closer_after_walk(error_m=0.003)
     for step in range(1, 10):
         made.process_keyframe(make_observation(LAST_M + STEP_M * step))
-    assert way_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M, abs=1e-9)
+    assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M, abs=1e-9)
     made.process_keyframe(make_observation(LAST_M + STEP_M * 10))
-    assert way_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.003, abs=2e-4)
+    assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.003, abs=2e-4)
 
 
-def test_a_map_is_corrected_once_by_a_loop_that_says_that_it_is_off(
+def test_a_map_is_optimized_once_by_a_loop_that_says_that_it_is_off(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made, _ = closer_after_walk(error_m=0.02)
@@ -69,19 +69,19 @@ def test_a_map_is_corrected_once_by_a_loop_that_says_that_it_is_off(
     assert not corrections
 
 
-def test_a_map_of_many_places_waits_for_more_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_map_of_many_keyframes_waits_for_more_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
     made, scripted = closer_after_walk(error_m=0.02)
     monkeypatch.setattr(optimization_schedule, "MIN_INTERVAL_RATIO", 0.2)
     off_m = []
     for step in range(1, 5):
         scripted.matches = {0: pose_ahead(LAST_M + STEP_M * step + 0.05)}
         made.process_keyframe(make_observation(LAST_M + STEP_M * step))
-        off_m.append(way_m(made.graph.T_map_keyframe(LAST + step)) - LAST_M - STEP_M * step)
+        off_m.append(path_m(made.graph.T_map_keyframe(LAST + step)) - LAST_M - STEP_M * step)
     assert max(off_m[:2]) < 0.03
     assert off_m[2] > 0.03  # three places of thirteen
 
 
-def test_a_view_that_shows_many_places_closes_three_loops() -> None:
+def test_a_view_that_shows_many_keyframes_closes_three_loops() -> None:
     made, scripted = make_loop_closer()
     for step in range(15):
         made.process_keyframe(make_observation(STEP_M * step))
@@ -90,7 +90,7 @@ def test_a_view_that_shows_many_places_closes_three_loops() -> None:
     assert made.loop_count == MAX_LOOPS_PER_KEYFRAME == 3
 
 
-def test_motions_and_loops_are_as_sure_and_as_long_as_was_said() -> None:
+def test_motions_and_loops_are_as_sure_and_as_long_as_was_reported() -> None:
     made, scripted = closer_after_walk(error_m=0.02)
     *motions, loop = made.graph.edges
     assert len(motions) == LAST
@@ -98,19 +98,19 @@ def test_motions_and_loops_are_as_sure_and_as_long_as_was_said() -> None:
     assert {motion.length_m for motion in motions} == {STEP_M}
     assert np.array_equal(loop.covariance, LOOP_COVARIANCE)
     assert (loop.is_loop, loop.length_m) == (True, 0.0)
-    velocity, known_to = scripted.velocity
+    velocity, velocity_sigma = scripted.velocity
     assert np.array_equal(velocity, VELOCITY)
-    assert known_to == TRACKED_VELOCITY_SIGMA
+    assert velocity_sigma == TRACKED_VELOCITY_SIGMA
 
 
-def test_a_pose_of_before_is_corrected_as_the_place_before_it() -> None:
+def test_a_pose_of_before_is_optimized_as_the_keyframe_before_it() -> None:
     made, _ = closer_after_walk(error_m=0.02)
     T_map = made.graph.T_map_keyframe
     seen = made.anchor_to_last_keyframe(pose_ahead(2.8))
     assert seen.keyframe_number == LAST
-    assert way_m(seen.to_map(T_map)) == pytest.approx(2.82, abs=1e-3)
-    assert way_m(AnchoredPose(0, pose_ahead(0.1)).to_map(T_map)) == pytest.approx(0.1)
-    assert way_m(AnchoredPose(None, pose_ahead(0.1)).to_map(T_map)) == 0.1
+    assert path_m(seen.to_map(T_map)) == pytest.approx(2.82, abs=1e-3)
+    assert path_m(AnchoredPose(0, pose_ahead(0.1)).to_map(T_map)) == pytest.approx(0.1)
+    assert path_m(AnchoredPose(None, pose_ahead(0.1)).to_map(T_map)) == 0.1
     seen = AnchoredPose(1, pose_ahead(0.4))
     before = seen.to_map(T_map)
     seen = seen.re_anchor(made.graph.remove_node(1))
@@ -118,8 +118,10 @@ def test_a_pose_of_before_is_corrected_as_the_place_before_it() -> None:
     assert np.allclose(seen.to_map(T_map), before)
 
 
-def test_until_a_new_world_is_joined_the_correction_stays_and_no_old_place_is_told() -> None:
-    made, scripted = corrected()
+def test_until_a_new_world_is_connected_the_correction_stays_and_no_old_keyframe_is_reported() -> (
+    None
+):
+    made, scripted = optimized()
     before = made.T_map_world
     number = made.process_keyframe(make_observation(0.0, world=4)).keyframe.number
     assert np.allclose(made.T_map_world, before)
@@ -127,28 +129,28 @@ def test_until_a_new_world_is_joined_the_correction_stays_and_no_old_place_is_to
     scripted.matches = {0: pose_ahead(1.0)}
     assert made.relocalize(make_observation(0.0).frame) is None
     scripted.matches = {number: pose_ahead(1.0)}
-    located = made.relocalize(make_observation(0.0).frame)
-    assert located is not None
-    assert np.allclose(located.T_world_camera, pose_ahead(1.0))
+    result = made.relocalize(make_observation(0.0).frame)
+    assert result is not None
+    assert np.allclose(result.T_world_camera, pose_ahead(1.0))
 
 
-def test_a_lost_camera_is_located_as_surely_as_it_is_recognised() -> None:
-    made, scripted = corrected()
+def test_a_lost_camera_is_located_as_surely_as_it_is_recognized() -> None:
+    made, scripted = optimized()
     scripted.matches = {LAST: pose_ahead(1.0)}
-    located = made.relocalize(make_observation(0.0).frame)
-    assert located is not None
-    assert np.allclose(located.T_world_camera, pose_ahead(LAST_M + 1.0))
-    assert np.array_equal(located.covariance, LOOP_COVARIANCE)
-    velocity, known_to = scripted.velocity
+    result = made.relocalize(make_observation(0.0).frame)
+    assert result is not None
+    assert np.allclose(result.T_world_camera, pose_ahead(LAST_M + 1.0))
+    assert np.array_equal(result.covariance, LOOP_COVARIANCE)
+    velocity, velocity_sigma = scripted.velocity
     assert not velocity.any()  # nothing is known of it
-    assert known_to == LOST_VELOCITY_SIGMA
+    assert velocity_sigma == LOST_VELOCITY_SIGMA
     assert np.array_equal(
         scripted.T_map_place[LAST], made.graph.T_map_keyframe(LAST)
     )  # rivals show
 
 
 @pytest.mark.parametrize("contradictory", [False, True])
-def test_a_world_is_joined_by_one_view_of_two_places_unless_they_contradict(
+def test_a_world_is_connected_by_one_view_of_two_keyframes_unless_they_contradict(
     contradictory: bool,
 ) -> None:
     made, scripted = make_loop_closer()
@@ -161,7 +163,7 @@ def test_a_world_is_joined_by_one_view_of_two_places_unless_they_contradict(
     assert made.loop_count == (0 if contradictory else 2)
 
 
-def test_places_of_a_world_that_is_not_joined_are_near_to_no_other() -> None:
+def test_keyframes_of_a_world_that_is_not_connected_are_near_to_no_other() -> None:
     made, _ = make_loop_closer(max_keyframes=5)
     for way in (0.0, 3.0):
         made.process_keyframe(make_observation(way))
@@ -171,7 +173,7 @@ def test_places_of_a_world_that_is_not_joined_are_near_to_no_other() -> None:
     assert [removal.number for removal in removed] == [4]
 
 
-def test_the_first_and_the_newest_place_stay_however_little_they_may_take() -> None:
+def test_the_first_and_the_newest_keyframe_stay_however_little_they_may_take() -> None:
     made, _ = make_loop_closer(max_keyframes=0)
     for step in range(5):
         made.process_keyframe(make_observation(STEP_M * step))

@@ -14,7 +14,7 @@ from vo_service.slam.pose_graph.edges import Edge
 T_OLD_NEW = rigid_transform(np.eye(3), [3.0, 1.0, 0.0])
 
 
-def places() -> tuple[MapKeyframe, MapKeyframe, MapKeyframe]:
+def keyframes() -> tuple[MapKeyframe, MapKeyframe, MapKeyframe]:
     """One of world 0, two of world 1."""
     closer = make_loop_closer(1)
     one, other = (closer.process_keyframe(make_observation(n, 1)).keyframe for n in (1, 2))
@@ -26,25 +26,25 @@ def loop(old: MapKeyframe, new: MapKeyframe, T_old_new: Array) -> Edge:
     return Edge(old.number, new.number, T_a_b, np.eye(6) * 1e-6, True, 0.0)
 
 
-def test_one_loop_is_not_believed_and_two_that_agree_are() -> None:
-    joining, (old, one, other) = MapMerger(), places()
+def test_one_loop_is_not_accepted_and_two_that_agree_are() -> None:
+    merger, (old, one, other) = MapMerger(), keyframes()
     first, second = loop(old, one, T_OLD_NEW), loop(old, other, T_OLD_NEW)
-    assert joining.add_loop(first, old, one) == []
-    assert joining.add_loop(second, old, other) == [first, second]
+    assert merger.add_loop(first, old, one) == []
+    assert merger.add_loop(second, old, other) == [first, second]
 
 
-@pytest.mark.parametrize(("off_m", "off_rad"), [(0.2, 0.0), (0.0, 0.1)])
-def test_two_loops_that_contradict_each_other_are_not_believed(
-    off_m: float, off_rad: float
+@pytest.mark.parametrize(("error_m", "off_rad"), [(0.2, 0.0), (0.0, 0.1)])
+def test_two_loops_that_contradict_each_other_are_not_accepted(
+    error_m: float, off_rad: float
 ) -> None:
-    joining, (old, one, other) = MapMerger(), places()
-    off = rigid_transform(so3_exp([0.0, 0.0, off_rad]), [off_m, 0.0, 0.0])
-    assert joining.add_loop(loop(old, one, T_OLD_NEW), old, one) == []
-    assert joining.add_loop(loop(old, other, T_OLD_NEW @ off), old, other) == []
+    merger, (old, one, other) = MapMerger(), keyframes()
+    off = rigid_transform(so3_exp([0.0, 0.0, off_rad]), [error_m, 0.0, 0.0])
+    assert merger.add_loop(loop(old, one, T_OLD_NEW), old, one) == []
+    assert merger.add_loop(loop(old, other, T_OLD_NEW @ off), old, other) == []
 
 
-def test_what_is_said_of_one_world_is_no_opinion_of_another() -> None:
-    joining, (old, one, other) = MapMerger(), places()
+def test_what_is_reported_of_one_world_is_no_opinion_of_another() -> None:
+    merger, (old, one, other) = MapMerger(), keyframes()
     of_a_third = replace(other, world_id=2)
-    assert joining.add_loop(loop(old, one, T_OLD_NEW), old, one) == []
-    assert joining.add_loop(loop(old, of_a_third, T_OLD_NEW), old, of_a_third) == []
+    assert merger.add_loop(loop(old, one, T_OLD_NEW), old, one) == []
+    assert merger.add_loop(loop(old, of_a_third, T_OLD_NEW), old, of_a_third) == []

@@ -14,21 +14,30 @@ from vo_service.slam.loop_closure.odometry_constraint import (
 from vo_service.types import TrackingState
 
 
-def hops_at(
-    *xs_m: float, hops: ConstraintAccumulator | None = None, epoch: int = 0
+def constraints_at(
+    *xs_m: float, accumulator: ConstraintAccumulator | None = None, epoch: int = 0
 ) -> list[OdometryConstraint | None]:
     """What is said of frames along the wall, 30 a second."""
-    hops = hops or ConstraintAccumulator()
-    return [hops.update(make_wall_update(seq, x_m, epoch=epoch)) for seq, x_m in enumerate(xs_m)]
+    accumulator = accumulator or ConstraintAccumulator()
+    return [
+        accumulator.update(make_wall_update(seq, x_m, epoch=epoch)) for seq, x_m in enumerate(xs_m)
+    ]
 
 
-def test_a_place_is_thirty_centimetres_from_the_last() -> None:
-    found = hops_at(0.0, 0.1, 0.2, 0.29, 0.31, 0.4)
-    assert [hop is not None for hop in found] == [True, False, False, False, True, False]
+def test_a_keyframe_is_thirty_centimeters_from_the_last() -> None:
+    found = constraints_at(0.0, 0.1, 0.2, 0.29, 0.31, 0.4)
+    assert [constraint is not None for constraint in found] == [
+        True,
+        False,
+        False,
+        False,
+        True,
+        False,
+    ]
 
 
-def test_a_hop_tells_its_length_its_velocity_and_how_sure_it_is() -> None:
-    first, *_, last = hops_at(0.0, 0.1, 0.2, 0.31)
+def test_a_constraint_shows_its_length_its_velocity_and_how_sure_it_is() -> None:
+    first, *_, last = constraints_at(0.0, 0.1, 0.2, 0.31)
     assert first is not None
     assert last is not None
     assert first.length_m == 0.0
@@ -37,8 +46,8 @@ def test_a_hop_tells_its_length_its_velocity_and_how_sure_it_is() -> None:
     assert np.trace(last.covariance) > np.trace(first.covariance)
 
 
-def test_a_hop_counts_from_the_last_place_alone() -> None:
-    _, *found = filter(None, hops_at(0.0, 0.1, 0.2, 0.31, 0.41, 0.51, 0.62))
+def test_a_constraint_counts_from_the_last_keyframe_alone() -> None:
+    _, *found = filter(None, constraints_at(0.0, 0.1, 0.2, 0.31, 0.41, 0.51, 0.62))
     first, second = found
     assert np.isclose(second.length_m, first.length_m)
     assert np.allclose(second.covariance, first.covariance)
@@ -47,28 +56,28 @@ def test_a_hop_counts_from_the_last_place_alone() -> None:
 def test_a_camera_that_turns_has_the_velocity_of_the_turn() -> None:
     turn_rad = np.array([0.01, 0.4, -0.02])
     turned = rigid_transform(so3_exp(turn_rad), np.zeros(3))
-    hops = ConstraintAccumulator()
-    hops.update(make_wall_update(0))
-    hop = hops.update(replace(make_wall_update(1), T_world_camera=turned))
-    assert hop is not None
-    assert np.allclose(hop.velocity, [0.0, 0.0, 0.0, *(30 * turn_rad)])
+    accumulator = ConstraintAccumulator()
+    accumulator.update(make_wall_update(0))
+    constraint = accumulator.update(replace(make_wall_update(1), T_world_camera=turned))
+    assert constraint is not None
+    assert np.allclose(constraint.velocity, [0.0, 0.0, 0.0, *(30 * turn_rad)])
 
 
-def test_after_a_gap_nothing_is_said_of_the_velocity() -> None:
-    hops = ConstraintAccumulator()
-    hops.update(make_wall_update(0))
+def test_after_a_gap_nothing_is_reported_of_the_velocity() -> None:
+    accumulator = ConstraintAccumulator()
+    accumulator.update(make_wall_update(0))
     for seq in range(1, 9):  # no pose to go by: the last one is held
-        assert hops.update(make_wall_update(seq, state=TrackingState.LOST)) is None
-    hop = hops.update(make_wall_update(9, 0.4))
-    assert hop is not None
-    assert not hop.velocity.any()
-    assert np.isclose(hop.length_m, 0.4)
+        assert accumulator.update(make_wall_update(seq, state=TrackingState.LOST)) is None
+    constraint = accumulator.update(make_wall_update(9, 0.4))
+    assert constraint is not None
+    assert not constraint.velocity.any()
+    assert np.isclose(constraint.length_m, 0.4)
 
 
 def test_a_new_epoch_counts_from_its_beginning() -> None:
-    hops = ConstraintAccumulator()
-    (very_first, _) = hops_at(0.0, 0.1, hops=hops)
-    (first,) = hops_at(5.0, hops=hops, epoch=1)
+    accumulator = ConstraintAccumulator()
+    (very_first, _) = constraints_at(0.0, 0.1, accumulator=accumulator)
+    (first,) = constraints_at(5.0, accumulator=accumulator, epoch=1)
     assert very_first is not None
     assert first is not None
     assert first.length_m == 0.0
@@ -76,15 +85,15 @@ def test_a_new_epoch_counts_from_its_beginning() -> None:
     assert not first.velocity.any()
 
 
-def test_what_is_not_tracked_or_not_remembered_is_no_place() -> None:
+def test_what_is_not_tracked_or_not_remembered_is_no_keyframe() -> None:
     assert ConstraintAccumulator().update(make_wall_update(0, state=TrackingState.DEGRADED)) is None
     assert ConstraintAccumulator().update(make_wall_update(0, state=TrackingState.LOST)) is None
     NullConstraintAccumulator().force_keyframe()
-    assert hops_at(0.0)[0] is not None
+    assert constraints_at(0.0)[0] is not None
 
 
 def test_what_forgets_takes_the_next_frame() -> None:
-    hops = ConstraintAccumulator()
-    assert hops_at(0.0, 0.0, hops=hops)[1] is None
-    hops.force_keyframe()
-    assert hops_at(0.0, hops=hops)[0] is not None
+    accumulator = ConstraintAccumulator()
+    assert constraints_at(0.0, 0.0, accumulator=accumulator)[1] is None
+    accumulator.force_keyframe()
+    assert constraints_at(0.0, accumulator=accumulator)[0] is not None

@@ -11,17 +11,17 @@ from vo_service.slam.loop_closure.optimization_schedule import (
 )
 
 
-def corrections(places: int, loops: list[bool | None]) -> list[int]:
+def corrections(keyframes: int, loops: list[bool | None]) -> list[int]:
     """After which places a map is corrected; True: a loop that says that it is off; None: none."""
     due, found = OptimizationSchedule(), []
     for number, loop in enumerate(loops):
-        if due.add_keyframe(places, has_loops=loop is not None, is_inconsistent=loop is True):
+        if due.add_keyframe(keyframes, has_loops=loop is not None, is_inconsistent=loop is True):
             due.mark_optimized()
             found.append(number)
     return found
 
 
-def test_a_map_that_is_off_is_corrected_at_once() -> None:
+def test_a_map_that_is_off_is_optimized_at_once() -> None:
     assert corrections(50, [None, True, None, True, True]) == [1, 3, 4]
 
 
@@ -30,26 +30,26 @@ def test_a_map_without_loops_never_is() -> None:
     assert not OptimizationSchedule().has_pending_loops
 
 
-def test_loops_that_say_little_wait_for_ten_places() -> None:
+def test_loops_that_say_little_wait_for_ten_keyframes() -> None:
     assert corrections(50, [False] + [None] * 30) == [MAX_PENDING_KEYFRAMES]
     assert corrections(50, [False] * 30) == [10, 21]
 
 
-def test_a_large_map_waits_for_more_places_and_forgets_nothing() -> None:
+def test_a_large_map_waits_for_more_keyframes_and_forgets_nothing() -> None:
     assert corrections(500, [None] * 9 + [True, True] + [None] * 9) == [9, 14]
     assert corrections(3000, [False] * 70) == [10, 40]
 
 
-def test_a_map_that_was_kept_is_corrected_by_the_first_loop_of_today() -> None:
+def test_a_map_that_was_kept_is_optimized_by_the_first_loop_of_today() -> None:
     assert corrections(3000, [None, True]) == [1]
 
 
 @given(st.integers(1, 2000), st.lists(st.sampled_from([True, False, None]), max_size=200))
 def test_a_loop_never_waits_longer_than_the_size_of_the_map_asks_for(
-    places: int, loops: list[bool | None]
+    keyframes: int, loops: list[bool | None]
 ) -> None:
-    found = corrections(places, loops)
-    longest = max(MAX_PENDING_KEYFRAMES, places // 100 + 1)
+    found = corrections(keyframes, loops)
+    longest = max(MAX_PENDING_KEYFRAMES, keyframes // 100 + 1)
     waiting = [n for n, loop in enumerate(loops) if loop is not None and n + longest < len(loops)]
     assert all(any(n <= at <= n + longest for at in found) for n in waiting)
-    assert all(later - before >= places / 100 for before, later in pairwise(found))
+    assert all(later - before >= keyframes / 100 for before, later in pairwise(found))

@@ -12,69 +12,69 @@ SURE, VAGUE = np.eye(6) * 1e-8, np.eye(6) * 1e-2
 
 
 def graph() -> PoseGraph:
-    """Two places, the second a metre ahead, as the odometry says."""
+    """Two places, the second a meter ahead, as the odometry says."""
     made = PoseGraph()
     made.add_node(0, 0, np.eye(4))
     made.add_odometry_edge(Edge(0, 1, AHEAD, VAGUE, False, 1.0))
     return made
 
 
-def test_frames_move_with_the_place_before_them() -> None:
-    places = graph()
-    corrected = OptimizedTrajectory(places)
-    corrected.add(1.0, 0, np.eye(4))
-    corrected.add(2.0, 1, AHEAD)
+def test_frames_move_with_the_keyframe_before_them() -> None:
+    keyframes = graph()
+    optimized = OptimizedTrajectory(keyframes)
+    optimized.add(1.0, 0, np.eye(4))
+    optimized.add(2.0, 1, AHEAD)
     further = rigid_transform(np.eye(3), [0.0, 0.0, 1.1])
-    places.add_loop_closure(Edge(0, 1, further, SURE, True, 0.0))
-    places.optimize()
-    found = corrected.trajectory
+    keyframes.add_loop_closure(Edge(0, 1, further, SURE, True, 0.0))
+    keyframes.optimize()
+    found = optimized.trajectory
     assert found.stamps_s.tolist() == [1.0, 2.0]
     assert np.allclose(found.T_world_camera[1][:3, 3], [0.0, 0.0, 2.1], atol=1e-3)
 
 
 def test_the_first_pose_is_identity_and_stamps_rise() -> None:
-    corrected = OptimizedTrajectory(graph())
+    optimized = OptimizedTrajectory(graph())
     for stamp_s in (3.0, 1.0, 2.0):
-        corrected.add(stamp_s, 1, np.linalg.matrix_power(AHEAD, int(stamp_s)))
-    found = corrected.trajectory
+        optimized.add(stamp_s, 1, np.linalg.matrix_power(AHEAD, int(stamp_s)))
+    found = optimized.trajectory
     assert found.stamps_s.tolist() == [1.0, 2.0, 3.0]
     assert np.allclose(found.T_world_camera[0], np.eye(4))
     assert np.allclose(found.T_world_camera[2], AHEAD @ AHEAD)
 
 
-def test_frames_of_a_place_that_is_forgotten_stay_where_they_are() -> None:
-    places = graph()
-    corrected = OptimizedTrajectory(places)
-    corrected.add(1.0, 0, np.eye(4))
-    corrected.add(2.0, 1, AHEAD)
-    corrected.re_anchor(places.remove_node(1))
-    assert np.allclose(corrected.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 2.0])
-    corrected.re_anchor(NodeRemoval(0, None, np.eye(4)))
-    places.remove_node(0)
-    assert np.allclose(inverse(corrected.trajectory.T_world_camera[0]), np.eye(4))
+def test_frames_of_a_keyframe_that_is_removed_stay_where_they_are() -> None:
+    keyframes = graph()
+    optimized = OptimizedTrajectory(keyframes)
+    optimized.add(1.0, 0, np.eye(4))
+    optimized.add(2.0, 1, AHEAD)
+    optimized.re_anchor(keyframes.remove_node(1))
+    assert np.allclose(optimized.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 2.0])
+    optimized.re_anchor(NodeRemoval(0, None, np.eye(4)))
+    keyframes.remove_node(0)
+    assert np.allclose(inverse(optimized.trajectory.T_world_camera[0]), np.eye(4))
 
 
-def test_of_frames_with_one_stamp_the_last_counts_though_the_place_of_the_first_goes() -> None:
-    places = graph()
-    corrected = OptimizedTrajectory(places)
-    corrected.add(1.0, 0, np.eye(4))
-    corrected.add(2.0, 1, AHEAD @ AHEAD)
-    corrected.add(2.0, 0, AHEAD)
-    corrected.re_anchor(places.remove_node(1))
-    found = corrected.trajectory
+def test_of_frames_with_one_stamp_the_last_counts_though_the_keyframe_of_the_first_goes() -> None:
+    keyframes = graph()
+    optimized = OptimizedTrajectory(keyframes)
+    optimized.add(1.0, 0, np.eye(4))
+    optimized.add(2.0, 1, AHEAD @ AHEAD)
+    optimized.add(2.0, 0, AHEAD)
+    optimized.re_anchor(keyframes.remove_node(1))
+    found = optimized.trajectory
     assert found.stamps_s.tolist() == [1.0, 2.0]
     assert np.allclose(found.T_world_camera[1], AHEAD)
 
 
-def test_frames_are_carried_over_from_neighbour_to_neighbour() -> None:
-    places = graph()
-    places.add_odometry_edge(Edge(1, 2, AHEAD, VAGUE, False, 1.0))
-    corrected = OptimizedTrajectory(places)
-    corrected.add(1.0, 0, np.eye(4))
-    corrected.add(2.0, 2, AHEAD)
+def test_frames_are_carried_over_from_neighbor_to_neighbor() -> None:
+    keyframes = graph()
+    keyframes.add_odometry_edge(Edge(1, 2, AHEAD, VAGUE, False, 1.0))
+    optimized = OptimizedTrajectory(keyframes)
+    optimized.add(1.0, 0, np.eye(4))
+    optimized.add(2.0, 2, AHEAD)
     for number in (2, 1):
-        corrected.re_anchor(places.remove_node(number))
-    assert np.allclose(corrected.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 3.0])
+        optimized.re_anchor(keyframes.remove_node(number))
+    assert np.allclose(optimized.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 3.0])
 
 
 def test_nothing_seen_is_an_empty_trajectory() -> None:

@@ -29,7 +29,7 @@ from vo_service.slam.mapper.live_mapper import LiveMapper
 
 pytestmark = pytest.mark.subprocess
 
-WITH_PLACES = replace(COARSE, loop_closure=True)
+WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)
 NAME = "corner"
 
 
@@ -42,7 +42,7 @@ def kernels() -> None:
 @contextmanager
 def walking(folder: Path) -> Iterator[LiveMapper]:
     """A mapper that has been told of the way out: every second step is a place."""
-    with running_mapper(folder, WITH_PLACES) as opened:
+    with running_mapper(folder, WITH_LOOP_CLOSURE) as opened:
         go(opened, 0, STEPS)
         yield opened
 
@@ -62,7 +62,7 @@ def _has(opened: LiveMapper, places: int) -> bool:
     return opened.loop_closure.snapshot.keyframes >= places
 
 
-def asked(opened: LiveMapper, T_world_camera: Array) -> RelocalizationResult:
+def relocalize(opened: LiveMapper, T_world_camera: Array) -> RelocalizationResult:
     """Where a view is found to be."""
     loops = opened.loop_closure
     assert isinstance(loops, AsynchronousLoopClosure)
@@ -87,21 +87,21 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_view_of_a_known_place_is_located_by_the_process(tmp_path: Path) -> None:
+def test_a_view_of_a_known_keyframe_is_located_by_the_process(tmp_path: Path) -> None:
     with walking(tmp_path / "maps") as opened:
-        located = asked(opened, true_pose(2))
-        assert located.seq == 99
-        assert np.allclose(located.T_world_camera[:3, 3], odometry_pose(2)[:3, 3], atol=0.01)
+        result = relocalize(opened, true_pose(2))
+        assert result.seq == 99
+        assert np.allclose(result.T_world_camera[:3, 3], odometry_pose(2)[:3, 3], atol=0.01)
         assert opened.loop_closure.snapshot.is_localized
         assert opened.warning == ""
 
 
 def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
     assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
-    with running_mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
+    with running_mapper(saved, replace(WITH_LOOP_CLOSURE, load=NAME)) as opened:
         wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
         assert "bad-request" in command_error(lambda: opened.load("../corner"))
-        wait_until(lambda: "there are: corner" in command_error(lambda: opened.load("attic")))
+        wait_until(lambda: "available: corner" in command_error(lambda: opened.load("attic")))
         assert not opened.loop_closure.snapshot.is_localized
         places = opened.loop_closure.snapshot.keyframes
         assert places > STEPS // 2
@@ -118,7 +118,7 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
 
 
 def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(saved: Path) -> None:
-    with running_mapper(saved, WITH_PLACES) as opened:
+    with running_mapper(saved, WITH_LOOP_CLOSURE) as opened:
         opened.on_update(make_update(STEPS))
         wait_until(lambda: opened.state.keyframes == 1, "a keyframe")
         opened.load(NAME)
@@ -129,20 +129,20 @@ def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(sa
         wait_until(lambda: opened.state.keyframes == 1, "a keyframe in that map")
 
 
-def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
+def test_a_damaged_map_is_reported_in_one_line_and_the_service_goes_on(
     saved: Path, tmp_path: Path
 ) -> None:
     data = bytearray((saved / "corner.places").read_bytes())
     data[len(data) // 2] ^= 1
     (tmp_path / "bad.places").write_bytes(data)
-    with running_mapper(tmp_path, replace(WITH_PLACES, load="bad")) as opened:
+    with running_mapper(tmp_path, replace(WITH_LOOP_CLOSURE, load="bad")) as opened:
         wait_until(lambda: "bad.places: damaged map" in opened.warning, "the warning")
         assert "\n" not in opened.warning
         go(opened, 0, 2)
         assert opened.state.keyframes > 0
 
 
-def test_places_of_a_process_that_is_killed_are_forgotten_and_come_anew(tmp_path: Path) -> None:
+def test_keyframes_of_a_process_that_is_killed_are_removed_and_come_again(tmp_path: Path) -> None:
     with walking(tmp_path / "maps") as opened:
         first = mapper_pid()
         os.kill(first, signal.SIGKILL)
@@ -151,12 +151,12 @@ def test_places_of_a_process_that_is_killed_are_forgotten_and_come_anew(tmp_path
         go(opened, STEPS, STEPS)
 
 
-def test_without_places_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Path) -> None:
+def test_without_keyframes_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Path) -> None:
     with running_mapper(tmp_path, COARSE) as opened:
         assert opened.loop_closure.snapshot.keyframes == 0
         (tmp_path / "some.places").write_bytes(b"")
         wait_until(
-            lambda: "there are: some" in command_error(lambda: opened.load("x")), "the folder"
+            lambda: "available: some" in command_error(lambda: opened.load("x")), "the folder"
         )
         opened.load("some")
         wait_until(lambda: "loop closure is disabled" in opened.warning, "the warning")

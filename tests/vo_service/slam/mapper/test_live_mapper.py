@@ -40,43 +40,43 @@ class SavedWallMap:
 
 
 @pytest.fixture(scope="module")
-def walked(kernels: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SavedWallMap]:
+def saved_wall(kernels: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SavedWallMap]:
     with running_mapper(tmp_path_factory.mktemp("state") / "maps") as opened:
         move_along_wall(opened, 3)
         yield SavedWallMap(opened, save_map(opened, "wall"))
 
 
-def test_a_map_is_the_surface_that_was_seen_in_odom(walked: SavedWallMap) -> None:
-    places_m = read_vertices_m(walked.map)
+def test_a_map_is_the_surface_that_was_seen_in_odom(saved_wall: SavedWallMap) -> None:
+    places_m = read_vertices_m(saved_wall.map)
     np.testing.assert_allclose(places_m[:, 0], WALL_M, atol=COARSE.voxel_m)  # x is forward
     assert places_m[:, 1].min() < -1.0 < 0.5 < places_m[:, 1].max()  # y is left; it went right
     assert np.abs(places_m[:, 2]).max() < 1.0
 
 
-def test_a_map_is_private_and_nothing_lies_beside_it(walked: SavedWallMap) -> None:
-    assert list(walked.map.parent.iterdir()) == [walked.map]
-    assert walked.map.stat().st_mode & 0o777 == 0o600
-    assert walked.map.parent.stat().st_mode & 0o777 == 0o700
+def test_a_map_is_private_and_nothing_lies_beside_it(saved_wall: SavedWallMap) -> None:
+    assert list(saved_wall.map.parent.iterdir()) == [saved_wall.map]
+    assert saved_wall.map.stat().st_mode & 0o777 == 0o600
+    assert saved_wall.map.parent.stat().st_mode & 0o777 == 0o700
 
 
-def test_a_map_keeps_its_name_and_its_keyframes_stay_for_the_next(walked: SavedWallMap) -> None:
-    assert walked.mapper.warning == ""
-    assert walked.mapper.state.keyframes == 3
-    assert "there is a map 'wall' already" in command_error(lambda: walked.mapper.save("wall"))
-    assert "bad-request" in command_error(lambda: walked.mapper.save("../wall"))
+def test_a_map_keeps_its_name_and_its_keyframes_stay_for_the_next(saved_wall: SavedWallMap) -> None:
+    assert saved_wall.mapper.warning == ""
+    assert saved_wall.mapper.state.keyframes == 3
+    assert "map 'wall' already exists" in command_error(lambda: saved_wall.mapper.save("wall"))
+    assert "bad-request" in command_error(lambda: saved_wall.mapper.save("../wall"))
 
 
 def test_there_are_keyframes_of_this_epoch_alone_and_as_many_as_may_be_now(tmp_path: Path) -> None:
     with running_mapper(tmp_path) as opened:
-        said = command_error(lambda: opened.save("wall"))
-        assert said == "not-possible: the map is empty: no frame has been tracked yet"
+        published = command_error(lambda: opened.save("wall"))
+        assert published == "not-possible: the map is empty: no frame has been tracked yet"
         move_along_wall(opened, 2)
         move_along_wall(opened, 3, epoch=1)
         opened.configure(replace(COARSE, max_mb=0))  # less than any configuration file may say
         wait_until(lambda: opened.state.keyframes == 1)
 
 
-def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_told(
+def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with running_mapper(tmp_path / "maps") as opened:
@@ -92,7 +92,7 @@ def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_told(
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
-def test_a_process_that_is_killed_begins_an_empty_map_and_says_so(tmp_path: Path) -> None:
+def test_a_process_that_is_killed_begins_an_empty_map_and_reports_it(tmp_path: Path) -> None:
     with running_mapper(tmp_path / "maps") as opened:
         move_along_wall(opened, 3)
         opened.save("wall")
@@ -112,7 +112,7 @@ def test_a_process_that_is_killed_begins_an_empty_map_and_says_so(tmp_path: Path
     assert not list(tmp_path.glob("maps/*"))
 
 
-def test_an_end_gives_up_what_is_being_made_and_leaves_nothing(
+def test_an_end_drops_what_is_being_made_and_leaves_nothing(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with running_mapper(tmp_path / "maps"):
@@ -126,7 +126,7 @@ def test_an_end_gives_up_what_is_being_made_and_leaves_nothing(
     assert not list(tmp_path.glob("maps/*"))
 
 
-def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_used_is_reported(tmp_path: Path) -> None:
     (tmp_path / "maps").write_text("a file")
     with running_mapper(tmp_path / "maps") as opened:
         wait_until(lambda: "maps: cannot be used" in opened.warning)
@@ -142,11 +142,11 @@ def test_the_service_goes_on_without_a_map_that_has_no_memory(
         opened = open_mapper(COARSE)
     assert isinstance(opened, NullMapper)
     assert opened.warning == "map: disabled: no shared memory: File too large"
-    assert command_error(lambda: opened.save("x")).startswith("not-possible: map: switched off")
+    assert command_error(lambda: opened.save("x")).startswith("not-possible: map: disabled")
 
 
 @pytest.mark.slow
-def test_a_map_that_is_switched_off_says_so_to_whoever_asks() -> None:
+def test_a_map_that_is_switched_off_reports_it_to_whoever_asks() -> None:
     opened = open_mapper(MapConfig(enabled=False))
     assert opened.warning == ""
     assert command_error(lambda: opened.save("x")).endswith("the map is disabled (map.enabled)")

@@ -9,7 +9,7 @@ import pytest
 from drivers.core.process.supervisor import BackgroundWorkerSpec
 from drivers.core.shared_frames.record_ring import RecordRingMemory
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.slam.mapper import mapper_client as clerk
+from vo_service.slam.mapper import mapper_client as client
 from vo_service.slam.mapper.mapper_client import MapperClient
 from vo_service.slam.mapper.messages import (
     LoadMapResult,
@@ -33,53 +33,59 @@ class FakeSupervisor:
     is_unresponsive: bool = False
     sent: list[object] = field(default_factory=list)
 
-    def send(self, order: object) -> None:
-        self.sent.append(order)
+    def send(self, request: object) -> None:
+        self.sent.append(request)
 
 
 @dataclass
-class Desk:
-    clerk: MapperClient
-    keeper: FakeSupervisor
-    looked_anew: list[None]
+class ClientFixture:
+    client: MapperClient
+    supervisor: FakeSupervisor
+    loaded_events: list[None]
 
-    def load(self, name: str, trouble: str = "") -> None:
-        self.clerk.load(name)
-        self.keeper.on_message(LoadMapResult(Path(f"/maps/{name}.places"), 4, trouble))
+    def load(self, name: str, error: str = "") -> None:
+        self.client.load(name)
+        self.supervisor.on_message(LoadMapResult(Path(f"/maps/{name}.places"), 4, error))
 
 
 @pytest.fixture
-def desk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Desk:
-    keepers: list[FakeSupervisor] = []
+def fixture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ClientFixture:
+    supervisors: list[FakeSupervisor] = []
 
-    def keeper(*given: object) -> FakeSupervisor:
-        keepers.append(FakeSupervisor(*given))  # type: ignore[arg-type]
-        return keepers[0]
+    def make_supervisor(*given: object) -> FakeSupervisor:
+        supervisors.append(FakeSupervisor(*given))  # type: ignore[arg-type]
+        return supervisors[0]
 
-    monkeypatch.setattr(clerk, "WorkerSupervisor", keeper)
-    looked: list[None] = []
+    monkeypatch.setattr(client, "WorkerSupervisor", make_supervisor)
+    loaded_events: list[None] = []
     job = MapperWorkerConfig(RecordRingMemory(0, 0), 0, tmp_path, COARSE, 0)
-    made = MapperClient(job, lambda said: None, lambda: looked.append(None), lambda: FIRST_AFTER)
-    keepers[0].on_message(MapperStatus(3, frozenset(), frozenset({"home", "bad"})))
-    return Desk(made, keepers[0], looked)
+    made = MapperClient(
+        job, lambda published: None, lambda: loaded_events.append(None), lambda: FIRST_AFTER
+    )
+    supervisors[0].on_message(MapperStatus(3, frozenset(), frozenset({"home", "bad"})))
+    return ClientFixture(made, supervisors[0], loaded_events)
 
 
-def test_a_process_that_is_started_again_begins_in_the_map_that_was_loaded(desk: Desk) -> None:
-    desk.load("home")
-    assert desk.clerk.state.loaded == "/maps/home.places"
-    assert len(desk.looked_anew) == 1
-    desk.keeper.on_exit()
-    assert desk.keeper.config.map_config.load == "home"
-    assert desk.keeper.config.first_frame == FIRST_AFTER
-    assert desk.clerk.state.loaded == ""  # until it says so
+def test_a_process_that_is_started_again_begins_in_the_map_that_was_loaded(
+    fixture: ClientFixture,
+) -> None:
+    fixture.load("home")
+    assert fixture.client.state.loaded == "/maps/home.places"
+    assert len(fixture.loaded_events) == 1
+    fixture.supervisor.on_exit()
+    assert fixture.supervisor.config.map_config.load == "home"
+    assert fixture.supervisor.config.first_frame == FIRST_AFTER
+    assert fixture.client.state.loaded == ""  # until it says so
 
 
-def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_told_until_the_next(desk: Desk) -> None:
-    desk.load("home")
-    desk.load("bad", trouble="bad.places: damaged map")
-    assert desk.clerk.state.loaded == "/maps/home.places"
-    assert desk.keeper.config.map_config.load == "home"
-    assert desk.clerk.warning == "map: bad.places: damaged map"
-    assert len(desk.looked_anew) == 1
-    desk.clerk.load("home")
-    assert desk.clerk.warning == ""
+def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_reported_until_the_next(
+    fixture: ClientFixture,
+) -> None:
+    fixture.load("home")
+    fixture.load("bad", error="bad.places: damaged map")
+    assert fixture.client.state.loaded == "/maps/home.places"
+    assert fixture.supervisor.config.map_config.load == "home"
+    assert fixture.client.warning == "map: bad.places: damaged map"
+    assert len(fixture.loaded_events) == 1
+    fixture.client.load("home")
+    assert fixture.client.warning == ""

@@ -19,7 +19,6 @@ from tests.vo_service.slam.loop_closure.corner_trajectory import (
 )
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import write_frame
-from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
 from vo_service.slam.mapper import mapper_worker as desk_module
@@ -35,8 +34,8 @@ from vo_service.slam.mapper.messages import (
 from vo_service.slam.saved_maps.map_file import write_map
 from vo_service.types import OdometryUpdate, TrackingState
 
-WITH_PLACES = replace(COARSE, loop_closure=True)
-HOP = OdometryConstraint(np.zeros(6), np.eye(6) * 1e-5, 0.15)
+WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)
+CONSTRAINT = OdometryConstraint(np.zeros(6), np.eye(6) * 1e-5, 0.15)
 
 
 @pytest.fixture
@@ -49,54 +48,56 @@ def ring() -> Iterator[RecordRingWriter]:
 def put(
     ring: RecordRingWriter,
     n: int,
-    more: OdometryConstraint | RelocalizationQuery,
+    attachment: OdometryConstraint | RelocalizationQuery,
     T_odom_start: Array,
     state: TrackingState = TrackingState.TRACKING,
 ) -> None:
     """The n-th place of the walk, in an `odom` that lies anywhere."""
     seen = replace(make_update(n, state), T_world_camera=T_odom_start @ odometry_pose(n))
-    write_frame(ring, seen, pack_depth, more)
+    write_frame(ring, seen, pack_depth, attachment)
 
 
-def take_in(desk: LoopClosureWorker, ring: RecordRingWriter) -> None:
+def take_in(worker: LoopClosureWorker, ring: RecordRingWriter) -> None:
     """All that the ring has."""
     reader = RecordRingReader(ring.memory)
     for number in range(ring.record_count):
         record = reader.read_record(number)
         assert record is not None
-        desk.process_record(record)
+        worker.process_record(record)
 
 
 def test_the_frame_that_was_asked_about_last_is_answered_once(ring: RecordRingWriter) -> None:
     heard: list[MapperMessage] = []
-    desk = LoopClosureWorker(WITH_PLACES, heard.append)
-    notes: list[OdometryConstraint | RelocalizationQuery] = [
-        HOP,
+    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, heard.append)
+    attachments: list[OdometryConstraint | RelocalizationQuery] = [
+        CONSTRAINT,
         RelocalizationQuery(),
         RelocalizationQuery(),
     ]
-    for n, more in enumerate(notes):
-        put(ring, n, more, np.eye(4))
-    take_in(desk, ring)
-    desk.answer_query()
-    desk.answer_query()
-    assert [word.seq for word in heard if isinstance(word, RelocalizationResult)] == [2]
+    for n, attachment in enumerate(attachments):
+        put(ring, n, attachment, np.eye(4))
+    take_in(worker, ring)
+    worker.answer_query()
+    worker.answer_query()
+    assert [message.seq for message in heard if isinstance(message, RelocalizationResult)] == [2]
 
 
-def test_a_surface_is_made_where_the_places_are_in_the_map(
+def test_a_surface_is_made_where_the_keyframes_are_in_the_map(
     ring: RecordRingWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
     monkeypatch.setattr(desk_module, "MeshJob", lambda file, make, leave: made.append(make))
     write_map(tmp_path / "corner.places", make_loop_closer(3).contents)
-    job = MapperWorkerConfig(ring.memory, 0, tmp_path, replace(WITH_PLACES, load="corner"), 0)
-    desk = MapperWorker(job, lambda word: None, lambda: None, fuse_keyframes)
+    config = MapperWorkerConfig(
+        ring.memory, 0, tmp_path, replace(WITH_LOOP_CLOSURE, load="corner"), 0
+    )
+    worker = MapperWorker(config, lambda message: None, lambda: None, fuse_keyframes)
     odom = rigid_transform(so3_exp([0.0, 0.0, 2.0]), [7.0, -3.0, 1.0])
     for n in (2, 4):
-        put(ring, n, HOP, odom)
+        put(ring, n, CONSTRAINT, odom)
     put(ring, 6, RelocalizationQuery(), odom, TrackingState.LOST)  # no pose to make a surface by
-    desk.process_frames()
-    desk.handle(SaveMapRequest("other"))
+    worker.process_frames()
+    worker.handle(SaveMapRequest("other"))
     _, _, keyframes, _, _ = made[0].args
     assert len(keyframes) == 2
     for n, keyframe in zip((2, 4), keyframes, strict=True):
@@ -107,26 +108,28 @@ def test_a_surface_is_made_where_the_places_are_in_the_map(
 def test_after_a_reset_nothing_is_answered_in_the_odom_of_before(
     ring: RecordRingWriter, is_place: bool, answers: int
 ) -> None:
-    asked: list[OdometryUpdate] = []
-    loops = AsynchronousLoopClosure(lambda update, more: asked.append(update))
+    relocalize: list[OdometryUpdate] = []
+    loops = AsynchronousLoopClosure(lambda update, attachment: relocalize.append(update))
     heard: list[MapperMessage] = []
-    desk = LoopClosureWorker(WITH_PLACES, heard.append)
+    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, heard.append)
     shift = rigid_transform(np.eye(3), [0.3, 0.0, 0.0])
     before, after = make_update(0), replace(make_update(1), epoch=1)
     after = replace(after, T_odom_camera=shift @ after.T_odom_camera)
     loops.on_update(before)
     loops.on_update(after)
     loops.query(render_corner(true_pose(2), 2))
-    write_frame(ring, replace(before, T_world_camera=before.T_odom_camera), pack_depth, HOP)
+    write_frame(ring, replace(before, T_world_camera=before.T_odom_camera), pack_depth, CONSTRAINT)
     if is_place:  # otherwise it was too unsure to be one
-        write_frame(ring, replace(after, T_world_camera=after.T_odom_camera), pack_depth, HOP)
-    write_frame(ring, asked[0], pack_depth, RelocalizationQuery())
-    take_in(desk, ring)
-    desk.answer_query()
-    for word in heard:
-        if isinstance(word, RelocalizationResult):
-            loops.handle_message(word)
+        write_frame(
+            ring, replace(after, T_world_camera=after.T_odom_camera), pack_depth, CONSTRAINT
+        )
+    write_frame(ring, relocalize[0], pack_depth, RelocalizationQuery())
+    take_in(worker, ring)
+    worker.answer_query()
+    for message in heard:
+        if isinstance(message, RelocalizationResult):
+            loops.handle_message(message)
     found = loops.poll_results()
     assert len(found) == answers
-    for located in found:
-        assert np.allclose(located.T_world_camera[:3, 3], odometry_pose(2)[:3, 3], atol=0.02)
+    for result in found:
+        assert np.allclose(result.T_world_camera[:3, 3], odometry_pose(2)[:3, 3], atol=0.02)

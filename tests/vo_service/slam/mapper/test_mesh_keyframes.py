@@ -55,15 +55,15 @@ def test_depth_stays_exact_and_color_nearly(ring: RecordRingWriter) -> None:
     assert keyframe.size_bytes < len(record.payload)
 
 
-def test_what_was_seen_from_a_place_that_is_no_more_is_told_from_its_neighbour() -> None:
+def test_what_was_seen_from_a_keyframe_that_is_no_more_is_reported_from_its_neighbor() -> None:
     keyframes = MeshKeyframeStore(100 * SIZE)
     ahead = rigid_transform(np.eye(3), [0.0, 0.0, 0.2])
     for x_m, place in ((0.0, 4), (1.0, 5)):
         keyframes.add(replace(at(x_m), anchored_pose=AnchoredPose(place, ahead)))
     keyframes.re_anchor(NodeRemoval(5, 4, ahead))
-    kept, carried = (keyframe.anchored_pose for keyframe in keyframes)
-    assert (kept.keyframe_number, carried.keyframe_number) == (4, 4)
-    np.testing.assert_allclose(kept.T_keyframe_camera[2, 3], 0.2)
+    saved, carried = (keyframe.anchored_pose for keyframe in keyframes)
+    assert (saved.keyframe_number, carried.keyframe_number) == (4, 4)
+    np.testing.assert_allclose(saved.T_keyframe_camera[2, 3], 0.2)
     np.testing.assert_allclose(carried.T_keyframe_camera[2, 3], 0.4)
 
 
@@ -93,7 +93,7 @@ def test_a_view_that_would_not_be_kept_need_not_be_packed() -> None:
     assert keyframes.accepts(1, near)
 
 
-def test_when_it_is_full_every_part_of_the_way_is_thinned_out_alike() -> None:
+def test_when_it_is_full_every_part_of_the_path_is_thinned_out_alike() -> None:
     keyframes = MeshKeyframeStore(20 * SIZE)
     for seq in range(200):
         keyframes.add(at(seq * 1.01 * STEP_M))

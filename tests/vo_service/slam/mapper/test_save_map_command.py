@@ -24,7 +24,7 @@ def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[ServiceRunner]
         yield stage
 
 
-def asked(
+def relocalize(
     stage: ServiceRunner, name: str, command_name: str = "save-map"
 ) -> "subprocess.CompletedProcess[str]":
     """What `kinect-vo command` says."""
@@ -38,7 +38,7 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> Non
     service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
     service.wait_for_status(lambda status: status["mesh_keyframes"] == 1)  # the camera stands still
     first = len(service.heard.poses)
-    answer = asked(stage, "kitchen")
+    answer = relocalize(stage, "kitchen")
     file = stage.state_folder / "maps" / "kitchen.ply"
     assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
     service.wait_for_status(lambda status: status["saved_map"] == str(file))
@@ -46,13 +46,13 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> Non
     assert service.status["saving_map"] == ""
     assert len(read_vertices_m(file)) > 100
     assert "triangles from 1 keyframes" in service.log
-    again = asked(stage, "kitchen")
+    again = relocalize(stage, "kitchen")
     assert again.returncode == 1
     assert "map 'kitchen' already exists; choose another name (not-possible)" in again.stderr
-    assert asked(stage, "../kitchen").returncode == 2
-    places = str(file.with_suffix(".places"))
-    assert json.loads(asked(stage, "kitchen", "load-map").stdout) == {"file": places}
-    service.wait_for_status(lambda status: status["loaded_map"] == places)
+    assert relocalize(stage, "../kitchen").returncode == 2
+    keyframes = str(file.with_suffix(".places"))
+    assert json.loads(relocalize(stage, "kitchen", "load-map").stdout) == {"file": keyframes}
+    service.wait_for_status(lambda status: status["loaded_map"] == keyframes)
     service.wait_for_status(
         lambda status: status["map_keyframes"] == 2
     )  # that of the map, and what is seen now

@@ -1,4 +1,4 @@
-"""A camera that moves along a wall two metres away, a mapper to tell of it, and its maps."""
+"""A camera that moves along a wall two meters away, a mapper to tell of it, and its maps."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -24,15 +24,15 @@ BESIDE = make_pose((0.15, -0.05, 0.1), (3.0, -6.0, 2.0))
 ELSEWHERE = make_pose((1.6, -0.3, 0.2), (0.0, 40.0, 0.0))
 
 
-def make_query(recogniser: PlaceRecognizer, T_world_camera: Array) -> QueryFrame:
+def make_query(recognizer: PlaceRecognizer, T_world_camera: Array) -> QueryFrame:
     """What a camera that stands there sees of the corner."""
-    return recogniser.create_query(render_corner(T_world_camera), ZERO_VELOCITY)
+    return recognizer.create_query(render_corner(T_world_camera), ZERO_VELOCITY)
 
 
 def make_keyframe(
-    recogniser: PlaceRecognizer, T_world_place: Array, number: int = 0, world: int = 0
+    recognizer: PlaceRecognizer, T_world_keyframe: Array, number: int = 0, world: int = 0
 ) -> MapKeyframe:
     """The view from there, as a place."""
-    return recogniser.create_keyframe(
-        make_query(recogniser, T_world_place), number, world, T_world_place
+    return recognizer.create_keyframe(
+        make_query(recognizer, T_world_keyframe), number, world, T_world_keyframe
     )

@@ -15,7 +15,7 @@ from vo_service.slam.place_recognition.depth_features import (
 READOUT_S = 0.03
 
 
-def test_landmarks_are_the_strongest_features_with_depth() -> None:
+def test_features_are_the_strongest_features_with_depth() -> None:
     frame = render_corner(HERE)
     features = SurfExtractor(200).extract(frame.gray)
     with_depth = np.flatnonzero(backproject_features(features, frame).has_depth)[:50]
@@ -32,13 +32,11 @@ def test_points_seen_by_other_rows_are_brought_to_the_stamp() -> None:
     for n, row_px in enumerate(rows_px):
         instant_s = (row_px - 0.5 * (CAMERA.height - 1)) * READOUT_S / CAMERA.height
         seen[n] = transform_points(inverse(BRISK.pose_at(instant_s)), P_world[n : n + 1])[0]
-    settled = compensate_rolling_shutter(seen, rows_px, CAMERA.height, READOUT_S, BRISK.movement)
+    compensated = compensate_rolling_shutter(seen, rows_px, CAMERA.height, READOUT_S, BRISK.motion)
     assert np.abs(seen - P_world).max() > 5e-3
-    assert_allclose(settled, P_world, atol=2e-5)
+    assert_allclose(compensated, P_world, atol=2e-5)
 
 
 def test_points_of_an_instant_stay_where_they_are() -> None:
     P = np.random.default_rng(4).normal(size=(5, 3))
-    assert np.array_equal(
-        compensate_rolling_shutter(P, np.arange(5.0), 480, 0.0, BRISK.movement), P
-    )
+    assert np.array_equal(compensate_rolling_shutter(P, np.arange(5.0), 480, 0.0, BRISK.motion), P)

@@ -32,6 +32,6 @@ def test_slopes_beyond_half_precision_stay_finite() -> None:
     assert np.isfinite(PackedPoints.pack(np.full((3, 13), 1e6)).unpack()).all()
 
 
-def test_a_place_takes_less_than_150_kilobytes(here: MapKeyframe) -> None:
+def test_a_keyframe_takes_less_than_150_kilobytes(here: MapKeyframe) -> None:
     assert 20_000 < here.size_bytes < 150_000
     assert here.size_bytes > sum(level.attributes.nbytes for level in here.packed_points)

@@ -16,7 +16,7 @@ from vo_service.slam.pose_graph.connectivity import (
 from vo_service.slam.pose_graph.edges import Edge
 
 FEW = settings(max_examples=40)
-PLACES = 8
+NODES = 8
 
 
 def edge(a: int, b: int, length_m: float) -> Edge:
@@ -24,15 +24,15 @@ def edge(a: int, b: int, length_m: float) -> Edge:
 
 
 def edges() -> st.SearchStrategy[list[Edge]]:
-    place = st.integers(0, PLACES - 1)
-    ends = st.tuples(place, place).filter(lambda ends: ends[0] != ends[1])
+    keyframe = st.integers(0, NODES - 1)
+    ends = st.tuples(keyframe, keyframe).filter(lambda ends: ends[0] != ends[1])
     length_m = st.sampled_from([0.25, 0.5, 1.0, 3.0])
     return st.lists(st.builds(lambda ab, m: edge(ab[0], ab[1], m), ends, length_m), max_size=12)
 
 
 def table(edges: list[Edge]) -> Array:
     """(PLACES, PLACES) lengths; of several edges between two places the shortest, 0 for none."""
-    lengths = np.full((PLACES, PLACES), np.inf)
+    lengths = np.full((NODES, NODES), np.inf)
     for each in edges:
         for ends in ((each.a, each.b), (each.b, each.a)):
             lengths[ends] = min(lengths[ends], each.length_m)
@@ -41,33 +41,35 @@ def table(edges: list[Edge]) -> Array:
 
 @FEW
 @given(edges())
-def test_the_shortest_way_is_found(edges: list[Edge]) -> None:
-    expected, around = dijkstra(table(edges)), build_adjacency(edges)
-    for a in range(PLACES):
-        for b in range(PLACES):
-            assert shortest_path_length(a, b, around, lambda edge: edge.length_m) == expected[a, b]
+def test_the_shortest_path_is_found(edges: list[Edge]) -> None:
+    expected, adjacency = dijkstra(table(edges)), build_adjacency(edges)
+    for a in range(NODES):
+        for b in range(NODES):
+            assert (
+                shortest_path_length(a, b, adjacency, lambda edge: edge.length_m) == expected[a, b]
+            )
 
 
 @FEW
 @given(edges())
 def test_what_is_connected_is_one_part(edges: list[Edge]) -> None:
     count, labels = scipy_connected_components(table(edges))
-    found = connected_components(range(PLACES), edges)
-    assert sorted(place for part in found for place in part) == list(range(PLACES))
+    found = connected_components(range(NODES), edges)
+    assert sorted(keyframe for component in found for keyframe in component) == list(range(NODES))
     assert len(found) == count
-    assert all(len({labels[place] for place in part}) == 1 for part in found)
-    assert [min(part) for part in found] == sorted(min(part) for part in found)
+    assert all(len({labels[keyframe] for keyframe in component}) == 1 for component in found)
+    assert [min(component) for component in found] == sorted(min(component) for component in found)
 
 
-def test_a_way_over_loops_costs_nothing() -> None:
+def test_a_path_over_loops_costs_nothing() -> None:
     edges = [edge(0, 1, 0.0), edge(1, 2, 0.0), edge(0, 2, 1.0)]
     assert shortest_path_length(0, 2, build_adjacency(edges), lambda edge: edge.length_m) == 0.0
 
 
 @FEW
 @given(edges(), st.sampled_from([0.0, 0.25, 0.75, 2.0]))
-def test_no_way_is_found_that_is_longer_than_asked_for(edges: list[Edge], at_most: float) -> None:
-    expected, around = dijkstra(table(edges)), build_adjacency(edges)
-    for b in range(PLACES):
-        found = shortest_path_length(0, b, around, lambda edge: edge.length_m, at_most)
+def test_no_path_is_found_that_is_longer_than_asked_for(edges: list[Edge], at_most: float) -> None:
+    expected, adjacency = dijkstra(table(edges)), build_adjacency(edges)
+    for b in range(NODES):
+        found = shortest_path_length(0, b, adjacency, lambda edge: edge.length_m, at_most)
         assert found == (expected[0, b] if expected[0, b] <= at_most else np.inf)

@@ -17,7 +17,7 @@ def edge(a: int, b: int, T_a_b: Array) -> Edge:
     return Edge(a, b, T_a_b, np.diag(SIGMA**2), is_loop=False, length_m=2.0)
 
 
-def told(T: Array, seed: int) -> Array:
+def sample_edges(T: Array, seed: int) -> Array:
     """(SAMPLES, 4, 4) what edges with that covariance may tell of T."""
     steps = np.random.default_rng(seed).normal(0.0, SIGMA, (SAMPLES, 6))
     return retract_poses(np.tile(T, (SAMPLES, 1, 1)), steps)
@@ -35,10 +35,10 @@ def test_from_its_other_end_an_edge_is_the_inverse_and_as_unsure() -> None:
     back = edge(1, 2, T_AB).oriented_from(2)
     assert (back.a, back.b, back.length_m) == (2, 1, 2.0)
     np.testing.assert_allclose(back.T_a_b, inverse(T_AB))
-    assert_spread(invert_poses(told(T_AB, 1)), inverse(T_AB), back.covariance)
+    assert_spread(invert_poses(sample_edges(T_AB, 1)), inverse(T_AB), back.covariance)
 
 
-def test_told_from_one_end_and_back_an_edge_is_the_same() -> None:
+def test_reported_from_one_end_and_back_an_edge_is_the_same() -> None:
     one = edge(1, 2, T_AB)
     assert one.oriented_from(1) is one
     again = one.oriented_from(2).oriented_from(1)
@@ -50,16 +50,16 @@ def test_two_edges_as_one_are_as_unsure_as_both_together() -> None:
     both = edge(1, 2, T_AB).compose(edge(2, 3, T_BC))
     assert (both.a, both.b, both.length_m) == (1, 3, 4.0)
     np.testing.assert_allclose(both.T_a_b, T_AB @ T_BC, atol=1e-15)
-    assert_spread(told(T_AB, 1) @ told(T_BC, 2), T_AB @ T_BC, both.covariance)
+    assert_spread(sample_edges(T_AB, 1) @ sample_edges(T_BC, 2), T_AB @ T_BC, both.covariance)
 
 
 def test_what_goes_over_a_loop_is_no_motion_any_more() -> None:
-    walked, known_again = odometry_edge(1, 2, T_AB), loop_edge(2, 3, T_BC)
-    assert walked.compose(known_again).is_loop
-    assert known_again.oriented_from(3).compose(walked.oriented_from(2)).is_loop
-    assert not walked.compose(odometry_edge(2, 3, T_BC)).is_loop
+    saved_wall, revisited = odometry_edge(1, 2, T_AB), loop_edge(2, 3, T_BC)
+    assert saved_wall.compose(revisited).is_loop
+    assert revisited.oriented_from(3).compose(saved_wall.oriented_from(2)).is_loop
+    assert not saved_wall.compose(odometry_edge(2, 3, T_BC)).is_loop
 
 
-def test_an_edge_joins_two_ends() -> None:
+def test_an_edge_connects_two_ends() -> None:
     one = edge(4, 9, T_AB)
     assert (one.other_end(4), one.other_end(9)) == (9, 4)

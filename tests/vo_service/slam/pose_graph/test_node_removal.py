@@ -49,7 +49,7 @@ def test_the_others_stay_where_they_are(number: int, seed: int) -> None:
     np.testing.assert_allclose(graph_poses(graph), before, atol=0.01)
 
 
-def test_of_a_place_with_two_edges_nothing_is_lost() -> None:
+def test_of_a_keyframe_with_two_edges_nothing_is_lost() -> None:
     graph = two_laps(seed=1)
     graph.optimize()
     before = graph.T_map_keyframe(9)
@@ -61,7 +61,7 @@ def test_of_a_place_with_two_edges_nothing_is_lost() -> None:
 
 @FEW
 @given(st.permutations(range(2 * RING)))
-def test_what_was_connected_stays_connected_until_one_place_is_left(order: list[int]) -> None:
+def test_what_was_connected_stays_connected_until_one_keyframe_is_left(order: list[int]) -> None:
     graph = two_laps(seed=2)
     for number in order[:-1]:
         graph.remove_node(number)
@@ -73,7 +73,7 @@ def test_what_was_connected_stays_connected_until_one_place_is_left(order: list[
     assert not graph.edges
 
 
-def test_worlds_stay_joined_though_the_places_that_joined_them_are_forgotten() -> None:
+def test_worlds_stay_connected_though_the_keyframes_that_connected_them_are_removed() -> None:
     graph = make_graph(TRUTH[:6], np.random.default_rng(3))
     make_graph(TRUTH[:6], np.random.default_rng(4), graph=graph, first=10, world=1)
     graph.add_loop_closure(loop_edge(2, 13, inverse(TRUTH[2]) @ TRUTH[3]))
@@ -85,7 +85,7 @@ def test_worlds_stay_joined_though_the_places_that_joined_them_are_forgotten() -
     np.testing.assert_allclose(graph.T_map_keyframe(15), before, atol=1e-9)
 
 
-def test_when_the_first_place_is_forgotten_the_next_oldest_stays_instead() -> None:
+def test_when_the_first_keyframe_is_removed_the_next_oldest_stays_instead() -> None:
     graph = two_laps(seed=5)
     graph.remove_node(0)
     before = graph.T_map_keyframe(1)
@@ -95,18 +95,18 @@ def test_when_the_first_place_is_forgotten_the_next_oldest_stays_instead() -> No
 
 
 def test_a_motion_inherits_before_a_loop_though_the_loop_is_surer() -> None:
-    walked, onward = make_graph(TRUTH[:3], np.random.default_rng(6)).edges
-    known_again = loop_edge(7, 1, np.eye(4), sigma=(1e-6, 1e-6))
-    motions, loops = [
+    saved_wall, onward = make_graph(TRUTH[:3], np.random.default_rng(6)).edges
+    revisited = loop_edge(7, 1, np.eye(4), sigma=(1e-6, 1e-6))
+    motions, loop_closure = [
         [
             edge
-            for edge in marginalize_edges(1, [walked, onward, known_again])
+            for edge in marginalize_edges(1, [saved_wall, onward, revisited])
             if edge.is_loop is is_loop
         ]
         for is_loop in (False, True)
     ]
     assert [{edge.a, edge.b} for edge in motions] == [{0, 2}]
-    assert [len({edge.a, edge.b} & {0, 2, 7}) for edge in loops] == [2]
+    assert [len({edge.a, edge.b} & {0, 2, 7}) for edge in loop_closure] == [2]
 
 
 def test_what_a_right_loop_says_is_passed_on_though_a_wrong_one_says_it_is_surer() -> None:
@@ -120,7 +120,7 @@ def test_what_a_right_loop_says_is_passed_on_though_a_wrong_one_says_it_is_surer
     assert [{edge.a, edge.b} for edge in graph.inlier_edges() if edge.is_loop] == [{2, 11}]
 
 
-def test_a_place_that_nothing_is_known_of_leaves_nothing() -> None:
+def test_a_keyframe_that_nothing_is_known_of_leaves_nothing() -> None:
     graph = PoseGraph()
     graph.add_node(4, 0, TRUTH[3])
     removal = graph.remove_node(4)
@@ -130,7 +130,7 @@ def test_a_place_that_nothing_is_known_of_leaves_nothing() -> None:
     assert not graph.edges
 
 
-def test_while_places_come_and_go_for_hours_the_edges_stay_few() -> None:
+def test_while_keyframes_come_and_go_for_hours_the_edges_stay_few() -> None:
     rng, truth = np.random.default_rng(8), [ring_pose(RING, k) for k in range(15 * RING)]
     graph, edges = make_graph(truth[:1], rng), []
     for k in range(1, len(truth)):
@@ -155,23 +155,23 @@ def _step(k: int, truth: list[Array], rng: np.random.Generator) -> Edge:
     return Edge(k - 1, k, step.T_a_b, step.covariance, step.is_loop, step.length_m)
 
 
-def test_of_a_place_that_tells_nothing_new_the_way_past_it_stays_and_its_loops_go() -> None:
+def test_of_a_keyframe_that_shows_nothing_new_the_path_past_it_stays_and_its_loops_go() -> None:
     graph = two_laps(seed=3)
     before = graph_poses(graph)
-    known_again = RING + 4
-    its = [edge for edge in graph.edges if known_again in (edge.a, edge.b)]
-    assert [edge.is_loop for edge in its] == [False, False, True]
-    removal = graph.remove_redundant_node(its[2])
-    np.testing.assert_array_equal(graph_poses(graph), np.delete(before, known_again, axis=0))
-    ends = {known_again - 1, known_again + 1}
+    revisited = RING + 4
+    own_edges = [edge for edge in graph.edges if revisited in (edge.a, edge.b)]
+    assert [edge.is_loop for edge in own_edges] == [False, False, True]
+    removal = graph.remove_redundant_node(own_edges[2])
+    np.testing.assert_array_equal(graph_poses(graph), np.delete(before, revisited, axis=0))
+    ends = {revisited - 1, revisited + 1}
     past = [edge for edge in graph.edges if {edge.a, edge.b} == ends]
-    assert [edge.length_m for edge in past] == [sum(edge.length_m for edge in its)]
+    assert [edge.length_m for edge in past] == [sum(edge.length_m for edge in own_edges)]
     assert len(graph.edges) == 2 * RING - 2 + RING // 4 - 1
-    assert removal.neighbor == its[2].a
-    np.testing.assert_array_equal(removal.T_neighbor_removed, its[2].T_a_b)
+    assert removal.neighbor == own_edges[2].a
+    np.testing.assert_array_equal(removal.T_neighbor_removed, own_edges[2].T_a_b)
 
 
-def test_a_place_at_the_end_of_a_way_passes_on_its_loops_all_that_joins_it() -> None:
+def test_a_keyframe_at_the_end_of_a_path_passes_on_its_loops_all_that_connects_it() -> None:
     graph = two_laps(seed=3)
     for number in range(2 * RING - 1, RING + 16, -1):
         graph.remove_node(number)

@@ -59,7 +59,7 @@ def test_a_loop_that_says_what_is_known_changes_nothing(a: int, seed: int) -> No
     np.testing.assert_allclose(graph_poses(graph), before, atol=1e-10)
 
 
-def test_without_a_loop_the_places_are_where_the_odometry_said_to_the_bit() -> None:
+def test_without_a_loop_the_keyframes_are_where_the_odometry_said_to_the_bit() -> None:
     graph = make_graph(LAP, np.random.default_rng(1))
     graph.optimize()
     for node in graph.nodes.values():
@@ -82,7 +82,7 @@ def test_a_noisy_ring_is_closed_and_errs_less_by_what_theory_says() -> None:
     assert np.sqrt(np.mean(before) / np.mean(after)) == pytest.approx(np.sqrt(3.0), rel=0.15)
 
 
-def test_the_first_place_stays_where_it_is_to_the_bit() -> None:
+def test_the_first_keyframe_stays_where_it_is_to_the_bit() -> None:
     graph = closed(seed=3)
     np.testing.assert_array_equal(graph.T_map_keyframe(0), np.eye(4))
     assert all(is_rigid(T, tolerance=1e-12) for T in graph_poses(graph))
@@ -94,11 +94,11 @@ def test_the_same_graph_gives_the_same_bits() -> None:
 
 def test_a_graph_that_was_kept_goes_on_as_if_nothing_had_been() -> None:
     graph = closed(seed=5)
-    kept = PoseGraph(graph.nodes.values(), graph.edges)
-    for each in (graph, kept):
+    saved = PoseGraph(graph.nodes.values(), graph.edges)
+    for each in (graph, saved):
         each.add_loop_closure(seen_again(5, 25))
         each.optimize()
-    np.testing.assert_array_equal(graph_poses(kept), graph_poses(graph))
+    np.testing.assert_array_equal(graph_poses(saved), graph_poses(graph))
 
 
 def test_a_wrong_loop_that_slipped_through_bends_nothing_much() -> None:
@@ -118,7 +118,7 @@ def test_a_wrong_loop_that_slipped_through_bends_nothing_much() -> None:
 
 
 @pytest.mark.parametrize(
-    ("off_m", "off_deg", "is_plausible"),
+    ("error_m", "off_deg", "is_plausible"),
     [
         (0.0, 0.0, True),
         (0.25, 0.0, True),
@@ -128,15 +128,15 @@ def test_a_wrong_loop_that_slipped_through_bends_nothing_much() -> None:
     ],
 )
 def test_a_loop_is_plausible_if_the_odometry_can_have_been_so_wrong(
-    off_m: float, off_deg: float, is_plausible: bool
+    error_m: float, off_deg: float, is_plausible: bool
 ) -> None:
     graph = make_graph(LAP, np.random.default_rng(7), sigma=NO_SIGMA)
-    error = rigid_transform(so3_exp([0.0, np.deg2rad(off_deg), 0.0]), [0.0, 0.0, off_m])
+    error = rigid_transform(so3_exp([0.0, np.deg2rad(off_deg), 0.0]), [0.0, 0.0, error_m])
     # Over a lap of 12.6 m: 30 cm and 8.3 degrees.
     assert graph.is_plausible(loop_edge(0, RING, LAP[RING] @ error)) is is_plausible
 
 
-def test_after_a_loop_the_way_is_shorter_and_less_is_plausible() -> None:
+def test_after_a_loop_the_path_is_shorter_and_less_is_plausible() -> None:
     graph = make_graph(LAP, np.random.default_rng(8), sigma=NO_SIGMA)
     doubtful = seen_again(1, RING, off=rigid_transform(np.eye(3), [0.2, 0.0, 0.0]))
     assert graph.is_plausible(doubtful)
@@ -145,7 +145,7 @@ def test_after_a_loop_the_way_is_shorter_and_less_is_plausible() -> None:
     assert not graph.is_plausible(doubtful)
 
 
-def test_two_worlds_are_joined_and_the_younger_comes_to_the_older() -> None:
+def test_two_worlds_are_connected_and_the_younger_comes_to_the_older() -> None:
     graph = make_graph(LAP, np.random.default_rng(9), sigma=NO_SIGMA)
     make_graph(LAP, np.random.default_rng(9), sigma=NO_SIGMA, graph=graph, first=100, world=1)
     assert not graph.are_connected(0, 1)
@@ -161,7 +161,7 @@ def test_two_worlds_are_joined_and_the_younger_comes_to_the_older() -> None:
     np.testing.assert_allclose(graph.nodes[105].T_world_keyframe, LAP[5], atol=1e-12)
 
 
-def test_a_joined_world_goes_on_in_the_frame_of_the_older() -> None:
+def test_a_connected_world_goes_on_in_the_frame_of_the_older() -> None:
     graph = make_graph(LAP[:3], np.random.default_rng(1), sigma=NO_SIGMA)
     graph.add_node(7, 1, np.eye(4))
     graph.add_loop_closure(loop_edge(0, 7, SHIFT))
@@ -183,19 +183,19 @@ def test_a_world_comes_to_the_older_one_whichever_end_of_the_loop_it_is_at() -> 
     np.testing.assert_allclose(graph.T_map_keyframe(21), SHIFT @ LAP[1], atol=1e-12)
 
 
-def test_the_oldest_place_of_each_part_stays_to_the_bit() -> None:
+def test_the_oldest_keyframe_of_each_part_stays_to_the_bit() -> None:
     graph = make_graph(LAP, np.random.default_rng(1))
     make_graph(LAP, np.random.default_rng(2), graph=graph, first=100, world=1)
     for first in (0, 100):
         graph.add_loop_closure(loop_edge(first, first + RING, LAP[RING]))
     before = graph_poses(graph)
     graph.optimize()
-    is_held = np.isin(list(graph.nodes), (0, 100))
-    np.testing.assert_array_equal(graph_poses(graph)[is_held], before[is_held])
-    assert not np.any(np.all(graph_poses(graph) == before, axis=(1, 2)) & ~is_held)
+    is_fixed = np.isin(list(graph.nodes), (0, 100))
+    np.testing.assert_array_equal(graph_poses(graph)[is_fixed], before[is_fixed])
+    assert not np.any(np.all(graph_poses(graph) == before, axis=(1, 2)) & ~is_fixed)
 
 
-def test_a_motion_is_believed_though_surer_loops_say_that_it_was_off() -> None:
+def test_a_motion_is_accepted_though_surer_loops_say_that_it_was_off() -> None:
     graph = make_graph(LAP[:2], np.random.default_rng(1), sigma=NO_SIGMA)
     off = rigid_transform(np.eye(3), [0.025, 0.0, 0.0])  # six standard deviations of the motion
     for _ in range(5):
@@ -205,7 +205,7 @@ def test_a_motion_is_believed_though_surer_loops_say_that_it_was_off() -> None:
     assert graph.inlier_edges() == graph.edges
 
 
-def test_hundreds_of_places_and_loops_agree() -> None:
+def test_hundreds_of_keyframes_and_loops_agree() -> None:
     per_lap, laps = 80, 5
     truth = [ring_pose(per_lap, k) for k in range(per_lap * laps)]
     rng = np.random.default_rng(10)

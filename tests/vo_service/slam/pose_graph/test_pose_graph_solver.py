@@ -39,7 +39,7 @@ def cost(T: Array, edges: list[Edge]) -> float:
 
 @FEW
 @given(STEPS)
-def test_places_that_were_moved_come_back_to_where_the_edges_say(steps: Array) -> None:
+def test_keyframes_that_were_moved_come_back_to_where_the_edges_say(steps: Array) -> None:
     steps[0] = 0.0
     found = solve(retract_poses(TRUTH, steps), collect_measurements(ring(TRUTH)[:-1], ROWS), FIRST)
     np.testing.assert_allclose(found, TRUTH, atol=1e-6)
@@ -56,10 +56,10 @@ def test_edges_that_all_agree_change_nothing(steps: Array) -> None:
 def test_what_is_held_stays_to_the_bit_and_the_rest_stays_rigid() -> None:
     rng = np.random.default_rng(1)
     edges = ring(retract_poses(TRUTH, rng.normal(0.0, 0.01, (6, 6))))
-    is_held = np.isin(np.arange(6), [0, 3])
-    found = solve(TRUTH, collect_measurements(edges, ROWS), is_held)
-    np.testing.assert_array_equal(found[is_held], TRUTH[is_held])
-    assert np.all(np.any(found != TRUTH, axis=(1, 2)) == ~is_held)
+    is_fixed = np.isin(np.arange(6), [0, 3])
+    found = solve(TRUTH, collect_measurements(edges, ROWS), is_fixed)
+    np.testing.assert_array_equal(found[is_fixed], TRUTH[is_fixed])
+    assert np.all(np.any(found != TRUTH, axis=(1, 2)) == ~is_fixed)
     assert all(is_rigid(T, tolerance=1e-12) for T in found)
 
 
@@ -78,11 +78,11 @@ def test_no_small_step_from_the_solution_makes_the_errors_smaller() -> None:
             assert cost(retract_poses(found, step), edges) > least
 
 
-@pytest.mark.parametrize("off_m", [0.01, 0.03, 0.3])
-def test_a_loop_pulls_by_cauchys_function_the_less_the_more_it_contradicts(off_m: float) -> None:
+@pytest.mark.parametrize("error_m", [0.01, 0.03, 0.3])
+def test_a_loop_pulls_by_cauchys_function_the_less_the_more_it_contradicts(error_m: float) -> None:
     *motions, right = ring(TRUTH)
     wrong = replace(
-        right, T_a_b=retract_poses(right.T_a_b, np.array([off_m, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        right, T_a_b=retract_poses(right.T_a_b, np.array([error_m, 0.0, 0.0, 0.0, 0.0, 0.0]))
     )
     measured = collect_measurements([*motions, wrong], ROWS)
 
@@ -98,7 +98,7 @@ def test_a_loop_pulls_by_cauchys_function_the_less_the_more_it_contradicts(off_m
         assert cauchy_cost(retract_poses(found, step)) > least
 
 
-def test_an_error_of_so_many_standard_deviations_is_told() -> None:
+def test_an_error_of_so_many_standard_deviations_is_reported() -> None:
     (only,) = ring(TRUTH)[:1]
     step = np.zeros((6, 6))
     step[1] = 3.0 * np.sqrt(np.diag(only.covariance)) * np.eye(6)[2]
@@ -106,7 +106,7 @@ def test_an_error_of_so_many_standard_deviations_is_told() -> None:
     np.testing.assert_allclose(squared, 9.0, rtol=1e-4)
 
 
-def test_an_edge_that_is_sure_beyond_measure_is_no_trouble() -> None:
+def test_an_edge_that_is_sure_beyond_measure_is_no_error() -> None:
     sure = odometry_edge(0, 1, TRUTH[1], sigma=(0.0, 0.0))
     found = solve(TRUTH, collect_measurements([sure, *ring(TRUTH)[1:]], ROWS), FIRST)
     np.testing.assert_allclose(found, TRUTH, atol=1e-12)

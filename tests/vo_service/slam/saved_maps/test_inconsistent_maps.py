@@ -37,8 +37,8 @@ def _negative_way(contents: MapContents) -> MapContents:
 
 
 def _uneven(contents: MapContents) -> MapContents:
-    uneven = np.eye(6) + 0.1 * np.eye(6, k=1)
-    return replace(contents, edges=[replace(contents.edges[0], covariance=uneven)])
+    asymmetric = np.eye(6) + 0.1 * np.eye(6, k=1)
+    return replace(contents, edges=[replace(contents.edges[0], covariance=asymmetric)])
 
 
 def _without_focus(contents: MapContents) -> MapContents:

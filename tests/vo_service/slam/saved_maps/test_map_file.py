@@ -38,25 +38,27 @@ def test_a_map_comes_back_as_it_was(saved: Path, contents: MapContents) -> None:
         assert now.camera == was.camera
         assert np.array_equal(now.T_world_keyframe, was.T_world_keyframe)
         assert np.array_equal(now.vlad_descriptor, was.vlad_descriptor)
-        for mine, theirs in zip(was.alignment_points, now.alignment_points, strict=True):
-            assert np.array_equal(mine, theirs)
-    for edge, its in zip(contents.edges, again.edges, strict=True):
-        assert (its.a, its.b, its.is_loop, its.length_m) == (
+        for saved_points, loaded_points in zip(
+            was.alignment_points, now.alignment_points, strict=True
+        ):
+            assert np.array_equal(saved_points, loaded_points)
+    for edge, own_edges in zip(contents.edges, again.edges, strict=True):
+        assert (own_edges.a, own_edges.b, own_edges.is_loop, own_edges.length_m) == (
             edge.a, edge.b, edge.is_loop, edge.length_m,
         )  # fmt: skip
-        assert np.array_equal(its.T_a_b, edge.T_a_b)
-        assert np.array_equal(its.covariance, edge.covariance)
+        assert np.array_equal(own_edges.T_a_b, edge.T_a_b)
+        assert np.array_equal(own_edges.covariance, edge.covariance)
     for node, its_node in zip(contents.nodes, again.nodes, strict=True):
         assert (its_node.number, its_node.world_id) == (node.number, node.world_id)
         assert np.array_equal(its_node.T_map_keyframe, node.T_map_keyframe)
         assert np.array_equal(its_node.T_world_keyframe, node.T_world_keyframe)
 
 
-def test_a_place_is_recognised_the_same_after_a_restart(
-    recogniser: PlaceRecognizer, here: MapKeyframe, saved: Path
+def test_a_keyframe_is_recognized_the_same_after_a_restart(
+    recognizer: PlaceRecognizer, here: MapKeyframe, saved: Path
 ) -> None:
-    view = make_query(recogniser, BESIDE)
-    before = recogniser.recognize(view, [here])
+    view = make_query(recognizer, BESIDE)
+    before = recognizer.recognize(view, [here])
     after = PlaceRecognizer().recognize(view, read_map(saved).keyframes[:1])
     assert before is not None
     assert after is not None
@@ -66,12 +68,12 @@ def test_a_place_is_recognised_the_same_after_a_restart(
 def test_covariances_that_rounding_made_uneven_come_back(
     contents: MapContents, tmp_path: Path
 ) -> None:
-    uneven = np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6])
-    uneven[0, 3], uneven[3, 0] = 1e-22, -3e-22
-    edges = [replace(edge, covariance=uneven) for edge in contents.edges]
+    asymmetric = np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6])
+    asymmetric[0, 3], asymmetric[3, 0] = 1e-22, -3e-22
+    edges = [replace(edge, covariance=asymmetric) for edge in contents.edges]
     write_map(tmp_path / "uneven", replace(contents, edges=edges))
     again = read_map(tmp_path / "uneven").edges
-    assert all(np.array_equal(edge.covariance, uneven) for edge in again)
+    assert all(np.array_equal(edge.covariance, asymmetric) for edge in again)
 
 
 def test_a_graph_goes_on_after_a_restart(saved: Path) -> None:
@@ -81,7 +83,7 @@ def test_a_graph_goes_on_after_a_restart(saved: Path) -> None:
     assert np.allclose(graph.T_map_keyframe(1), ELSEWHERE, atol=1e-9)
 
 
-def test_a_map_without_places_is_a_map(tmp_path: Path) -> None:
+def test_a_map_without_keyframes_is_a_map(tmp_path: Path) -> None:
     write_map(tmp_path / "empty.map", MapContents([], [], [], 0))
     assert read_map(tmp_path / "empty.map") == MapContents([], [], [], 0)
 
@@ -98,7 +100,7 @@ def test_the_same_map_gives_the_same_bytes(saved: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again.map").read_bytes() == saved.read_bytes()
 
 
-def test_a_map_that_cannot_be_written_is_told_in_one_line(
+def test_a_map_that_cannot_be_written_is_reported_in_one_line(
     tmp_path: Path, contents: MapContents
 ) -> None:
     with pytest.raises(UserFacingError, match="cannot be written: No such file") as refused:

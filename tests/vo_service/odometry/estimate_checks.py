@@ -1,4 +1,4 @@
-"""What holds of the answers of every method."""
+"""Checks of estimates, for all methods."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from vo_service.types import Estimate
 
 
 def assert_valid(estimate: Estimate) -> None:
-    """Whatever was seen: rigid poses, finite numbers, and a reason where there is no motion."""
+    """Check for rigid poses, finite numbers, and a reason if there is no motion."""
     assert is_rigid(estimate.T_world_camera)
     assert is_rigid(estimate.T_reference_camera)
     assert np.all(np.isfinite(estimate.covariance))
@@ -15,13 +15,13 @@ def assert_valid(estimate: Estimate) -> None:
 
 
 def assert_valid_or_explained(estimate: Estimate) -> None:
-    """The same of a method that knows no half-good motion: a reason is there only without one."""
+    """Check the same for a method without degraded results: only failures have a reason."""
     assert_valid(estimate)
     assert estimate.ok == (estimate.reason == "")
 
 
 def assert_starts_at_origin(first: Estimate) -> None:
-    """The first good frame's pose is exactly the origin."""
+    """Check that the first good frame's pose is exactly the origin."""
     assert first.ok
     assert not first.is_reset
     assert np.array_equal(first.T_world_camera, np.eye(4))
@@ -30,7 +30,7 @@ def assert_starts_at_origin(first: Estimate) -> None:
 
 
 def assert_counts_consistent(estimate: Estimate, min_inliers: int) -> None:
-    """Counts and drawings agree, and the motion is uncertain in every direction."""
+    """Check that counts and debug data agree, and that the covariance is positive definite."""
     evidence = estimate.debug
     assert min_inliers <= estimate.inliers <= estimate.matches <= estimate.features
     assert evidence.keypoints_px.shape == (estimate.features, 2)

@@ -1,4 +1,4 @@
-"""A short walk of a hand-held camera before a known scene, and what an odometry makes of it."""
+"""A short hand-held sequence of a known scene, and its estimates."""
 
 from collections.abc import Iterable
 
@@ -20,18 +20,18 @@ def hand_held_poses(n: int) -> list[Array]:
 
 
 def render_elsewhere(seq: int) -> RgbdFrame:
-    """The same corner from where nothing of the other views is seen."""
+    """Render the corner from a pose without overlap with the other views."""
     away = rigid_transform(so3_exp([0.0, 0.7, 0.0]), [1.6, -0.3, 0.2])
     return render_corner(away @ hand_held_poses(seq + 1)[seq], seq)
 
 
 def estimate_all(odometry: Odometry, frames: Iterable[RgbdFrame]) -> list[Estimate]:
-    """The estimate of each frame."""
+    """Estimate all frames."""
     return [odometry.estimate(frame) for frame in frames]
 
 
-def assert_close(T: Array, expected: Array, metres: float, degrees: float) -> None:
-    """Within so many meters and degrees of each other."""
+def assert_close(T: Array, expected: Array, meters: float, degrees: float) -> None:
+    """Check that two poses differ by less than these meters and degrees."""
     error = inverse(T) @ expected
-    assert np.linalg.norm(error[:3, 3]) < metres
+    assert np.linalg.norm(error[:3, 3]) < meters
     assert np.degrees(rotation_angle_rad(error[:3, :3])) < degrees

@@ -1,4 +1,4 @@
-"""Pairs of points as a depth camera would measure them, with outliers, for the tests."""
+"""Pairs of points with a depth camera's noise, and outliers."""
 
 import numpy as np
 

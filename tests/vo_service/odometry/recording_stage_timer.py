@@ -5,13 +5,13 @@ from contextlib import contextmanager
 
 
 class RecordingStageTimer:
-    """The names of the stages so far, in their order."""
+    """Stage timer that only records the names of the stages."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Note the name."""
+        """Record the name."""
         self.names.append(name)
         yield

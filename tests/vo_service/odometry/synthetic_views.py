@@ -1,4 +1,4 @@
-"""Images and frames whose truth is known, for the tests of the odometry."""
+"""Rendered images and frames with ground truth."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""How sure a pose is, added up along a chain of motions that share references."""
+"""Accumulated covariance along a chain of motions that share references."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -99,7 +99,7 @@ def test_it_is_always_symmetric_and_a_step_never_surer_than_half_its_last_motion
 
 
 def test_poses_scatter_as_they_say() -> None:
-    """Motions that are off by what they say, many times: two keyframes, three frames on each."""
+    """Many samples of motions with the given covariance: two keyframes, three frames on each."""
     random, errors = np.random.default_rng(3), []
     reference, covariance = moved(0.3), CovarianceAccumulator()
     for is_next_reference in (False, False, True, False, False, False):
@@ -116,7 +116,7 @@ def test_poses_scatter_as_they_say() -> None:
 
 
 def test_steps_scatter_as_they_say() -> None:
-    """Two frames, each off by errors of its own and by those of the keyframe, in equal parts."""
+    """Two frames with equal parts of own errors and of the keyframe's."""
     random, errors, covariance = np.random.default_rng(3), [], CovarianceAccumulator()
     for _ in range(2):
         covariance.add(motion(np.eye(4), is_next_reference=False), np.eye(4))
@@ -130,7 +130,7 @@ def test_steps_scatter_as_they_say() -> None:
 
 
 def shaken(T: Array, random: np.random.Generator) -> Array:
-    """T, off by a small motion in the camera's axes."""
+    """T with a random small motion in the camera's axes."""
     off = random.normal(size=6) * SIGMAS
     return T @ rigid_transform(so3_exp(off[3:]), off[:3])
 

@@ -1,4 +1,4 @@
-"""Coming back after a loss, with an odometry and a finder that do as they are told."""
+"""Relocalization after a loss, with a scripted odometry and relocalizer."""
 
 from collections.abc import Iterable, Sequence
 
@@ -19,21 +19,21 @@ STEP = rigid_transform(so3_exp([0.0, 0.02, 0.0]), [0.01, 0.0, 0.02])
 ELSEWHERE = rigid_transform(so3_exp([0.0, 1.0, 0.0]), [0.3, 0.0, 0.2])
 TRUTH = [np.linalg.matrix_power(STEP, n) for n in range(100)]
 LOST_AT = 5
-SURE, OF_ANSWERS = np.eye(6) * 1e-6, np.eye(6) * 1e-4
+SURE, RESULT_COVARIANCE = np.eye(6) * 1e-6, np.eye(6) * 1e-4
 
 
 class WalkingOdometry:
-    """Walks on by STEP; begins anew, where it was, at the frames in `anew`.
+    """Odometry that moves by STEP and is reset at the frames in `resets`.
 
     Every third frame is the next reference.
     """
 
-    def __init__(self, *anew: int) -> None:
-        self._anew = anew
+    def __init__(self, *resets: int) -> None:
+        self._resets = resets
         self._T_world_camera = np.eye(4)
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        restarted = frame.seq in self._anew
+        restarted = frame.seq in self._resets
         if frame.seq and not restarted:
             self._T_world_camera = self._T_world_camera @ STEP
         return Estimate(
@@ -43,9 +43,12 @@ class WalkingOdometry:
 
 
 class ScriptedRelocalizer:
-    """Knows where each frame was taken; off by `errors` in the frames that have one.
+    """Relocalizer with scripted results.
 
-    T_world_true  where the truth begins, after the loss
+    Args:
+        errors: 4x4 errors by frame number.
+        has_map: Whether it has a map.
+        T_world_true: 4x4 true pose of the first frame.
     """
 
     def __init__(
@@ -55,15 +58,15 @@ class ScriptedRelocalizer:
         T_world_true: Array = ELSEWHERE,
     ) -> None:
         self.has_map = has_map
-        self.asked: list[int] = []
+        self.queried: list[int] = []
         self._errors = errors or {}
         self._T_world_true = T_world_true
         self._answers: list[RelocalizationResult] = []
 
     def query(self, frame: RgbdFrame) -> None:
         T = self._T_world_true @ TRUTH[frame.seq] @ self._errors.get(frame.seq, np.eye(4))
-        self.asked.append(frame.seq)
-        self._answers.append(RelocalizationResult(frame.seq, T, OF_ANSWERS))
+        self.queried.append(frame.seq)
+        self._answers.append(RelocalizationResult(frame.seq, T, RESULT_COVARIANCE))
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
         answers, self._answers = self._answers, []
@@ -71,30 +74,30 @@ class ScriptedRelocalizer:
 
 
 class FailingRelocalizer(ScriptedRelocalizer):
-    """Knows places, but none of these."""
+    """Relocalizer that recognizes no frame."""
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
         return []
 
 
 class WrongRelocalizer(FailingRelocalizer):
-    """Answers what nobody has asked."""
+    """Relocalizer with results that were not requested."""
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
-        return [RelocalizationResult(seq, ELSEWHERE, OF_ANSWERS) for seq in (998, 999)]
+        return [RelocalizationResult(seq, ELSEWHERE, RESULT_COVARIANCE) for seq in (998, 999)]
 
 
 class DelayedRelocalizer(ScriptedRelocalizer):
-    """Knows nothing before a frame is shown to it that was taken so late."""
+    """Relocalizer whose results come late."""
 
     def poll_results(self) -> Sequence[RelocalizationResult]:
-        return super().poll_results() if self.asked[-1] >= 20 else []
+        return super().poll_results() if self.queried[-1] >= 20 else []
 
 
 def walk(
-    finder: ScriptedRelocalizer, *anew: int, frames: Iterable[int] = range(60)
+    relocalizer: ScriptedRelocalizer, *resets: int, frames: Iterable[int] = range(60)
 ) -> list[Estimate]:
-    odometry = RelocalizingOdometry(WalkingOdometry(*anew), finder)
+    odometry = RelocalizingOdometry(WalkingOdometry(*resets), relocalizer)
     return [odometry.estimate(fakes.make_frame(seq)) for seq in frames]
 
 
@@ -148,7 +151,7 @@ def test_one_wrong_answer_is_not_accepted(wrong: int, off_m: float, off_rad: flo
 def test_first_pose_back_is_as_sure_as_the_answer_and_the_next_as_the_motion() -> None:
     estimates = walk(ScriptedRelocalizer(), LOST_AT)
     back = first_back(estimates)
-    assert np.array_equal(estimates[back].covariance, OF_ANSWERS)
+    assert np.array_equal(estimates[back].covariance, RESULT_COVARIANCE)
     assert np.array_equal(estimates[back + 1].covariance, SURE)
 
 
@@ -179,7 +182,7 @@ def test_answers_to_what_was_not_asked_lead_nowhere() -> None:
 
 
 def test_answers_from_before_it_began_again_once_more_are_not_accepted() -> None:
-    # Frames 5, 8 and 11 are asked about, and told about when the camera is elsewhere.
+    # Frames 5, 8 and 11 are queried; their results come when the camera is elsewhere.
     frames = [*range(12), *range(30, 60)]
     estimates = walk(DelayedRelocalizer(), LOST_AT, 30, frames=frames)
     back = first_back(estimates)
@@ -193,7 +196,7 @@ def test_place_never_seen_begins_an_epoch_after_a_second() -> None:
     (begin,) = epochs_begin(estimates)
     assert begin == LOST_AT + MAX_SEARCH_FRAMES - 1
     assert all(estimate.ok for estimate in estimates[begin:])
-    assert blind.asked == list(range(LOST_AT, begin, 3))
+    assert blind.queried == list(range(LOST_AT, begin, 3))
 
 
 def test_without_any_place_an_epoch_begins_at_once() -> None:
@@ -212,7 +215,7 @@ def test_motions_reported_lead_from_each_reference_to_its_frame() -> None:
     T_world_reference = np.eye(4)
     for estimate in estimates:
         if estimate.ok:
-            told = T_world_reference @ estimate.T_reference_camera
-            assert np.allclose(told, estimate.T_world_camera, atol=1e-9)
+            T_world_camera = T_world_reference @ estimate.T_reference_camera
+            assert np.allclose(T_world_camera, estimate.T_world_camera, atol=1e-9)
             if estimate.is_next_reference:
                 T_world_reference = estimate.T_world_camera

@@ -1,4 +1,4 @@
-"""Compiling ahead of time: every kernel, every stage told."""
+"""The warm-up compiles every kernel and reports every stage."""
 
 import numpy as np
 

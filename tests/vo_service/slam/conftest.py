@@ -1,4 +1,4 @@
-"""What several tests of places need, made once."""
+"""Shared fixtures of the SLAM tests."""
 
 from dataclasses import replace
 
@@ -21,25 +21,25 @@ from vo_service.slam.saved_maps.map_file import MapContents
 
 @pytest.fixture(scope="session")
 def recognizer() -> PlaceRecognizer:
-    """Gives the same whatever it has seen before."""
+    """Shared, as its results do not depend on earlier views."""
     return PlaceRecognizer()
 
 
 @pytest.fixture(scope="session")
 def here(recognizer: PlaceRecognizer) -> MapKeyframe:
-    """Place 0."""
+    """Keyframe 0."""
     return make_keyframe(recognizer, HERE)
 
 
 @pytest.fixture(scope="session")
 def elsewhere(recognizer: PlaceRecognizer) -> MapKeyframe:
-    """Place 1, with nothing in view that place 0 has."""
+    """Keyframe 1, without overlap with keyframe 0."""
     return make_keyframe(recognizer, ELSEWHERE, number=1)
 
 
 @pytest.fixture(scope="session")
 def contents(here: MapKeyframe, elsewhere: MapKeyframe) -> MapContents:
-    """Two places, a motion and a loop between them."""
+    """Two keyframes with an odometry edge and a loop between them."""
     T = inverse(HERE) @ ELSEWHERE
     motion = Edge(0, 1, T, 1e-6 * np.eye(6), is_loop=False, length_m=1.7)
     loop = replace(motion, is_loop=True, length_m=0.0)

@@ -1,4 +1,4 @@
-"""Which frames become keyframes."""
+"""Keyframe selection."""
 
 import math
 from dataclasses import replace

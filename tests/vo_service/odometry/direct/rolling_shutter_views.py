@@ -1,7 +1,7 @@
-"""Views whose truth is known to the last digit, each row at its own time, for the dense odometry.
+"""Rendered views with exact ground truth and a rolling shutter, for the direct odometry.
 
-Planes painted with waves in space: brightness is a smooth function of the place, so that nothing is
-interpolated and nothing is aliased.
+The planes have a texture of waves in space: brightness is a smooth function of the position,
+without interpolation and aliasing.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 
 CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
-# Fine steps, that truth may be exact.
+# Fine steps, for exact depth.
 DEPTH_FACTOR = 15000.0
 # Noise as of a Kinect: gray levels, and 1/m of disparity.
 GRAY_NOISE, DISPARITY_NOISE_PER_M = 1.5, 8e-4
@@ -29,7 +29,7 @@ CORNER = (WALL, FLOOR, SIDE)
 
 
 def series_exponential(twist: Array) -> Array:
-    """4x4 exponential of a twist, by the series of the matrix alone."""
+    """4x4 exponential of a twist, by the matrix series."""
     vx, vy, vz, x, y, z = np.asarray(twist, np.float64) / 64
     A = np.array([[0, -z, y, vx], [z, 0, -x, vy], [-y, x, 0, vz], [0, 0, 0, 0]])
     total, term = np.eye(4), np.eye(4)
@@ -41,9 +41,12 @@ def series_exponential(twist: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class MovingCamera:
-    """A camera that moves by a twist (6,) in its own axes, m/s and rad/s.
+    """A camera that moves by a twist.
 
-    acceleration_rad_s2  (3,) of its rotation at the start; only there the movement is known
+    Attributes:
+        velocity: (6,) twist in its own axes, m/s and rad/s.
+        T_world_start: 4x4 pose at time 0.
+        acceleration_rad_s2: (3,) angular, at the start; the motion is known only there.
     """
 
     velocity: Array = field(default_factory=lambda: np.zeros(6))
@@ -65,7 +68,7 @@ class MovingCamera:
 STILL = MovingCamera()
 # 0.3 m/s and 20 degrees/s, in no special direction.
 BRISK = MovingCamera(np.array([0.2, -0.12, 0.18, -0.15, 0.25, 0.2]))
-# The same with the tremor of a hand that is tired.
+# The same with hand tremor.
 SHAKING = MovingCamera(BRISK.velocity, acceleration_rad_s2=np.array([15.0, -20.0, 12.0]))
 
 
@@ -78,7 +81,7 @@ def render_view(
     camera: PinholeCamera = CAMERA,
     paint: float = 1.0,
 ) -> RgbdFrame:
-    """A frame without noise. Paint 0: all is of one gray."""
+    """Render a frame without noise; paint 0 makes it a uniform gray."""
     rows_s = readout_s * (np.arange(camera.height) / (camera.height - 1) - 0.5)
     color = _cast_rays(planes, motion, stamp_s + rows_s, camera)
     depth = _cast_rays(planes, motion, stamp_s + skew_s + rows_s, camera) if skew_s else color
@@ -99,12 +102,12 @@ def render_view(
 def render_sequence(
     motion: MovingCamera, frames: int, readout_s: float = 0.0, skew_s: float = 0.0
 ) -> list[RgbdFrame]:
-    """So many frames of the corner, 30 a second."""
+    """Render frames of the corner at 30 Hz."""
     return [render_view(motion, k / 30, readout_s=readout_s, skew_s=skew_s) for k in range(frames)]
 
 
 def add_noise(frame: RgbdFrame, seed: int, times: float = 1.0) -> RgbdFrame:
-    """The same frame with a Kinect's noise."""
+    """Return the frame with a Kinect's noise."""
     random = np.random.default_rng(seed)
     shape = frame.depth_raw.shape
     gray = frame.gray + random.normal(0.0, times * GRAY_NOISE, shape)
@@ -116,27 +119,27 @@ def add_noise(frame: RgbdFrame, seed: int, times: float = 1.0) -> RgbdFrame:
 
 
 def change_lighting(frame: RgbdFrame, gain: float, offset: float = 0.0) -> RgbdFrame:
-    """The same frame in another light."""
+    """Return the frame with another brightness."""
     return replace(frame, color_bgr=_to_bgr(gain * frame.gray + offset))
 
 
 def remove_color(frame: RgbdFrame) -> RgbdFrame:
-    """The same frame, with depth alone."""
+    """Return the frame without color."""
     return replace(frame, color_bgr=np.zeros_like(frame.color_bgr))
 
 
 def remove_depth(frame: RgbdFrame) -> RgbdFrame:
-    """The same frame, with color alone."""
+    """Return the frame without depth."""
     return replace(frame, depth_raw=np.zeros_like(frame.depth_raw))
 
 
 def make_empty_frame(frame: RgbdFrame) -> RgbdFrame:
-    """Neither color nor depth."""
+    """Return the frame without color and depth."""
     return remove_color(remove_depth(frame))
 
 
 def make_noise_frame(frame: RgbdFrame) -> RgbdFrame:
-    """Noise and nothing else, of its number's own."""
+    """Return a frame of random noise, seeded by its number."""
     shape = frame.depth_raw.shape
     random = np.random.default_rng(frame.seq)
     color = np.repeat(random.integers(0, 256, (*shape, 1), np.uint8), 3, axis=2)
@@ -153,7 +156,7 @@ class _RayHits:
 def _cast_rays(
     planes: Sequence[Plane], motion: MovingCamera, rows_s: Array, camera: PinholeCamera
 ) -> _RayHits:
-    """What each pixel sees (H, W) and where that is (H, W, 3), each row at its own time."""
+    """Depth (H, W) and position (H, W, 3) of each pixel, each row at its own time."""
     T_world_times = {time_s: motion.pose_at(time_s) for time_s in set(rows_s.tolist())}
     T_world_rows = np.array([T_world_times[time_s] for time_s in rows_s.tolist()])
     v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
@@ -170,7 +173,7 @@ def _cast_rays(
 
 
 def texture_at(places: Array) -> Array:
-    """(...) brightness of places (..., 3) in the world."""
+    """(...) brightness of positions (..., 3) in the world frame."""
     random = np.random.default_rng(5)
     gray = np.full(places.shape[:-1], 128.0)
     for wavelength_m in (0.09, 0.1, 0.13, 0.16, 0.2, 0.3, 0.5, 0.9):

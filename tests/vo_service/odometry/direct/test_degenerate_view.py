@@ -19,12 +19,12 @@ from vo_service.odometry.direct.recovery import TrackingResult
 
 OFF = np.array([0.02, -0.01, 0.03, 0.01, 0.02, -0.01])
 FASTER = 0.3 * OFF
-# Of the place and the turning along x, nothing is seen.
+# Translation and rotation along x are unconstrained.
 OPEN = np.array([True, False, False, True, False, False])
 SURE, UNSURE = 1e-6, 10.0
-# Nothing that is said is noise.
+# No information is noise.
 CLEAR = np.full(6, 1e12)
-# How far the camera strays from a constant velocity until the stamp.
+# Sigma of the prediction at the stamp.
 STRAYED = np.repeat((STAMP_S - MOTION.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA), 3)
 
 
@@ -32,7 +32,7 @@ def fuse(
     sigma: Array, observability: Array = CLEAR, way: MotionState = MOTION
 ) -> tuple[TrackingResult, MotionUncertainty]:
     """What becomes of a motion that is found with standard deviations sigma (6,)."""
-    # In the camera's axes; what is clear is told in those of the keyframe.
+    # The directions are in the camera's axes, the analysis in the keyframe's.
     axes = adjoint(inverse(make_result(OFF, FASTER).alignment.T_camera_keyframe))
     uncertainty = MotionUncertainty(np.diag(sigma**2), DegeneracyAnalysis(observability, axes))
     return fuse_with_prediction(make_result(OFF, FASTER), uncertainty, way, STAMP_S)

@@ -35,7 +35,7 @@ from vo_service.odometry.direct.quality import degradation_reason, rejection_rea
 from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, change_frame, zero_motion
 
 POINTS = select_points(build_image_pyramid(render_view()), zero_motion(), ALL_STATIC)
-# Nothing is known of the velocity.
+# An unknown velocity.
 LOOSE = replace(STATIC_PRIOR, information=np.full(9, 1e-3))
 
 
@@ -104,7 +104,7 @@ def test_a_tremor_while_rows_are_read_is_found_and_bends_no_motion(skew_s: float
 
 
 def off_rad(found: DirectAlignment) -> float:
-    """How far a motion that is none is turned."""
+    """Rotation of the estimated motion, which should be zero."""
     return float(np.linalg.norm(so3_log(found.T_camera_keyframe[:3, :3])))
 
 
@@ -123,7 +123,7 @@ def test_depth_that_is_late_shows_no_velocity_but_the_motion_of_the_color() -> N
 
 
 def moving() -> MotionPrior:
-    """The velocity is known as well as from frame to frame."""
+    """A prior with the velocity known as from frame to frame."""
     last = BRISK.pose_at(0.1 - 1 / 30)
     return MotionPrior(
         last, 30.0, -change_frame(BRISK.motion, last), velocity_information(np.array([0.03, 0.1]))
@@ -131,7 +131,7 @@ def moving() -> MotionPrior:
 
 
 def test_an_instant_shutter_is_a_shutter_of_no_time() -> None:
-    """With times that are nearly nothing all is nearly as with none."""
+    """With very short times the result is nearly that of an instant shutter."""
     frame = add_noise(render_view(BRISK, 0.1), 1)
     instant = align_frame(frame, moving())
     nearly = align_frame(replace(frame, readout_s=1e-9, skew_s=1e-9), moving())

@@ -1,4 +1,4 @@
-"""How sure an alignment is, and of what."""
+"""Covariance of an alignment, and the directions that it constrains."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ from vo_service.odometry.direct.local_map import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.rolling_shutter import zero_motion
 from vo_service.odometry.direct.warping import NUM_ROW_BANDS
 
-# 95 % of what is normally distributed in six directions is nearer.
+# 95 % quantile of chi squared with six degrees of freedom.
 CHI_SQUARED_95 = 12.59
 CALM = np.zeros(2)
 VAGUE = replace(STATIC_PRIOR, information=np.ones(9))
@@ -44,7 +44,7 @@ def align_frame(
     prior: MotionPrior = STATIC_PRIOR,
     velocity_noise: Array = CALM,
 ) -> tuple[MotionUncertainty, Array]:
-    """How sure, and T_keyframe_camera."""
+    """The uncertainty, and T_keyframe_camera."""
     images = build_image_pyramid(frame)
     found = align(keyframe.points, images, [np.eye(4)], prior, (1.0, 0.0), uniform_weights())
     return estimate_uncertainty(keyframe.points, images, found, prior, velocity_noise), inverse(
@@ -130,7 +130,7 @@ def test_a_wall_of_weak_paint_constrains_the_camera_least_along_itself() -> None
 
 
 def test_it_is_reported_in_the_axes_of_the_camera() -> None:
-    """Where two bare planes meet nothing holds a camera along their edge, however it is turned."""
+    """Two planes without texture leave the direction of their edge unconstrained."""
     planes, turned = (
         (WALL, FLOOR),
         rigid_transform(so3_exp([0.0, 0.0, 0.5]), np.zeros(3)),
@@ -178,12 +178,12 @@ def test_a_shaking_camera_strays_about_as_far_as_in_one_row() -> None:
         for mps in (0.0, 0.5)
     )
     in_a_row = 3 * (0.02 * 0.5) ** 2 / 12.0
-    # Bands of rows even it out where all hold the camera; where few do, they pull against others.
+    # It averages out if all bands of rows constrain the camera; if few do, less.
     assert in_a_row / (2 * NUM_ROW_BANDS) < agitated - calm < 4.0 * in_a_row
 
 
 def test_over_many_noises_the_error_is_of_the_size_that_it_says() -> None:
-    """Not 95 times in a hundred to the letter, but neither half of the time nor ten times off."""
+    """The covariance is right within a factor, though not exactly."""
     frame, truth, distances = render_view(BRISK, 0.03), BRISK.pose_at(0.03), []
     blank = render_view()
     for seed in range(25):
@@ -194,5 +194,5 @@ def test_over_many_noises_the_error_is_of_the_size_that_it_says() -> None:
         error = np.concatenate([off[:3, 3], so3_log(off[:3, :3])])
         distances.append(float(error @ np.linalg.solve(uncertainty.covariance, error)))
     assert np.mean(np.array(distances) < CHI_SQUARED_95) > 0.8
-    # Six on average, if all of it were true.
+    # The expected mean is six.
     assert np.mean(distances) > 0.3

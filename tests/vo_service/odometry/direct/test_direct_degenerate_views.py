@@ -1,4 +1,4 @@
-"""Views that leave directions of motion open: followed for a moment, and told."""
+"""Degenerate views are tracked for a short time, and reported."""
 
 import numpy as np
 import pytest
@@ -39,13 +39,13 @@ def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times:
 
 @pytest.mark.slow
 def test_a_degenerate_view_is_followed_for_a_moment_and_reported_and_then_lost() -> None:
-    """A painted wall, and the light goes out: the depth holds the camera in three directions."""
+    """A textured wall in the dark: depth constrains three degrees of freedom."""
     odometry = DirectOdometry()
     wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(18)]
     estimate_all(odometry, wall[:4])
     plain = estimate_all(odometry, [remove_color(frame) for frame in wall[4:]])
     assert {e.reason for e in plain} == {REASON}
-    # The last frame that was held is of 0.1 s.
+    # The last well constrained frame is at 0.1 s.
     assert [e.ok for e in plain] == [k / 30 <= 0.1 + MAX_STEP_S for k in range(4, 18)]
     for k, estimate in enumerate(plain[:12], start=4):
         off = se3_log(inverse(estimate.T_world_camera) @ BRISK.pose_at(k / 30))
@@ -68,7 +68,7 @@ def test_the_jump_from_where_it_was_extrapolated_to_is_no_velocity_to_carry_on_w
 
 @pytest.mark.slow
 def test_where_a_keyframe_begins_in_a_degenerate_view_is_reported_by_the_path_there() -> None:
-    """Laid on other keyframes in view as well, it would turn before the wall."""
+    """Aligned with other keyframes as well, the pose would rotate in front of the wall."""
     odometry, hand = DirectOdometry(), MovingCamera(3.0 * BRISK.velocity)
     wall = [add_noise(render_view(hand, k / 30, (WALL,)), k) for k in range(16)]
     estimate_all(odometry, wall[:8])

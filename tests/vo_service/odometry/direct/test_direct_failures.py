@@ -1,4 +1,4 @@
-"""Frames that tell little, nothing or nonsense: an answer each time, never an error."""
+"""Frames with little or no information give a valid estimate, never an error."""
 
 import re
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_INITIAL_FAILURES
 
 SHAPE = (CAMERA.height, CAMERA.width)
-# Noise of the brightness, gray levels: bad, and still to be recognized.
+# Brightness noise, gray levels: strong, but the view is still recognizable.
 GRAIN = 45.0
 
 
@@ -128,7 +128,7 @@ def test_it_starts_in_the_dark_and_goes_on_in_the_light(views: list[RgbdFrame]) 
 
 
 def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame]) -> None:
-    """Depth in the middle alone: 157 points, and a frame of 100 is believed."""
+    """Depth in the center only: 157 points, where 100 are enough for a frame."""
     depth_raw = np.zeros_like(views[0].depth_raw)
     middle = np.s_[SHAPE[0] // 2 - 65 : SHAPE[0] // 2 + 65, SHAPE[1] // 2 - 65 : SHAPE[1] // 2 + 65]
     depth_raw[middle] = views[0].depth_raw[middle]
@@ -156,7 +156,7 @@ def test_a_start_without_points_is_an_answer_and_the_next_good_frame_begins(
 
 
 def elsewhere(k: int) -> RgbdFrame:
-    """A room of which nothing was ever seen."""
+    """A view of an unknown room."""
     corner = (((0.3, 0.0, 1.0), 1.6), ((0.0, -1.0, 0.2), 0.6), ((-1.0, 0.1, 0.3), 0.9))
     start = rigid_transform(so3_exp([0.0, 0.1, 0.4]), np.zeros(3))
     return add_noise(render_view(MovingCamera(BRISK.velocity, start), k / 30, corner), k)
@@ -169,10 +169,10 @@ def test_after_too_many_failures_it_begins_again(views: list[RgbdFrame]) -> None
         replace(make_empty_frame(views[0]), stamp_s=k / 30) for k in range(2, 2 + MAX_FAILURES)
     ]
     assert not any(e.ok or e.is_reset for e in estimate_all(odometry, black))
-    anew, after = estimate_all(odometry, [elsewhere(40), elsewhere(41)])
-    assert anew.ok
-    assert anew.is_reset
-    np.testing.assert_array_equal(anew.T_world_camera, before.T_world_camera)
+    restarted, after = estimate_all(odometry, [elsewhere(40), elsewhere(41)])
+    assert restarted.ok
+    assert restarted.is_reset
+    np.testing.assert_array_equal(restarted.T_world_camera, before.T_world_camera)
     assert after.ok
     assert not after.is_reset
     assert_close(

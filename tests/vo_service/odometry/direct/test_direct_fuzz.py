@@ -1,4 +1,4 @@
-"""Stamps, sizes and pictures of every kind: an answer each time, never an error."""
+"""Any stamps, sizes and images give a valid estimate, never an error."""
 
 from dataclasses import replace
 
@@ -79,7 +79,7 @@ GOOD = render_sequence(BRISK, 4)
 
 
 def garbage(seed: int, kind: int) -> RgbdFrame:
-    """Noise, stripes, flat or no depth, a room half covered, and the room itself."""
+    """Noise, stripes, flat or no depth, a room half occluded, and the room itself."""
     random = np.random.default_rng(seed)
     frame = replace(GOOD[seed % 4], seq=seed % 50, stamp_s=(seed % 50) / 30)
     if kind == 0:

@@ -1,4 +1,4 @@
-"""The dense odometry against keyframes: what it follows, and how closely."""
+"""Accuracy of the direct odometry."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -54,7 +54,7 @@ def test_noise_does_little_and_does_not_add_up(views: list[RgbdFrame]) -> None:
 
 
 def test_rows_of_other_times_taken_as_of_one_do_harm() -> None:
-    """A camera that stands, then moves: told nothing of the timing, it is followed less well."""
+    """A camera at rest that starts to move is tracked less accurately without its timing."""
     still = [render_view(stamp_s=k / 30 - 1.0, readout_s=0.03, skew_s=0.015) for k in range(28, 30)]
     rolling = still + render_sequence(BRISK, 5, 0.03, 0.015)
     blind = [replace(frame, readout_s=0.0, skew_s=0.0) for frame in rolling]
@@ -103,7 +103,7 @@ def test_the_same_frames_twice_give_the_same_bits(readout_s: float) -> None:
 def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:
     estimates = estimate_all(DirectOdometry(), [views[0]] * 40)
     assert all(e.ok for e in estimates)
-    # With its noise it lies a little beside the keyframe's smooth planes, and comes to rest there.
+    # By its noise the frame is slightly off the keyframe's smooth planes; the pose converges there.
     assert_close(estimates[-1].T_world_camera, np.eye(4), 4e-4, 0.01)
     assert_close(estimates[-1].T_world_camera, estimates[-2].T_world_camera, 1e-5, 1e-3)
 
@@ -114,12 +114,12 @@ def test_standing_still_does_not_creep_and_needs_no_other_keyframe(readout_s: fl
     still = [replace(add_noise(frame, k), stamp_s=k / 30) for k in range(60)]
     estimates = estimate_all(DirectOdometry(), still)
     assert all(e.ok for e in estimates)
-    # Where rows have times the first frame is made a keyframe anew, once.
+    # With a rolling shutter the first keyframe is rebuilt once.
     assert not any(e.is_next_reference for e in estimates[2:])
     positions = positions_of(estimates)
     assert np.linalg.norm(positions[40:].mean(axis=0) - positions[5:25].mean(axis=0)) < 3e-4
     assert np.linalg.norm(positions, axis=1).max() < 1.5e-3
-    # A frame by itself is good to 0.15 mm: the pose is that of many.
+    # A single frame is accurate to 0.15 mm; the filter averages many.
     assert positions[30:].std(axis=0).max() < 7e-5
 
 
@@ -162,7 +162,7 @@ def sweep() -> list[float]:
 
 @pytest.fixture(scope="module")
 def swept() -> list[Estimate]:
-    """The camera looks aside and back again."""
+    """The camera rotates aside and back."""
     return estimate_all(DirectOdometry(), [looking(a, k) for k, a in enumerate(sweep())])
 
 
@@ -176,7 +176,7 @@ def test_a_long_trajectory_passes_from_keyframe_to_keyframe(swept: list[Estimate
 def test_a_view_that_returns_is_aligned_with_the_keyframe_that_it_had(
     swept: list[Estimate],
 ) -> None:
-    """So the error on the way is forgotten: it does not add up there and back."""
+    """So the error does not accumulate on the way there and back."""
     assert_close(swept[-1].T_world_camera, np.eye(4), 0.0012, 0.04)
 
 
@@ -220,7 +220,7 @@ def test_a_camera_that_stands_still_from_the_start_has_no_velocity() -> None:
 
 
 class Trembling(MovingCamera):
-    """A hand that turns aside, and trembles five times a second."""
+    """A camera that rotates aside, with hand tremor at 5 Hz."""
 
     def pose_at(self, time_s: float) -> Array:
         tremor_rad = 0.015 * np.sin(2 * np.pi * 5.0 * time_s) * np.array([1.0, 0.6, -0.5])
@@ -229,7 +229,7 @@ class Trembling(MovingCamera):
 
 
 def drift_of(frames: list[RgbdFrame]) -> float:
-    """Mean distance from the way of a trembling hand, m."""
+    """Mean distance from the true trajectory, m."""
     positions = positions_of(estimate_all(DirectOdometry(), frames))
     T_start_world = inverse(Trembling().pose_at(0.0))
     truth = [(T_start_world @ Trembling().pose_at(frame.stamp_s))[:3, 3] for frame in frames]
@@ -238,7 +238,7 @@ def drift_of(frames: list[RgbdFrame]) -> float:
 
 @pytest.mark.slow
 def test_a_trembling_hand_bends_no_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keyframes are un-bent by the poses around them, not by what bent ones before made of it."""
+    """Keyframes are corrected by the poses around them, not by distorted keyframes before."""
     frames = [add_noise(f, k) for k, f in enumerate(render_sequence(Trembling(), 36, 0.02, 0.012))]
     with_motion = drift_of(frames)
     monkeypatch.setattr(keyframe_selection, "estimate_previous_motion", lambda before, now: None)

@@ -1,4 +1,4 @@
-"""The points of a keyframe: where they are, and when."""
+"""Selection of a keyframe's points: positions and times."""
 
 from dataclasses import replace
 
@@ -32,19 +32,19 @@ STANDING = zero_motion()
 
 
 def off_planes_m(places: Array) -> Array:
-    """(N,) how far places in the world are from the nearest of the corner's planes."""
+    """(N,) distance of positions in the world frame from the nearest plane of the corner."""
     off = [np.abs(places @ n - d) / np.linalg.norm(n) for n, d in CORNER]
     return np.asarray(np.min(off, axis=0))
 
 
 def off_wall_m(places: Array) -> Array:
-    """(N,) how far places in the world are from the wall."""
+    """(N,) distance of positions in the world frame from the wall."""
     off: Array = np.abs(places @ WALL[0] - WALL[1]) / np.linalg.norm(WALL[0])
     return off
 
 
 def off_paint(points: Array) -> float:
-    """How far brightness is from that of the paint where the points are, gray levels."""
+    """Mean error of the points' brightness, gray levels."""
     return float(np.abs(points[:, POINT_BRIGHTNESS] - texture_at(points[:, :3])).mean())
 
 

@@ -1,4 +1,4 @@
-"""Whether to believe an alignment, by what it rests on."""
+"""Validity of an alignment by its counts and residuals."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is tried with a frame that does not fit from where it was expected."""
+"""Recovery of a frame that does not fit at its predicted pose."""
 
 from dataclasses import replace
 
@@ -81,7 +81,7 @@ def searched(frame: RgbdFrame, first: TrackingResult) -> TrackingResult:
 
 
 def plausible(found: TrackingResult) -> TrackingResult:
-    """The same motion, as if the keyframe fitted it well enough."""
+    """The same motion with valid residuals."""
     fit = np.array([1.0, 0.0, 0.9 * SUSPECT_SIGMAS[0], 0.9 * SUSPECT_SIGMAS[1]])
     alignment = replace(found.alignment, residual_model=fit, counts=at_home().alignment.counts)
     return replace(found, alignment=alignment)
@@ -123,7 +123,7 @@ def test_a_camera_that_jumped_is_found_again(angle_rad: float, keyframe: DirectK
 
 
 def test_a_motion_that_fits_well_enough_gives_way_to_one_that_fits_clearly_better() -> None:
-    """Of the places around which a camera may be after a while, several may fit."""
+    """Several similar places may fit after a while."""
     frame = looking(-0.3, 5)
     wrong = plausible(first_try(frame))
     assert not wrong.needs_recovery
@@ -140,7 +140,7 @@ def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken()
     frame = looking(0.85, 1)
     in_use, other = SEARCH.find_matches(frame, [AHEAD, ASIDE])
     assert (in_use.keyframe, other.keyframe) == (AHEAD, ASIDE)
-    # Where it is expected it does not fit; where features see it, too little of it is left.
+    # It fits neither at the prediction nor at the match by features, which has too little overlap.
     assert "the keyframe" in rejection_reason(first_try(frame).alignment)
     sighted = align_from([in_use.T_camera_keyframe], frame)
     assert "points of the keyframe are in view" in rejection_reason(sighted.alignment)

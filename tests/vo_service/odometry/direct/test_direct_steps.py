@@ -1,4 +1,4 @@
-"""Which steps the odometry takes with a frame, and that none of them is left out."""
+"""Stages of the odometry for a frame."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def views(*times_s: float) -> list[RgbdFrame]:
 
 
 def stages_of(frame: RgbdFrame, *before: RgbdFrame) -> list[str]:
-    """What is done with a frame after others, all of which fit."""
+    """Stages of a frame after others that all fit."""
     stages = RecordingStageTimer()
     odometry = DirectOdometry(timer=stages)
     assert all(estimate.ok for estimate in estimate_all(odometry, before))
@@ -38,7 +38,7 @@ def test_after_a_gap_features_are_asked_as_well_though_all_fits() -> None:
 
 
 def occluded(frame: RgbdFrame, share: float) -> RgbdFrame:
-    """The same frame, so much of it behind a near plate of one gray."""
+    """The frame with this share of it behind a near gray plate."""
     color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     until = round(share * frame.camera.width)
     color[:, :until], depth[:, :until] = 90, round(NEAR_M * frame.depth_factor)

@@ -1,4 +1,4 @@
-"""What is remembered of the keyframe that is followed."""
+"""State of the tracking."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Compiling ahead of time: whatever the dense odometry may need later has been run."""
+"""The warm-up compiles all kernels of the direct odometry."""
 
 import pkgutil
 from dataclasses import replace
@@ -42,7 +42,7 @@ def compiled() -> list[tuple[str, list[object]]]:
 
 
 def all_that_may_happen() -> list[RgbdFrame]:
-    """Still, rolling, far aside and back, in the dark, and what is read alone."""
+    """Still and rolling views, large rotations, darkness, and read-only arrays."""
     shared = add_noise(render_view(BRISK, 0.1), 3)
     shared.depth_raw.flags.writeable = False
     shared.color_bgr.flags.writeable = False

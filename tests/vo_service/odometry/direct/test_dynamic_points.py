@@ -1,4 +1,4 @@
-"""Of what came by itself a new keyframe has no points; of what stays where it is, it has all."""
+"""A new keyframe has no points on dynamic objects, and all points on static ones."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ from vo_service.odometry.direct.tracked_frame import TrackedFrame
 ROWS = slice(60, 160)
 THING_M = 0.6
 ASIDE_M = 0.1
-# How far a thing moves to the left in the image of a camera that has gone aside.
+# Displacement of the object in the image of a camera that has moved aside.
 PARALLAX_PX = round(CAMERA.fx * ASIDE_M / THING_M)
 
 
@@ -52,7 +52,7 @@ def keyframe_at(T: Array, thing: tuple[int, int] = (0, 0), seed: int = 0) -> Dir
 
 
 def parts_kept(keyframe: DirectKeyframe, others: list[DirectKeyframe]) -> tuple[float, float]:
-    """The least share, of any level, of points on the thing and of all others that are kept."""
+    """Largest share of kept points on the object, smallest share of the others, of any level."""
     kept = remove_dynamic_points(keyframe, others)
     of_thing, of_room = [], []
     for before, after in zip(keyframe.points, kept.points, strict=True):

@@ -29,9 +29,9 @@ def test_a_system_that_says_nothing_has_an_answer() -> None:
 def test_the_prior_is_the_square_of_how_far_motion_and_path_are_apart(
     off: Array, rate_hz: float, seed: int
 ) -> None:
-    """Its value is sum P (off + e - rate d)^2 for a step d of the motion and e of the movement.
+    """Its value is sum P (off + e - rate d)^2 for a step d of the pose and e of the motion.
 
-    The acceleration is tied to itself alone.
+    The acceleration is coupled only with itself.
     """
     random = np.random.default_rng(seed)
     information, step = random.uniform(1.0, 100.0, 9), random.normal(size=15)

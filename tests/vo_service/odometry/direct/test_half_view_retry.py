@@ -1,4 +1,4 @@
-"""A motion that follows a thing in the view is told from a jolt of the camera."""
+"""A motion that follows an object is distinguished from a jolt of the camera."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -34,11 +34,11 @@ from vo_service.odometry.direct.rolling_shutter import zero_motion
 from vo_service.odometry.surf import SurfExtractor
 
 STEP_S = 1 / 30
-# What stands in the left of the view seems to move as if the camera moved like this.
+# The object on the left moves as if the camera moved like this.
 OTHER_WAY = MovingCamera(np.array([0.8, 0.0, 0.0, 0.0, 0.0, 0.0]))
 JOLT = MovingCamera(np.array([0.3, -0.2, 0.3, -0.3, 0.4, 0.2]))
 LEFT = 3
-# It has stood still, calmly.
+# The camera was at rest.
 MOTION_STATE = MotionState(
     np.eye(4), np.zeros(6), 0.0, IDENTITY_BRIGHTNESS, 128.0, np.array([0.01, 0.02])
 )
@@ -52,7 +52,7 @@ KEYFRAME = make_keyframe(
 
 
 def with_object(frame: RgbdFrame, thing: RgbdFrame) -> RgbdFrame:
-    """The left of the view is that of another frame."""
+    """Return the frame with the left of another one."""
     color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     until = LEFT * frame.camera.width // CELL_COLUMNS
     color[:, :until], depth[:, :until] = thing.color_bgr[:, :until], thing.depth_raw[:, :until]

@@ -1,4 +1,4 @@
-"""Keyframes around the camera: in view or not, the next one, and several at once."""
+"""Local map, keyframe selection and joint alignment."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ from vo_service.odometry.direct.recovery import TrackingResult
 from vo_service.odometry.direct.rolling_shutter import zero_motion
 from vo_service.odometry.direct.tracked_frame import TrackedFrame
 
-# Clarity of a view, now and at first, that settles all directions.
+# Observability, now and at first, of a well constrained view.
 CLEAR = (1e3, 1e3)
 
 
@@ -125,7 +125,7 @@ def test_the_next_keyframe_is_due_when_the_last_goes_out_of_view() -> None:
 def test_where_frames_come_rarely_the_next_keyframe_is_due_sooner(
     turn_rad: float, after_s: float, expected: bool
 ) -> None:
-    """The image has moved by 53 pixels of 70, or by 44: the next frame may be far on."""
+    """The flow is 53 of 70 pixels, or 44: the next frame may be far away."""
     tracked = tracked_at(turn_rad)
     way = replace(tracked.motion_state, stamp_s=tracked.images.stamp_s - after_s)
     assert needs_keyframe(replace(tracked, motion_state=way), *CLEAR) is expected
@@ -151,7 +151,7 @@ def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:
     np.testing.assert_array_equal(chosen.T_world_keyframe, tracked.result.T_world_camera)
 
 
-# The image moves by 31 pixels, and by 53: a keyframe in use may move by 70 before the next is due.
+# The flow is 31 and 53 pixels; the next keyframe is due at a flow of 70.
 @pytest.mark.parametrize(("beside_rad", "is_near"), [(0.1, True), (0.17, False)])
 def test_an_older_keyframe_that_is_near_is_used_again(beside_rad: float, is_near: bool) -> None:
     local_map, aside = LocalMap(), keyframe_at(0.35 - beside_rad, 7)
@@ -184,7 +184,7 @@ def test_no_keyframe_is_made_while_much_of_the_view_is_covered() -> None:
 
 
 def test_several_keyframes_settle_a_frame_better_than_a_wrong_start() -> None:
-    """All agree on the truth; a pose that is off by a little is brought there."""
+    """All keyframes agree on the truth, which a slightly wrong pose converges to."""
     found, images = align_at(0.2)
     wrong = rigid_transform(so3_exp([0.002, -0.001, 0.001]), [3e-3, -2e-3, 2e-3])
     alignment = replace(found.alignment, T_camera_keyframe=wrong @ inverse(turned(0.2)))

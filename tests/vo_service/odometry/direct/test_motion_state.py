@@ -1,4 +1,4 @@
-"""Where the camera may be now, from where it was and how it moved."""
+"""Prediction from the motion state."""
 
 from dataclasses import replace
 

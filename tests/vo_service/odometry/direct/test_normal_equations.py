@@ -1,4 +1,4 @@
-"""The least squares of one step, against differences that are taken by moving the camera."""
+"""Normal equations, compared with numeric differences."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ EVERY_DIRECTION = list(np.eye(6))
 
 
 def jacobians(first: int, has: int) -> tuple[Array, NDArray[np.bool_]]:
-    """(N, 6) rows, and which points have them."""
+    """(N, 6) Jacobians, and which points have them."""
     rows, counts = np.empty((len(POINTS[0]), 6)), POINTS[0][:, has] > 0
     for point, row in zip(POINTS[0], rows, strict=True):
         fill_jacobian(point, first, 1.0, row)
@@ -76,13 +76,13 @@ def test_brightness_changes_as_its_jacobian_says(direction: Array) -> None:
     rows, counts = jacobians(POINT_BRIGHTNESS_GRADIENT, HAS_TEXTURE)
     predicted, true = rows @ direction, change(SAMPLE_BRIGHTNESS, direction)
     counts = counts & np.isfinite(true)
-    # The one is a slope over two pixels, the other one between two.
+    # The Jacobian has a slope over two pixels, the difference one between two.
     assert np.corrcoef(predicted[counts], true[counts])[0, 1] > 0.9
     assert np.polyfit(predicted[counts], true[counts], 1)[0] == pytest.approx(1.0, abs=0.2)
 
 
-def system(T: Array, movement: Array) -> tuple[Array, Array]:
-    samples = sample_points(POINTS, IMAGES, T, movement, 0)
+def system(T: Array, points_motion: Array) -> tuple[Array, Array]:
+    samples = sample_points(POINTS, IMAGES, T, points_motion, 0)
     bands = accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model())
     return expand_rolling_shutter(bands, READOUT_S, SKEW_S)
 
@@ -107,14 +107,14 @@ def test_the_vector_changes_by_the_information_as_the_pose_does(direction: Array
 @pytest.mark.parametrize("direction", list(np.eye(9)))
 def test_the_vector_changes_by_the_information_as_the_motion_does(direction: Array) -> None:
     H, _ = system(np.eye(4), zero_motion())
-    # An acceleration has less time to act than a velocity.
+    # An acceleration has less effect than a velocity.
     step = 1.0 if direction[6:].any() else 0.01
     (_, there), (_, back) = (system(np.eye(4), s * step * direction) for s in (1, -1))
     assert_alike(H[:, 6:] @ direction, (there - back) / (2 * step), H)
 
 
 def assert_alike(predicted: Array, true: Array, H: Array) -> None:
-    """In units of what each direction is known by; measured slopes are off by some per cent."""
+    """Compare in units of each direction's information; slopes have errors of some percent."""
     known = np.sqrt(np.maximum(np.diag(H), 1e-9 * np.trace(H)))
     off = np.linalg.norm((predicted - true) / known)
     assert off < 0.25 * np.linalg.norm(predicted / known)
@@ -158,7 +158,7 @@ def test_brightness_and_sigmas_are_found(seed: int) -> None:
         fit_affine_brightness(POINTS[0], samples, uniform_weights(), residual_model)
     assert residual_model[GAIN] == pytest.approx(1.3, abs=0.04)
     assert residual_model[OFFSET] == pytest.approx(-12.0, abs=5.0)
-    # Of Student's t, whose variance is greater than the square of its spread.
+    # The variance of Student's t is larger than its squared sigma.
     assert 3.0 < residual_model[SIGMA_BRIGHTNESS] < 6.5
     assert 1.2e-3 < residual_model[SIGMA_DEPTH] < 2.3e-3
 

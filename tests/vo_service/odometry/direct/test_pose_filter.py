@@ -1,4 +1,4 @@
-"""What a frame has to say of the pose of a camera that is calm, and of one that is not."""
+"""Pose filter of a calm and of a shaking camera."""
 
 from dataclasses import replace
 

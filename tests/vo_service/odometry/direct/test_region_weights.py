@@ -1,4 +1,4 @@
-"""A part of the view that moves by itself counts little, and the motion stays right."""
+"""A moving region gets little weight, and the estimated motion stays right."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ OTHER_WAY = MovingCamera(np.array([-0.6, 0.5, -1.0, 0.0, 0.0, 0.0]))
 
 
 def with_moving_patch(frame: RgbdFrame, other: RgbdFrame) -> RgbdFrame:
-    """A patch of the view shows what another camera sees there."""
+    """Return the frame with a patch of another camera's view."""
     rows, columns = PATCH
     height, width = (
         a // b for a, b in zip(frame.gray.shape, (CELL_ROWS, CELL_COLUMNS), strict=True)

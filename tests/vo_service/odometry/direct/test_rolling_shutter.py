@@ -39,12 +39,12 @@ def test_the_cameras_velocity_is_minus_that_of_the_motion_in_its_own_axes(
 
 @FEW
 @given(TWISTS, MOTIONS)
-def test_a_motion_is_the_same_in_other_axes_and_back(twist: Array, movement: Array) -> None:
+def test_a_motion_is_the_same_in_other_axes_and_back(twist: Array, motion_9: Array) -> None:
     T = series_exponential(twist)
-    there = change_frame(movement, inverse(T))
-    np.testing.assert_allclose(body_motion(T, -there), movement, atol=1e-12)
-    acceleration = change_frame(movement, T)[6:]
-    assert np.linalg.norm(acceleration) == pytest.approx(np.linalg.norm(movement[6:]))
+    there = change_frame(motion_9, inverse(T))
+    np.testing.assert_allclose(body_motion(T, -there), motion_9, atol=1e-12)
+    acceleration = change_frame(motion_9, T)[6:]
+    assert np.linalg.norm(acceleration) == pytest.approx(np.linalg.norm(motion_9[6:]))
 
 
 def test_the_velocity_is_that_of_the_camera_that_moves() -> None:

@@ -1,4 +1,4 @@
-"""How the frame before moved, once the next one is there."""
+"""Motion in the previous frame, estimated once the next one is tracked."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ from vo_service.odometry.direct.rolling_shutter import constant_velocity_motion
 from vo_service.odometry.direct.tracked_frame import TrackedFrame, estimate_previous_motion
 
 FRAME_S = 1 / 30
-# As a hand does: its turning changes by 0.1 rad/s a frame.
+# As hand-held: the angular velocity changes by 0.1 rad/s per frame.
 UNSTEADY = MovingCamera(BRISK.velocity, acceleration_rad_s2=np.array([2.0, -2.5, 1.5]))
 
 
@@ -32,8 +32,8 @@ def view(stamp_s: float, readout_s: float = 0.02) -> RgbdFrame:
     return add_noise(render_view(UNSTEADY, stamp_s, readout_s=readout_s, skew_s=0.5 * readout_s), 1)
 
 
-# Its rows were brought to one instant by a velocity that is wrong: it is bent.
-BENT = make_keyframe(
+# Its rows were corrected by a wrong velocity, so it is distorted.
+DISTORTED = make_keyframe(
     view(-2 * FRAME_S),
     build_image_pyramid(view(-2 * FRAME_S)),
     UNSTEADY.pose_at(-2 * FRAME_S),
@@ -47,7 +47,7 @@ def good_frame(stamp_s: float, readout_s: float = 0.02) -> TrackedFrame:
     frame = view(stamp_s, readout_s)
     before_s, images = stamp_s - FRAME_S, build_image_pyramid(frame)
     T_world_before = UNSTEADY.pose_at(before_s)
-    way = MotionState(
+    state = MotionState(
         T_world_before,
         UNSTEADY.velocity,
         before_s,
@@ -55,11 +55,17 @@ def good_frame(stamp_s: float, readout_s: float = 0.02) -> TrackedFrame:
         128.0,
         well_constrained_stamp_s=before_s,
     )
-    prior = way.motion_prior(BENT.T_world_keyframe, stamp_s)
-    start = inverse(UNSTEADY.pose_at(stamp_s)) @ BENT.T_world_keyframe
-    align_frame = align(BENT.points, images, [start], prior, IDENTITY_BRIGHTNESS, uniform_weights())
+    prior = state.motion_prior(DISTORTED.T_world_keyframe, stamp_s)
+    start = inverse(UNSTEADY.pose_at(stamp_s)) @ DISTORTED.T_world_keyframe
+    align_frame = align(
+        DISTORTED.points, images, [start], prior, IDENTITY_BRIGHTNESS, uniform_weights()
+    )
     return TrackedFrame(
-        frame, images, TrackingResult(BENT, align_frame, prior), way, is_well_constrained=True
+        frame,
+        images,
+        TrackingResult(DISTORTED, align_frame, prior),
+        state,
+        is_well_constrained=True,
     )
 
 
@@ -76,9 +82,9 @@ def now() -> TrackedFrame:
 def test_poses_around_a_frame_show_its_motion_better_than_its_own_rows(
     before: TrackedFrame, now: TrackedFrame
 ) -> None:
-    told = estimate_previous_motion(before, now)
-    assert told is not None
-    off = told - UNSTEADY.motion
+    estimated = estimate_previous_motion(before, now)
+    assert estimated is not None
+    off = estimated - UNSTEADY.motion
     off_alone = before.result.alignment.camera_motion - UNSTEADY.motion
     for part in (slice(0, 3), slice(3, 6), slice(6, 9)):
         assert np.linalg.norm(off[part]) < 0.5 * np.linalg.norm(off_alone[part])
@@ -87,16 +93,16 @@ def test_poses_around_a_frame_show_its_motion_better_than_its_own_rows(
 def test_the_next_keyframe_is_the_frame_before_and_this_one_goes_with_it(
     before: TrackedFrame, now: TrackedFrame
 ) -> None:
-    told, local_map = estimate_previous_motion(before, now), LocalMap()
-    assert told is not None
-    local_map.reset(BENT)
+    estimated, local_map = estimate_previous_motion(before, now), LocalMap()
+    assert estimated is not None
+    local_map.reset(DISTORTED)
     keyframe_frame, after = refine(before, now, local_map)
     assert keyframe_frame.frame is before.frame
     assert after.frame is now.frame
     alone, _ = refine(None, before, local_map)
     np.testing.assert_array_equal(keyframe_frame.result.T_world_camera, alone.result.T_world_camera)
     assert not np.array_equal(keyframe_frame.result.T_world_camera, before.result.T_world_camera)
-    np.testing.assert_allclose(keyframe_frame.result.alignment.camera_motion, told, atol=1e-9)
+    np.testing.assert_allclose(keyframe_frame.result.alignment.camera_motion, estimated, atol=1e-9)
     T_before_now = inverse(before.result.T_world_camera) @ now.result.T_world_camera
     np.testing.assert_allclose(
         inverse(keyframe_frame.result.T_world_camera) @ after.result.T_world_camera,
@@ -132,17 +138,19 @@ def test_a_frame_with_none_before_it_has_no_motion(now: TrackedFrame) -> None:
 def test_poses_that_are_not_alike_show_nothing(
     before: TrackedFrame, now: TrackedFrame, odd: str
 ) -> None:
-    way = before.motion_state
+    state = before.motion_state
     befores = {
         "plain": replace(before, is_well_constrained=False),
         "plain before": replace(
-            before, motion_state=replace(way, well_constrained_stamp_s=way.stamp_s - FRAME_S)
+            before, motion_state=replace(state, well_constrained_stamp_s=state.stamp_s - FRAME_S)
         ),
-        "another keyframe": replace(before, result=replace(before.result, keyframe=replace(BENT))),
+        "another keyframe": replace(
+            before, result=replace(before.result, keyframe=replace(DISTORTED))
+        ),
         "in the dark": replace(before, result=replace(before.result, degradation="depth only")),
-        "long ago": replace(before, motion_state=replace(way, stamp_s=way.stamp_s - FRAME_S)),
+        "long ago": replace(before, motion_state=replace(state, stamp_s=state.stamp_s - FRAME_S)),
         "at once": replace(
-            before, motion_state=replace(way, stamp_s=0.0, well_constrained_stamp_s=0.0)
+            before, motion_state=replace(state, stamp_s=0.0, well_constrained_stamp_s=0.0)
         ),
     }
     nows = {

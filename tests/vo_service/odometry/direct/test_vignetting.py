@@ -1,4 +1,4 @@
-"""How much light the lens loses towards the corners is learnt, and taken off what is compared."""
+"""Vignetting is estimated, and compensated in the alignment."""
 
 from dataclasses import replace
 
@@ -36,12 +36,14 @@ from vo_service.odometry.direct.vignetting import VignettingEstimate
 TURN = MovingCamera(np.array([0.05, 0.0, 0.0, -0.07, 0.16, 0.02]))
 
 
-def through_a_lens(frame: RgbdFrame, falloff: float) -> RgbdFrame:
+def through_a_lens(frame: RgbdFrame, true_vignetting: float) -> RgbdFrame:
     """The same frame, darker towards its corners."""
     x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx
     y = (np.arange(CAMERA.height) - CAMERA.cy) / CAMERA.fy
-    kept = 1.0 - falloff * (x**2 + y[:, None] ** 2)
-    return replace(frame, color_bgr=np.rint(frame.color_bgr * kept[..., None]).astype(np.uint8))
+    brightness_share = 1.0 - true_vignetting * (x**2 + y[:, None] ** 2)
+    return replace(
+        frame, color_bgr=np.rint(frame.color_bgr * brightness_share[..., None]).astype(np.uint8)
+    )
 
 
 def keyframe_of(frame: RgbdFrame) -> DirectKeyframe:
@@ -55,26 +57,28 @@ def align_frame(
     return align(keyframe.points, images, initial_guesses, prior, (1.0, 0.0), uniform_weights())
 
 
-def looked(
-    falloff: float, known: float = 0.0
+def view_through_lens(
+    true_vignetting: float, known: float = 0.0
 ) -> tuple[DirectKeyframe, ImagePyramid, DirectAlignment]:
     """A keyframe, and a view after a turn, through the same lens."""
-    keyframe = keyframe_of(through_a_lens(add_noise(render_view(), 0), falloff))
+    keyframe = keyframe_of(through_a_lens(add_noise(render_view(), 0), true_vignetting))
     images = build_image_pyramid(
-        through_a_lens(add_noise(render_view(TURN, 1.0), 1), falloff), known
+        through_a_lens(add_noise(render_view(TURN, 1.0), 1), true_vignetting), known
     )
     return keyframe, images, align_frame(keyframe, images, TURN)
 
 
-@pytest.mark.parametrize("falloff", [-0.1, 0.0, 0.2])
+@pytest.mark.parametrize("true_vignetting", [-0.1, 0.0, 0.2])
 @pytest.mark.parametrize("known", [0.0, 0.15])
-def test_one_turn_shows_most_of_it_whatever_was_known(falloff: float, known: float) -> None:
+def test_one_turn_shows_most_of_it_whatever_was_known(true_vignetting: float, known: float) -> None:
     first = VignettingEstimate(known, information=1.0)
-    assert first.update(*looked(falloff, known)).value == pytest.approx(falloff, abs=0.02)
+    assert first.update(*view_through_lens(true_vignetting, known)).value == pytest.approx(
+        true_vignetting, abs=0.02
+    )
 
 
 def test_it_is_accepted_gradually() -> None:
-    view = looked(0.2)
+    view = view_through_lens(0.2)
     once = VignettingEstimate().update(*view)
     twice = once.update(*view)
     assert 0.1 < once.value < twice.value < 0.21
@@ -101,14 +105,14 @@ def test_the_dark_shows_nothing() -> None:
 
 
 def test_it_is_never_more_than_a_lens_may_lose() -> None:
-    keyframe, images, found = looked(0.2)
+    keyframe, images, found = view_through_lens(0.2)
     absurd = replace(images, vignetting=9.0)
     assert VignettingEstimate().update(keyframe, absurd, found).value == MAX_VIGNETTING
 
 
 def test_views_fit_better_where_it_is_known() -> None:
     def spread(known: float) -> float:
-        return float(looked(0.2, known)[2].residual_model[SIGMA_BRIGHTNESS])
+        return float(view_through_lens(0.2, known)[2].residual_model[SIGMA_BRIGHTNESS])
 
     assert spread(0.2) < 0.8 * spread(0.0)
 
@@ -134,5 +138,5 @@ def test_what_the_first_path_shows_of_it_counts_in_the_next_keyframe_already(
         return float(np.linalg.norm(np.array(off)[:, :3, 3], axis=1).mean())
 
     with_update = off_m()
-    monkeypatch.setattr(TrackedFrame, "with_vignetting", lambda self, falloff: self)
+    monkeypatch.setattr(TrackedFrame, "with_vignetting", lambda self, true_vignetting: self)
     assert with_update < 0.7 * off_m()

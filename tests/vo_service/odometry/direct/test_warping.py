@@ -1,4 +1,4 @@
-"""Where a keyframe's points come to lie in a frame whose rows are of different times."""
+"""Warping of a keyframe's points into a frame with a rolling shutter."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ AWAY = series_exponential(np.array([0.05, -0.03, 0.08, 0.04, -0.05, 0.06]))
 def sample_view(
     frame: RgbdFrame,
     T_camera_keyframe: Array,
-    movement: Array,
+    camera_motion: Array,
     points: Array = POINTS,
     vignetting: float = 0.0,
 ) -> Array:
@@ -52,7 +52,7 @@ def sample_view(
     warp_and_sample(
         points,
         T_camera_keyframe,
-        movement,
+        camera_motion,
         images.gray[0],
         images.intrinsics[1],
         images.inverse_depth,
@@ -93,7 +93,7 @@ def test_every_point_is_looked_for_where_it_is_when_its_row_is_taken(
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.0, 0.0), (0.03, 0.0), (0.02, -0.015)])
 def test_a_rolling_view_reads_as_the_keyframe_does(readout_s: float, skew_s: float) -> None:
-    """With the true motion and velocity little is left over, though every row has its own pose."""
+    """With the true motion the residuals are small, though every row has its own pose."""
     frame = render_view(BRISK, 0.2, readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, inverse(BRISK.pose_at(0.2)), BRISK.motion)
     brightness = samples[:, SAMPLE_BRIGHTNESS] - POINTS[:, POINT_BRIGHTNESS]
@@ -116,7 +116,7 @@ def test_a_trembling_view_reads_as_the_keyframe_does() -> None:
 
 
 def test_depth_is_late_by_the_skew() -> None:
-    """A camera that comes nearer: what was taken later is nearer."""
+    """A camera that moves forward: later depth is smaller."""
     forward = MovingCamera(np.array([0.0, 0.0, 0.6, 0.0, 0.0, 0.0]))
     points = select_points(build_image_pyramid(render_view(planes=(WALL,))), STANDING, ALL_STATIC)[
         0

@@ -1,4 +1,4 @@
-"""Motions that were found so far from where a briskly moving camera was expected."""
+"""Tracking results with a given innovation, for a moving camera."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ STAMP_S = 1.0 + 1 / 30
 
 
 def make_result(off: Array, faster: Array) -> TrackingResult:
-    """So far from where it is expected (6,), and with another velocity (6,)."""
+    """Make a result with an innovation (6,) of the pose and of the velocity (6,)."""
     T_camera_keyframe = inverse(BRISK.pose_at(STAMP_S) @ series_exponential(off)) @ T_WORLD_KEYFRAME
     motion = change_frame(
         -constant_velocity_motion(BRISK.velocity + faster), inverse(T_camera_keyframe)

@@ -1,4 +1,4 @@
-"""Laying planes on surfaces: the motion found, and which directions of it are known."""
+"""Alignment of planes with surfaces, and the constrained directions."""
 
 import numpy as np
 import pytest

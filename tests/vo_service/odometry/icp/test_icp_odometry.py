@@ -1,4 +1,4 @@
-"""ICP on depth alone: what it follows, and what it says when it cannot."""
+"""Accuracy and failures of the ICP odometry."""
 
 from collections.abc import Sequence
 

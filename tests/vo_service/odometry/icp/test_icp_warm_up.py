@@ -1,4 +1,4 @@
-"""Compiling ahead of time: what ICP needs later has been run by the warm-up."""
+"""The warm-up compiles all kernels of ICP."""
 
 import numpy as np
 

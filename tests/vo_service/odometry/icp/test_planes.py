@@ -1,4 +1,4 @@
-"""Planes on a depth image, and the choice among them."""
+"""Planes of a depth image and their sampling."""
 
 import numpy as np
 from hypothesis import given, settings

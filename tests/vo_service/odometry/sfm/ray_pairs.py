@@ -1,4 +1,4 @@
-"""A cloud of points before two cameras, as the rays that structure from motion works with."""
+"""Rays of a point cloud in two cameras, for structure from motion."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -7,7 +7,7 @@ from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, tran
 from vo_service.odometry.sfm.mono_frame import RayPairs
 
 SIGMA = 0.7 / 525.0
-# Sideways, with some turn: what a hand does in a third of a second.
+# Sideways with a rotation, as hand-held within a third of a second.
 MOTION = rigid_transform(so3_exp([0.03, -0.06, 0.02]), [0.15, -0.04, 0.05])
 
 

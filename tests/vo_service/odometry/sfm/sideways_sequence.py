@@ -1,4 +1,4 @@
-"""A camera that walks past a known scene, far enough for parallax within a few frames."""
+"""A camera that moves sideways, with enough parallax within a few frames."""
 
 from dataclasses import replace
 from functools import cache
@@ -32,5 +32,5 @@ def render_views(count: int = FRAMES) -> list[RgbdFrame]:
 
 
 def remove_depth(frame: RgbdFrame) -> RgbdFrame:
-    """The same picture, the depth camera covered."""
+    """Return the frame without depth."""
     return replace(frame, depth_raw=np.zeros(SHAPE, np.uint16))

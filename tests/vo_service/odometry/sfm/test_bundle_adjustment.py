@@ -1,4 +1,4 @@
-"""Poses and points adjusted together."""
+"""Bundle adjustment."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def adjusted_from_afar(seen: BundleObservations) -> BundleResult:
 
 
 def shape(adjusted: BundleResult) -> Array:
-    """Places of the cameras, with the farthest 1 away from the first: the scale is free."""
+    """Positions of the cameras, scaled to a distance of 1, as the scale is free."""
     places = np.array([inverse(T)[:3, 3] for T in adjusted.T_view_world])
     scaled: Array = places / np.linalg.norm(places[-1])
     return scaled

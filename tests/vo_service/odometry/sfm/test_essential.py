@@ -1,4 +1,4 @@
-"""The direction of a motion by rays alone."""
+"""Motion up to scale by rays only."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""How sure a placed view is."""
+"""Covariance of a registered view."""
 
 from dataclasses import replace
 
@@ -20,13 +20,13 @@ from vo_service.odometry.surf import SurfExtractor
 
 
 def placed(count: int = 150) -> RegisteredView:
-    """By so many known points."""
+    """A view registered by this number of known points."""
     camera = MonoFrame.from_features(SurfExtractor(20).extract(render_view(0).gray), render_view(0))
     pairs = make_pairs(MOTION, known_to=0.02, count=count)
-    sight = MatchedView(
+    matched = MatchedView(
         camera, SfmKeyframe.from_view(camera, np.eye(4)), np.zeros((count, 2), int), pairs, None
     )
-    return RegisteredView(sight, refine_two_view(inverse(MOTION), pairs))
+    return RegisteredView(matched, refine_two_view(inverse(MOTION), pairs))
 
 
 def test_where_fewer_of_the_matches_agree_those_that_do_are_accepted_less() -> None:

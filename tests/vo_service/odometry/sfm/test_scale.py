@@ -1,4 +1,4 @@
-"""The length of a motion by points that are known."""
+"""Scale of a motion by known points."""
 
 import numpy as np
 import pytest

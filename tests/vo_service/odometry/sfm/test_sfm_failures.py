@@ -1,4 +1,4 @@
-"""What structure from motion answers when there is nothing to follow."""
+"""Failures of structure from motion."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A walk past a known scene, followed by color."""
+"""Structure from motion on a known scene."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A rolling shutter's rays, brought to one instant."""
+"""Compensation of a rolling shutter."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ TURNS_BACK = 6.5
 
 
 def going(frames: float) -> Array:
-    """A fast walk that turns back half way: what the shutter bends, it then bends the other way."""
+    """A fast motion that reverses half way, which reverses the distortion."""
     frames = TURNS_BACK - abs(frames - TURNS_BACK)
     turn = so3_exp(frames * np.array([0.01, -0.02, 0.004]))
     return rigid_transform(turn, frames * np.array([0.045, 0.0, 0.01]))
@@ -108,8 +108,8 @@ def step_error_deg(estimates: list[Estimate]) -> float:
 @pytest.mark.slow
 def test_a_rolling_shutter_that_is_reported_of_costs_little() -> None:
     frames = [rolled(k) for k in range(10)]
-    told = step_error_deg(estimate_all(SfmOdometry(), frames))
-    untold = step_error_deg(
+    error_with_timing_deg = step_error_deg(estimate_all(SfmOdometry(), frames))
+    error_without_timing_deg = step_error_deg(
         estimate_all(SfmOdometry(), [replace(f, readout_s=0.0) for f in frames])
     )
-    assert told < 0.2 * untold
+    assert error_with_timing_deg < 0.2 * error_without_timing_deg

@@ -1,4 +1,4 @@
-"""Where the first scale comes from."""
+"""Sources of the initial scale."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Frames without a motion to find: an answer each time, never an error."""
+"""Frames without a motion give a valid estimate, never an error."""
 
 import numpy as np
 import pytest

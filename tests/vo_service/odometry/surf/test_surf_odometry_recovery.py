@@ -1,4 +1,4 @@
-"""Frames that do not fit the last good one: found again by other views, or not at all."""
+"""Recovery of frames that do not fit the last good one."""
 
 from dataclasses import replace
 
@@ -88,7 +88,7 @@ def test_tracking_goes_on_from_where_it_was_found(
 
 
 def mirrored(frame: RgbdFrame) -> RgbdFrame:
-    """Nothing that was ever seen: SURF does not know mirror images."""
+    """An unknown view: SURF does not match mirror images."""
     color, depth = frame.color_bgr[:, ::-1], frame.depth_raw[:, ::-1]
     return replace(frame, color_bgr=color.copy(), depth_raw=depth.copy())
 

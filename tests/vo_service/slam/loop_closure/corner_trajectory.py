@@ -1,4 +1,4 @@
-"""A camera that goes along a corner and comes back, as an odometry that drifts tells it."""
+"""A camera that moves along a corner and back, with a drifting odometry."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from vo_service.slam.loop_closure.loop_closer import KeyframeObservation, LoopCl
 from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
 from vo_service.types import OdometryUpdate, TrackingState
 
-# So many steps out, and as many back.
+# Number of steps out, and back.
 STEPS = 10
 STEP = rigid_transform(so3_exp([0.0, -0.02, 0.0]), [0.15, 0.0, 0.0])
 DRIFT = rigid_transform(so3_exp([0.0, 0.001, 0.0]), [0.004, 0.002, 0.0])
@@ -22,21 +22,21 @@ COVARIANCE = np.diag([5e-3**2] * 3 + [2e-3**2] * 3)
 
 
 def true_pose(n: int) -> Array:
-    """T_world_camera of the n-th place: out, back a little beside that, and out again."""
+    """T_world_camera of the n-th keyframe: out, back slightly beside, and out again."""
     way = STEPS - abs(n % (2 * STEPS) - STEPS)
     beside = rigid_transform(np.eye(3), [0.0, 0.02 if n > STEPS else 0.0, 0.0])
     return np.asarray(np.linalg.matrix_power(STEP, way) @ beside)
 
 
 def odometry_pose(n: int) -> Array:
-    """The same as the odometry tells it."""
+    """The pose by the odometry."""
     return np.asarray(true_pose(n) @ np.linalg.matrix_power(DRIFT, n))
 
 
 def make_observation(
     n: int, world: int = 0, T_world_truth: Array | None = None
 ) -> KeyframeObservation:
-    """The n-th place, in a world that lies anywhere."""
+    """The n-th keyframe, in a world frame with any pose."""
     T = np.eye(4) if T_world_truth is None else T_world_truth
     constraint = OdometryConstraint(np.zeros(6), COVARIANCE, 0.15)
     return KeyframeObservation(
@@ -45,7 +45,7 @@ def make_observation(
 
 
 def make_loop_closer(count: int) -> LoopCloser:
-    """A loop closer that has seen the first places."""
+    """A loop closer with the first keyframes."""
     closer = create_loop_closer(MapConfig())
     for n in range(count):
         closer.process_keyframe(make_observation(n))
@@ -53,7 +53,7 @@ def make_loop_closer(count: int) -> LoopCloser:
 
 
 def keyframe_error_m(closer: LoopCloser, number: int) -> float:
-    """How far a place lies in the map from where it is, seen from the first."""
+    """Position error of a keyframe in the map relative to the first one."""
     T = inverse(closer.graph.T_map_keyframe(0)) @ closer.graph.T_map_keyframe(number)
     return float(np.linalg.norm(T[:3, 3] - true_pose(number)[:3, 3]))
 
@@ -61,7 +61,7 @@ def keyframe_error_m(closer: LoopCloser, number: int) -> float:
 def make_update(
     n: int, state: TrackingState = TrackingState.TRACKING, epoch: int = 0
 ) -> OdometryUpdate:
-    """What the service says of the n-th place."""
+    """The service's update of the n-th keyframe."""
     frame = replace(render_corner(true_pose(n), n), stamp_s=0.1 * n)
     stamped = StampedFrame(frame, frame.stamp_s)
     motion = inverse(odometry_pose(n - 1)) @ odometry_pose(n) if n else np.eye(4)

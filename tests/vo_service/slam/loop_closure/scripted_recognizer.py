@@ -1,4 +1,4 @@
-"""A loop closer whose places are known again as the test says, at no cost."""
+"""A loop closer with scripted recognition results."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,12 +35,13 @@ def _described_corner() -> tuple[PlaceRecognizer, QueryFrame]:
 
 @dataclass
 class ScriptedRecognizer(PlaceRecognizer):
-    """All views look the same, and show what `shows` says.
+    """Recognizer with scripted matches; all views look the same.
 
-    shows          4x4 T_place_camera by number of the place
-    contradictory  of several places at once none is recognized
-    velocity       of the last view, and how well it is known
-    T_map_place    of the places that were asked about last
+    Attributes:
+        matches: 4x4 T_keyframe_camera by the keyframe's number.
+        rejects_multiple: Whether several matches are rejected.
+        velocity: Of the last query, with its sigma.
+        T_map_keyframe: Argument of the last `recognize`.
     """
 
     matches: Mapping[int, Array] = field(default_factory=dict)
@@ -84,7 +85,7 @@ def _corner_keyframe() -> MapKeyframe:
 
 
 def make_loop_closer(max_keyframes: int = 1000) -> tuple[LoopCloser, ScriptedRecognizer]:
-    """It knows no place yet, and never more than so many."""
+    """A loop closer with an empty map of limited size."""
     scripted = ScriptedRecognizer()
     keyframes = KeyframeDatabase(max_bytes=max_keyframes * _corner_keyframe().size_bytes)
     return LoopCloser(scripted, keyframes, PoseGraph()), scripted
@@ -95,7 +96,7 @@ def pose_ahead(distance_m: float) -> Array:
 
 
 def make_observation(distance_m: float, world: int = 0) -> KeyframeObservation:
-    """From a camera that goes straight on, so far from where its world began."""
+    """An observation of a camera that moves straight ahead."""
     return KeyframeObservation(
         FRAME,
         world,
@@ -105,7 +106,7 @@ def make_observation(distance_m: float, world: int = 0) -> KeyframeObservation:
 
 
 def closer_after_walk(error_m: float, steps: int = 9) -> tuple[LoopCloser, ScriptedRecognizer]:
-    """Straight on; the last place shows the first, so much further away than the odometry says."""
+    """A straight walk, whose last keyframe matches the first one with an error of the odometry."""
     made, scripted = make_loop_closer()
     for step in range(steps):
         made.process_keyframe(make_observation(STEP_M * step))

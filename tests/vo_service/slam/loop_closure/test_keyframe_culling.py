@@ -1,4 +1,4 @@
-"""The map grows with what was seen, not with time."""
+"""Keyframe culling: the map grows with the explored space, not with time."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Which places are looked at closely."""
+"""Selection of loop candidates."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ from vo_service.slam.pose_graph.pose_graph import PoseGraph
 
 
 class KeyframeLine:
-    """Places straight on, a step apart; those in `unlike` look like nothing."""
+    """Keyframes on a line, a step apart; those in `unlike` look different."""
 
     def __init__(self, count: int, unlike: range = range(0)) -> None:
         self._scripted = ScriptedRecognizer()

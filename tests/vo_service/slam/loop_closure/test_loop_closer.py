@@ -1,4 +1,4 @@
-"""Places that are known again, and the map that they correct."""
+"""Loop closure and relocalization of the loop closer."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_a_frame_of_a_known_keyframe_is_located_in_the_world_of_the_odometry(
     result = walked.relocalize(render_corner(true_pose(3), 99))
     assert result is not None
     assert result.seq == 99
-    # The world of the odometry is told the same way as the last pose was: drift and all.
+    # The world frame of the odometry has its drift.
     T_last_camera = inverse(odometry_pose(2 * STEPS)) @ result.T_world_camera
     expected = inverse(true_pose(2 * STEPS)) @ true_pose(3)
     assert np.allclose(T_last_camera, expected, atol=0.01)

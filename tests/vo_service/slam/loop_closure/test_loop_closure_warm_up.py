@@ -1,4 +1,4 @@
-"""What loops are closed with is compiled ahead of time."""
+"""The warm-up compiles all kernels of the loop closure."""
 
 import sys
 from typing import Any

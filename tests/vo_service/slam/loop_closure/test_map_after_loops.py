@@ -1,4 +1,4 @@
-"""What becomes of the map when a place is known again, and when not."""
+"""The map after loop closures."""
 
 import numpy as np
 import pytest
@@ -29,12 +29,12 @@ LAST_M = LAST * STEP_M
 
 
 def path_m(T: Array) -> float:
-    """Of a pose straight ahead."""
+    """Distance of a pose straight ahead."""
     return float(T[2, 3])
 
 
 def optimized() -> tuple[LoopCloser, ScriptedRecognizer]:
-    """Three places, all of which a view is compared with."""
+    """Three keyframes, all of them candidates of a view."""
     made, scripted = closer_after_walk(error_m=0.02)
     for number in range(1, LAST - 1):
         made.database.remove(number)

@@ -1,4 +1,4 @@
-"""Two worlds are one when two loops say so alike."""
+"""Two world frames are merged when two loops agree."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ T_OLD_NEW = rigid_transform(np.eye(3), [3.0, 1.0, 0.0])
 
 
 def keyframes() -> tuple[MapKeyframe, MapKeyframe, MapKeyframe]:
-    """One of world 0, two of world 1."""
+    """One keyframe of world frame 0, two of world frame 1."""
     closer = make_loop_closer(1)
     one, other = (closer.process_keyframe(make_observation(n, 1)).keyframe for n in (1, 2))
     return closer.database[0], one, other

@@ -1,4 +1,4 @@
-"""From one place to the next."""
+"""Odometry constraints between keyframes."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from vo_service.types import TrackingState
 def constraints_at(
     *xs_m: float, accumulator: ConstraintAccumulator | None = None, epoch: int = 0
 ) -> list[OdometryConstraint | None]:
-    """What is said of frames along the wall, 30 a second."""
+    """Constraints of frames along the wall at 30 Hz."""
     accumulator = accumulator or ConstraintAccumulator()
     return [
         accumulator.update(make_wall_update(seq, x_m, epoch=epoch)) for seq, x_m in enumerate(xs_m)

@@ -1,4 +1,4 @@
-"""When a map is corrected."""
+"""Schedule of the map's optimizations."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ from vo_service.slam.loop_closure.optimization_schedule import (
 
 
 def corrections(keyframes: int, loops: list[bool | None]) -> list[int]:
-    """After which places a map is corrected; True: a loop that says that it is off; None: none."""
+    """Keyframes after which the map is optimized. True is an inconsistent loop, None no loop."""
     due, found = OptimizationSchedule(), []
     for number, loop in enumerate(loops):
         if due.add_keyframe(keyframes, has_loops=loop is not None, is_inconsistent=loop is True):

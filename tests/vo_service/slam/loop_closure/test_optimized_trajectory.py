@@ -1,4 +1,4 @@
-"""The trajectory moves along with its places."""
+"""The optimized trajectory moves with its keyframes."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ SURE, VAGUE = np.eye(6) * 1e-8, np.eye(6) * 1e-2
 
 
 def graph() -> PoseGraph:
-    """Two places, the second a meter ahead, as the odometry says."""
+    """Two keyframes, the second a meter ahead by the odometry."""
     made = PoseGraph()
     made.add_node(0, 0, np.eye(4))
     made.add_odometry_edge(Edge(0, 1, AHEAD, VAGUE, False, 1.0))

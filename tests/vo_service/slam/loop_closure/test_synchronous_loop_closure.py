@@ -1,4 +1,4 @@
-"""Loops in a replay: after a loss the camera is back where it was, in the same epoch."""
+"""Loop closure in a replay: after a loss the camera is relocalized in the same epoch."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -36,7 +36,7 @@ SEEN = 40
 
 
 class RestartingOdometry:
-    """An odometry that has forgotten everything after a loss."""
+    """An odometry that is reset after a loss."""
 
     def __init__(self) -> None:
         self._odometry = DirectOdometry()
@@ -78,7 +78,7 @@ COVERED = [BLACK] * 5
 
 @pytest.fixture(scope="module")
 def came_back() -> tuple[SynchronousLoopClosure, list[OdometryUpdate]]:
-    """A walk, something over the camera, and the way from its middle once more."""
+    """A walk, a covered camera, and the walk from its middle again."""
     return follow([*walk(), *COVERED, *walk()[10:30]])
 
 

@@ -1,4 +1,4 @@
-"""What the tests of the running service's map need before they can be quick."""
+"""Shared fixtures of the mapper tests."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
 @pytest.fixture(scope="session")
 def kernels() -> None:
-    """Those of the fusion, compiled and kept."""
+    """Compile the kernels of the fusion."""
     fusion = TsdfVolume(TsdfConfig(COARSE.voxel_m, COARSE.mesh_memory_mb))
     shape = (CAMERA.height, CAMERA.width)
     color = np.zeros((*shape, 3), np.uint8)

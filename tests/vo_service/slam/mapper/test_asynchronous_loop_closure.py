@@ -1,4 +1,4 @@
-"""Places in the running service: its process knows them again, keeps them, and has them back."""
+"""Loop closure in the mapper process: relocalization, saved and loaded maps."""
 
 import os
 import signal
@@ -35,13 +35,13 @@ NAME = "corner"
 
 @pytest.fixture(scope="module", autouse=True)
 def kernels() -> None:
-    """Compiled and kept, before a process that is told of as silent needs them."""
+    """Compile the kernels, so that the process responds in time."""
     warm_up_loop_closure(lambda stage: None)
 
 
 @contextmanager
 def walking(folder: Path) -> Iterator[LiveMapper]:
-    """A mapper that has been told of the way out: every second step is a place."""
+    """A mapper with the path out: every second step is a keyframe."""
     with running_mapper(folder, WITH_LOOP_CLOSURE) as opened:
         go(opened, 0, STEPS)
         yield opened
@@ -63,7 +63,7 @@ def _has(opened: LiveMapper, places: int) -> bool:
 
 
 def relocalize(opened: LiveMapper, T_world_camera: Array) -> RelocalizationResult:
-    """Where a view is found to be."""
+    """Relocalize a view."""
     loops = opened.loop_closure
     assert isinstance(loops, AsynchronousLoopClosure)
     answers: list[RelocalizationResult] = []
@@ -79,7 +79,7 @@ def relocalize(opened: LiveMapper, T_world_camera: Array) -> RelocalizationResul
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a map that a service has saved."""
+    """The folder of a saved map."""
     folder = tmp_path_factory.mktemp("state") / "maps"
     with walking(folder) as opened:
         file = opened.save(NAME).saving

@@ -1,4 +1,4 @@
-"""The running service's map: its process, what it is asked, and what becomes of that."""
+"""Live mapper: its process, requests and results."""
 
 import os
 import signal
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.subprocess
 
 @dataclass
 class SavedWallMap:
-    """A mapper that saw the wall from three places, and the map that it made of them."""
+    """A mapper with three keyframes of the wall, and its saved map."""
 
     mapper: LiveMapper
     map: Path

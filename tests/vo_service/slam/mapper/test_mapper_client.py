@@ -1,4 +1,4 @@
-"""What is kept of maps that are loaded, by a keeper without a process."""
+"""Mapper client with a fake supervisor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ FIRST_AFTER = 77
 
 @dataclass
 class FakeSupervisor:
-    """As the real one, with nobody behind it."""
+    """Supervisor without a process."""
 
     spec: BackgroundWorkerSpec
     config: MapperWorkerConfig

@@ -1,4 +1,4 @@
-"""What the mapper's process does with what comes through the ring, without the process."""
+"""Mapper worker with frames of the ring, without the process."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,6 +19,7 @@ from tests.vo_service.slam.loop_closure.corner_trajectory import (
 )
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import write_frame
+from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
 from vo_service.slam.mapper import mapper_worker as desk_module
@@ -52,13 +53,13 @@ def put(
     T_odom_start: Array,
     state: TrackingState = TrackingState.TRACKING,
 ) -> None:
-    """The n-th place of the walk, in an `odom` that lies anywhere."""
+    """Write the n-th keyframe, in an `odom` frame with any pose."""
     seen = replace(make_update(n, state), T_world_camera=T_odom_start @ odometry_pose(n))
     write_frame(ring, seen, pack_depth, attachment)
 
 
 def take_in(worker: LoopClosureWorker, ring: RecordRingWriter) -> None:
-    """All that the ring has."""
+    """Process all frames of the ring."""
     reader = RecordRingReader(ring.memory)
     for number in range(ring.record_count):
         record = reader.read_record(number)

@@ -1,4 +1,4 @@
-"""Keyframes in bounded memory: depth exact, spread evenly however many there were."""
+"""Mesh keyframes in bounded memory: lossless depth, even spacing."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A map of the real service, over the real Zenoh: asked for, made beside the poses, and told of."""
+"""The command `save-map` of the service over Zenoh."""
 
 import json
 import subprocess
@@ -27,7 +27,7 @@ def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[ServiceRunner]
 def relocalize(
     stage: ServiceRunner, name: str, command_name: str = "save-map"
 ) -> "subprocess.CompletedProcess[str]":
-    """What `kinect-vo command` says."""
+    """Run `kinect-vo command`."""
     at = f"tcp/127.0.0.1:{stage.service.port}"
     command = ("command", command_name, f"name={name}", "--connect", at)
     return forked_process.run([*forked_process.KINECT_VO, *command])

@@ -1,4 +1,4 @@
-"""A camera that moves along a wall two meters away, a mapper to tell of it, and its maps."""
+"""A camera that moves along a wall at 2 m, with a mapper and its maps."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ COARSE = MapConfig(loop_closure=False, max_mb=10, voxel_m=0.05, mesh_memory_mb=5
 def make_wall_update(
     seq: int, x_m: float = 0.0, *, epoch: int = 0, state: TrackingState = TrackingState.TRACKING
 ) -> OdometryUpdate:
-    """The wall, seen from `x_m` to the right of where the camera began."""
+    """The wall, seen `x_m` to the right of the start."""
     T_world_camera = rigid_transform(np.eye(3), [x_m, 0.0, 0.0])
     frame = RgbdFrame(
         seq=seq,
@@ -49,7 +49,7 @@ def make_wall_update(
 
 @contextmanager
 def running_mapper(folder: Path, settings: MapConfig = COARSE) -> Iterator[LiveMapper]:
-    """A mapper that is up, whose maps go into a folder; closed at the end."""
+    """A ready mapper with a folder of maps; closed at the end."""
     opened = LiveMapper(settings, folder)
     try:
         wait_until(lambda: opened.is_ready, "the mapper's process")
@@ -59,7 +59,7 @@ def running_mapper(folder: Path, settings: MapConfig = COARSE) -> Iterator[LiveM
 
 
 def move_along_wall(mapper: LiveMapper, steps: int, *, epoch: int = 0) -> None:
-    """Go along the wall, so that each frame is a keyframe; the map begins with the first."""
+    """Move along the wall, so that each frame is a keyframe."""
     for seq in range(steps):
         mapper.on_update(make_wall_update(seq, 0.2 * seq, epoch=epoch))
         wait_until(partial(_has_keyframes, mapper, seq + 1), f"keyframe {seq}")
@@ -70,7 +70,7 @@ def _has_keyframes(mapper: LiveMapper, keyframes: int) -> bool:
 
 
 def save_map(mapper: LiveMapper, name: str) -> Path:
-    """The file of a map that is asked for, when the mapper says that it is there."""
+    """Save a map, wait for it, and return its file."""
     file = mapper.save(name).saving
     wait_until(lambda: not mapper.state.saving, f"{file}")
     assert mapper.state.saved == file, mapper.warning
@@ -78,7 +78,7 @@ def save_map(mapper: LiveMapper, name: str) -> Path:
 
 
 def read_vertices_m(file: Path) -> NDArray[np.float32]:
-    """(N, 3) what a binary PLY of ours says of places."""
+    """(N, 3) vertices of a binary PLY file."""
     header, _, data = file.read_bytes().partition(b"end_header\n")
     count = int(header.split(b"element vertex ")[1].split()[0])
     kind = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])

@@ -1,4 +1,4 @@
-"""Places of a corner whose truth is known."""
+"""Keyframes of a corner with ground truth."""
 
 from collections.abc import Sequence
 
@@ -20,19 +20,19 @@ def make_pose(shift_m: Sequence[float], turn_deg: Sequence[float] = (0.0, 0.0, 0
 
 HERE = make_pose((0.0, 0.0, 0.0))
 BESIDE = make_pose((0.15, -0.05, 0.1), (3.0, -6.0, 2.0))
-# Nothing of the view from HERE is seen from there.
+# A pose without overlap with HERE.
 ELSEWHERE = make_pose((1.6, -0.3, 0.2), (0.0, 40.0, 0.0))
 
 
 def make_query(recognizer: PlaceRecognizer, T_world_camera: Array) -> QueryFrame:
-    """What a camera that stands there sees of the corner."""
+    """A query of the corner at a pose."""
     return recognizer.create_query(render_corner(T_world_camera), ZERO_VELOCITY)
 
 
 def make_keyframe(
     recognizer: PlaceRecognizer, T_world_keyframe: Array, number: int = 0, world: int = 0
 ) -> MapKeyframe:
-    """The view from there, as a place."""
+    """A keyframe of the corner at a pose."""
     return recognizer.create_keyframe(
         make_query(recognizer, T_world_keyframe), number, world, T_world_keyframe
     )

@@ -15,7 +15,7 @@ from vo_service.slam.place_recognition.place_recognizer import PlaceRecognizer
 
 
 def placed(keyframe: MapKeyframe, *poses: Array) -> KeyframeDatabase:
-    """The same view, as if it had been seen from all of these."""
+    """The same keyframe at several poses."""
     keyframes = KeyframeDatabase(max_bytes=10**9)
     for number, T in enumerate(poses):
         keyframes.add(replace(keyframe, number=number, T_world_keyframe=T))

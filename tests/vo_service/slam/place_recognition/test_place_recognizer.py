@@ -30,7 +30,7 @@ def test_a_keyframe_is_recognized_again_from_beside_it(
     assert found is not None
     assert found.keyframe_number == here.number
     assert found.inliers >= 15
-    assert_close(found.T_keyframe_camera, inverse(HERE) @ BESIDE, metres=2e-3, degrees=0.1)
+    assert_close(found.T_keyframe_camera, inverse(HERE) @ BESIDE, meters=2e-3, degrees=0.1)
 
 
 def test_the_covariance_holds_the_error(recognizer: PlaceRecognizer, here: MapKeyframe) -> None:
@@ -49,7 +49,7 @@ def test_it_is_recognized_again_after_a_loss(
     view = recognizer.create_query(render_corner(BESIDE), ZERO_VELOCITY, LOST_VELOCITY_SIGMA)
     found = recognizer.recognize(view, [here])
     assert found is not None
-    assert_close(found.T_keyframe_camera, BESIDE, metres=3e-3, degrees=0.1)
+    assert_close(found.T_keyframe_camera, BESIDE, meters=3e-3, degrees=0.1)
 
 
 def test_of_several_keyframes_the_one_in_view_is_recognized(
@@ -98,7 +98,7 @@ def test_without_keyframes_nothing_is_recognized(recognizer: PlaceRecognizer) ->
 def test_the_same_picture_at_another_distance_is_another_thing(
     recognizer: PlaceRecognizer, here: MapKeyframe
 ) -> None:
-    """Features alone could not tell a photograph of the corner from the corner."""
+    """Features alone do not distinguish a photograph of the corner from the corner."""
     frame = render_corner(HERE)
     photograph = make_frame(frame.gray, np.full(frame.gray.shape, 1.2))
     assert recognizer.recognize(recognizer.create_query(photograph, ZERO_VELOCITY), [here]) is None
@@ -123,7 +123,7 @@ def test_a_wrong_match_is_not_confirmed(
 def test_features_and_alignment_have_to_agree(
     recognizer: PlaceRecognizer, here: MapKeyframe, off: np.ndarray, is_accepted: bool
 ) -> None:
-    """The alignment would come to the truth from each of these."""
+    """The alignment converges to the truth from each of these."""
     found = recognizer.verify(
         make_query(recognizer, BESIDE), MatchCandidate(here, BESIDE @ off, 100)
     )
@@ -181,7 +181,7 @@ def test_a_view_whose_rows_were_taken_on_the_move_is_recognized_again(
     )
     found = recognizer.verify(moving, MatchCandidate(keyframe, T, inliers=50))
     assert found is not None
-    assert_close(found.T_keyframe_camera, T, metres=3e-4, degrees=0.01)
+    assert_close(found.T_keyframe_camera, T, meters=3e-4, degrees=0.01)
 
 
 def test_darker_light_is_no_other_keyframe(recognizer: PlaceRecognizer, here: MapKeyframe) -> None:
@@ -189,7 +189,7 @@ def test_darker_light_is_no_other_keyframe(recognizer: PlaceRecognizer, here: Ma
     dusk = replace(frame, color_bgr=(0.75 * frame.color_bgr).astype(np.uint8))
     found = recognizer.recognize(recognizer.create_query(dusk, ZERO_VELOCITY), [here])
     assert found is not None
-    assert_close(found.T_keyframe_camera, BESIDE, metres=3e-3, degrees=0.1)
+    assert_close(found.T_keyframe_camera, BESIDE, meters=3e-3, degrees=0.1)
 
 
 def test_the_same_view_gives_the_same_bits(here: MapKeyframe) -> None:

@@ -1,4 +1,4 @@
-"""Places on rings that a camera walks, with noise as the edges tell of it."""
+"""Pose graphs of rings, with noise by the edges' covariance."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from vo_service.slam.pose_graph.edges import Edge
 from vo_service.slam.pose_graph.pose_graph import PoseGraph
 
-# (m, rad) of a step of the odometry, and of a place known again.
+# Sigmas (m, rad) of an odometry edge and of a loop closure.
 STEP_SIGMA, LOOP_SIGMA = (4e-3, 1e-3), (2e-3, 5e-4)
 NO_SIGMA = (0.0, 0.0)
 
@@ -14,7 +14,7 @@ Sigma = tuple[float, float]
 
 
 def ring_pose(ring: int, k: int) -> Array:
-    """T_world_place of the k-th place, where a lap of some 12 m has so many; world is the first."""
+    """T_world_keyframe of the k-th keyframe of a ring of 12 m; the first one is the world frame."""
 
     def at(angle_rad: float) -> Array:
         turn = so3_exp([0.1 * np.sin(2 * angle_rad), 0.0, angle_rad])
@@ -50,7 +50,7 @@ def make_graph(
     first: int = 0,
     world: int = 0,
 ) -> PoseGraph:
-    """A graph of places numbered from `first` on, as an odometry with this noise tells of them."""
+    """A graph of keyframes numbered from `first` on, with this noise of the odometry."""
     graph = graph or PoseGraph()
     graph.add_node(first, world, np.eye(4))
     for k in range(1, len(truth)):
@@ -64,6 +64,6 @@ def graph_poses(graph: PoseGraph) -> Array:
 
 
 def rms_error_m(graph: PoseGraph, truth: list[Array]) -> float:
-    """Root mean square of how far the places are from the truth, the first being where it is."""
+    """Root mean square error of the keyframes' positions, m."""
     errors = [graph.T_map_keyframe(number)[:3, 3] - truth[number][:3, 3] for number in graph.nodes]
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1))))

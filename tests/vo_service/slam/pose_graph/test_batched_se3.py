@@ -1,4 +1,4 @@
-"""Many rigid transforms at once, against the one place where a single one is converted."""
+"""Batched rigid transforms, compared with single ones."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""What is connected and how far apart, against SciPy's own."""
+"""Components and shortest paths, compared with SciPy."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""An edge told from its other end, and two edges as one."""
+"""Orientation and composition of edges."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from vo_service.slam.pose_graph.batched_se3 import invert_poses, retract_poses, 
 from vo_service.slam.pose_graph.edges import Edge
 
 T_AB, T_BC = ring_pose(7, 1), ring_pose(5, 2)
-# Unlike in every direction, so that axes that are mistaken for others show.
+# Different in every direction, so that swapped axes are detected.
 SIGMA = np.array([1.0, 2.0, 3.0, 0.5, 1.0, 1.5]) * 1e-3
 SAMPLES = 4000
 
@@ -18,13 +18,13 @@ def edge(a: int, b: int, T_a_b: Array) -> Edge:
 
 
 def sample_edges(T: Array, seed: int) -> Array:
-    """(SAMPLES, 4, 4) what edges with that covariance may tell of T."""
+    """(SAMPLES, 4, 4) samples of T with the covariance."""
     steps = np.random.default_rng(seed).normal(0.0, SIGMA, (SAMPLES, 6))
     return retract_poses(np.tile(T, (SAMPLES, 1, 1)), steps)
 
 
 def assert_spread(samples: Array, truth: Array, covariance: Array) -> None:
-    """The covariance is that of the samples, as small motions in the axes of the far end."""
+    """Check that the samples have the covariance, as small motions in the axes of b."""
     T = inverse(truth) @ samples
     found = np.cov(np.hstack([T[:, :3, 3], so3_log_batch(T[:, :3, :3])]).T)
     whitening = np.linalg.inv(np.linalg.cholesky(covariance))

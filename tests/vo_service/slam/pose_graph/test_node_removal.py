@@ -1,4 +1,4 @@
-"""A place is forgotten: the rest stays where it was, connected, and as simple."""
+"""Removal of nodes: the others stay connected and keep their poses."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -44,8 +44,8 @@ def test_the_others_stay_where_they_are(number: int, seed: int) -> None:
     graph.remove_node(number)
     np.testing.assert_array_equal(graph_poses(graph), before)
     graph.optimize()
-    # Edges that are passed on by one way share its error, which is not told of them: that moves
-    # the places by less than they are wrong by.
+    # Edges passed on over one edge share its error, which their covariances do not show. That moves
+    # the poses by less than their error.
     np.testing.assert_allclose(graph_poses(graph), before, atol=0.01)
 
 

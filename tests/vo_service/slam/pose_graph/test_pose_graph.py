@@ -1,4 +1,4 @@
-"""Places, joined by motions and loops."""
+"""Pose graph with odometry edges and loops."""
 
 import numpy as np
 import pytest
@@ -33,13 +33,13 @@ def seen_again(
     rng: np.random.Generator | None = None,
     off: Array = NOT_OFF,
 ) -> Edge:
-    """A loop that is right, with its noise where a generator is given; or one that is wrong."""
+    """A loop with noise if a generator is given, and with an error `off`."""
     error = np.eye(4) if rng is None else sample_noise(rng, LOOP_SIGMA)
     return loop_edge(a, b, inverse(truth[a]) @ truth[b] @ error @ off)
 
 
 def closed(seed: int, steps: int = RING) -> PoseGraph:
-    """A lap, closed by a loop from its end to its begin."""
+    """A ring, closed by a loop from its end to its start."""
     truth, rng = [ring_pose(steps, k) for k in range(steps + 1)], np.random.default_rng(seed)
     graph = make_graph(truth, rng)
     graph.add_loop_closure(seen_again(0, steps, truth, rng))

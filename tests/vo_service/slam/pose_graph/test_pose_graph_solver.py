@@ -1,4 +1,4 @@
-"""Sparse least squares over rigid motions."""
+"""Pose graph optimization."""
 
 from dataclasses import replace
 from itertools import product

@@ -1,4 +1,4 @@
-"""What is said of a map that is refused."""
+"""Error messages of rejected maps."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from vo_service.slam.saved_maps.map_file import read_map
 
 
 def load_error(path: Path) -> str:
-    """The one line that a map is refused with."""
+    """The error message of a rejected map."""
     with pytest.raises(InputError) as refused:
         read_map(path)
     line = str(refused.value)

@@ -1,4 +1,4 @@
-"""Maps whose checksum is right, and that cannot be for all that."""
+"""Maps with a right checksum and invalid contents."""
 
 from collections.abc import Callable
 from dataclasses import replace

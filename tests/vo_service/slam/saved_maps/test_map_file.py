@@ -25,7 +25,7 @@ def saved(tmp_path: Path, contents: MapContents) -> Path:
 
 
 def with_new_checksum(data: bytes) -> bytes:
-    """The same file, as if it had been written like this."""
+    """The file with a new header."""
     body = data[HEADER.size :]
     return HEADER.pack(MAGIC, 1, len(body), hashlib.sha256(body).digest()) + body
 

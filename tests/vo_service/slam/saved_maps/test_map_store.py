@@ -1,4 +1,4 @@
-"""The folder of maps: whole files, private ones, and not too many of them."""
+"""Map store: atomic writes, private files, limited size."""
 
 import os
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def maps(tmp_path: Path) -> MapStore:
 
 
 def names(maps: MapStore) -> list[str]:
-    """Of all that lies there."""
+    """Names of all files."""
     return sorted(path.name for path in maps.folder.iterdir())
 
 

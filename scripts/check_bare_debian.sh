@@ -1,7 +1,7 @@
 #!/bin/sh
-# Check that the README's set-up commands need nothing but a fresh Debian 12: run each in a minimal one with the
-# current security updates, made in a temporary folder (TMPDIR) and removed afterwards. Checks the last commit.
-# Needs root, git, a network and 10 GB of disk; takes about 20 minutes. debootstrap is installed where it is missing.
+# Check that the README's setup commands need only a fresh Debian 12: run each in a minimal one with the current
+# security updates, in a temporary folder (TMPDIR) that is removed afterwards. It checks the last commit.
+# It needs root, git, a network and 10 GB of disk, and takes about 20 minutes. It installs debootstrap if missing.
 #
 # Usage: scripts/check_bare_debian.sh [demo|test]    scripts/demo.sh or scripts/test.sh (default: both)
 set -eu
@@ -34,10 +34,10 @@ clean_up() {
 }
 trap clean_up EXIT
 trap 'exit 129' HUP
-trap 'say "Interrupted: removing what was made"; exit 130' INT
-trap 'say "Interrupted: removing what was made"; exit 143' TERM
+trap 'say "Interrupted: removing temporary files"; exit 130' INT
+trap 'say "Interrupted: removing temporary files"; exit 143' TERM
 
-# Kill the first process of the job's namespace: it ends after all others there, so that nothing writes any more.
+# Kill the first process of the job's namespace: all others end with it, so that nothing writes any more.
 kill_job() {
     children=$(cat "/proc/$job/task/$job/children" 2>/dev/null) || true
     # shellcheck disable=SC2086  # a number with a space behind it
@@ -45,8 +45,8 @@ kill_job() {
     wait "$job" 2>/dev/null || true
 }
 
-# contained COMMAND...: with mounts and processes of its own, which end with it. It runs in the background, as a trap
-# waits for what is in the foreground; env gives it SIGINT back, which sh ignores in the background.
+# contained COMMAND...: in its own mount and process namespaces, which end with it. It runs in the background, because
+# a trap waits for a foreground command; env restores SIGINT, which sh ignores in the background.
 contained() {
     env --default-signal unshare --mount --pid --fork --kill-child setsid "$@" &
     job=$!
@@ -55,8 +55,8 @@ contained() {
     return "$code"
 }
 
-# inside ROOT COMMAND...: as root on a fresh system. Of this computer's environment it has what pip and uv need to
-# reach their registry from here. ROOT becomes the root of the mounts: in a chroot alone the kernel denies user namespaces.
+# inside ROOT COMMAND...: as root on a fresh system, with the environment variables that pip and uv need to reach
+# their registry from here. ROOT becomes the root of the mounts: in a chroot the kernel denies user namespaces.
 inside() {
     # shellcheck disable=SC2016  # the inner shell's
     contained sh -euc '
@@ -77,7 +77,7 @@ inside() {
             PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin "$@" || exit' inside "$@"
 }
 
-# mirror SUITE DEFAULT: where this computer's apt has the suite from. Without lists apt names the address of each.
+# mirror SUITE DEFAULT: the mirror of this computer's apt for the suite. Without lists apt prints all addresses.
 mirror() {
     mkdir -p "$work/lists/partial"
     found=$(apt-get --print-uris -o Dir::State::Lists="$work/lists" update 2>/dev/null |
@@ -100,8 +100,8 @@ deb $security bookworm-security main
 END
 }
 
-# What it takes to reach the registries from this computer: names of hosts, proxies, certificates and other addresses.
-# apt takes certificates from a file of its own, as those of a fresh Debian come with a package.
+# Copy the settings to reach the registries from this computer: hosts, proxies, certificates and other addresses.
+# apt reads certificates from a separate file, because a fresh Debian gets its own with a package.
 copy_settings() {
     for file in /etc/hosts /etc/resolv.conf /etc/pip.conf /etc/uv /root/.config/pip /root/.config/uv \
         /usr/local/share/ca-certificates; do
@@ -126,7 +126,7 @@ copy_checkout() {
         git clone --quiet --depth 1 "file://$checkout" "$work/$1/root/kinect-vo"
 }
 
-# check NAME: run the README's command, and print what came of it.
+# check NAME: run the README's command, and print its result.
 check() {
     step "Copying the last commit into a fresh Debian $(cat "$base/etc/debian_version")" copy_checkout "$1"
     say "Running scripts/$1.sh there"
@@ -139,7 +139,7 @@ check() {
     say "${0##*/}: $1 passed in $on"
 }
 
-[ -z "$changes" ] || say "Not checked: what is not committed"
+[ -z "$changes" ] || say "Uncommitted changes are not checked"
 command -v debootstrap >/dev/null || {
     step "Reading Debian's package lists" apt_get update
     step "Installing from Debian: debootstrap" apt_get install --yes --no-install-recommends debootstrap

@@ -1,7 +1,7 @@
 #!/bin/sh
-# Prove that kinect-vo installs and runs without a network: in a network namespace that has no way out, from a folder
-# of wheels into fresh virtual environments, with Rerun and without. Takes a few minutes. Needs root, or a kernel
-# that lets users make namespaces, and Debian's iproute2 and util-linux.
+# Check that kinect-vo installs and runs without a network: in an isolated network namespace, from a folder of wheels
+# into fresh virtual environments, with and without Rerun. It takes a few minutes. It needs root, or a kernel that
+# lets users create namespaces, and Debian's iproute2 and util-linux.
 #
 # Usage: scripts/test_offline.sh [FOLDER]    a folder that scripts/wheels.sh made (default: make one)
 set -eu
@@ -20,13 +20,13 @@ wheels=$(cd "$1" && pwd)
 cd "$work"
 
 case $(id -u) in 0) cut_off="unshare --net" ;; *) cut_off="unshare --net --map-root-user" ;; esac
-# offline COMMAND...: where there is nothing but this computer.
+# offline COMMAND...: run it with the loopback interface only.
 offline() {
     # shellcheck disable=SC2016  # $@ is the inner shell's
     $cut_off sh -euc 'ip link set lo up; test "$(ip -o link | wc -l)" = 1; exec "$@"' offline "$@"
 }
 
-# use VENV: what somebody does first.
+# use VENV: run the commands of a new user.
 use() {
     export XDG_CACHE_HOME="$work/cache" PATH="$work/$1/bin:/usr/bin:/bin:/usr/sbin:/sbin"
     offline kinect-vo --help >/dev/null &&
@@ -39,11 +39,11 @@ use() {
 }
 
 step "Installing without a network" offline "$wheels/install.sh" "$work/all"
-step "Running what was installed" use all
+step "Running the installation" use all
 step "Installing again, over it" offline "$wheels/install.sh" "$work/all"
 step "Installing without Rerun" offline "$wheels/install.sh" --without-rerun "$work/small"
 step "Checking that it has no Rerun" sh -c "! '$work/small/bin/python' -c 'import rerun' 2>/dev/null"
-step "Running what was installed without Rerun" use small
+step "Running the installation without Rerun" use small
 step "Comparing the trajectories of one recording" offline "$work/small/bin/kinect-vo" replay "$work/all-room" --trajectory again.txt
-cmp again.txt all.txt || fail "the two do not agree"
+cmp again.txt all.txt || fail "the trajectories differ"
 say "kinect-vo installs and runs without a network"

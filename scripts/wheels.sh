@@ -1,11 +1,11 @@
 #!/bin/sh
 # Make a folder that installs kinect-vo on a computer without a network: every locked wheel, kinect-vo's own,
-# Debian's packages and the script that installs them. Sets up what this checkout lacks first.
+# Debian's packages and the script that installs them. It runs the setup of this checkout first, if needed.
 #
 # Usage: scripts/wheels.sh [--machine x86_64|aarch64] [--python 3.11|3.12|3.13] [--without-rerun] FOLDER
 #
-# Without options it is for a computer like this one, with Debian 12's own Python, 3.11. FOLDER may be one that
-# this script made before: it is replaced when the new one is whole.
+# Without options it is for a computer like this one, with Debian 12's own Python, 3.11. A FOLDER that this script
+# made before is replaced when the new one is complete.
 set -eu
 checkout=$(cd "$(dirname "$0")/.." && pwd)
 . "$checkout/scripts/steps.sh"
@@ -32,13 +32,13 @@ case $python in 3.11 | 3.12 | 3.13) ;; *) refuse "no wheels for Python $python, 
 [ -n "$folder" ] || refuse "name the folder to make"
 folder=${folder%/}
 if [ -e "$folder" ] && [ ! -f "$folder/made_for.sh" ] && ! rmdir "$folder" 2>/dev/null; then
-    refuse "$folder is there already and not made by this script: name another"
+    refuse "$folder exists and was not made by this script: name another"
 fi
 parent=$(cd "$(dirname "$folder")" 2>/dev/null && pwd) && [ -w "$parent" ] ||
-    refuse "$folder cannot be made: $(dirname "$folder") is no folder to write to"
+    refuse "cannot create $folder: $(dirname "$folder") is not a writable folder"
 folder=$parent/$(basename "$folder")
 
-# Nothing half-written: it is made beside the place where it is wanted, and moved there at the end.
+# The folder is made under a temporary name and renamed at the end, so that it is always complete.
 partial=$(mktemp -d "$folder.XXXXXX")
 trap 'rm -rf "$partial"' EXIT
 trap 'exit 130' INT
@@ -56,7 +56,7 @@ write_requirements() {
 
 download_wheels() {
     tag=cp$(printf %s "$python" | tr -d .)
-    # glibc 2.36 is Debian 12's. uv, which installs the others there, is pinned as for this checkout.
+    # Debian 12 has glibc 2.36. uv, which installs the wheels there, is pinned as for this checkout.
     # shellcheck disable=SC2046  # a list of options
     .tools/bin/python -m pip download --quiet --disable-pip-version-check --no-deps --require-hashes \
         --only-binary :all: --implementation cp --python-version "$python" --abi "$tag" --abi abi3 --abi none \
@@ -75,8 +75,8 @@ build_own_wheel() {
         done
 }
 
-# Debian's packages with all that they depend on, as an archive for the robot's apt-get. apt's own state is not
-# touched; an empty list of installed packages makes it fetch everything, for the other machine too.
+# Debian's packages with all dependencies, as an archive for the robot's apt-get. apt's own state does not change;
+# an empty list of installed packages makes it download everything, for the other machine too.
 download_debian_packages() {
     apt=$partial/apt debian=$(debian_name "$machine")
     mkdir -p "$apt/lists/partial" "$apt/archives/partial" "$partial/debian"
@@ -119,7 +119,7 @@ step "Listing the wheels for Python $python on $machine" write_requirements
 step "Downloading the wheels" download_wheels "$partial/requirements${extra:+-$extra}.txt"
 step "Building kinect-vo's own wheel" build_own_wheel
 release=
-# Debian's packages are of use where the robot's Debian is this one, and so is its Python.
+# Debian's packages are only useful for the same Debian release with its own Python.
 if command -v apt-get >/dev/null && /usr/bin/python3 -c "import sys; sys.exit('%d.%d' % sys.version_info[:2] != '$python')"; then
     release=$(. /etc/os-release && echo "$VERSION_CODENAME")
     step "Downloading Debian's packages ($release)" download_debian_packages

@@ -1,12 +1,12 @@
 #!/bin/sh
-# Install kinect-vo from the folder that this script lies in; no network is needed. Safe to run again: what is
-# installed is replaced when the new one is whole, and put back if it cannot be.
+# Install kinect-vo from the folder of this script, without a network. Safe to run again: an existing installation
+# is replaced when the new one is complete, and restored after a failure.
 #
 # Usage: install.sh [--without-rerun] [FOLDER]    into FOLDER (default: /opt/kinect-vo)
 #
-# KINECT_VO_PYTHON  use this Python in place of Debian's own
+# KINECT_VO_PYTHON  use this Python instead of Debian's own
 set -eu
-umask 022 # whoever runs it later, such as a service's own user, must be able to read it
+umask 022 # all users, such as that of the service, must be able to read it
 here=$(cd "$(dirname "$0")" && pwd)
 . "$here/steps.sh"
 . "$here/debian.sh"
@@ -36,7 +36,7 @@ parent=$(cd "$(dirname "$target")" 2>/dev/null && pwd) && [ -w "$parent" ] ||
     refuse "$target: you may not write to $(dirname "$target"), or it is no folder; use sudo, or name another"
 target=$parent/$(basename "$target")
 before=$target.before beside=$target.unpacking
-# Stopped half-way the last time: what was installed then is still whole.
+# After an interrupted run, restore the installation before it.
 rm -rf "$beside"
 if [ -e "$before" ]; then rm -rf "$target" && mv "$before" "$target"; fi
 if [ -e "$target" ] && [ ! -x "$target/bin/kinect-vo" ] && ! rmdir "$target" 2>/dev/null; then
@@ -50,7 +50,7 @@ check_sums() {
 packages=$native_packages
 [ -n "${KINECT_VO_PYTHON:-}" ] || packages="$packages python3"
 
-# From the folder's own archive; what is installed already stays, unless another package needs it newer.
+# From the folder's own archive; installed packages stay, unless another package needs a newer version.
 install_packages() {
     apt=$(mktemp -d) && mkdir -p "$apt/lists/partial" && ln -s "$here/debian" "$apt/archive"
     echo "deb [trusted=yes] file:$apt/archive ./" >"$apt/sources"
@@ -68,7 +68,7 @@ check_python() {
             "a folder with wheels.sh --python"
 }
 
-# With uv from its wheel. What it unpacks lies beside the place where it goes: on the same disk, and not twice.
+# With uv from its wheel. It unpacks beside the target, on the same disk, so that files need not be copied.
 install() {
     mkdir "$beside" && "$python" -m zipfile --extract "$here"/wheels/uv-*.whl "$beside/uv" || return 1
     uv=$(echo "$beside"/uv/uv-*.data/scripts/uv) && chmod +x "$uv" || return 1
@@ -83,7 +83,7 @@ put_back() {
     [ ! -e "$before" ] || mv "$before" "$target"
 }
 
-step "Checking that this folder is whole" check_sums
+step "Checking that this folder is complete" check_sums
 # shellcheck disable=SC2086  # a list of names
 missing=$(missing_packages $packages)
 if [ -n "$missing" ]; then
@@ -99,10 +99,10 @@ trap put_back EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 step "Installing kinect-vo into $target" install
-installed=$("$target/bin/kinect-vo" --version) || fail "what was installed does not start"
-# Into the environment itself: whoever uses it, and with whatever cache, need not compile.
+installed=$("$target/bin/kinect-vo" --version) || fail "the installed kinect-vo does not start"
+# The kernels go into the environment itself, so that all users share them.
 CACHE_DIRECTORY=$target/share/kinect-vo step "Compiling the numeric kernels" "$target/bin/kinect-vo" warm-up
 trap - EXIT
-[ ! -e "$before" ] || mv "$before" "$beside/before" # no longer to be put back
+[ ! -e "$before" ] || mv "$before" "$beside/before" # the new installation works: do not restore the old one
 rm -rf "$beside"
 say "$installed is installed: $target/bin/kinect-vo doctor looks at the sensor, service install makes it a service"

@@ -44,8 +44,8 @@ def run(*command: object) -> "subprocess.CompletedProcess[str]":
         (["--python", "3.10", "wheels"], "no wheels for Python 3.10"),
         (["--python"], "--python needs a value"),
         (["one", "two"], "two folders: one and two"),
-        (["no/such/folder"], "no/such/folder cannot be made"),
-        ([SCRIPTS], "is there already and not made by this script"),
+        (["no/such/folder"], "cannot create no/such/folder"),
+        ([SCRIPTS], "exists and was not made by this script"),
     ],
 )
 def test_a_folder_that_cannot_be_made_is_refused_in_one_line(
@@ -124,7 +124,7 @@ def test_it_installs_and_a_later_one_that_does_not_start_leaves_it_as_it_was(
     broken = make_folder(tmp_path / "broken", uv_wheel, version="2", says="raise SystemExit('no')")
     ended = run(broken / "install.sh", target)
     assert (ended.returncode, ended.stderr.split("\n")[-2]) == (
-        1, "install.sh: what was installed does not start",
+        1, "install.sh: the installed kinect-vo does not start",
     )  # fmt: skip
     assert run(target / "bin" / "kinect-vo").stdout == "kinect-vo 1\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["broken", "good", "installed"]
@@ -143,7 +143,7 @@ def test_a_damaged_copy_is_noticed_before_anything_is_installed(tmp_path: Path) 
     (folder / "wheels" / "kinect_vo-1-py3-none-any.whl").write_bytes(b"half")
     ended = run(folder / "install.sh", tmp_path / "installed")
     assert ended.returncode == 1
-    assert "this step failed: Checking that this folder is whole" in ended.stderr
+    assert "this step failed: Checking that this folder is complete" in ended.stderr
     assert not (tmp_path / "installed").exists()
 
 

@@ -63,10 +63,10 @@ def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8
     """Cluster descriptors; returns centers (count, 64), sorted by their first component."""
     cv2.setRNGSeed(1)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, MAX_ITERATIONS, 0.01)
-    _, _, centres = cv2.kmeans(
+    _, _, centers = cv2.kmeans(
         descriptors, count, np.empty(0), criteria, ATTEMPTS, cv2.KMEANS_PP_CENTERS
     )
-    whole = np.clip(np.rint(centres), -127, 127).astype(np.int8)
+    whole = np.clip(np.rint(centers), -127, 127).astype(np.int8)
     return whole[np.lexsort(whole.T[::-1])]
 
 

@@ -17,9 +17,9 @@ def test_views_around_a_spot_have_the_configured_offsets() -> None:
     spot, *others = poses_around(
         rigid_transform(np.eye(3), [1.0, 2.0, 3.0]), np.random.default_rng(1)
     )
-    for T, (metres, degrees) in zip(others, VIEW_OFFSETS, strict=True):
+    for T, (distance_m, degrees) in zip(others, VIEW_OFFSETS, strict=True):
         step = inverse(spot) @ T
-        assert np.linalg.norm(step[:3, 3]) == pytest.approx(metres)
+        assert np.linalg.norm(step[:3, 3]) == pytest.approx(distance_m)
         assert np.degrees(rotation_angle_rad(step[:3, :3])) == pytest.approx(degrees)
 
 

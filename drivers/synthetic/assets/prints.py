@@ -58,17 +58,17 @@ def picture(detail: float = 1.0) -> TexturePainter:
 
 def _draw_leaf(rng: np.random.Generator, image: Canvas, radius: float, color: Color) -> None:
     height, width = image.shape[:2]
-    centre = rng.uniform(0, width), rng.uniform(0, height)
+    center = rng.uniform(0, width), rng.uniform(0, height)
     shade = tuple(float(c) for c in np.clip(np.array(color) * rng.uniform(0.7, 1.25), 0, 255))
     corners = int(rng.integers(3, 9))
     if corners > 6:
         axes = max(1, round(radius)), max(1, round(radius * rng.uniform(0.3, 1.0)))
-        at = round(centre[0]), round(centre[1])
+        at = round(center[0]), round(center[1])
         cv2.ellipse(image, at, axes, rng.uniform(0, 180), 0, 360, shade, -1, cv2.LINE_AA)
         return
     angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
     reach = radius * rng.uniform(0.5, 1.2, corners)
-    points = np.stack([np.cos(angles) * reach, np.sin(angles) * reach], axis=1) + centre
+    points = np.stack([np.cos(angles) * reach, np.sin(angles) * reach], axis=1) + center
     cv2.fillPoly(image, [np.round(points * 16).astype(np.int32)], shade, cv2.LINE_AA, 4)
 
 

@@ -53,7 +53,7 @@ class CachedCameras:
     """Cameras whose frames are rendered once for all tests."""
 
     def __init__(self, folder: Path, shared_renderer: RendererFactory) -> None:
-        self._films, self._shoot = folder, shared_renderer
+        self._folder, self._make_renderer = folder, shared_renderer
 
     def open_camera(
         self,
@@ -61,9 +61,9 @@ class CachedCameras:
         pace: PlaybackMode = PlaybackMode.LOCKSTEP,
         host: FakeHost | None = None,
     ) -> SyntheticCamera:
-        fill_sequence(config, self._films, self._shoot)
+        fill_sequence(config, self._folder, self._make_renderer)
         clock = HostClock() if host is None else host.clock
-        return SyntheticCamera(config, pace, RenderOptions(cache_dir=self._films), clock)
+        return SyntheticCamera(config, pace, RenderOptions(cache_dir=self._folder), clock)
 
     def read_frames(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:
         with self.open_camera(replace(config, faults=faults)) as camera:

@@ -41,11 +41,11 @@ STILL = replace(
     duration_s=2.0,
     rate_hz=10.0,
 )
-Shoot = Callable[[SyntheticConfig], Renderer]
+RendererFactory = Callable[[SyntheticConfig], Renderer]
 
 
 @pytest.fixture(scope="module")
-def shared_renderer() -> Shoot:
+def shared_renderer() -> RendererFactory:
     """Make renderers of one room with the parcel in it, for any sensor."""
     path = make_motion(STILL, ROOM_HEIGHT_M)
     room = RoomModel.build(STILL, path, threads=2)
@@ -59,7 +59,7 @@ def changed(renderer: Renderer, index: int) -> NDArray[np.bool_]:
 
 
 def test_it_fills_the_view_by_its_size_and_then_leaves(
-    shared_renderer: Shoot,
+    shared_renderer: RendererFactory,
 ) -> None:
     renderer = shared_renderer(STILL)
     seen = changed(renderer, 10)
@@ -72,7 +72,7 @@ def test_it_fills_the_view_by_its_size_and_then_leaves(
     assert not changed(renderer, 16).any()
 
 
-def test_it_differs_in_color_from_what_it_occludes(shared_renderer: Shoot) -> None:
+def test_it_differs_in_color_from_what_it_occludes(shared_renderer: RendererFactory) -> None:
     renderer = shared_renderer(STILL)
     seen = changed(renderer, 10)
     with_it, without = (renderer.render(index).color_bgr for index in (10, 0))
@@ -80,7 +80,9 @@ def test_it_differs_in_color_from_what_it_occludes(shared_renderer: Shoot) -> No
     assert with_it[seen].std() > 15
 
 
-def test_a_rolling_shutter_sees_it_in_each_row_at_its_own_instant(shared_renderer: Shoot) -> None:
+def test_a_rolling_shutter_sees_it_in_each_row_at_its_own_instant(
+    shared_renderer: RendererFactory,
+) -> None:
     rolling = replace(STILL, timing=ShutterTiming(readout_s=0.095, skew_s=0.0))
     per_row = replace(STILL, rate_hz=2000.0)
     rolled, whole = shared_renderer(rolling).render(10), shared_renderer(per_row)
@@ -91,7 +93,9 @@ def test_a_rolling_shutter_sees_it_in_each_row_at_its_own_instant(shared_rendere
     assert np.any(rolled.depth_raw[34] != whole.render(2000).depth_raw[34])
 
 
-def test_it_alone_is_blurred_where_the_camera_stands_still(shared_renderer: Shoot) -> None:
+def test_it_alone_is_blurred_where_the_camera_stands_still(
+    shared_renderer: RendererFactory,
+) -> None:
     slow = replace(STILL, color=replace(STILL.color, exposure_s=0.05))
     sharp, blurred = (shared_renderer(config) for config in (STILL, slow))
     differs = np.any(sharp.render(10).color_bgr != blurred.render(10).color_bgr, axis=2)
@@ -114,7 +118,7 @@ def test_a_person_stands_on_the_floor_before_the_camera() -> None:
     assert T_camera_body[2, 1] > 0.8  # its back is turned away from the camera
 
 
-def test_moving_objects_are_the_same_in_every_renderer(shared_renderer: Shoot) -> None:
+def test_moving_objects_are_the_same_in_every_renderer(shared_renderer: RendererFactory) -> None:
     a, b = shared_renderer(STILL).render(11), make_renderer(STILL, 1).render(11)
     np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
     np.testing.assert_array_equal(a.depth_raw, b.depth_raw)

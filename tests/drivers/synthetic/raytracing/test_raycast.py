@@ -16,7 +16,7 @@ from drivers.synthetic.solids import Solid, SolidArrays, SolidKind, make_solid
 
 CAMERA = PinholeCamera(64, 48, 50.0, 50.0, 31.5, 23.5)
 GRID = RayGrid.from_rays(pixel_rays(CAMERA, np.zeros(5)))
-CENTRE = (24, 32)
+CENTER = (24, 32)
 GRAY = flat_color((128.0, 128.0, 128.0))
 # A camera at the origin that looks along the world's y, upright.
 FORWARD = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
@@ -59,8 +59,8 @@ def test_the_nearer_box_hides_the_further_one() -> None:
         make_solid((0, 3.0, 0), (9, 0.2, 9), GRAY),
     )
     depth_m, solid = see([far, near], rigid_transform(FORWARD, (0, 0, 0)))
-    assert solid[CENTRE] == 1
-    assert np.isclose(depth_m[CENTRE], 0.9)
+    assert solid[CENTER] == 1
+    assert np.isclose(depth_m[CENTER], 0.9)
     assert solid[0, 0] == 0
     assert np.isclose(depth_m[0, 0], 2.9)
 
@@ -70,16 +70,16 @@ def test_a_turned_box_is_hit_at_its_turned_face() -> None:
     solids = [make_solid((0, 3.0, 0), (1, 1, 1), GRAY, yaw_rad=np.pi / 4)]
     T = rigid_transform(FORWARD, (0.5 / CAMERA.fx * -3.0, 0, 0))
     depth_m, _ = see(solids, T)
-    assert abs(depth_m[CENTRE] - (3.0 - np.sqrt(0.5))) < 0.05
+    assert abs(depth_m[CENTER] - (3.0 - np.sqrt(0.5))) < 0.05
 
 
 def test_a_sphere_is_hit_at_its_radius_and_empty_space_is_far() -> None:
     depth_m, solid = see(
         [make_solid((0, 2, 0), (1, 1, 1), GRAY, kind=SolidKind.SPHERE)], np.eye(4) @ pose()
     )
-    x, y = GRID.rays[CENTRE]
+    x, y = GRID.rays[CENTER]
     a, c = x * x + y * y + 1, 2.0 * 2.0 - 0.25
-    assert np.isclose(depth_m[CENTRE], (2.0 - np.sqrt(4.0 - a * c)) / a, rtol=1e-6)
+    assert np.isclose(depth_m[CENTER], (2.0 - np.sqrt(4.0 - a * c)) / a, rtol=1e-6)
     assert solid[0, 0] == -1
     assert depth_m[0, 0] == np.float32(FAR_M)
 
@@ -91,8 +91,8 @@ def test_rays_pass_through_an_open_cylinder() -> None:
         make_solid((0, 0, -0.1), (9, 9, 0.2), GRAY),
     )
     depth_m, solid = see([tube, floor], down)
-    assert solid[CENTRE] == 1
-    assert np.isclose(depth_m[CENTRE], 2.0)
+    assert solid[CENTER] == 1
+    assert np.isclose(depth_m[CENTER], 2.0)
     assert 0 in solid
 
 

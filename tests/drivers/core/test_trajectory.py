@@ -74,7 +74,7 @@ def test_comments_blank_lines_commas_and_a_byte_order_mark_are_passed_over(tmp_p
         (GOOD + "2 0 0 0 0 0 0 0\n", "FILE:2: not a rotation"),
         (GOOD + "2 0 0 x 0 0 0 1\n", "FILE:2: could not convert string to float: 'x'"),
         (GOOD + GOOD, "FILE:2: stamp 1.0 is not after the previous one (1.000000): sort"),
-        (GOOD + "0.5 0 0 0 0 0 0 1\n", "FILE:2: stamp 0.5 does not come after"),
+        (GOOD + "0.5 0 0 0 0 0 0 1\n", "FILE:2: stamp 0.5 is not after"),
         ("1305031449799600128 0 0 0 0 0 0 1\n", "FILE:1: stamps must be in seconds"),
         ("1 0 1e300 0 0 0 0 1\n", "FILE:1: stamps must be in seconds and positions in meters"),
         ("", "FILE: holds no pose; expected lines of: stamp tx ty tz qx qy qz qw"),

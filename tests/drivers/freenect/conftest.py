@@ -35,10 +35,10 @@ def make_camera() -> Iterator[MakeCamera]:
             serial: str = "",
             settings: SensorConfig = SensorConfig(),  # noqa: B008 (frozen)
             camera_file: Path | None = None,
-            base: MotorUnit = NullMotorUnit(),  # noqa: B008 (nothing in it)
+            motor_unit: MotorUnit = NullMotorUnit(),  # noqa: B008 (nothing in it)
         ) -> FreenectCamera:
             images = KinectRectifier(camera_file, settings.mirror)
-            camera = FreenectCamera(KinectSource(serial, settings), images, base, settings)
+            camera = FreenectCamera(KinectSource(serial, settings), images, motor_unit, settings)
             stack.callback(camera.close)
             return camera
 

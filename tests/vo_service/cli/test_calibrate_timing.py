@@ -40,7 +40,7 @@ def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd:
         capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml"
     )
     assert (outcome.code, outcome.error_lines) == (0, "")
-    assert "4 pieces of 32 frames, the briskest of 128\n" in outcome.out
+    assert "the 4 fastest segments of 32 frames, of 128 frames\n" in outcome.out
     assert "saved in sensor.toml; the one before is sensor.toml.bak\n" in outcome.out
     found = read_calibration(Path("sensor.toml"))
     np.testing.assert_allclose(found.readout_s, READOUT_S, atol=0.003)

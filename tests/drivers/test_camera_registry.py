@@ -58,7 +58,7 @@ def test_a_source_that_is_none_says_what_to_write(source: str, said: str) -> Non
 
 
 def test_a_virtual_kinect_takes_no_camera_file() -> None:
-    with pytest.raises(InputError, match=r"camera\.toml: the virtual Kinect knows its own"):
+    with pytest.raises(InputError, match=r"camera\.toml: the virtual Kinect takes no camera file"):
         make_camera(replace(LIGHT, camera_file=Path("camera.toml")))
 
 

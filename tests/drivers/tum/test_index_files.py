@@ -44,7 +44,7 @@ def test_associations_become_pairs_with_the_exact_skew(tmp_path: Path) -> None:
         ("1305031102175304000 a\n", r"rgb\.txt:1: stamp 1305031102175304000 is not in seconds"),
         ("1e99999 a\n", r"rgb\.txt:1: stamp 1e99999 is not in seconds"),
         ("2.0 a\n1.5 b\n", r"rgb\.txt:2: stamp 1\.5 goes back \(the previous one is 2\.0\)"),
-        ("2.0 a\n2.0 b\n", r"rgb\.txt:2: stamp 2\.0 repeats \(the one before"),
+        ("2.0 a\n2.0 b\n", r"rgb\.txt:2: stamp 2\.0 repeats \(the previous one"),
         ("1305031102.0 a\n1305031102.00000001 b\n", r"rgb\.txt:2: stamp .* repeats"),
         ("1 a\n2 ../../etc/passwd\n", r'rgb\.txt:2: "\.\./\.\./etc/passwd" leads out of the'),
         (

@@ -96,7 +96,7 @@ def test_with_loops_a_map_is_made_with_the_corrected_poses(
     assert (outcome.code, outcome.error_lines) == (0, "")
     figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
     assert figures["map_keyframes"] > 1
-    assert f"loops {figures['loop_closures']}" in " ".join(outcome.out.split())
+    assert f"loop_closures {figures['loop_closures']}" in " ".join(outcome.out.split())
     assert figures["loop_closures"] > 0
     written = (tmp_path / "map" / "trajectory.txt").read_bytes()
     assert written == replayed.corrected.read_bytes()

@@ -78,9 +78,9 @@ def test_innovation_is_reported_at_once_and_fades() -> None:
     assert 0.0 < jolted.update_normalized_innovation(0.0) < 9.0
 
 
-def known_velocity(agitation: float) -> Array:
+def known_velocity(noise: float) -> Array:
     return (
-        replace(MOTION_STATE, velocity_noise=np.full(2, agitation))
+        replace(MOTION_STATE, velocity_noise=np.full(2, noise))
         .motion_prior(T_WORLD_KEYFRAME, 1.03)
         .information
     )

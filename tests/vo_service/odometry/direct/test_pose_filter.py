@@ -21,7 +21,7 @@ FASTER = np.array([0.01, 0.02, -0.01, 0.02, 0.01, 0.03])
 def filter_pose(
     times: float, way: MotionState = MOTION, stamp_s: float = STAMP_S
 ) -> tuple[TrackingResult, TrackingResult, float]:
-    """What was found, the same steadied, and the unrest."""
+    """The measured motion, the filtered motion and the velocity noise."""
     found = make_result(times * OFF, FASTER)
     return found, *alpha_beta_filter(found, SIGMA**2 * np.eye(6), way, stamp_s)
 

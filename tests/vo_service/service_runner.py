@@ -11,12 +11,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import zenoh
+
 from tests.forked_process import ForkedProcess
 from tests.ports import free_port
 from tests.vo_service.received_checks import check_received
 from tests.vo_service.service_process import KINECT_VO_WITH_LONG_TIMEOUT, ServiceProcess
 from tests.vo_service.subscriber import RecordingSubscriber
-from tests.waiting import DEFAULT_TIMEOUT_S
+from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
 
@@ -52,9 +54,7 @@ class ServiceRunner:
         self.config.write_text(self.good_config)
         connect = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{self.port}",))
         self.session = open_session(connect)
-        self._heard = RecordingSubscriber()
-        self.session.declare_subscriber("kinect/odom", lambda s: self._heard.on_pose(s))
-        self.session.declare_subscriber("kinect/status", lambda s: self._heard.on_status(s))
+        self._subscribers: list[zenoh.Subscriber[None]] = []
 
     @property
     def state_folder(self) -> Path:
@@ -76,15 +76,27 @@ class ServiceRunner:
     ) -> ServiceProcess:
         """Start the service, by `popen`; the one before must be dead."""
         assert not self.has_started or self.service.process.poll() is not None
-        self._heard = RecordingSubscriber()
+        heard = self._subscribe()
         log = self._folder / f"log-{len(self._lives)}.txt"
         command = [*KINECT_VO_WITH_LONG_TIMEOUT, "run", "--config", str(self.config), *options]
         with log.open("wb") as said:
             process = popen(
                 command, env=self._environment, stdout=said, stderr=said, start_new_session=True
             )
-        self._lives.append(ServiceProcess(process, self._heard, log, self.port))
+        self._lives.append(ServiceProcess(process, heard, log, self.port))
         return self.service
+
+    def _subscribe(self) -> RecordingSubscriber:
+        """Hear the next service only: nothing that the one before has left on the way."""
+        wait_until(lambda: not self.session.info.peers_zid(), "the last service to disconnect")
+        for subscriber in self._subscribers:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+        heard, declare = RecordingSubscriber(), self.session.declare_subscriber
+        self._subscribers = [
+            declare("kinect/odom", heard.on_pose),
+            declare("kinect/status", heard.on_status),
+        ]
+        return heard
 
     def send_command(self, command: str, **arguments: object) -> Mapping[str, Any]:
         """Send a command; its answer. Fails if it is refused."""

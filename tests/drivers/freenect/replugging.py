@@ -28,6 +28,10 @@ FAST_TIMEOUTS = Timeouts(
 )
 
 
+# The camera, and the motor or the audio device that drives it.
+OPEN_HANDLES = 2
+
+
 @dataclass(frozen=True)
 class HeldResources:
     """What the two processes hold while the Kinect streams, and what is open at the Kinect.
@@ -54,12 +58,18 @@ def kinect_in_subprocess() -> Iterator[SubprocessCamera]:
 
 
 def replug(camera: SubprocessCamera, kinect: KinectSimulator) -> None:
-    """Unplug it while it streams and plug it in again, until it streams again."""
+    """Unplug it while it streams and plug it in again, until all of it is open again.
+
+    A frame alone does not say so: the last one of before may still come after the plug.
+    """
     kinect.unplug()
     wait_until(lambda: camera.status.state is not CameraState.STREAMING)
     _discard_buffered_frames(camera)
     kinect.plug()
     camera.read(DEFAULT_TIMEOUT_S)
+    wait_until(
+        lambda: camera.status.state is CameraState.STREAMING and kinect.open_handles == OPEN_HANDLES
+    )
 
 
 def count_resources(kinect: KinectSimulator) -> HeldResources:

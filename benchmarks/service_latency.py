@@ -146,7 +146,7 @@ def measure(
         p50_ms=float(p50_ms),
         p99_ms=float(p99_ms),
         max_ms=float(latency_ms.max()),
-        dropped=status["dropped"] - status_before["dropped"],
+        dropped=status["camera"]["dropped"] - status_before["camera"]["dropped"],
         lost=arrivals.lost,
         service_ms=per_frame_ms(used, count, processes[0]),
         children_ms=per_frame_ms(used, count, *children),
@@ -192,7 +192,7 @@ def report(outcomes: dict[str, LatencyResult], seconds: float) -> int:
         f"{'lost':>4} {'service':>8} {'viewer':>6} {'reader':>6} {'steal':>6}"
     )
     missed = [report_line(name, each, base) for name, each in outcomes.items()]
-    stages = base.status.get("stage_ms", {})
+    stages = base.status.get("timing", {}).get("stage_ms", {})
     print("\nCPU ms per frame of the odometry by stage, medians of the first case:")
     print("  " + ", ".join(f"{stage} {spent_ms:.2f}" for stage, spent_ms in stages.items()))
     print(f"  total {base.status.get('cpu_ms_per_frame', 0.0):.2f}")

@@ -162,7 +162,7 @@ class SoakRun:
             p50_ms=float(p50_ms),
             p99_ms=float(p99_ms),
             cpu_ms=1e3 * (used_s - before_s) / (len(poses) - 1),
-            dropped=self._service.status["dropped"],
+            dropped=self._service.status["camera"]["dropped"],
             lost=self._lost,
         )
 

@@ -110,10 +110,10 @@ def measure(service: ServiceProcess, seconds: float) -> SlowMachineResult:
         if VIEWER_PAUSED_TEXT in clause or FEATURES_TEXT in clause
     ]
     return SlowMachineResult(
-        poses_per_s=(after["frames"] - before["frames"]) / seconds,
-        dropped=after["dropped"] - before["dropped"],
-        late=after["dropped"] - middle["dropped"],
-        features=after["features"],
+        poses_per_s=(after["tracking"]["frames"] - before["tracking"]["frames"]) / seconds,
+        dropped=after["camera"]["dropped"] - before["camera"]["dropped"],
+        late=after["camera"]["dropped"] - middle["camera"]["dropped"],
+        features=after["tracking"]["features"],
         degradations="; ".join(warnings),
         is_viewer_first=is_viewer_paused_first(service.log.splitlines()),
         steal_percent=measure_processor_use().since(machine).steal_percent,

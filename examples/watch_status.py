@@ -17,5 +17,5 @@ with PoseClient(connect=endpoint) as client:
         current = (status["state"], status["reason"], *status["warnings"])
         if current != previous:
             previous = current
-            details = [f"{status['fps']:.0f} poses a second", *filter(None, current[1:])]
+            details = [f"{status['timing']['fps']:.0f} poses a second", *filter(None, current[1:])]
             print(f"{status['state']}: {'; '.join(details)}", flush=True)

@@ -88,7 +88,7 @@ class Control:
                 return {"folder": self._recorder.save("command")}
             case SaveMapCommand(name):
                 state = self._mapper.save(name)
-                return {"file": state.saving, "keyframes": state.keyframes}
+                return {"file": state.saving, "keyframes": state.mesh_keyframes}
             case LoadMapCommand(name):
                 return {"file": self._mapper.load(name).loading}
             case ReloadConfig():

@@ -17,14 +17,18 @@ from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import STAGE_BUDGETS_MS
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.types import (
+    CameraReport,
     Estimate,
     HasWarning,
     LoopClosure,
+    MapReport,
     NullLoopClosure,
     Odometry,
     OdometryUpdate,
     Output,
+    RecorderReport,
     Status,
+    TrackingReport,
     TrackingState,
 )
 
@@ -64,8 +68,8 @@ class Estimator:
 class Service:
     """The real-time loop: moves frames from a camera through an odometry to the outputs.
 
-    The loop runs on the caller's thread. What could block has a thread or a process of its own. The
-    loop turns several times a second, also without frames.
+    The loop runs on the caller's thread. Whatever could block has a thread or a process of its own.
+    Commands and the status are handled several times a second, also without frames.
     """
 
     def __init__(
@@ -110,7 +114,7 @@ class Service:
         self.statistics = ServiceStatistics()
 
     def run(self, stop: threading.Event) -> None:
-        """Work until the frames end or `stop` is set."""
+        """Process frames until they end or `stop` is set."""
         self._publish_status()
         for frame in self._frame_source.frames(stop):
             self._control.process_pending()
@@ -119,26 +123,26 @@ class Service:
             self._publish_status()
 
     def _process(self, frame: RgbdFrame) -> None:
-        """One frame, from its stamp to the outputs."""
+        """Process one frame, from its stamp to the outputs."""
         begin_s, begin_cpu_s = time.monotonic(), time.thread_time()
-        # Stamps only rise, or a new epoch says why not.
-        verdict = self._timestamp_filter.check(frame.stamp_s)
-        if not verdict.is_accepted:
+        # Clock: stamps rise; if they cannot, a new epoch gives the reason.
+        stamp = self._timestamp_filter.check(frame.stamp_s)
+        if not stamp.is_accepted:
             self.statistics.out_of_order += 1
             return
-        if verdict.is_restart or self._clock.has_stepped():
+        if stamp.is_restart or self._clock.has_stepped():
             self._odom_frame.start_epoch("clock_step")
-        # Where is the camera?
+        # Odometry: the motion since the frames before.
         estimate = self._odometry.estimate(frame)
         cpu_s = time.thread_time() - begin_cpu_s
-        # What does that mean for the robot?
+        # Odom frame: the pose of the robot's base, its covariance and its state.
         update = self._make_update(frame, estimate)
-        # Tell everyone.
+        # Outputs: Zenoh, Rerun, recorder, mapper, trajectory file.
         for output in self._outputs:
             output.on_update(update)
         self.statistics.add(update, cpu_s * 1e3)
         self._last = update
-        # Can the machine keep up?
+        # Load: do less if the machine is too slow.
         busy_s = time.monotonic() - begin_s
         interval_s, dropped = self.statistics.interval_s, self._frame_source.counters.dropped
         self._load_shedder.add_frame(FrameCost(busy_s, cpu_s, interval_s, dropped))
@@ -154,12 +158,12 @@ class Service:
     def _publish_status(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""
         state, reason = self._state()
-        warnings = tuple(filter(None, (troubled.warning for troubled in self._warning_sources)))
-        told = (state, *map(_strip_numbers, (reason, *warnings)))
+        warnings = tuple(filter(None, (source.warning for source in self._warning_sources)))
+        report = (state, *map(_strip_numbers, (reason, *warnings)))
         now_s = time.monotonic()
-        if told == self._last_reported and now_s - self._last_reported_s < STATUS_PERIOD_S:
+        if report == self._last_reported and now_s - self._last_reported_s < STATUS_PERIOD_S:
             return
-        self._last_reported, self._last_reported_s = told, now_s
+        self._last_reported, self._last_reported_s = report, now_s
         status = self._make_status(state, reason, warnings)
         for output in self._outputs:
             output.on_status(status)
@@ -174,50 +178,61 @@ class Service:
         return self._last.state, self._last.reason or self._camera.status.reason
 
     def _make_status(self, state: TrackingState, reason: str, warnings: tuple[str, ...]) -> Status:
-        statistics, counters = self.statistics, self._frame_source.counters
-        rolling = statistics.compute_rolling()
-        estimate = self._last.estimate if self._last else None
-        the_map, snapshot = self._control.map_state, self._loop_closure.snapshot
         return Status(
             state=state,
             reason=reason,
             epoch=self._odom_frame.epoch,
-            camera=self._camera.name,
-            camera_state=self._camera.status.state,
+            paused=self._control.is_paused,
+            warnings=warnings,
+            camera=self._camera_report(),
+            tracking=self._tracking_report(),
+            timing=self.statistics.make_timing_report(STAGE_BUDGETS_MS.get(self._method, {})),
+            map=self._map_report(),
+            recorder=RecorderReport(self._control.recording),
+        )
+
+    def _camera_report(self) -> CameraReport:
+        counters = self._frame_source.counters
+        return CameraReport(
+            name=self._camera.name,
+            state=self._camera.status.state,
             intrinsics=self._camera.intrinsics_source,
             level=self._odom_frame.level_source,
-            method=self._method,
-            fps=rolling.fps,
-            latency_p50_ms=rolling.latency_p50_ms,
-            latency_p99_ms=rolling.latency_p99_ms,
-            skew_ms=rolling.skew_ms,
-            jitter_ms=rolling.jitter_ms,
-            features=estimate.features if estimate else 0,
-            matches=estimate.matches if estimate else 0,
-            inliers=estimate.inliers if estimate else 0,
-            frames=statistics.frames,
-            failed=statistics.failed,
+            skew_ms=self.statistics.skew_ms,
+            jitter_ms=self.statistics.jitter_ms,
             dropped=counters.dropped,
-            skipped=counters.skipped + statistics.out_of_order,
+            skipped=counters.skipped + self.statistics.out_of_order,
             lost_packets=counters.lost_packets,
-            paused=self._control.is_paused,
-            recording=self._control.recording,
-            mesh_keyframes=the_map.keyframes,
-            saving_map=the_map.saving,
-            saved_map=the_map.saved,
-            loading_map=the_map.loading,
-            loaded_map=the_map.loaded,
-            map_keyframes=snapshot.keyframes,
+        )
+
+    def _tracking_report(self) -> TrackingReport:
+        report = TrackingReport(
+            self._method, frames=self.statistics.frames, failed=self.statistics.failed
+        )
+        if self._last is None:
+            return report
+        estimate = self._last.estimate
+        return replace(
+            report,
+            features=estimate.features,
+            matches=estimate.matches,
+            inliers=estimate.inliers,
+        )
+
+    def _map_report(self) -> MapReport:
+        mapper, snapshot = self._control.map_state, self._loop_closure.snapshot
+        return MapReport(
+            keyframes=snapshot.keyframes,
             loop_closures=snapshot.loop_closures,
             is_localized=self._last.is_localized if self._last else snapshot.is_localized,
-            warnings=warnings,
-            cpu_ms_per_frame=rolling.cpu_ms_per_frame,
-            stage_ms=rolling.stage_ms,
-            stage_mean_ms=rolling.stage_mean_ms,
-            stage_budget_ms=STAGE_BUDGETS_MS.get(self._method, {}),
+            mesh_keyframes=mapper.mesh_keyframes,
+            saving=mapper.saving,
+            saved=mapper.saved,
+            loading=mapper.loading,
+            loaded=mapper.loaded,
         )
 
 
 def _strip_numbers(text: str) -> str:
-    """A reason with other counts than before is no other reason."""
+    """Remove counts from a reason: a reason with other counts is not a new reason."""
     return re.sub(r"\d+", "", text)

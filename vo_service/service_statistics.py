@@ -10,7 +10,7 @@ from statistics import fmean, median, pstdev
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.types import OdometryUpdate
+from vo_service.types import OdometryUpdate, TimingReport
 
 # The status describes the last few seconds.
 WINDOW_FRAMES = 100
@@ -20,20 +20,6 @@ RATE_WINDOW_S = 2.0
 MAX_INTERVAL_S = 1.0
 # Processor times are kept for so many frames: a service runs for weeks.
 MAX_RECORDED_FRAMES = 5_000
-
-
-@dataclass(frozen=True)
-class RollingStatistics:
-    """Figures of the last frames. Latencies are 0 before the first frame."""
-
-    fps: float
-    latency_p50_ms: float
-    latency_p99_ms: float
-    skew_ms: float
-    jitter_ms: float
-    cpu_ms_per_frame: float
-    stage_ms: Mapping[str, float]
-    stage_mean_ms: Mapping[str, float]
 
 
 @dataclass
@@ -86,18 +72,27 @@ class ServiceStatistics:
         """The camera's, from one frame to the next: median of the last seconds; 0 = not known."""
         return median(self._interval_ms) * 1e-3 if self._interval_ms else 0.0
 
-    def compute_rolling(self) -> RollingStatistics:
-        """Figures of the last few seconds."""
+    @property
+    def skew_ms(self) -> float:
+        """Median skew of the last frames; 0 before the first."""
+        return median(self._skew_ms) if self._skew_ms else 0.0
+
+    @property
+    def jitter_ms(self) -> float:
+        """Standard deviation of the last frame intervals; 0 before the second frame."""
+        return pstdev(self._interval_ms) if self._interval_ms else 0.0
+
+    def make_timing_report(self, stage_budget_ms: Mapping[str, float]) -> TimingReport:
+        """Make the report of the last few seconds. All times are 0 before the first frame."""
         p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))
-        return RollingStatistics(
+        return TimingReport(
             fps=self._recent_fps(),
             latency_p50_ms=float(p50),
             latency_p99_ms=float(p99),
-            skew_ms=median(self._skew_ms) if self._skew_ms else 0.0,
-            jitter_ms=pstdev(self._interval_ms) if self._interval_ms else 0.0,
             cpu_ms_per_frame=_recent_median(self._cpu_ms),
             stage_ms={stage: _recent_median(spent) for stage, spent in self._stages_ms.items()},
             stage_mean_ms={stage: self._recent_mean_ms(stage) for stage in self._stages_ms},
+            stage_budget_ms=stage_budget_ms,
         )
 
     def _recent_mean_ms(self, stage: str) -> float:

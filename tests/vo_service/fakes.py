@@ -19,7 +19,18 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.geometry import Array
-from vo_service.types import Estimate, LevelSource, OdometryUpdate, Status, TrackingState
+from vo_service.types import (
+    CameraReport,
+    Estimate,
+    LevelSource,
+    MapReport,
+    OdometryUpdate,
+    RecorderReport,
+    Status,
+    TimingReport,
+    TrackingReport,
+    TrackingState,
+)
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
 STEP_COVARIANCE = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])
@@ -58,24 +69,20 @@ def make_status(**changes: Any) -> Status:
         state=TrackingState.TRACKING,
         reason="",
         epoch=1,
-        camera="scripted",
-        camera_state=CameraState.STREAMING,
-        intrinsics="",
-        level=LevelSource.ASSUMED,
-        method="surf",
-        fps=29.9,
-        latency_p50_ms=11.0,
-        latency_p99_ms=19.5,
-        skew_ms=-2.5,
-        jitter_ms=0.5,
-        features=980,
-        matches=400,
-        inliers=300,
-        frames=100,
-        failed=0,
-        dropped=0,
-        skipped=0,
-        lost_packets=0,
+        paused=False,
+        warnings=(),
+        camera=CameraReport(
+            name="scripted",
+            state=CameraState.STREAMING,
+            intrinsics="",
+            level=LevelSource.ASSUMED,
+            skew_ms=-2.5,
+            jitter_ms=0.5,
+        ),
+        tracking=TrackingReport("surf", features=980, matches=400, inliers=300, frames=100),
+        timing=TimingReport(fps=29.9, latency_p50_ms=11.0, latency_p99_ms=19.5),
+        map=MapReport(),
+        recorder=RecorderReport(),
     )
     return replace(status, **changes)
 

@@ -3,7 +3,12 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
-from tests.vo_service.subscriber import RecordingSubscriber, SubscribedPose, SubscribedStatus
+from tests.vo_service.subscriber import (
+    RecordingSubscriber,
+    StatusContent,
+    SubscribedPose,
+    SubscribedStatus,
+)
 
 # So many statuses in a row that say all is well, and not one more frame: a silent stop.
 MAX_SILENT_STATUSES = 4
@@ -35,8 +40,13 @@ def check_not_silent(statuses: Sequence[SubscribedStatus]) -> None:
     silent = 0
     for before, after in pairwise(statuses):
         counts = [
-            status.content["frames"] + status.content["skipped"] for status in (before, after)
+            status.content["tracking"]["frames"] + status.content["camera"]["skipped"]
+            for status in (before, after)
         ]
         is_well = after.content["state"] == "tracking" and not after.content["reason"]
         silent = silent + 1 if is_well and counts[0] == counts[1] else 0
         assert silent < MAX_SILENT_STATUSES, f"a silent stop: {after.content}"
+
+
+def _count_frames(status: StatusContent) -> int:
+    return int(status["tracking"]["frames"] + status["camera"]["skipped"])

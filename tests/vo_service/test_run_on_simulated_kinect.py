@@ -103,12 +103,13 @@ def test_frames_that_lost_packets_are_counted_and_not_used(
         kinect.lose_packets(stream, every)
     service.wait_for_status(
         lambda status: (
-            status["skipped"] >= before["skipped"] + 10 and len(service.heard.poses) > so_far + 5
+            status["camera"]["skipped"] >= before["camera"]["skipped"] + 10
+            and len(service.heard.poses) > so_far + 5
         )
     )
     for stream in KinectStream:
         kinect.lose_packets(stream, 0)
-    assert service.status["lost_packets"] >= before["lost_packets"] + 10
+    assert service.status["camera"]["lost_packets"] >= before["camera"]["lost_packets"] + 10
     poses = service.heard.poses[so_far:]
     assert len(poses) > 5
     check_poses(poses)
@@ -121,7 +122,7 @@ def test_a_kinect_that_sends_fewer_frames_is_followed_at_its_own_pace(
     so_far = len(service.heard.poses)
     plugged_in_again_at(10, kinect, service)
     service.wait_for_status(
-        lambda status: status["state"] == "tracking" and 1.0 < status["fps"] < 12.0
+        lambda status: status["state"] == "tracking" and 1.0 < status["timing"]["fps"] < 12.0
     )
     plugged_in_again_at(30, kinect, service)
     check_poses(service.heard.poses[so_far:])
@@ -166,7 +167,7 @@ def test_a_1473_without_firmware_streams_and_its_status_says_what_it_cannot_do(
     late_1473: ServiceProcess,
 ) -> None:
     late_1473.wait_for_status(lambda status: status["state"] == "tracking")
-    assert late_1473.status["level"] == "assumed"
+    assert late_1473.status["camera"]["level"] == "assumed"
     assert "firmware" in late_1473.log
 
 

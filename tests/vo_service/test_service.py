@@ -69,7 +69,11 @@ def test_the_latency_runs_from_the_frames_arrival(clock: FakeClock) -> None:
 def test_the_first_status_goes_out_before_the_first_frame() -> None:
     first = run_loop([make_frame(0)]).statuses[0]
     assert (first.state, first.reason) == (TrackingState.NO_CAMERA, "no frame yet")
-    assert (first.camera, first.method, first.frames) == ("scripted", "surf", 0)
+    assert (first.camera.name, first.tracking.method, first.tracking.frames) == (
+        "scripted",
+        "surf",
+        0,
+    )
 
 
 def test_the_status_goes_out_twice_a_second(clock: FakeClock) -> None:
@@ -77,7 +81,7 @@ def test_the_status_goes_out_twice_a_second(clock: FakeClock) -> None:
     collector = run_loop(frames, clock=clock)
     # Before the first frame, at the first (a change), then twice in each of three seconds.
     assert len(collector.statuses) == 2 + 6
-    assert [status.frames for status in collector.statuses[1:4]] == [1, 17, 33]
+    assert [status.tracking.frames for status in collector.statuses[1:4]] == [1, 17, 33]
 
 
 def test_a_change_of_state_goes_out_at_once(clock: FakeClock) -> None:
@@ -96,7 +100,7 @@ def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: Fak
     collector = run_loop(
         [make_frame(0), make_frame(1)], [good_estimate(np.eye(4)), failed_estimate()], clock
     )
-    last = collector.statuses[-1]
+    last = collector.statuses[-1].tracking
     assert (last.frames, last.failed) == (2, 1)
     assert (last.features, last.matches, last.inliers) == (20, 9, 3)
 
@@ -106,7 +110,7 @@ def test_the_status_says_what_stages_may_cost(method: str, budget_ms: Mapping[st
     camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
     with camera:
         make_service(SinglePassSource(camera), [collector], method=method).run(threading.Event())
-    assert collector.statuses[-1].stage_budget_ms == budget_ms
+    assert collector.statuses[-1].timing.stage_budget_ms == budget_ms
 
 
 def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() -> None:
@@ -118,9 +122,9 @@ def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() ->
     with camera:
         loops = FixedLoopClosure(the_map)
         make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
-    last = collector.statuses[-1]
+    last = collector.statuses[-1].map
     assert collector.poses[0].map is the_map
-    assert (last.map_keyframes, last.loop_closures, last.is_localized) == (4, 1, False)
+    assert (last.keyframes, last.loop_closures, last.is_localized) == (4, 1, False)
 
 
 def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies() -> None:
@@ -130,12 +134,12 @@ def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies(
             loops = FixedLoopClosure(make_map(epoch=epoch))
             make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
         assert collector.poses[0].is_localized == (epoch == 0)
-        assert collector.statuses[-1].is_localized == (epoch == 0)
+        assert collector.statuses[-1].map.is_localized == (epoch == 0)
 
 
 def test_where_there_is_no_map_the_status_says_so() -> None:
-    last = run_loop([make_frame(0)]).statuses[-1]
-    assert (last.map_keyframes, last.loop_closures, last.is_localized) == (0, 0, True)
+    last = run_loop([make_frame(0)]).statuses[-1].map
+    assert (last.keyframes, last.loop_closures, last.is_localized) == (0, 0, True)
 
 
 def test_while_the_camera_is_away_the_status_says_so_and_goes_on(clock: FakeClock) -> None:
@@ -169,8 +173,8 @@ def test_frames_whose_stamp_does_not_rise_are_left_out_and_counted_as_skipped(
     collector = run_loop(events, clock=clock)
     assert [pose.stamp_s for pose in collector.poses] == [1.0, 2.0, 3.0]
     assert [pose.epoch for pose in collector.poses] == [0, 0, 0]
-    assert [status.skipped for status in collector.statuses] == [0, 0, 0, 1, 2, 2]
-    assert [status.frames for status in collector.statuses] == [0, 1, 2, 2, 2, 3]
+    assert [status.camera.skipped for status in collector.statuses] == [0, 0, 0, 1, 2, 2]
+    assert [status.tracking.frames for status in collector.statuses] == [0, 1, 2, 2, 2, 3]
 
 
 def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
@@ -236,9 +240,9 @@ def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
 
 def test_the_status_tells_of_the_camera_and_its_intrinsics() -> None:
     collector = run_loop([make_frame(0)])
-    status = collector.statuses[-1]
-    assert (status.camera, status.camera_state) == ("scripted", CameraState.STREAMING)
-    assert (status.intrinsics, status.method) == ("", "surf")
+    camera = collector.statuses[-1].camera
+    assert (camera.name, camera.state) == ("scripted", CameraState.STREAMING)
+    assert camera.intrinsics == ""
 
 
 class LosingCamera(ScriptedCamera):

@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import RgbdFrame
 from tests.vo_service.fakes import FakeClock, failed_estimate, good_estimate, make_frame
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.service_statistics import RollingStatistics, ServiceStatistics
+from vo_service.service_statistics import ServiceStatistics
 from vo_service.types import Estimate, OdometryUpdate
 
 
@@ -34,8 +34,8 @@ def run(count: int, period_s: float) -> tuple[ServiceStatistics, FakeClock]:
 
 def test_before_the_first_frame_everything_is_zero() -> None:
     statistics = ServiceStatistics()
-    rolling = statistics.compute_rolling()
-    assert (rolling.fps, rolling.latency_p50_ms, rolling.latency_p99_ms) == (0.0, 0.0, 0.0)
+    timing = statistics.make_timing_report({})
+    assert (timing.fps, timing.latency_p50_ms, timing.latency_p99_ms) == (0.0, 0.0, 0.0)
     assert (statistics.mean_fps, statistics.cpu_ms_per_frame, statistics.stage_ms) == (0.0, 0.0, {})
 
 
@@ -43,25 +43,25 @@ def test_before_the_first_frame_everything_is_zero() -> None:
 @pytest.mark.parametrize("seconds", [0.5, 10.0])
 def test_the_rate_is_right_from_the_first_frames_on(fps: float, seconds: float) -> None:
     statistics, _ = run(round(fps * seconds) + 1, 1 / fps)
-    assert statistics.compute_rolling().fps == pytest.approx(fps, rel=1e-6)
+    assert statistics.make_timing_report({}).fps == pytest.approx(fps, rel=1e-6)
     assert statistics.mean_fps == pytest.approx(fps, rel=1e-6)
 
 
 def test_the_rate_falls_when_frames_stop() -> None:
     statistics, clock = run(61, 1 / 30)
     clock.now_s += 1.0
-    assert statistics.compute_rolling().fps < 20.0
+    assert statistics.make_timing_report({}).fps < 20.0
     clock.now_s += 1.5
-    assert statistics.compute_rolling().fps == 0.0
+    assert statistics.make_timing_report({}).fps == 0.0
 
 
 def test_latencies_are_percentiles_of_the_last_hundred_frames() -> None:
     statistics = ServiceStatistics(FakeClock())
     for latency_ms in [9000.0] * 50 + list(range(1, 101)):
         statistics.add(result(good_estimate(np.eye(4)), latency_s=latency_ms / 1e3), cpu_ms=1.0)
-    rolling = statistics.compute_rolling()
-    assert rolling.latency_p50_ms == pytest.approx(50.5)
-    assert rolling.latency_p99_ms == pytest.approx(99.01)
+    timing = statistics.make_timing_report({})
+    assert timing.latency_p50_ms == pytest.approx(50.5)
+    assert timing.latency_p99_ms == pytest.approx(99.01)
 
 
 def test_processor_times_are_medians() -> None:
@@ -77,9 +77,9 @@ def test_the_means_of_stages_are_of_the_last_hundred_frames_and_add_up() -> None
     of_frames = [{"align": 900.0}] * 50 + [{"align": 2.0}] * 90 + [{"align": 2.0, "new": 4.0}] * 10
     for stage_ms in of_frames:
         statistics.add(replace(result(good_estimate(np.eye(4))), stage_ms=stage_ms), cpu_ms=1.0)
-    rolling = statistics.compute_rolling()
-    assert rolling.stage_ms == {"align": 2.0, "new": 4.0}
-    assert rolling.stage_mean_ms == pytest.approx({"align": 2.0, "new": 0.4})
+    timing = statistics.make_timing_report({})
+    assert timing.stage_ms == {"align": 2.0, "new": 4.0}
+    assert timing.stage_mean_ms == pytest.approx({"align": 2.0, "new": 0.4})
 
 
 def test_failed_frames_are_counted() -> None:
@@ -93,31 +93,33 @@ def test_failed_frames_are_counted() -> None:
     assert (statistics.frames, statistics.failed) == (3, 1)
 
 
-def rolling_over(frames: Iterable[RgbdFrame]) -> RollingStatistics:
+def statistics_of(frames: Iterable[RgbdFrame]) -> ServiceStatistics:
     statistics = ServiceStatistics(FakeClock())
     for seen in frames:
         statistics.add(result(good_estimate(np.eye(4)), seen=seen), cpu_ms=1.0)
-    return statistics.compute_rolling()
+    return statistics
 
 
 def test_skew_is_the_median_of_depth_minus_color() -> None:
     skews_s = [0.004, -0.9, 0.005, 0.006, 0.9]
-    rolling = rolling_over(replace(make_frame(k), skew_s=skew) for k, skew in enumerate(skews_s))
-    assert rolling.skew_ms == pytest.approx(5.0)
+    statistics = statistics_of(
+        replace(make_frame(k), skew_s=skew) for k, skew in enumerate(skews_s)
+    )
+    assert statistics.skew_ms == pytest.approx(5.0)
 
 
 def test_even_stamps_have_no_jitter_even_where_frames_are_missing() -> None:
-    rolling = rolling_over(make_frame(seq, seq / 30) for seq in (0, 1, 2, 5, 6, 9))
-    assert rolling.jitter_ms == pytest.approx(0.0, abs=1e-9)
+    statistics = statistics_of(make_frame(seq, seq / 30) for seq in (0, 1, 2, 5, 6, 9))
+    assert statistics.jitter_ms == pytest.approx(0.0, abs=1e-9)
 
 
 def test_jitter_is_the_standard_deviation_of_the_interval() -> None:
     stamps_s = [0.0, 0.032, 0.066, 0.098, 0.132]
-    rolling = rolling_over(make_frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
-    assert rolling.jitter_ms == pytest.approx(1.0)
+    statistics = statistics_of(make_frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
+    assert statistics.jitter_ms == pytest.approx(1.0)
 
 
 def test_the_time_that_the_camera_was_away_is_no_jitter() -> None:
     stamps_s = [0.0, 1 / 30, 40.0, 40.0 + 1 / 30]
-    rolling = rolling_over(make_frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
-    assert rolling.jitter_ms == pytest.approx(0.0, abs=1e-9)
+    statistics = statistics_of(make_frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
+    assert statistics.jitter_ms == pytest.approx(0.0, abs=1e-9)

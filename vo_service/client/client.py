@@ -227,11 +227,17 @@ class PoseClient:
         return str(self._query_field("command/save-incident", {}, "folder", str))
 
     def save_map(self, name: str) -> str:
-        """Start saving the map; return its file. It is complete once `saved_map` names it."""
+        """Start saving the map; return its file.
+
+        It is complete once `map.saved` in the status names it.
+        """
         return str(self._query_field("command/save-map", {"name": name}, "file", str))
 
     def load_map(self, name: str) -> str:
-        """Start loading a saved map; return its file. It is loaded once `loaded_map` names it."""
+        """Start loading a saved map; return its file.
+
+        It is loaded once `map.loaded` in the status names it.
+        """
         return str(self._query_field("command/load-map", {"name": name}, "file", str))
 
     def command(

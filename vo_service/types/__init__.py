@@ -35,12 +35,22 @@ from vo_service.types.outputs import (
     Recorder,
     no_ground_truth,
 )
-from vo_service.types.status import MapState, Status
+from vo_service.types.status import (
+    CameraReport,
+    MapReport,
+    MapState,
+    RecorderReport,
+    Status,
+    TimingReport,
+    TrackingReport,
+    field_description,
+)
 from vo_service.types.update import LevelSource, OdometryUpdate, TrackingState
 
 __all__ = [
     "NAME_PATTERN",
     "NO_MAP",
+    "CameraReport",
     "Command",
     "CommandError",
     "ErrorCode",
@@ -51,6 +61,7 @@ __all__ = [
     "LevelSource",
     "LoadMapCommand",
     "LoopClosure",
+    "MapReport",
     "MapSnapshot",
     "MapState",
     "Mapper",
@@ -63,6 +74,7 @@ __all__ = [
     "PausableViewer",
     "PauseCommand",
     "Recorder",
+    "RecorderReport",
     "ReloadConfig",
     "ResetCommand",
     "ResumeCommand",
@@ -72,7 +84,10 @@ __all__ = [
     "Status",
     "StopRecordingCommand",
     "TiltCommand",
+    "TimingReport",
     "TrackingDebug",
+    "TrackingReport",
     "TrackingState",
+    "field_description",
     "no_ground_truth",
 ]

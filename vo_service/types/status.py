@@ -1,24 +1,31 @@
-"""The status of the service and of its map."""
+"""The status of the service: what is published twice a second, in groups, with its descriptions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated, get_args, get_type_hints
 
 from drivers.camera import CameraState
 from vo_service.types.update import LevelSource, TrackingState
 
 
+def field_description(of: type, name: str) -> str:
+    """Return the description of a status field. Raises KeyError for an unknown field."""
+    return str(get_args(get_type_hints(of, include_extras=True)[name])[1])
+
+
 @dataclass(frozen=True)
 class MapState:
-    """What there is to say of the map.
+    """The mapper's state.
 
-    keyframes  that it would be made of now
-    saving     file of the map that is being made; "" = none
-    saved      file of the last map that was made whole; "" = none
-    loading    file of the map whose places are being loaded; "" = none
-    loaded     file of the map whose places are known; "" = none
+    Attributes:
+        mesh_keyframes: Number of keyframes that a map would be made of now.
+        saving: File of the map that is being saved; "" = none.
+        saved: File of the last map that was saved completely; "" = none.
+        loading: File of the map that is being loaded; "" = none.
+        loaded: File of the map that is loaded; "" = none.
     """
 
-    keyframes: int = 0
+    mesh_keyframes: int = 0
     saving: str = ""
     saved: str = ""
     loading: str = ""
@@ -26,57 +33,99 @@ class MapState:
 
 
 @dataclass(frozen=True)
+class CameraReport:
+    """The camera and its frames."""
+
+    name: Annotated[str, "name of the camera"]
+    state: Annotated[CameraState, "connection state of the camera"]
+    intrinsics: Annotated[
+        str, 'source of the intrinsics: "camera file FILE", "factory", "default"; "" = exact'
+    ]
+    level: Annotated[
+        LevelSource, "source of the up direction: measured, or the first pose counts as level"
+    ]
+    skew_ms: Annotated[
+        float, "stamp of depth minus stamp of color, median of the last 100 frames"
+    ] = 0.0
+    jitter_ms: Annotated[float, "standard deviation of the time between two stamps"] = 0.0
+    dropped: Annotated[int, "frames dropped because a newer one was available"] = 0
+    skipped: Annotated[int, "frames skipped because they were not usable"] = 0
+    lost_packets: Annotated[int, "packets lost between the sensor and the computer"] = 0
+
+
+@dataclass(frozen=True)
+class TrackingReport:
+    """The odometry and its last frame."""
+
+    method: Annotated[str, "name of the odometry"]
+    features: Annotated[int, "features in the last frame"] = 0
+    matches: Annotated[int, "features matched with the previous frame"] = 0
+    inliers: Annotated[int, "matches that agree on one motion"] = 0
+    frames: Annotated[int, "frames processed since the start"] = 0
+    failed: Annotated[int, "processed frames without a motion estimate"] = 0
+
+
+@dataclass(frozen=True)
+class TimingReport:
+    """How fast poses come, and the CPU time of the odometry."""
+
+    fps: Annotated[float, "poses per second, over the last two seconds"] = 0.0
+    latency_p50_ms: Annotated[
+        float, "from a frame's arrival to its pose, median of the last 100 frames"
+    ] = 0.0
+    latency_p99_ms: Annotated[float, "the same, 99th percentile"] = 0.0
+    cpu_ms_per_frame: Annotated[
+        float, "CPU time of the odometry, median of the last 100 frames"
+    ] = 0.0
+    stage_ms: Annotated[
+        Mapping[str, float], "the same by stage, over the frames in which it ran"
+    ] = field(default_factory=dict)
+    stage_mean_ms: Annotated[
+        Mapping[str, float], "mean of the last 100 frames by stage; the sum is the cost of a frame"
+    ] = field(default_factory=dict)
+    stage_budget_ms: Annotated[
+        Mapping[str, float], "limit of each stage; empty for a method without a budget"
+    ] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class MapReport:
+    """The map: loop closure, localization, and the files that are saved and loaded."""
+
+    keyframes: Annotated[int, "keyframes for place recognition"] = 0
+    loop_closures: Annotated[int, "loop closures that corrected the map"] = 0
+    is_localized: Annotated[
+        bool,
+        "whether the map->odom transform is known: false after a reset, a loss or the load of a "
+        "map, until relocalization succeeds",
+    ] = True
+    mesh_keyframes: Annotated[int, "keyframes that a map would be made of now"] = 0
+    saving: Annotated[str, 'file of the map that is being saved; "" = none'] = ""
+    saved: Annotated[
+        str, 'file of the last map that was saved completely; "" = none since the start'
+    ] = ""
+    loading: Annotated[str, 'file of the map that is being loaded; "" = none'] = ""
+    loaded: Annotated[str, 'file of the map that is loaded; "" = none since the start'] = ""
+
+
+@dataclass(frozen=True)
+class RecorderReport:
+    """The recorder."""
+
+    recording: Annotated[str, 'folder of the current recording; "" = none'] = ""
+
+
+@dataclass(frozen=True)
 class Status:
-    """How the service is, as it goes out in JSON. `reason` is "" while all is well.
+    """The status of the service, as it is published in JSON."""
 
-    camera_state  how far the camera is from sending frames
-    intrinsics    where they come from: "camera file FILE", "factory", "default"; "" = exact
-    level         how it is known which way is up; assumed until the first frame says
-    skew_ms       instant of depth minus instant of color, median of the last frames
-    jitter_ms     standard deviation of the time from one stamp to the next
-    paused        asked to publish no poses
-    recording     folder that is being recorded into; "" = none
-    mesh_keyframes, saving_map, saved_map, loading_map, loaded_map  see `MapState`
-    places, loops see `MapSnapshot`
-    is_localized    see `OdometryUpdate`; of the last one
-    warnings      what the outputs complain of, and what was given up for want of time
-    cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
-    stage_mean_ms, stage_budget_ms  the mean of all frames, and what it may be
-    """
-
-    state: TrackingState
-    reason: str
-    epoch: int
-    camera: str
-    camera_state: CameraState
-    intrinsics: str
-    level: LevelSource
-    method: str
-    fps: float
-    latency_p50_ms: float
-    latency_p99_ms: float
-    skew_ms: float
-    jitter_ms: float
-    features: int
-    matches: int
-    inliers: int
-    frames: int
-    failed: int
-    dropped: int
-    skipped: int
-    lost_packets: int
-    paused: bool = False
-    recording: str = ""
-    mesh_keyframes: int = 0
-    saving_map: str = ""
-    saved_map: str = ""
-    loading_map: str = ""
-    loaded_map: str = ""
-    map_keyframes: int = 0
-    loop_closures: int = 0
-    is_localized: bool = True
-    warnings: tuple[str, ...] = ()
-    cpu_ms_per_frame: float = 0.0
-    stage_ms: Mapping[str, float] = field(default_factory=dict)
-    stage_mean_ms: Mapping[str, float] = field(default_factory=dict)
-    stage_budget_ms: Mapping[str, float] = field(default_factory=dict)
+    state: Annotated[TrackingState, "tracking state: how far the pose can be trusted"]
+    reason: Annotated[str, 'reason of the state, for people; "" if there is none']
+    epoch: Annotated[int, "changes whenever the pose is not continuous with the one before"]
+    paused: Annotated[bool, "whether publishing is paused"]
+    warnings: Annotated[tuple[str, ...], "faults other than tracking, one clause each"]
+    camera: Annotated[CameraReport, "the camera and its frames"]
+    tracking: Annotated[TrackingReport, "the odometry and its last frame"]
+    timing: Annotated[TimingReport, "how fast poses come, and the CPU time of the odometry"]
+    map: Annotated[MapReport, "loop closure, localization, saved and loaded maps"]
+    recorder: Annotated[RecorderReport, "the recorder"]

@@ -100,7 +100,7 @@ class Publisher:
 
     def status(self, state: str, reason: str) -> None:
         self.wait()
-        content = {"schema": 1, "state": state, "reason": reason, "fps": 30.0}
+        content = {"schema": 1, "state": state, "reason": reason, "timing": {"fps": 30.0}}
         self._session.put("kinect/status", json.dumps(content).encode())
 
     def close(self) -> None:
@@ -135,7 +135,11 @@ def test_json_gives_one_object_a_line(endpoint: str) -> None:
         status = json.loads(printed(process))
         robot.pose(1.0)
         pose = json.loads(printed(process))
-    assert (status["kind"], status["state"], status["fps"]) == ("status", "degraded", 30.0)
+    assert (status["kind"], status["state"], status["timing"]["fps"]) == (
+        "status",
+        "degraded",
+        30.0,
+    )
     assert (pose["kind"], pose["seq"], pose["epoch"]) == ("pose", 7, 2)
     assert pose["position_m"] == [1.0, 0.5, -0.25]
     assert pose["quaternion_xyzw"] == [0.0, 0.0, 0.0, 1.0]

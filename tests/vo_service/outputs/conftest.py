@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import CameraState, PinholeCamera, RgbdFrame
 from drivers.core.geometry import rigid_transform, so3_exp
 from tests import ports
 from tests.vo_service.fakes import make_status
 from vo_service.types import (
+    CameraReport,
     Estimate,
     LevelSource,
     OdometryUpdate,
@@ -40,15 +41,14 @@ def make_update() -> Callable[..., OdometryUpdate]:
 @pytest.fixture
 def status() -> Status:
     """A status as the service would send it."""
-    return make_status(
-        state=TrackingState.DEGRADED,
-        reason="few inliers",
-        camera="tum:desk",
+    camera = CameraReport(
+        name="tum:desk",
+        state=CameraState.STREAMING,
         intrinsics="camera file camera.toml",
         level=LevelSource.GRAVITY,
-        failed=1,
         dropped=2,
     )
+    return make_status(state=TrackingState.DEGRADED, reason="few inliers", camera=camera)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 
 from tests.vo_service.fakes import make_status
 from vo_service.outputs.systemd import SystemdNotifier, SystemdOutput
-from vo_service.types import TrackingState
+from vo_service.types import TimingReport, TrackingState
 
 STATUS = make_status()
 
@@ -59,7 +59,9 @@ def test_the_first_status_says_ready_and_each_feeds_the_watchdog(systemd: Notify
 def test_the_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     state, reason = TrackingState.NO_CAMERA, "freenect: no Kinect\nis plugged in"
-    output.on_status(replace(STATUS, state=state, reason=reason, fps=0.0, warnings=("disk full",)))
+    output.on_status(
+        replace(STATUS, state=state, reason=reason, timing=TimingReport(), warnings=("disk full",))
+    )
     expected = "STATUS=no_camera: freenect: no Kinect is plugged in; 0 poses/s; disk full"
     assert systemd.receive()[-1] == expected
     output.close()

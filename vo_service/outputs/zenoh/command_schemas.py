@@ -65,12 +65,12 @@ _PAUSED: Schema = {"type": "boolean", "description": "whether publishing is paus
 _FOLDER: Schema = {"type": "string", "description": "path on the service's computer"}
 _FILE: Schema = {
     "type": "string",
-    "description": "path on the service's computer; complete once `saved_map` in the status names "
+    "description": "path on the service's computer; complete once `map.saved` in the status names "
     "it",
 }
 _LOADED: Schema = {
     "type": "string",
-    "description": "path on the service's computer; loaded once `loaded_map` in the status names "
+    "description": "path on the service's computer; loaded once `map.loaded` in the status names "
     "it",
 }
 _KEYFRAMES: Schema = {"type": "integer", "description": "number of keyframes in the map"}

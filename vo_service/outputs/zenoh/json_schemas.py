@@ -12,8 +12,13 @@ from typing import Any, get_args, get_origin, get_type_hints
 from vo_service.command_parser import COMMAND_NAMES
 from vo_service.outputs.zenoh.command_schemas import ARGUMENT_SCHEMAS, RESULT_SCHEMAS
 from vo_service.outputs.zenoh.messages import MESSAGE_SCHEMA
-from vo_service.outputs.zenoh.status_fields import STATUS_FIELD_DESCRIPTIONS
-from vo_service.types import ErrorCode, Status, TrackingState
+from vo_service.types import (
+    ErrorCode,
+    MapReport,
+    Status,
+    TrackingState,
+    field_description,
+)
 
 JSON_SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 Schema = dict[str, Any]
@@ -29,6 +34,7 @@ _SCHEMA_FIELD: Schema = {
     "const": MESSAGE_SCHEMA,
     "description": "version of the message; a reader must refuse an unknown version",
 }
+VERSIONS_DESCRIPTION = "versions of the program, of Python and of the libraries that affect poses"
 _TEXT: Schema = {"type": "string"}
 
 
@@ -57,6 +63,9 @@ def schema_of(annotation: Any) -> Schema:
         return _PRIMITIVE_SCHEMAS[annotation]
     if isinstance(annotation, type) and issubclass(annotation, StrEnum):
         return {"enum": [str(value) for value in annotation]}
+    if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
+        properties = _field_schemas(annotation)
+        return {"type": "object", "properties": properties, "required": list(properties)}
     match get_origin(annotation), get_args(annotation):
         case origin, (item, ellipsis) if origin is tuple and ellipsis is Ellipsis:
             return {"type": "array", "items": schema_of(item)}
@@ -76,9 +85,9 @@ def _odom_attachment_schema() -> Schema:
             },
             "state": {
                 "enum": [state for state in TrackingState if state is not TrackingState.NO_CAMERA],
-                "description": STATUS_FIELD_DESCRIPTIONS["state"],
+                "description": field_description(Status, "state"),
             },
-            "epoch": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["epoch"]},
+            "epoch": {"type": "integer", "description": field_description(Status, "epoch")},
             "reason": {
                 "type": "string",
                 "description": 'reason of the state or of a new epoch; "" if there is none',
@@ -102,31 +111,34 @@ def _map_odom_attachment_schema() -> Schema:
             },
             "is_localized": {
                 "type": "boolean",
-                "description": STATUS_FIELD_DESCRIPTIONS["is_localized"],
+                "description": field_description(MapReport, "is_localized"),
             },
             "map_keyframes": {
                 "type": "integer",
-                "description": STATUS_FIELD_DESCRIPTIONS["map_keyframes"],
+                "description": field_description(MapReport, "keyframes"),
             },
             "loop_closures": {
                 "type": "integer",
-                "description": STATUS_FIELD_DESCRIPTIONS["loop_closures"],
+                "description": field_description(MapReport, "loop_closures"),
             },
         },
     )
 
 
 def _status_schema() -> Schema:
-    types = get_type_hints(Status)
-    fields = {
-        field.name: schema_of(types[field.name])
-        | {"description": STATUS_FIELD_DESCRIPTIONS[field.name]}
-        for field in dataclasses.fields(Status)
-    }
-    versions = schema_of(Mapping[str, str]) | {"description": STATUS_FIELD_DESCRIPTIONS["versions"]}
+    versions = schema_of(Mapping[str, str]) | {"description": VERSIONS_DESCRIPTION}
     return _message_schema(
-        "Status of the service on PREFIX/status", fields | {"versions": versions}
+        "Status of the service on PREFIX/status", _field_schemas(Status) | {"versions": versions}
     )
+
+
+def _field_schemas(of: type) -> dict[str, Schema]:
+    """Return the schemas of the fields of a dataclass of the status, with their descriptions."""
+    types = get_type_hints(of)
+    return {
+        name: schema_of(annotation) | {"description": field_description(of, name)}
+        for name, annotation in types.items()
+    }
 
 
 def _error_schema() -> Schema:

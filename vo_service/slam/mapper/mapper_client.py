@@ -92,7 +92,7 @@ class MapperClient:
                 raise _not_possible_error(f"a map is already being saved: {self.state.saving}")
             if name in self._map_names:
                 raise _not_possible_error(f"map {name!r} already exists; choose another name")
-            if not self.state.keyframes:
+            if not self.state.mesh_keyframes:
                 raise _not_possible_error("the map is empty: no frame has been tracked yet")
             self._save_faults.set("")
             self.state = replace(self.state, saving=str(self._store.mesh_file(name)))
@@ -136,7 +136,7 @@ class MapperClient:
                         loadable_names,
                         "",
                     )
-                    self.state = replace(self.state, keyframes=keyframes)
+                    self.state = replace(self.state, mesh_keyframes=keyframes)
                 self._folder_faults.set(fault)
             case SaveMapResult():
                 self._handle_save_result(message)
@@ -181,7 +181,7 @@ class MapperClient:
     def _handle_worker_death(self) -> None:
         with self._lock:
             saving = self.state.saving
-            self.state = replace(self.state, keyframes=0, saving="", loading="", loaded="")
+            self.state = replace(self.state, mesh_keyframes=0, saving="", loading="", loaded="")
             self._process_fault = "the mapper process died and is restarted with an empty map"
             self._supervisor.config = replace(
                 self._supervisor.config, first_frame=self._on_worker_died()

@@ -13,7 +13,14 @@ from tests.vo_service.fakes import make_status
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.flight_recorder import FlightRecorder
-from vo_service.types import CommandError, Estimate, OdometryUpdate, Status, TrackingState
+from vo_service.types import (
+    CommandError,
+    Estimate,
+    OdometryUpdate,
+    Status,
+    TrackingReport,
+    TrackingState,
+)
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
@@ -72,7 +79,7 @@ def make_update(
 
 def make_recorder_status(frames: int = 0) -> Status:
     """Make a status with this frame count."""
-    return make_status(frames=frames)
+    return make_status(tracking=TrackingReport("surf", frames=frames))
 
 
 @contextmanager

@@ -63,7 +63,7 @@ def test_beside_the_frames_is_what_the_service_said_of_them(tmp_path: Path) -> N
     poses = read_trajectory(folder / "trajectory.txt")  # of the frames that have one
     np.testing.assert_allclose(poses.T_world_camera[:, 0, 3], [0.0, 0.01, 0.02, 0.03])
     (status,) = map(json.loads, (folder / "status.jsonl").read_text().splitlines())
-    assert status["frames"] == 5
+    assert status["tracking"]["frames"] == 5
     assert status["unix_s"] == pytest.approx(time.time(), abs=100.0)
     assert status["recorder"]["limited_by"] == "seconds"
 

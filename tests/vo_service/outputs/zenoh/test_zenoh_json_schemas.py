@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,14 @@ from vo_service.outputs.zenoh.messages import (
     pose_attachment,
     status_payload,
 )
-from vo_service.outputs.zenoh.status_fields import STATUS_FIELD_DESCRIPTIONS
-from vo_service.types import CommandError, ErrorCode, OdometryUpdate, Status
+from vo_service.types import (
+    CommandError,
+    ErrorCode,
+    OdometryUpdate,
+    RecorderReport,
+    Status,
+    TimingReport,
+)
 from vo_service.versions import versions
 
 SCHEMAS = all_schemas()
@@ -57,17 +63,31 @@ def test_a_status_is_valid_and_has_no_field_that_the_schema_lacks(status: Status
 
 def test_a_status_with_all_that_can_be_in_it_is_valid(status: Status) -> None:
     full = dataclasses.replace(
-        status, warnings=("a", "b"), stage_ms={"surf": 4.5}, paused=True, recording="desk"
+        status,
+        warnings=("a", "b"),
+        timing=TimingReport(stage_ms={"surf": 4.5}),
+        paused=True,
+        recorder=RecorderReport("desk"),
     )
     content = json.loads(status_payload(full, versions()))
     assert schema_errors(SCHEMAS["status"], content) == []
 
 
 @pytest.mark.parametrize(
-    "change", [{"state": "asleep"}, {"fps": "30"}, {"warnings": [1]}, {"stage_ms": {"a": "b"}}]
+    ("group", "key", "wrong"),
+    [
+        ("", "state", "asleep"),
+        ("", "warnings", [1]),
+        ("timing", "fps", "30"),
+        ("timing", "stage_ms", {"a": "b"}),
+        ("map", "is_localized", 1),
+    ],
 )
-def test_a_status_that_is_wrong_is_found(status: Status, change: dict[str, Any]) -> None:
-    content = json.loads(status_payload(status, versions())) | change
+def test_a_status_that_is_wrong_is_found(
+    status: Status, group: str, key: str, wrong: object
+) -> None:
+    content = json.loads(status_payload(status, versions()))
+    (content[group] if group else content)[key] = wrong
     assert len(schema_errors(SCHEMAS["status"], content)) == 1
 
 
@@ -117,6 +137,14 @@ def test_a_type_without_a_schema_is_not_passed_over() -> None:
         schema_of(set[int])
 
 
-@pytest.mark.parametrize("word", [*STATUS_FIELD_DESCRIPTIONS, *COMMAND_NAMES, *ErrorCode])
+def status_fields(schema: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Return the names of all fields of the status, those of a group as `group.name`."""
+    for name, field in schema["properties"].items():
+        yield f"{prefix}{name}"
+        if "properties" in field:
+            yield from status_fields(field, f"{name}.")
+
+
+@pytest.mark.parametrize("word", [*status_fields(SCHEMAS["status"]), *COMMAND_NAMES, *ErrorCode])
 def test_the_documentation_names_everything(word: str) -> None:
     assert f"`{word}`" in MESSAGES

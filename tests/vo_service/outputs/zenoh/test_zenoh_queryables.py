@@ -58,7 +58,7 @@ def test_the_last_status_is_the_one_that_was_published(free_port: int, status: S
         output.on_status(status)
         wait_until(lambda: "error" not in query_json(session, "kinect/status")[0])
         (answer,) = query_json(session, "kinect/status")
-    assert (answer["schema"], answer["state"], answer["fps"]) == (1, "degraded", 29.9)
+    assert (answer["schema"], answer["state"], answer["timing"]["fps"]) == (1, "degraded", 29.9)
 
 
 def test_a_service_that_is_stuck_answers_all_the_same(

@@ -55,7 +55,7 @@ def go(opened: LiveMapper, first: int, last: int, by: int = 2) -> None:
 
 
 def _has_keyframes(opened: LiveMapper, keyframes: int) -> bool:
-    return opened.state.keyframes >= keyframes
+    return opened.state.mesh_keyframes >= keyframes
 
 
 def _has(opened: LiveMapper, places: int) -> bool:
@@ -105,7 +105,7 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
         assert not opened.loop_closure.snapshot.is_localized
         places = opened.loop_closure.snapshot.keyframes
         assert places > STEPS // 2
-        before = opened.state.keyframes
+        before = opened.state.mesh_keyframes
         for keyframes, step in enumerate((STEPS + 1, STEPS + 4, STEPS + 7), before + 1):
             opened.on_update(make_update(step))
             wait_until(partial(_has_keyframes, opened, keyframes), "a keyframe")
@@ -120,13 +120,13 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
 def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(saved: Path) -> None:
     with running_mapper(saved, WITH_LOOP_CLOSURE) as opened:
         opened.on_update(make_update(STEPS))
-        wait_until(lambda: opened.state.keyframes == 1, "a keyframe")
+        wait_until(lambda: opened.state.mesh_keyframes == 1, "a keyframe")
         opened.load(NAME)
         wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
-        wait_until(lambda: opened.state.keyframes == 0, "the keyframe of before to go")
+        wait_until(lambda: opened.state.mesh_keyframes == 0, "the keyframe of before to go")
         opened.on_update(make_update(STEPS))
         wait_until(lambda: opened.loop_closure.snapshot.is_localized, "a place that is known")
-        wait_until(lambda: opened.state.keyframes == 1, "a keyframe in that map")
+        wait_until(lambda: opened.state.mesh_keyframes == 1, "a keyframe in that map")
 
 
 def test_a_damaged_map_is_reported_in_one_line_and_the_service_goes_on(
@@ -139,7 +139,7 @@ def test_a_damaged_map_is_reported_in_one_line_and_the_service_goes_on(
         wait_until(lambda: "bad.places: damaged map" in opened.warning, "the warning")
         assert "\n" not in opened.warning
         go(opened, 0, 2)
-        assert opened.state.keyframes > 0
+        assert opened.state.mesh_keyframes > 0
 
 
 def test_keyframes_of_a_process_that_is_killed_are_removed_and_come_again(tmp_path: Path) -> None:

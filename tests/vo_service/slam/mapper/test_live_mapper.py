@@ -61,7 +61,7 @@ def test_a_map_is_private_and_nothing_lies_beside_it(saved_wall: SavedWallMap) -
 
 def test_a_map_keeps_its_name_and_its_keyframes_stay_for_the_next(saved_wall: SavedWallMap) -> None:
     assert saved_wall.mapper.warning == ""
-    assert saved_wall.mapper.state.keyframes == 3
+    assert saved_wall.mapper.state.mesh_keyframes == 3
     assert "map 'wall' already exists" in command_error(lambda: saved_wall.mapper.save("wall"))
     assert "bad-request" in command_error(lambda: saved_wall.mapper.save("../wall"))
 
@@ -73,7 +73,7 @@ def test_there_are_keyframes_of_this_epoch_alone_and_as_many_as_may_be_now(tmp_p
         move_along_wall(opened, 2)
         move_along_wall(opened, 3, epoch=1)
         opened.configure(replace(COARSE, max_mb=0))  # less than any configuration file may say
-        wait_until(lambda: opened.state.keyframes == 1)
+        wait_until(lambda: opened.state.mesh_keyframes == 1)
 
 
 def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_reported(
@@ -88,7 +88,7 @@ def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_reported(
         wait_until(lambda: not opened.state.saving)
         assert "wall.ply: the mesh process was killed" in opened.warning
         assert opened.state.saved == ""
-        assert opened.state.keyframes == 1
+        assert opened.state.mesh_keyframes == 1
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
@@ -103,11 +103,11 @@ def test_a_process_that_is_killed_begins_an_empty_map_and_reports_it(tmp_path: P
         wait_until(lambda: "is restarted with an empty map" in opened.warning)
         wait_until(lambda: opened.is_ready and first != mapper_pid())
         assert opened.warning.endswith("wall.ply was interrupted")
-        assert (opened.state.keyframes, opened.state.saving) == (0, "")
+        assert (opened.state.mesh_keyframes, opened.state.saving) == (0, "")
         opened.on_update(
             make_wall_update(9, 0.4)
         )  # where it stood before: a camera that stands has a map again
-        wait_until(lambda: opened.state.keyframes == 1)
+        wait_until(lambda: opened.state.mesh_keyframes == 1)
         wait_until(lambda: not is_alive(maker))
     assert not list(tmp_path.glob("maps/*"))
 

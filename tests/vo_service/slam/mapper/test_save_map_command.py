@@ -36,14 +36,16 @@ def relocalize(
 def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> None:
     service = stage.start()
     service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
-    service.wait_for_status(lambda status: status["mesh_keyframes"] == 1)  # the camera stands still
+    service.wait_for_status(
+        lambda status: status["map"]["mesh_keyframes"] == 1
+    )  # the camera stands still
     first = len(service.heard.poses)
     answer = relocalize(stage, "kitchen")
     file = stage.state_folder / "maps" / "kitchen.ply"
     assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
-    service.wait_for_status(lambda status: status["saved_map"] == str(file))
+    service.wait_for_status(lambda status: status["map"]["saved"] == str(file))
     assert len(service.heard.poses) > first
-    assert service.status["saving_map"] == ""
+    assert service.status["map"]["saving"] == ""
     assert len(read_vertices_m(file)) > 100
     assert "triangles from 1 keyframes" in service.log
     again = relocalize(stage, "kitchen")
@@ -52,9 +54,9 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> Non
     assert relocalize(stage, "../kitchen").returncode == 2
     keyframes = str(file.with_suffix(".places"))
     assert json.loads(relocalize(stage, "kitchen", "load-map").stdout) == {"file": keyframes}
-    service.wait_for_status(lambda status: status["loaded_map"] == keyframes)
+    service.wait_for_status(lambda status: status["map"]["loaded"] == keyframes)
     service.wait_for_status(
-        lambda status: status["map_keyframes"] == 2
+        lambda status: status["map"]["keyframes"] == 2
     )  # that of the map, and what is seen now
     assert {(pose.state, pose.epoch) for pose in service.heard.poses} == {("tracking", 0)}
     assert service.stop() == 0

@@ -66,7 +66,7 @@ def move_along_wall(mapper: LiveMapper, steps: int, *, epoch: int = 0) -> None:
 
 
 def _has_keyframes(mapper: LiveMapper, keyframes: int) -> bool:
-    return mapper.state.keyframes == keyframes
+    return mapper.state.mesh_keyframes == keyframes
 
 
 def save_map(mapper: LiveMapper, name: str) -> Path:

@@ -5,6 +5,7 @@ A backend is one folder beside this file with one class derived from `RgbdCamera
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -15,11 +16,37 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.config import required_field
+from drivers.core.config import config_field, required_field
 from drivers.core.errors import CameraError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
-from drivers.sensor_config import Led
+
+
+class Led(StrEnum):
+    """A state of the Kinect's LED."""
+
+    OFF = "off"
+    GREEN = "green"
+    RED = "red"
+    YELLOW = "yellow"
+    BLINK_GREEN = "blink-green"
+    BLINK_RED_YELLOW = "blink-red-yellow"
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """Settings of a real sensor, applied whenever it is opened."""
+
+    auto_exposure: bool = config_field(True, "false keeps the current exposure")
+    auto_white_balance: bool = config_field(True, "false keeps the current white balance")
+    mirror: bool = config_field(False, "swap left and right, for a camera that looks into a mirror")
+    led: Led = config_field(Led.GREEN, "LED while the sensor is open")
+    tilt_deg: float | None = config_field(
+        None,
+        "tilt of the head against the horizon; unset = unchanged",
+        minimum=-31.0,
+        maximum=31.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -247,3 +274,7 @@ class RgbdCamera(ABC):
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+# Makes a camera in a worker process: a class or function of a module, or a partial of one.
+CameraFactory = Callable[[], RgbdCamera]

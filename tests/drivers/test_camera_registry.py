@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import Clock, PlaybackMode
+from drivers.camera import Clock, PlaybackMode, SensorConfig
 from drivers.core.errors import InputError
 from drivers.registry import CAMERA_FACTORIES, CAMERA_USAGES, CameraRequest, make_camera
-from drivers.sensor_config import SensorConfig
 from drivers.subprocess_camera.camera import SubprocessCamera
 from drivers.synthetic.config import SyntheticConfig
 

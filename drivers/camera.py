@@ -152,7 +152,7 @@ class CameraStatus:
 
 @dataclass(frozen=True)
 class CameraCounters:
-    """Totals since `open`."""
+    """Totals since the camera was made."""
 
     delivered: int = 0
     dropped: int = 0  # whole frames that a newer one replaced before they were read
@@ -217,7 +217,7 @@ class RgbdCamera(ABC):
     @property
     @abstractmethod
     def counters(self) -> CameraCounters:
-        """Frames delivered, dropped and skipped, and packets lost, since `open`."""
+        """Totals since the camera was made, over all times that it was open."""
 
     @property
     def status(self) -> CameraStatus:

@@ -8,7 +8,6 @@ from itertools import count
 from typing import Protocol
 
 from drivers.camera import (
-    CameraCounters,
     CameraState,
     EndOfStream,
     FrameTimeout,
@@ -33,11 +32,6 @@ class FrameSource(Protocol):
         """Why there is no frame now; "" while there are frames."""
         ...
 
-    @property
-    def counters(self) -> CameraCounters:
-        """Totals since the start, over all times that the camera was opened."""
-        ...
-
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
         """Yield until the source ends or `stop` is set."""
         ...
@@ -49,11 +43,6 @@ class SinglePassSource:
     def __init__(self, camera: RgbdCamera) -> None:
         self._camera = camera
         self.reason = ""
-
-    @property
-    def counters(self) -> CameraCounters:
-        """The camera's own."""
-        return self._camera.counters
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
         """Yield until the last frame."""
@@ -104,20 +93,14 @@ class ReconnectingSource:
 
     def __init__(self, camera: RgbdCamera) -> None:
         self._camera = camera
-        self._previous_counters = CameraCounters()
         self.reason = "camera not opened yet"
-
-    @property
-    def counters(self) -> CameraCounters:
-        """Totals over all times that the camera was opened."""
-        return self._previous_counters + self._camera.counters
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
         """Yield until stopped; None while the camera is away."""
         retry = MIN_RETRY_TICKS
         while not stop.is_set():
             try:
-                self._open()
+                self._camera.open()
                 plain = SinglePassSource(self._camera)
                 for frame in plain.frames(stop):
                     self.reason = plain.reason
@@ -131,12 +114,6 @@ class ReconnectingSource:
                 self._camera.close()
             yield from _wait_ticks(range(retry), stop)
             retry = min(2 * retry, MAX_RETRY_TICKS)
-
-    def _open(self) -> None:
-        """Open the camera; what it counted the last time is kept, as it counts from 0 again."""
-        counted = self._camera.counters
-        self._camera.open()
-        self._previous_counters += counted
 
 
 def _wait_ticks(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:

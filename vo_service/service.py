@@ -143,7 +143,7 @@ class Service:
         self._last = update
         # Load: do less if the machine is too slow.
         busy_s = time.monotonic() - begin_s
-        interval_s, dropped = self.statistics.interval_s, self._frame_source.counters.dropped
+        interval_s, dropped = self.statistics.interval_s, self._camera.counters.dropped
         self._load_shedder.add_frame(FrameCost(busy_s, cpu_s, interval_s, dropped))
 
     def _make_update(self, frame: RgbdFrame, estimate: Estimate) -> OdometryUpdate:
@@ -191,7 +191,7 @@ class Service:
         )
 
     def _camera_report(self) -> CameraReport:
-        counters = self._frame_source.counters
+        counters = self._camera.counters
         return CameraReport(
             name=self._camera.name,
             state=self._camera.status.state,

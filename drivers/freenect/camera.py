@@ -88,7 +88,7 @@ class FreenectCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since `open`; `skipped` counts incomplete and unpaired depth images."""
+        """See `RgbdCamera`; `skipped` counts incomplete and unpaired depth images."""
         return self._session.counters
 
     @property
@@ -128,12 +128,11 @@ class FreenectCamera(RgbdCamera):
         if not self._session.wait_until_ended(RELEASE_TIMEOUT_S):
             raise device_hung_error()
         self._session = CaptureSession(
-            self._source.load(), self._source, self._rectifier.depth_format
+            self._source.load(), self._source, self._rectifier.depth_format, self.counters
         )
         started = self._session.start()
         self._depth_filter = started.depth_filter
         self._stamp_converter = self._source.make_stamp_converter()
-        self._last_lost_packets = 0
         self._motor_unit.open(started.serial)
         self._motor_unit.apply(self._settings)
         self._status = CameraStatus(CameraState.STARTING)

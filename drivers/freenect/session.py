@@ -37,9 +37,16 @@ class NullSession:
 
 
 class CaptureSession:
-    """One use of the device, which ends with `stop`. The next one has new clocks and counters."""
+    """One use of the device, which ends with `stop`. The next one has new clocks."""
 
-    def __init__(self, library: ctypes.CDLL, source: DeviceSource, depth: DepthFormat) -> None:
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        source: DeviceSource,
+        depth: DepthFormat,
+        earlier_counters: CameraCounters,
+    ) -> None:
+        self._earlier_counters = earlier_counters
         self._log = LibfreenectLog()
         self._pairing: NearestFramePairing[PooledImage, PooledImage] = NearestFramePairing(
             min_period_s=source.min_period_s
@@ -78,9 +85,9 @@ class CaptureSession:
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals of this session."""
+        """Totals of this session and of those before."""
         log, queue = self._log, self._queue
-        return CameraCounters(
+        return self._earlier_counters + CameraCounters(
             delivered=queue.delivered,
             dropped=queue.dropped,
             skipped=log.depth.incomplete + self._pairing.unpaired,

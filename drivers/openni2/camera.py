@@ -54,7 +54,12 @@ class OpenNI2Camera(RgbdCamera):
         try:
             self._openni2 = self._openni2 or OpenNI2()
             self._stream = LiveStream(
-                self._openni2, self.name, self._device_id, self._calibration_file, self._settings
+                self._openni2,
+                self.name,
+                self._device_id,
+                self._calibration_file,
+                self._settings,
+                self.counters,
             )
         except CameraNotFoundError as error:
             self._status = CameraStatus(CameraState.ABSENT, str(error))
@@ -85,7 +90,7 @@ class OpenNI2Camera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since `open`; `skipped` counts incomplete and unpaired images."""
+        """See `RgbdCamera`; `skipped` counts incomplete and unpaired images."""
         return self._stream.counters if self._stream else CameraCounters()
 
     @property

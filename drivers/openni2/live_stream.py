@@ -56,6 +56,7 @@ class LiveStream:
         device_id: str,
         calibration_file: CalibrationFile,
         settings: SensorConfig,
+        earlier_counters: CameraCounters,
     ) -> None:
 
         self._name = name
@@ -77,6 +78,7 @@ class LiveStream:
         self._clock_sync = HostClockSync(ASSUMED_READOUT_S)
         self._first_index, self._next_seq = -1, 0
         self._delivered = self._dropped = self._incomplete = 0
+        self._earlier_counters = earlier_counters
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """Wait for the newest frame. Raises FrameTimeout, CameraLostError."""
@@ -89,8 +91,8 @@ class LiveStream:
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since the start; `skipped` counts incomplete and unpaired images."""
-        return CameraCounters(
+        """Totals with those of the streams before; `skipped`: incomplete and unpaired images."""
+        return self._earlier_counters + CameraCounters(
             self._delivered, self._dropped, self._incomplete + self._pairing.unpaired
         )
 

@@ -41,7 +41,12 @@ class OniCamera(RgbdCamera):
         calibration_file = CalibrationFile.read(self._camera_file)
         self._openni2 = self._openni2 or OpenNI2()
         self._playback = OniPlayback(
-            self._openni2, self._path, calibration_file, self._playback_mode, self._mirror
+            self._openni2,
+            self._path,
+            calibration_file,
+            self._playback_mode,
+            self._mirror,
+            self.counters,
         )
         self._is_open = True
 
@@ -59,7 +64,7 @@ class OniCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since `open`."""
+        """See `RgbdCamera`."""
         return self._playback.counters if self._playback else CameraCounters()
 
     @property

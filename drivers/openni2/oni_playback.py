@@ -32,6 +32,7 @@ class OniPlayback:
         calibration_file: CalibrationFile,
         playback_mode: PlaybackMode,
         mirror: bool,
+        earlier_counters: CameraCounters,
     ) -> None:
 
         self.index = read_oni_index(path)
@@ -46,7 +47,7 @@ class OniPlayback:
             playback_mode, [self.index.stamp_s(i) for i, _ in self.index.pairs]
         )
         self._next_seq = 0
-        self.counters = CameraCounters()
+        self.counters = earlier_counters
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """Wait for the next frame. Raises FrameTimeout, EndOfStream, CameraError."""

@@ -71,7 +71,6 @@ class SubprocessCamera(RgbdCamera):
     def open(self) -> None:
         """Start the worker process; see the class."""
         self.close()
-        self._delivered = self._skipped = 0
         try:
             self._ring.open()
             self._supervisor.start()
@@ -100,7 +99,7 @@ class SubprocessCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since `open` over all restarts of the camera; up to 0.3 s old."""
+        """See `RgbdCamera`; up to 0.3 s old."""
         own = CameraCounters(dropped=self._ring.dropped, skipped=self._skipped)
         return replace(self._supervisor.counters + own, delivered=self._delivered)
 

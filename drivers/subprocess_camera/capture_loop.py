@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.camera import (
-    CameraCounters,
     CameraState,
     CameraStatus,
     EndOfStream,
@@ -48,7 +47,6 @@ class CaptureLoop:
         self._backoff = ExponentialBackoff(
             config.config.timeouts.initial_retry_s, config.config.timeouts.max_retry_s
         )
-        self._earlier_counters, self._is_open = CameraCounters(), False
         self._phase, self._status = WorkerPhase.LAUNCHING, config.status
         self._last_heartbeat_s = 0.0
 
@@ -74,7 +72,6 @@ class CaptureLoop:
     def _open(self) -> None:
         self._enter_phase(WorkerPhase.OPENING, self._status)
         self._camera.open()
-        self._is_open = True
         was_lost = self._status.state is CameraState.LOST
         status = self._status if was_lost else CameraStatus(CameraState.STARTING)
         self._enter_phase(WorkerPhase.STARTING, status)
@@ -83,8 +80,6 @@ class CaptureLoop:
     def _close(self) -> None:
         self._enter_phase(WorkerPhase.CLOSING, self._status)
         self._camera.close()
-        self._earlier_counters = self._counters()
-        self._is_open = False
 
     def _stream(self) -> None:
         """Pass frames on until the loop is stopped."""
@@ -141,21 +136,13 @@ class CaptureLoop:
 
     def _send_heartbeat(self) -> None:
         self._last_heartbeat_s = time.monotonic()
-        self._send(CameraHeartbeat(self._phase, self._status_with_reason(), self._counters()))
+        self._send(CameraHeartbeat(self._phase, self._status_with_reason(), self._camera.counters))
 
     def _status_with_reason(self) -> CameraStatus:
         """Return the status with the camera's reason, such as many incomplete frames."""
         if self._phase is WorkerPhase.STREAMING:
             return replace(self._status, reason=self._camera.status.reason)
         return self._status
-
-    def _counters(self) -> CameraCounters:
-        """Return the totals; the camera's own counters restart at 0 whenever it is opened."""
-        return (
-            self._earlier_counters + self._camera.counters
-            if self._is_open
-            else self._earlier_counters
-        )
 
     def _send_properties(self) -> None:
         camera = self._camera

@@ -145,7 +145,7 @@ class FrameRingReader:
         self._lock = threading.Lock()
         self._is_open = self._is_ended = self._has_allowed_writes = False
         self._next_ordinal = 0
-        self.dropped = 0  # frames since `open` that were never read
+        self.dropped = 0  # frames that were never read
 
     def open(self) -> None:
         """Create the ring. The writer waits for `allow_writes` or the first `get`."""
@@ -157,7 +157,7 @@ class FrameRingReader:
         self.fds = FrameRingFds(memory, free, filled, filled_to_reader)
         self._poll = _make_poll(filled)
         self._is_open, self._is_ended, self._has_allowed_writes = True, False, False
-        self._next_ordinal = self.dropped = 0
+        self._next_ordinal = 0
 
     def allow_writes(self) -> None:
         """Allow the writer to start, if it is not allowed already."""

@@ -127,10 +127,7 @@ class StartCameraWorker:
 
 @dataclass(frozen=True)
 class CameraHeartbeat:
-    """From the worker, at every change and several times a second: it is alive.
-
-    The counters are totals over all times that this worker opened its camera.
-    """
+    """From the worker, at every change and several times a second: it is alive."""
 
     phase: WorkerPhase
     status: CameraStatus

@@ -49,6 +49,7 @@ class CameraWorkerSupervisor:
         # The last request of each type, for every new process.
         self._requests: dict[type[DeviceRequest], DeviceRequest] = {}
         self._unsent_requests: deque[DeviceRequest] = deque()  # for the running process
+        self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
         self._reset()
 
     def start(self) -> None:
@@ -94,14 +95,13 @@ class CameraWorkerSupervisor:
 
     @property
     def counters(self) -> CameraCounters:
-        """The camera's totals over all processes since `start`."""
+        """The camera's totals over all processes."""
         earlier, current = self._counted
         return earlier + current
 
     def _reset(self) -> None:
         self.status = CameraStatus(CameraState.OPENING)
         self.camera_properties, self.final_exception = CameraProperties(), None
-        self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
         self._phase, self._was_open = WorkerPhase.LAUNCHING, False
         self._backoff = ExponentialBackoff(
             self._config.timeouts.initial_retry_s, self._config.timeouts.max_retry_s

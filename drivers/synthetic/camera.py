@@ -110,7 +110,6 @@ class SyntheticCamera(RgbdCamera):
                 f for f in self._config.faults if f.kind is FaultKind.UNPLUGGED
             ]
         self._is_open, self._is_disconnected = True, False
-        self._counters = CameraCounters()
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """See `RgbdCamera`."""

@@ -83,7 +83,7 @@ class TumCamera(RgbdCamera):
         self.close()
         self._opened = open_tum_folder(self._folder, self._camera_file)
         self._pairs = self._opened.frames.pairs[:: self._every]
-        self._buffer = _make_buffer(self._playback_mode, self._pairs)
+        self._buffer = _make_buffer(self._playback_mode, self._pairs, self.counters)
         self._thread = threading.Thread(
             target=_decode_ahead,
             args=(self._pairs, self._opened, self._buffer),
@@ -105,7 +105,7 @@ class TumCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since `open`."""
+        """See `RgbdCamera`."""
         return self._buffer.counters
 
     @property
@@ -124,11 +124,13 @@ class TumCamera(RgbdCamera):
         return self._opened.ground_truth if self._opened else None
 
 
-def _make_buffer(playback_mode: PlaybackMode, pairs: Sequence[FramePair]) -> FrameBuffer:
+def _make_buffer(
+    playback_mode: PlaybackMode, pairs: Sequence[FramePair], earlier_counters: CameraCounters
+) -> FrameBuffer:
     if playback_mode is PlaybackMode.LOCKSTEP:
-        return LockstepBuffer()
+        return LockstepBuffer(earlier_counters)
     first_s = pairs[0].color.stamp_s
-    return RealtimeBuffer([pair.color.stamp_s - first_s for pair in pairs])
+    return RealtimeBuffer([pair.color.stamp_s - first_s for pair in pairs], earlier_counters)
 
 
 def _decode_ahead(pairs: Sequence[FramePair], folder: TumFolder, buffer: FrameBuffer) -> None:

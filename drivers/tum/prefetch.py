@@ -19,13 +19,17 @@ class BufferClosedError(Exception):
     """The buffer is closed, so the decoding thread must end."""
 
 
+NO_COUNTS = CameraCounters()
+
+
 class FrameBuffer(ABC):
     """At most `MAX_BUFFERED_FRAMES` decoded frames in order, from one thread to another."""
 
-    def __init__(self) -> None:
+    def __init__(self, earlier_counters: CameraCounters = NO_COUNTS) -> None:
         self._changed = threading.Condition()
         self._frames: deque[RgbdFrame] = deque()
         self._end: Exception | None = None
+        self._earlier_counters = earlier_counters
         self._delivered = self._dropped = self._skipped = 0
 
     @abstractmethod
@@ -65,9 +69,10 @@ class FrameBuffer(ABC):
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals of delivered, dropped and skipped frames."""
+        """Totals of delivered, dropped and skipped frames, with those of the buffers before."""
         with self._changed:
-            return CameraCounters(self._delivered, self._dropped, self._skipped)
+            own = CameraCounters(self._delivered, self._dropped, self._skipped)
+        return self._earlier_counters + own
 
     def _append(self, frame: RgbdFrame) -> None:
         if self._end is not None:
@@ -113,13 +118,17 @@ class RealtimeBuffer(FrameBuffer):
 
     Args:
         offsets_s: Stamps of the frames relative to the first; a frame's `seq` is its index here.
+        earlier_counters: Totals of the buffers before.
         clock: Returns the time in seconds.
     """
 
     def __init__(
-        self, offsets_s: Sequence[float], clock: Callable[[], float] = time.monotonic
+        self,
+        offsets_s: Sequence[float],
+        earlier_counters: CameraCounters = NO_COUNTS,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        super().__init__()
+        super().__init__(earlier_counters)
         self._offsets_s = offsets_s
         self._clock = clock
         self._start_s = math.inf

@@ -143,7 +143,6 @@ class ScriptedCamera(RgbdCamera):
         if isinstance(part, Exception):
             raise part
         self._events = list(part)
-        self._counters = CameraCounters()
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """The next event of this part."""

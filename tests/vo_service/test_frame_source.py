@@ -23,7 +23,7 @@ def test_one_pass_gives_every_frame_and_ends() -> None:
     camera.open()
     plain = SinglePassSource(camera)
     assert seqs(threading.Event(), plain) == [1, 2, 3]
-    assert (plain.reason, plain.counters.delivered) == ("", 3)
+    assert (plain.reason, camera.counters.delivered) == ("", 3)
 
 
 def test_one_pass_lets_a_lost_camera_reach_the_caller() -> None:
@@ -133,7 +133,7 @@ def test_counts_add_up_over_all_openings() -> None:
     )
     source = ReconnectingSource(camera)
     seqs(InstantStop(5), source)
-    assert source.counters.delivered == 4
+    assert camera.counters.delivered == 4
 
 
 def test_a_camera_that_goes_is_closed_before_it_is_opened_again() -> None:

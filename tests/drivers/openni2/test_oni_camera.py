@@ -197,6 +197,7 @@ def test_closes_in_the_middle_and_starts_again(small_oni: Path, camera_file: Pat
         camera.open()
         assert [camera.read(5.0).seq for _ in range(2)] == [0, 1]
         camera.close()
+    assert camera.counters.delivered == 4
     with pytest.raises(CameraError, match="not open"):
         camera.read(0.1)
 

@@ -64,7 +64,7 @@ class FileScriptedCamera(RgbdCamera):
         """Open, or whatever."""
         self._run_script("open")
         self._seq = 0
-        self._counters = CameraCounters(lost_packets=LOST_PACKETS)
+        self._counters += CameraCounters(lost_packets=LOST_PACKETS)
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """A frame, or whatever."""

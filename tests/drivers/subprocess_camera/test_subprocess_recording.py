@@ -56,14 +56,14 @@ def test_it_begins_to_run_when_the_first_frame_is_asked_for(
         assert camera.read(100.0).seq == 0
 
 
-def test_opened_again_it_starts_from_the_beginning(
+def test_opened_again_it_starts_from_the_beginning_and_counts_on(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     camera = make_subprocess_camera(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=9)
-    for _ in range(2):
+    for opened in (1, 2):
         with camera:
             assert [camera.read(100.0).seq for _ in range(3)] == [0, 1, 2]
-        assert camera.counters == CameraCounters(delivered=3, lost_packets=3)
+        assert camera.counters == CameraCounters(delivered=3 * opened, lost_packets=3 * opened)
 
 
 @pytest.mark.parametrize(

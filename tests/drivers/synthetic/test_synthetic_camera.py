@@ -54,7 +54,7 @@ def test_ground_truth_is_stamped_like_the_frames(
     assert truth.T_world_camera.shape == (6, 4, 4)
 
 
-def test_opening_again_starts_over(cached_cameras: CachedCameras, ideal: SyntheticConfig) -> None:
+def test_opening_again_starts_over_and_counts_on(cached_cameras: CachedCameras, ideal: SyntheticConfig) -> None:
     camera = cached_cameras.open_camera(ideal)
     with camera:
         first = camera.read(1.0)
@@ -62,7 +62,7 @@ def test_opening_again_starts_over(cached_cameras: CachedCameras, ideal: Synthet
     camera.close()
     with camera:
         again = camera.read(1.0)
-        assert camera.counters.delivered == 1
+        assert camera.counters.delivered == 3
     assert (again.seq, again.stamp_s) == (first.seq, first.stamp_s)
     with pytest.raises(CameraLostError, match="not open"):
         camera.read(1.0)

@@ -93,7 +93,7 @@ def test_the_decoder_s_error_reaches_the_reader_behind_the_last_frame(
 
 def test_realtime_starts_with_the_first_read(make_frame: FrameMaker) -> None:
     clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock)
+    buffer = RealtimeBuffer(TENTHS, clock=clock)
     buffer.put(make_frame(0))
     clock.now_s += 100
     assert buffer.next_index(1) == 1
@@ -102,7 +102,7 @@ def test_realtime_starts_with_the_first_read(make_frame: FrameMaker) -> None:
 
 def test_realtime_never_delivers_early(make_frame: FrameMaker) -> None:
     clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock)
+    buffer = RealtimeBuffer(TENTHS, clock=clock)
     buffer.put(make_frame(0))
     buffer.put(make_frame(1))
     assert buffer.get(0).seq == 0
@@ -119,7 +119,7 @@ def test_realtime_gives_a_late_reader_the_newest_and_counts_the_rest(
     make_frame: FrameMaker,
 ) -> None:
     clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock)
+    buffer = RealtimeBuffer(TENTHS, clock=clock)
     buffer.put(make_frame(0))
     buffer.get(0)
     for seq in (1, 2, 3):
@@ -131,7 +131,7 @@ def test_realtime_gives_a_late_reader_the_newest_and_counts_the_rest(
 
 def test_realtime_does_not_decode_what_is_out_of_date(make_frame: FrameMaker) -> None:
     clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock)
+    buffer = RealtimeBuffer(TENTHS, clock=clock)
     buffer.put(make_frame(0))
     buffer.get(0)
     clock.now_s += 0.75
@@ -144,7 +144,7 @@ def test_realtime_does_not_decode_what_is_out_of_date(make_frame: FrameMaker) ->
 
 def test_realtime_decodes_on_while_the_reader_stalls(make_frame: FrameMaker) -> None:
     clock = ManualClock()
-    buffer = RealtimeBuffer(TENTHS, clock)
+    buffer = RealtimeBuffer(TENTHS, clock=clock)
     buffer.put(make_frame(0))
     buffer.get(0)
     clock.now_s += 5

@@ -166,6 +166,7 @@ def test_it_can_be_opened_again_from_the_start(make_folder: FolderMaker) -> None
     for _ in range(2):
         with camera:
             assert [frame.seq for frame in frames(camera)] == [0, 1, 2, 3, 4, 5]
+    assert camera.counters.delivered == 12
 
 
 def test_reading_before_opening_is_an_error(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from vo_service.config_tables import (
     ZenohConfig,
 )
 from vo_service.odometry.profiling import StageTimer
-from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, FeatureConfig
+from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, make_odometry
 from vo_service.types import Odometry
 
 
@@ -53,6 +53,12 @@ class OdometryConfig:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ValueError(f"method {self.method!r} is unknown; use one of {', '.join(METHODS)}")
+
+    def make_odometry(self, timer: StageTimer) -> Odometry:
+        """Make the odometry that the table describes."""
+        return make_odometry(
+            self.method, feature_count=self.feature_count, upright=self.upright, timer=timer
+        )
 
 
 @dataclass(frozen=True)
@@ -95,12 +101,6 @@ class Config:
     load: LoadConfig = LoadConfig()  # noqa: RUF009 (frozen)
     log: LogConfig = LogConfig()  # noqa: RUF009 (frozen)
     synthetic: SyntheticConfig = SyntheticConfig.fast()  # noqa: RUF009 (frozen)
-
-
-def make_odometry(settings: OdometryConfig, stopwatch: StageTimer) -> Odometry:
-    """The estimator that the settings name."""
-    features = FeatureConfig(settings.feature_count, settings.upright)
-    return METHODS[settings.method](features, stopwatch)
 
 
 def read_config(path: Path | None) -> Config:

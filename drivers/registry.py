@@ -31,8 +31,8 @@ def open_camera(
     *,
     camera_file: str | Path | None = None,
     playback_mode: PlaybackMode | None = None,
-    sensor: SensorConfig = SensorConfig(),  # noqa: B008 (frozen)
-    synthetic: SyntheticConfig = SyntheticConfig.fast(),  # noqa: B008 (frozen)
+    sensor: SensorConfig | None = None,
+    synthetic: SyntheticConfig | None = None,
 ) -> RgbdCamera:
     """Make the camera that a source names; the `with` statement opens and closes it.
 
@@ -47,8 +47,8 @@ def open_camera(
             of the recording, or the usual values of the sensor.
         playback_mode: LOCKSTEP delivers every frame in order, REALTIME the newest frame. None is
             REALTIME for a sensor and LOCKSTEP for the others.
-        sensor: Settings of a real sensor.
-        synthetic: Settings of the virtual Kinect; by default it plays without end.
+        sensor: Settings of a real sensor; None for the defaults.
+        synthetic: Settings of the virtual Kinect; None for one that plays without end.
 
     Returns:
         The camera, not opened yet. Opening it raises the errors of `RgbdCamera.open`.
@@ -65,8 +65,8 @@ def open_camera(
         source=source,
         camera_file=None if camera_file is None else Path(camera_file),
         playback_mode=PlaybackMode(playback_mode or _default_playback_mode(kind, argument)),
-        sensor=sensor,
-        synthetic=synthetic,
+        sensor=sensor or SensorConfig(),
+        synthetic=synthetic or SyntheticConfig.fast(),
     )
     return CAMERA_FACTORIES[kind](argument, request)
 

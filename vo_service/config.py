@@ -21,7 +21,13 @@ from vo_service.config_tables import (
     ZenohConfig,
 )
 from vo_service.odometry.profiling import StageTimer
-from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, make_odometry
+from vo_service.odometry.registry import (
+    DEFAULT_METHOD,
+    MAX_FEATURES,
+    METHODS,
+    MIN_FEATURES,
+    make_odometry,
+)
 from vo_service.types import Odometry
 
 
@@ -47,7 +53,9 @@ class OdometryConfig:
     """`[odometry]`: how motion is estimated."""
 
     method: str = config_field(DEFAULT_METHOD, f"one of {', '.join(METHODS)}")
-    feature_count: int = config_field(1000, "features to find in a frame", minimum=50, maximum=5000)
+    feature_count: int = config_field(
+        1000, "features to find in a frame", minimum=MIN_FEATURES, maximum=MAX_FEATURES
+    )
     upright: bool = config_field(False, "true for a camera that never rolls: faster, more matches")
 
     def __post_init__(self) -> None:

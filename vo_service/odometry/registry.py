@@ -12,6 +12,7 @@ from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Odometry
 
 DEFAULT_METHOD = "direct"
+MIN_FEATURES, MAX_FEATURES = 50, 5000
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,14 @@ def make_odometry(
         timer: Times the stages of each frame.
 
     Raises:
-        InputError: The method is unknown.
+        InputError: The method is unknown, or the number of features is out of range.
     """
     if method not in METHODS:
         raise InputError(f"method {method!r} is unknown; use one of {', '.join(METHODS)}")
+    if not MIN_FEATURES <= feature_count <= MAX_FEATURES:
+        raise InputError(
+            f"feature_count {feature_count}: must be from {MIN_FEATURES} to {MAX_FEATURES}"
+        )
     return METHODS[method](FeatureConfig(feature_count, upright), timer)
 
 

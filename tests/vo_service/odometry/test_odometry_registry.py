@@ -14,6 +14,11 @@ def test_an_unknown_method_is_an_error_that_lists_the_known_ones() -> None:
         make_odometry("slam")
 
 
+def test_a_number_of_features_out_of_range_is_an_error() -> None:
+    with pytest.raises(InputError, match="feature_count 0: must be from 50 to 5000"):
+        make_odometry(feature_count=0)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_the_first_frame_is_the_origin_of_every_method(recording: Path, method: str) -> None:

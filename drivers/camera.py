@@ -3,9 +3,10 @@
 A backend is one folder beside this file with one class derived from `RgbdCamera`.
 """
 
+import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -47,6 +48,11 @@ class SensorConfig:
         minimum=-31.0,
         maximum=31.0,
     )
+
+
+# While a program iterates over a camera, it is told after this time why no frame arrives.
+NO_FRAME_WARNING_S = 1.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -149,6 +155,13 @@ class CameraStatus:
     def __str__(self) -> str:
         return f"{self.state}: {self.reason}" if self.reason else str(self.state)
 
+    @property
+    def no_frame_reason(self) -> str:
+        """Why no frame arrives, when none has arrived for some time; never empty."""
+        if self.state is CameraState.STREAMING:
+            return self.reason or "the camera is there but sends no frames"
+        return str(self)
+
 
 @dataclass(frozen=True)
 class CameraCounters:
@@ -171,13 +184,19 @@ class CameraCounters:
 class EndOfStream(Exception):  # noqa: N818 (like StopIteration: not an error)
     """The source has delivered its last frame."""
 
+    def __str__(self) -> str:
+        return "the last frame has been delivered"
+
 
 class FrameTimeout(Exception):  # noqa: N818 (a time-out that the reader expects)
     """No frame arrived within the timeout; the camera may still be healthy."""
 
+    def __str__(self) -> str:
+        return "no frame arrived within the timeout"
+
 
 class RgbdCamera(ABC):
-    """A source of `RgbdFrame`. Use as a context manager; one reader at a time.
+    """A source of `RgbdFrame`. Use as a context manager and iterate over it; one reader at a time.
 
     `open` may be called again after `close`, for example to reconnect.
     """
@@ -209,6 +228,30 @@ class RgbdCamera(ABC):
             EndOfStream: The source has delivered its last frame.
             CameraLostError: The camera is lost; close it, then open it again.
         """
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        """Yield each frame that `read` returns, until the end of the source.
+
+        Waits without limit for a live camera that sends nothing; a warning in the log says why.
+        The camera must be open.
+
+        Raises:
+            CameraLostError: The camera is lost; close it, then open it again.
+        """
+        warned_reason = ""
+        while True:
+            try:
+                frame = self.read(NO_FRAME_WARNING_S)
+            except EndOfStream:
+                return
+            except FrameTimeout:
+                reason = self.status.no_frame_reason
+                if reason != warned_reason:
+                    _log.warning("%s: waiting for a frame: %s", self.name, reason)
+                warned_reason = reason
+            else:
+                warned_reason = ""
+                yield frame
 
     @abstractmethod
     def close(self) -> None:

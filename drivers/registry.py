@@ -1,4 +1,4 @@
-"""Cameras by name. A new backend is added to the two tables at the end."""
+"""Cameras by name. A new backend is added to the tables at the end."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,15 +15,7 @@ ONI_SUFFIX = ".oni"
 
 @dataclass(frozen=True)
 class CameraRequest:
-    """The name and the settings of the camera to make.
-
-    Attributes:
-        source: The name, in one of the forms of `CAMERA_USAGES`.
-        camera_file: Camera file of a sensor, or of a recording without one.
-        playback_mode: For recorded and computed sources.
-        sensor: Settings of a real sensor.
-        synthetic: Settings of the virtual Kinect.
-    """
+    """What a factory gets; see `open_camera`."""
 
     source: str
     camera_file: Path | None
@@ -32,18 +24,54 @@ class CameraRequest:
     synthetic: SyntheticConfig
 
 
-def make_camera(request: CameraRequest) -> RgbdCamera:
-    """Make the requested camera without opening it.
+def open_camera(
+    source: str,
+    *,
+    camera_file: str | Path | None = None,
+    playback_mode: PlaybackMode | None = None,
+    sensor: SensorConfig | None = None,
+    synthetic: SyntheticConfig | None = None,
+) -> RgbdCamera:
+    """Make the camera that a source names; the `with` statement opens and closes it.
+
+        with open_camera("tum:recordings/desk") as camera:
+            for frame in camera:
+                print(frame.stamp_s, frame.depth_m.max())
+
+    Args:
+        source: As for `--camera` on the command line: "freenect", "freenect:SERIAL", "openni2",
+            "openni2:SERIAL", "openni2:FILE.oni", "fakenect:FOLDER", "tum:FOLDER" or "synthetic".
+        camera_file: Camera file (TOML) with intrinsics, distortion and registration; None for that
+            of the recording, or the usual values of the sensor.
+        playback_mode: LOCKSTEP delivers every frame in order, REALTIME the newest frame. None is
+            REALTIME for a sensor and LOCKSTEP for the others.
+        sensor: Settings of a real sensor; None for the defaults.
+        synthetic: Settings of the virtual Kinect; None for one that plays without end.
+
+    Returns:
+        The camera, not opened yet. Opening it raises the errors of `RgbdCamera.open`.
 
     Raises:
-        InputError: The camera is unknown, or its argument or camera file is wrong.
+        InputError: The source is unknown, or its argument or camera file is wrong.
     """
-    kind, _, argument = request.source.partition(":")
+    kind, _, argument = source.partition(":")
     if kind not in CAMERA_FACTORIES:
         raise InputError(
-            f"camera {request.source!r} is unknown; use one of: {', '.join(CAMERA_USAGES.values())}"
+            f"camera {source!r} is unknown; use one of: {', '.join(CAMERA_USAGES.values())}"
         )
+    request = CameraRequest(
+        source=source,
+        camera_file=None if camera_file is None else Path(camera_file),
+        playback_mode=PlaybackMode(playback_mode or _default_playback_mode(kind, argument)),
+        sensor=sensor or SensorConfig(),
+        synthetic=synthetic or SyntheticConfig.fast(),
+    )
     return CAMERA_FACTORIES[kind](argument, request)
+
+
+def _default_playback_mode(kind: str, argument: str) -> PlaybackMode:
+    is_sensor = kind in SENSORS and not argument.lower().endswith(ONI_SUFFIX)
+    return PlaybackMode.REALTIME if is_sensor else PlaybackMode.LOCKSTEP
 
 
 def _tum(argument: str, request: CameraRequest) -> RgbdCamera:
@@ -117,6 +145,7 @@ CAMERA_FACTORIES: dict[str, Callable[[str, CameraRequest], RgbdCamera]] = {
     "tum": _tum,
     "synthetic": _synthetic,
 }
+SENSORS = ("freenect", "openni2")
 CAMERA_USAGES = {
     "freenect": "freenect[:SERIAL]",
     "openni2": "openni2[:SERIAL] or openni2:FILE.oni",

@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from vo_service.client import PoseClient, PoseUnavailable
+from vo_service import PoseClient, PoseUnavailable
 
 PERIOD_S = 0.1
 GOAL_M = np.array([1.0, 0.0])

@@ -5,7 +5,7 @@ Usage: python pose_in_map.py [ENDPOINT]
 
 import sys
 
-from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
+from vo_service import CommandRefused, PoseClient, ServiceUnavailable
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from vo_service.client import PoseClient, PoseUnavailable
+from vo_service import PoseClient, PoseUnavailable
 
 if len(sys.argv) < 3:
     sys.exit(__doc__)

@@ -5,7 +5,7 @@ Usage: python watch_status.py [ENDPOINT]
 
 import sys
 
-from vo_service.client import PoseClient
+from vo_service import PoseClient
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 

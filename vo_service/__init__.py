@@ -1,1 +1,83 @@
-"""Live visual odometry for RGB-D cameras, as a service."""
+"""Live visual odometry for RGB-D cameras, as a service and as a library.
+
+Estimate the motion of a camera:
+
+    from drivers import open_camera
+    from vo_service import make_odometry
+
+    odometry = make_odometry("direct")
+    with open_camera("tum:recordings/desk") as camera:
+        for frame in camera:
+            print(frame.stamp_s, odometry.estimate(frame).T_world_camera[:3, 3])
+
+Read the poses that a running service publishes:
+
+    from vo_service import PoseClient
+
+    with PoseClient() as client:
+        for pose in client.poses():
+            print(pose.stamp_s, pose.position_m, pose.state)
+
+`docs/python.md` shows more. A name's libraries are imported when it is first used: Zenoh for the
+client, OpenCV and Numba for the odometry.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__all__ = [
+    "METHODS",
+    "CommandRefused",
+    "Estimate",
+    "InputError",
+    "MapOdom",
+    "Odometry",
+    "Pose",
+    "PoseClient",
+    "PoseUnavailable",
+    "PoseUnavailableReason",
+    "ServiceUnavailable",
+    "make_odometry",
+]
+
+if TYPE_CHECKING:
+    from drivers.core.errors import InputError
+    from vo_service.client import (
+        CommandRefused,
+        MapOdom,
+        Pose,
+        PoseClient,
+        PoseUnavailable,
+        PoseUnavailableReason,
+        ServiceUnavailable,
+    )
+    from vo_service.odometry.registry import METHODS, make_odometry
+    from vo_service.types import Estimate, Odometry
+
+# Where each name is; mypy and editors see the imports above instead.
+_MODULES = {
+    "METHODS": "vo_service.odometry.registry",
+    "CommandRefused": "vo_service.client",
+    "Estimate": "vo_service.types",
+    "InputError": "drivers.core.errors",
+    "MapOdom": "vo_service.client",
+    "Odometry": "vo_service.types",
+    "Pose": "vo_service.client",
+    "PoseClient": "vo_service.client",
+    "PoseUnavailable": "vo_service.client",
+    "PoseUnavailableReason": "vo_service.client",
+    "ServiceUnavailable": "vo_service.client",
+    "make_odometry": "vo_service.odometry.registry",
+}
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        """Import a public name when it is first used (PEP 562)."""
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -15,7 +15,7 @@ from drivers.core.errors import CameraError
 from drivers.core.memory import release_memory
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from vo_service.clock import make_publish_clock
-from vo_service.config import Config, ConfigChanges, make_odometry
+from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
 from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, ReconnectingSource
@@ -185,7 +185,7 @@ def _build_replay_service(
 ) -> Service:
     timer = CpuStageTimer()
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
-    odometry = loop_closure.wrap(make_odometry(config.odometry, timer))
+    odometry = loop_closure.wrap(config.odometry.make_odometry(timer))
     return Service(
         _make_input(config, camera, frame_source),
         Estimator(config.odometry.method, odometry, timer),
@@ -241,7 +241,7 @@ def build_live_service(
 ) -> LiveService:
     """The service for a camera that may come and go."""
     timer = CpuStageTimer()
-    odometry = make_odometry(config.odometry, timer)
+    odometry = config.odometry.make_odometry(timer)
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
     load_shedder = ReconfigurableLoadShedder(dependencies.viewers, odometry)
     load_shedder.configure(config.load, config.odometry.feature_count)

@@ -26,7 +26,13 @@ from vo_service.config_tables import (
     ZenohConfig,
 )
 from vo_service.odometry.profiling import StageTimer
-from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, FeatureConfig
+from vo_service.odometry.registry import (
+    DEFAULT_METHOD,
+    MAX_FEATURES,
+    METHODS,
+    MIN_FEATURES,
+    make_odometry,
+)
 from vo_service.types import Odometry
 
 logger = logging.getLogger(__name__)
@@ -70,12 +76,20 @@ class OdometryConfig:
     """`[odometry]`: how motion is estimated."""
 
     method: str = config_field(DEFAULT_METHOD, f"one of {', '.join(METHODS)}")
-    feature_count: int = config_field(1000, "features to find in a frame", minimum=50, maximum=5000)
+    feature_count: int = config_field(
+        1000, "features to find in a frame", minimum=MIN_FEATURES, maximum=MAX_FEATURES
+    )
     upright: bool = config_field(False, "true for a camera that never rolls: faster, more matches")
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ValueError(f"method {self.method!r} is unknown; use one of {', '.join(METHODS)}")
+
+    def make_odometry(self, timer: StageTimer) -> Odometry:
+        """Make the odometry that the table describes."""
+        return make_odometry(
+            self.method, feature_count=self.feature_count, upright=self.upright, timer=timer
+        )
 
 
 @dataclass(frozen=True)
@@ -118,12 +132,6 @@ class Config:
     load: LoadConfig = LoadConfig()  # noqa: RUF009 (frozen)
     log: LogConfig = LogConfig()  # noqa: RUF009 (frozen)
     synthetic: SyntheticConfig = SyntheticConfig.fast()  # noqa: RUF009 (frozen)
-
-
-def make_odometry(settings: OdometryConfig, stopwatch: StageTimer) -> Odometry:
-    """The estimator that the settings name."""
-    features = FeatureConfig(settings.feature_count, settings.upright)
-    return METHODS[settings.method](features, stopwatch)
 
 
 def read_config(path: Path | None) -> Config:

@@ -8,6 +8,7 @@ from itertools import count
 from typing import Protocol
 
 from drivers.camera import (
+    NO_FRAME_WARNING_S,
     CameraState,
     EndOfStream,
     FrameTimeout,
@@ -18,8 +19,6 @@ from drivers.core.errors import CameraError
 
 # The loop gets a turn at least this often, frame or no frame.
 TICK_S = 0.25
-# Without a frame for this long, a camera that is still there counts as gone quiet.
-NO_FRAME_WARNING_S = 1.0
 # How many ticks to wait before a camera is opened again, at first and at most.
 MIN_RETRY_TICKS, MAX_RETRY_TICKS = 1, 6
 
@@ -61,14 +60,11 @@ class SinglePassSource:
                 yield frame
 
     def _no_frame_reason(self, quiet_s: float) -> str:
-        condition = self._camera.status
-        if condition.state is not CameraState.STREAMING:
-            return str(condition)
-        if (
-            quiet_s <= NO_FRAME_WARNING_S
-        ):  # else a camera that loses every other frame would come and go
-            return ""
-        return condition.reason or "the camera is there but sends no frames"
+        status = self._camera.status
+        is_streaming = status.state is CameraState.STREAMING
+        if is_streaming and quiet_s <= NO_FRAME_WARNING_S:
+            return ""  # else a camera that loses every other frame would come and go
+        return status.no_frame_reason
 
 
 class PacedSource(SinglePassSource):

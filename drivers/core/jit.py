@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any, ParamSpec, TypeVar
 
+from drivers.core.files import kernel_folder
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -44,6 +46,9 @@ def _njit() -> Any:
             import numba.np.arraymath
         finally:
             del sys.modules["scipy.linalg"]
+    config: Any = numba.config
+    if not config.CACHE_DIR:  # the command line sets it; a program that imports us does not
+        config.CACHE_DIR = str(kernel_folder())
     return numba.njit
 
 

@@ -152,5 +152,5 @@ class SubprocessCamera(RgbdCamera):
             return self._ring.get(timeout_s)
         except FrameRingEndedError:
             raise self._supervisor.final_exception or CameraLostError(
-                f"{self.name}: not open; open it again"
+                f"{self.name}: not open; use `with`, or call open()"
             ) from None

@@ -114,7 +114,7 @@ class SyntheticCamera(RgbdCamera):
     def read(self, timeout_s: float) -> RgbdFrame:
         """See `RgbdCamera`."""
         if not self._is_open:
-            raise CameraLostError("synthetic camera: not open; open it again")
+            raise CameraLostError("synthetic camera: not open; use `with`, or call open()")
         self._wait_for_start(timeout_s)
         deadline_s = self._host.now_s() + timeout_s
         while True:

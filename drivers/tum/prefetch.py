@@ -64,7 +64,7 @@ class FrameBuffer(ABC):
         """Discard the frames and wake both threads."""
         with self._changed:
             self._frames.clear()
-            self._end = CameraError("the recording is not open; open it first")
+            self._end = CameraError("the recording is not open; use `with`, or call open()")
             self._changed.notify_all()
 
     @property

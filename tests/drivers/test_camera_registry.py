@@ -1,23 +1,18 @@
 """Cameras by name, and the methods."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from drivers.camera import Clock, PlaybackMode, SensorConfig
+from drivers.camera import Clock, PlaybackMode
 from drivers.core.errors import InputError
-from drivers.registry import CAMERA_FACTORIES, CAMERA_USAGES, CameraRequest, make_camera
-from drivers.subprocess_camera.camera import SubprocessCamera
-from drivers.synthetic.config import SyntheticConfig
-
-LIGHT = CameraRequest(
-    source="synthetic",
-    camera_file=None,
-    playback_mode=PlaybackMode.REALTIME,
-    sensor=SensorConfig(),
-    synthetic=SyntheticConfig.fast(),
+from drivers.registry import (
+    CAMERA_FACTORIES,
+    CAMERA_USAGES,
+    SENSORS,
+    open_camera,
 )
+from drivers.subprocess_camera.camera import SubprocessCamera
 
 
 @pytest.fixture(autouse=True)
@@ -26,17 +21,17 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_virtual_kinect_at_its_own_pace_is_on_this_hosts_clock() -> None:
-    camera = make_camera(LIGHT)
+    camera = open_camera("synthetic", playback_mode=PlaybackMode.REALTIME)
     assert (camera.name, camera.clock) == ("synthetic", Clock.MONOTONIC)
 
 
 def test_a_recording_is_named_by_its_folder(tmp_path: Path) -> None:
-    camera = make_camera(replace(LIGHT, source=f"tum:{tmp_path}"))
+    camera = open_camera(f"tum:{tmp_path}")
     assert (camera.name, camera.clock) == (f"tum:{tmp_path}", Clock.RECORDED)
 
 
 def test_a_folder_may_have_a_colon_in_its_name() -> None:
-    assert make_camera(replace(LIGHT, source="tum:C:/desk")).name == "tum:C:/desk"
+    assert open_camera("tum:C:/desk").name == "tum:C:/desk"
 
 
 @pytest.mark.parametrize(
@@ -53,12 +48,12 @@ def test_a_folder_may_have_a_colon_in_its_name() -> None:
 )
 def test_a_source_that_is_none_says_what_to_write(source: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        make_camera(replace(LIGHT, source=source))
+        open_camera(source)
 
 
 def test_a_virtual_kinect_takes_no_camera_file() -> None:
     with pytest.raises(InputError, match=r"camera\.toml: the virtual Kinect takes no camera file"):
-        make_camera(replace(LIGHT, camera_file=Path("camera.toml")))
+        open_camera("synthetic", camera_file="camera.toml")
 
 
 @pytest.mark.parametrize(
@@ -74,10 +69,11 @@ def test_a_virtual_kinect_takes_no_camera_file() -> None:
     ],
 )
 def test_what_runs_on_a_native_library_has_a_process_of_its_own(source: str, clock: Clock) -> None:
-    camera = make_camera(replace(LIGHT, source=source))
+    camera = open_camera(source)
     assert isinstance(camera, SubprocessCamera)
     assert (camera.name, camera.clock) == (source, clock)
 
 
 def test_every_backend_says_how_it_is_written() -> None:
     assert set(CAMERA_USAGES) == set(CAMERA_FACTORIES)
+    assert set(SENSORS) < set(CAMERA_FACTORIES)

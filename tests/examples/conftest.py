@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -85,6 +86,10 @@ class ProgramOutput:
             if found := re.search(pattern, line):
                 return found
         raise AssertionError(f"no line with {pattern!r}, but: {seen}")
+
+    def interrupt(self) -> None:
+        """Press Ctrl-C."""
+        self._process.send_signal(signal.SIGINT)
 
     def stop(self) -> None:
         """Enough."""

@@ -15,8 +15,11 @@ from typing import Any
 import pytest
 
 from tests import forked_process
+from tests.conftest import FRAMES
+from tests.drivers.freenect.conftest import plug_in
 from tests.examples.conftest import RATE_HZ, ProgramOutput
 from tests.json_schema import schema_errors
+from tests.simulators.fixtures import SimulateKinect
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
@@ -73,6 +76,38 @@ def again_and_again(tell: Callable[[], None]) -> Iterator[None]:
     finally:
         stop.set()
         thread.join()
+
+
+def test_every_frame_of_a_recording_is_printed(recording: Path) -> None:
+    done = finished("read_camera.py", f"tum:{recording}")
+    assert (done.stderr, done.returncode) == ("", 0)
+    assert len(done.stdout.splitlines()) == FRAMES
+    assert re.match(r"\d+\.\d{3} s: 320x240, \d\.\d\d m ahead$", done.stdout.splitlines()[0])
+
+
+def test_frames_of_a_kinect_are_printed_until_ctrl_c(simulate_kinect: SimulateKinect) -> None:
+    plug_in(simulate_kinect)
+    with program("read_camera.py", "freenect") as lines:
+        lines.wait_for_line("^.* 640x480, ")
+        lines.interrupt()
+        lines.wait_for_line("^KeyboardInterrupt$")
+
+
+@pytest.mark.parametrize("name", ["read_camera.py", "odometry.py"])
+def test_a_wrong_source_is_one_line(name: str) -> None:
+    done = finished(name, "tum:/nowhere")
+    assert (done.stdout, done.returncode) == ("", 1)
+    assert done.stderr == "/nowhere: no such folder; check the path\n"
+
+
+def test_the_position_of_the_camera_is_printed_at_every_frame(recording: Path) -> None:
+    done = finished("odometry.py", f"tum:{recording}")
+    assert (done.stderr, done.returncode) == ("", 0)
+    rows = [re.fullmatch(r"[\d.]+ \[(.*)\] ok", line) for line in done.stdout.splitlines()]
+    assert len(rows) == FRAMES
+    positions_m = [[float(x) for x in row[1].split()] for row in rows if row]
+    assert positions_m[0] == [0.0, 0.0, 0.0]
+    assert positions_m[-1] == pytest.approx([0.11, -0.044, 0.165], abs=0.01)  # as it was rendered
 
 
 @pytest.mark.zenoh
@@ -207,10 +242,23 @@ def check_reply(client: PoseClient, key: str, schema: dict[str, Any]) -> None:
     assert content.keys() <= schema["properties"].keys()
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/messages.md"])
-def test_a_program_in_the_documentation_runs_as_it_stands(endpoint: str, page: str) -> None:
+def documented_programs(page: str) -> list[str]:
     text = (EXAMPLES.parent / page).read_text()
-    programs = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def test_the_programs_with_a_camera_in_the_documentation_run(recording: Path) -> None:
+    programs = [code for code in documented_programs("docs/python.md") if "open_camera" in code]
+    assert len(programs) == 2
+    for code in programs:
+        here = code.replace("recordings/desk", str(recording))
+        done = subprocess.run([sys.executable, "-c", here], capture_output=True, text=True)
+        assert (done.stderr, done.stdout.count("\n")) == ("", FRAMES)
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/messages.md", "docs/python.md"])
+def test_a_program_in_the_documentation_runs_as_it_stands(endpoint: str, page: str) -> None:
+    programs = [code for code in documented_programs(page) if "open_camera" not in code]
     assert programs
     for code in programs:
         # Elsewhere than the service of somebody who works on this computer, and not for so long.

@@ -1,12 +1,12 @@
 """Sources of the simulated Kinect's frames: a recorded folder, or any of our cameras."""
 
 from collections.abc import Iterator
-from itertools import chain, count, islice
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 
-from drivers.camera import EndOfStream, RgbdCamera
+from drivers.camera import RgbdCamera
 from drivers.tum.decode import load_pair
 from drivers.tum.folder import open_tum_folder
 from tests.simulators.raw_depth import fit_scale
@@ -54,13 +54,7 @@ def camera_frames(
 ) -> Iterator[tuple[ColorBgr, DepthMm]]:
     """Yield up to `max_frames` frames of a camera in lockstep, until it ends."""
     with camera:
-        for seq in count():
-            if seq == max_frames:
-                return
-            try:
-                frame = camera.read(timeout_s=100)
-            except EndOfStream:
-                return
+        for frame in islice(camera, max_frames):
             yield frame.color_bgr, _to_millimeters(frame.depth_raw, frame.depth_factor)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.camera import PlaybackMode
 from drivers.core.files import atomic_write, create_output_folder
 from drivers.core.trajectory import Trajectory, format_pose_line
-from drivers.registry import CameraRequest, make_camera
+from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import OutputsConfig, open_outputs, run_replay
 from vo_service.cli.kernels import prepare_kernels
@@ -66,15 +66,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args)
     create_output_folder(args.output)
     terminal = Terminal()
-    camera = make_camera(
-        CameraRequest(
-            source="synthetic",
-            camera_file=None,
-            playback_mode=PlaybackMode.LOCKSTEP,
-            sensor=config.sensor,
-            synthetic=replace(SyntheticConfig(), duration_s=args.seconds),
-        )
-    )
+    camera = open_camera("synthetic", synthetic=replace(SyntheticConfig(), duration_s=args.seconds))
     memory = TrajectoryRecorder()
     with camera:  # its room is prepared meanwhile
         with stop_on_signals() as stop:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.registry import CameraRequest, make_camera
+from drivers.registry import open_camera
 from vo_service.cli.options import add_camera_options, parse_seconds, print_message
 from vo_service.config import read_config
 from vo_service.terminal import Terminal
@@ -91,14 +91,14 @@ def _make_checked_camera(args: argparse.Namespace) -> _CheckedCamera:
     config = read_config(args.config)
     source: str = args.camera or (config.camera.source if args.config else "freenect")
     terminal = Terminal()
-    request = CameraRequest(
-        source=source,
+    camera = open_camera(
+        source,
         camera_file=args.camera_file or config.camera.file,
         playback_mode=PlaybackMode.REALTIME,
         sensor=config.sensor,
         synthetic=config.synthetic,
     )
-    return _CheckedCamera(source, make_camera(request), terminal)
+    return _CheckedCamera(source, camera, terminal)
 
 
 def _run_checks(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:

@@ -18,7 +18,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
-from drivers.registry import CameraRequest, make_camera
+from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.encode import ColorFormat
 from drivers.tum.writer import TumWriter
@@ -66,14 +66,12 @@ def run(args: argparse.Namespace) -> int:
     """Record until the camera ends, the time is up, or Ctrl-C."""
     config = read_config(args.config)
     terminal = Terminal()
-    camera = make_camera(
-        CameraRequest(
-            source=args.camera or config.camera.source,
-            camera_file=args.camera_file or config.camera.file,
-            playback_mode=PlaybackMode.LOCKSTEP,
-            sensor=config.sensor,
-            synthetic=_play_once(config.synthetic, args.seconds),
-        )
+    camera = open_camera(
+        args.camera or config.camera.source,
+        camera_file=args.camera_file or config.camera.file,
+        playback_mode=PlaybackMode.LOCKSTEP,
+        sensor=config.sensor,
+        synthetic=_play_once(config.synthetic, args.seconds),
     )
     with camera, stop_on_signals() as stop:
         frames = _read_frames(camera, terminal, stop)

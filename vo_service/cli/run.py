@@ -11,7 +11,7 @@ from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import InputError
 from drivers.core.files import rotate_file
 from drivers.core.memory import release_memory
-from drivers.registry import CameraRequest, make_camera
+from drivers.registry import open_camera
 from vo_service.app import OutputsConfig, ServiceDependencies, build_live_service, open_outputs
 from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.cli.options import (
@@ -163,12 +163,10 @@ def _rotate_trajectory(path: Path | None) -> None:
 
 
 def _make_camera(args: argparse.Namespace, config: Config) -> RgbdCamera:
-    return make_camera(
-        CameraRequest(
-            source=args.camera or config.camera.source,
-            camera_file=args.camera_file or config.camera.file,
-            playback_mode=args.pace,
-            sensor=config.sensor,
-            synthetic=config.synthetic,
-        )
+    return open_camera(
+        args.camera or config.camera.source,
+        camera_file=args.camera_file or config.camera.file,
+        playback_mode=args.pace,
+        sensor=config.sensor,
+        synthetic=config.synthetic,
     )

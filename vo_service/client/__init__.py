@@ -1,12 +1,12 @@
 """Read poses from Python, newest first and with their age.
 
-    from vo_service.client import PoseClient
+    from vo_service import PoseClient
 
     with PoseClient() as client:
         for pose in client.poses():
             print(pose.stamp_s, pose.position_m, pose.state)
 
-Needs only zenoh and numpy. `docs/messages.md` describes the messages.
+Needs only zenoh and numpy. `docs/python.md` describes the client.
 """
 
 from drivers.core.errors import InputError

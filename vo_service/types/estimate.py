@@ -1,4 +1,4 @@
-"""What every odometry answers: a pose, how sure it is, or why there is none."""
+"""The result of every odometry: a pose and its covariance, or why there is none."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -18,11 +18,12 @@ def _empty_pixels() -> NDArray[np.float32]:
 class TrackingDebug:
     """What a viewer can draw of one estimate. Pixels are (u, v) in the color image.
 
-    keypoints_px          (N, 2) features of this frame
-    matches_px            (M, 2) matched features of this frame
-    reference_matches_px  (M, 2) the same features where the frame that it was matched with had
-                          them: the last good one, or an older one where tracking was lost
-    inlier                (M,) bool, True where the match agrees with the motion found
+    Attributes:
+        keypoints_px: (N, 2) features of this frame.
+        matches_px: (M, 2) matched features of this frame.
+        reference_matches_px: (M, 2) the same features in the frame it was matched with: the last
+            good one, or an older one after a loss of tracking.
+        inlier: (M,) bool, whether the match agrees with the estimated motion.
     """
 
     keypoints_px: NDArray[np.float32] = field(default_factory=_empty_pixels)
@@ -33,23 +34,27 @@ class TrackingDebug:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Result of one frame.
+    """The result of one frame.
 
-    ok                     False: no motion could be found; `reason` says why
-    reason                 one short clause for people. With ok: what the motion had to do without,
-                           "" where nothing was amiss
-    T_world_camera         4x4 pose; world is the first camera. Not ok: the last good pose
-    T_reference_camera     4x4 motion since the reference: the last good frame, unless that said
-                           that it is not the next reference
-    covariance             6x6 of T_reference_camera: (translation m, rotation rad), as a small
-                           motion in this camera's own axes; zero for the first frame. Found by an
-                           older frame: of the way back to that one and on to this one
-    inliers                matches that agree with the motion
-    matches, features      how many matches and features there were
-    restarted              True when the pose is not continuous with the one before
-    is_next_reference      True where the next motion is counted from this frame on; else it is
-                           counted from the reference of this one, and so is its covariance
-    evidence               what a viewer can draw
+    Camera axes are x right, y down, z forward; lengths are in meters. The world has the axes of the
+    first camera and its place as origin.
+
+    Attributes:
+        ok: Whether the motion could be estimated; otherwise `reason` says why not.
+        reason: One short clause. If `ok`, what the estimate had to do without, usually "".
+        T_world_camera: 4x4 pose, maps camera coordinates to the world. If not `ok`, the last good
+            one.
+        T_reference_camera: 4x4 motion since the reference: the latest good frame whose estimate has
+            `is_next_reference`.
+        covariance: 6x6 of `T_reference_camera`, as a small motion in this camera's axes:
+            translation (m), then rotation (rad). Zero for the first frame. After a relocalization
+            with an older frame, it covers the motion back to that frame and on to this one.
+        features: Number of features.
+        matches: Number of matched features.
+        inliers: Number of matches that agree with the motion.
+        is_reset: Whether the pose is not continuous with the previous one.
+        is_next_reference: Whether this frame is the reference of the next motion.
+        debug: What a viewer can draw.
     """
 
     ok: bool
@@ -66,8 +71,11 @@ class Estimate:
 
 
 class Odometry(Protocol):
-    """An estimator of the camera's motion. Siblings share this one method."""
+    """An estimator of the camera's motion; each method of `METHODS` is one."""
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Where the camera is at this frame. Never raises for what the camera sees."""
+        """Estimate the camera's pose at this frame; frames come in the order of their stamps.
+
+        Never raises for what the camera sees: `Estimate.ok` is then False.
+        """
         ...

@@ -1,12 +1,16 @@
 """Compiling numeric kernels: it can be interrupted, and loads no more than it needs."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numba
 import pytest
 
 from drivers.core.jit import interruptible
+
+ROOT = Path(__file__).parents[3]
 
 
 def stop() -> None:
@@ -38,3 +42,28 @@ def test_scipys_linear_algebra_is_loaded_by_those_alone_who_use_it() -> None:
         assert "scipy.linalg" in sys.modules
     """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+PROGRAM = """
+from drivers.core.jit import kernel
+
+@kernel
+def double(x):
+    return 2 * x
+
+print(double(3))
+"""
+
+
+@pytest.mark.subprocess
+def test_a_program_of_the_user_keeps_kernels_where_the_command_line_keeps_them(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "program.py").write_text(PROGRAM)
+    environment = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    subprocess.run(
+        [sys.executable, str(tmp_path / "program.py")],
+        env=environment | {"CACHE_DIRECTORY": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)},
+        check=True,
+    )
+    assert list((tmp_path / "cache" / "kernels").rglob("program.double*.nbi"))

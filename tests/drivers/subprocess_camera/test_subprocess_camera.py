@@ -235,7 +235,7 @@ def test_a_process_that_cannot_be_started_is_reported_and_retried(
 def test_a_camera_that_is_not_open_is_lost(make_subprocess_camera: MakeSubprocessCamera) -> None:
     camera = make_subprocess_camera()
     camera.close()
-    with pytest.raises(CameraLostError, match="puppet: not open; open it again"):
+    with pytest.raises(CameraLostError, match="puppet: not open; use `with`"):
         camera.read(1.0)
 
 

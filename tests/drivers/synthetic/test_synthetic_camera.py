@@ -54,7 +54,9 @@ def test_ground_truth_is_stamped_like_the_frames(
     assert truth.T_world_camera.shape == (6, 4, 4)
 
 
-def test_opening_again_starts_over_and_counts_on(cached_cameras: CachedCameras, ideal: SyntheticConfig) -> None:
+def test_opening_again_starts_over_and_counts_on(
+    cached_cameras: CachedCameras, ideal: SyntheticConfig
+) -> None:
     camera = cached_cameras.open_camera(ideal)
     with camera:
         first = camera.read(1.0)

@@ -60,7 +60,8 @@ def have_camera(monkeypatch: pytest.MonkeyPatch, *events: Event) -> None:
     """The camera that is recorded, whatever is asked for; it is waited for in no time."""
     clock = FakeClock()
     monkeypatch.setattr(record, "time", clock)
-    monkeypatch.setattr(record, "make_camera", lambda _: ScriptedCamera(events, clock=clock))
+    camera = ScriptedCamera(events, clock=clock)
+    monkeypatch.setattr(record, "open_camera", lambda *_, **__: camera)
 
 
 def test_a_camera_that_is_not_there_is_an_error_after_a_while_and_makes_no_folder(
@@ -116,7 +117,7 @@ def test_a_live_camera_is_recorded_under_unix_time(
 ) -> None:
     camera = ScriptedCamera([make_frame(k, time.monotonic() + k) for k in range(3)])
     camera.clock = Clock.MONOTONIC
-    monkeypatch.setattr(record, "make_camera", lambda _: camera)
+    monkeypatch.setattr(record, "open_camera", lambda *_, **__: camera)
     before_s = time.time()
     run_in_process(capfd, "record", tmp_path / "new")
     lines = (tmp_path / "new" / "rgb.txt").read_text().splitlines()

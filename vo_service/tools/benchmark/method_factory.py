@@ -7,7 +7,7 @@ from typing import Protocol
 
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory
-from vo_service.config import OdometryConfig, make_odometry
+from vo_service.config import OdometryConfig
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.benchmark.reference_scale import GroundTruthDistance
@@ -65,7 +65,7 @@ class ConfiguredMethodFactory:
 
     def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
         """Make the odometry as the service does."""
-        return make_odometry(self.odometry, stopwatch)
+        return self.odometry.make_odometry(stopwatch)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from drivers.camera import CameraStatus, PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError, UserFacingError
-from drivers.registry import CameraRequest, make_camera
-from drivers.synthetic.config import SyntheticConfig
+from drivers.registry import open_camera
 from drivers.tum.writer import TumWriter
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board
@@ -104,17 +103,14 @@ def _open_raw_camera(request: LiveCollectionRequest) -> Iterator[RgbdCamera]:
             "--camera synthetic: never shows a board, and its lens is known; use a real camera"
         )
     with write_raw_camera_file(request.with_depth) as file:
-        camera = make_camera(
-            CameraRequest(
-                source=request.source,
-                camera_file=file,
-                playback_mode=PlaybackMode.LOCKSTEP,
-                # Drivers mirror images after undistortion and registration.
-                sensor=replace(request.sensor, mirror=False),
-                synthetic=SyntheticConfig.fast(),
-            )
+        live_camera = open_camera(
+            request.source,
+            camera_file=file,
+            playback_mode=PlaybackMode.LOCKSTEP,
+            # Drivers mirror images after undistortion and registration.
+            sensor=replace(request.sensor, mirror=False),
         )
-        with camera:
+        with live_camera as camera:
             yield camera
 
 

@@ -17,8 +17,7 @@ from drivers.calibration import CameraCalibration, find_calibration, read_calibr
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
-from drivers.registry import CameraRequest, make_camera
-from drivers.synthetic.config import SyntheticConfig
+from drivers.registry import open_camera
 from drivers.tum.camera import TumCamera
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.live_snapshots import read_frames
@@ -133,12 +132,8 @@ def collect_segments_live(
     if source.partition(":")[0] == "synthetic":
         raise InputError("--camera synthetic: its timing is known; record it and name the folder")
     camera_file = read_calibration(file)
-    request = CameraRequest(
-        source=source,
-        camera_file=file,
-        playback_mode=PlaybackMode.LOCKSTEP,
-        sensor=sensor,
-        synthetic=SyntheticConfig.fast(),
+    live_camera = open_camera(
+        source, camera_file=file, playback_mode=PlaybackMode.LOCKSTEP, sensor=sensor
     )
 
     def report(fastest: FastestSegments, seconds: float) -> None:
@@ -147,7 +142,7 @@ def collect_segments_live(
             f"{math.degrees(fastest.speed_sigma_rad_s):.0f} deg/s (Ctrl-C: enough)"
         )
 
-    with make_camera(request) as camera:
+    with live_camera as camera:
         return _collect_segments(camera, camera_file, CAPTURE_DURATION_S, report, stop)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
-import vo_service
+import drivers
 from drivers.core.errors import UserFacingError
 from drivers.core.files import SOURCE_PACKAGES
 
@@ -53,7 +53,7 @@ def list_files(package_distribution: Distribution) -> Iterator[tuple[Path, Path]
 
 def _list_own_files(package: Distribution) -> Iterator[tuple[Path, Path]]:
     """Yield our packages' files, which may be in a checkout, and pip's metadata of them."""
-    source = Path(vo_service.__file__).parents[1]
+    source = Path(drivers.__file__).parents[1]
     for name in SOURCE_PACKAGES:
         for path in sorted((source / name).rglob("*")):
             if path.is_file() and "__pycache__" not in path.parts:

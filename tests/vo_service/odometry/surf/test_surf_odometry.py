@@ -1,14 +1,13 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import inverse
 from drivers.tum.camera import TumCamera
 from tests.vo_service.odometry.estimate_checks import (
@@ -106,15 +105,7 @@ def test_every_stage_is_timed_in_the_papers_order(views: list[RgbdFrame]) -> Non
 def recorded(folder: Path, frames: int) -> list[Estimate]:
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         odometry = SurfOdometry()
-        return [odometry.estimate(frame) for frame in islice(all_frames(camera), frames)]
-
-
-def all_frames(camera: TumCamera) -> Iterator[RgbdFrame]:
-    while True:
-        try:
-            yield camera.read(10.0)
-        except EndOfStream:
-            return
+        return [odometry.estimate(frame) for frame in islice(camera, frames)]
 
 
 @pytest.mark.slow

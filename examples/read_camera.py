@@ -1,0 +1,21 @@
+"""Print every frame of a camera or a recording.
+
+Usage: python read_camera.py [SOURCE]
+
+SOURCE is "synthetic" (the default: a virtual Kinect), "freenect", "tum:FOLDER" and others.
+"""
+
+import sys
+
+from drivers import CameraError, InputError, open_camera
+
+source = sys.argv[1] if len(sys.argv) > 1 else "synthetic"
+
+try:
+    with open_camera(source) as camera:
+        for frame in camera:
+            height, width, _ = frame.color_bgr.shape
+            center_m = frame.depth_m[height // 2, width // 2]  # 0 = no reading
+            print(f"{frame.stamp_s:.3f} s: {width}x{height}, {center_m:.2f} m ahead", flush=True)
+except (CameraError, InputError) as error:
+    sys.exit(str(error))

@@ -118,7 +118,7 @@ class DirectOdometry:
         ) or occlusion_reason(result.alignment):
             return self._fail(frame, images, self._track, result, reason)
         # Whether the view constrains all six degrees of freedom.
-        with self._timer.stage("certainty"):
+        with self._timer.stage("covariance"):
             velocity_noise = self._track.motion_state.update_velocity_noise(
                 result.alignment.camera_velocity
             )
@@ -154,7 +154,7 @@ class DirectOdometry:
         ):
             self._vignetting = self._vignetting.update(keyframe, images, result.alignment)
             tracked = tracked.with_vignetting(self.vignetting)
-            with self._timer.stage("settle"):
+            with self._timer.stage("refine"):
                 refined, tracked = refine(self._track.last_frame, tracked, self._map)
             with self._timer.stage("keyframe"):
                 keyframe = select(refined, self._map)

@@ -8,7 +8,7 @@ STAGE_BUDGET_MS: Mapping[str, float] = {
     "images": 0.5,
     "align": 4.5,
     "recovery": 1.0,
-    "certainty": 1.0,
-    "settle": 0.5,
+    "covariance": 1.0,
+    "refine": 0.5,
     "keyframe": 0.5,
 }

@@ -19,7 +19,7 @@ KERNELS = [
 def test_every_stage_is_run_and_reported() -> None:
     stages: list[str] = []
     assert warm_up("icp", stages.append) > 0
-    assert set(stages) == {"pyramid", "planes", "align", "again"}
+    assert set(stages) == {"pyramid", "planes", "align", "retry"}
 
 
 def test_a_warm_icp_compiles_nothing_more_for_a_real_frame() -> None:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, orthonormalize
 from vo_service.odometry.direct import residual_stats
-from vo_service.odometry.direct.gauss_newton import INITIAL_SWEEPS, solve_level
+from vo_service.odometry.direct.gauss_newton import solve_level
 from vo_service.odometry.direct.grid import NUM_CELLS
-from vo_service.odometry.direct.image_pyramid import NUM_FINE_LEVELS, ImagePyramid
+from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.normal_equations import (
     GAIN,
     OFFSET,
@@ -19,8 +19,12 @@ from vo_service.odometry.direct.normal_equations import (
     fit_affine_brightness,
 )
 from vo_service.odometry.direct.parameters import (
+    INITIAL_MODEL_UPDATES,
     INITIAL_SIGMAS,
+    MAX_STEPS,
     MIN_STATIC_WEIGHT,
+    MIN_STEP_SIZES,
+    NUM_FINE_LEVELS,
     TREMOR_SPAN_S,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
@@ -35,12 +39,6 @@ from vo_service.odometry.direct.rolling_shutter import (
 from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_sample
 
 PointPyramid = Sequence[Array]
-
-# Largest number of steps, by level.
-MAX_STEPS = (24, 24, 15, 12)
-# A smaller step (m and rad) is the last one of its level: at the finest level it is well below the
-# noise, at the others below what the next finer level corrects.
-MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
 
 
 @dataclass(frozen=True)
@@ -212,7 +210,7 @@ def _initial_region_weights(
     """(2, CELLS) weights of the regions at the initial guess."""
     level = min(NUM_FINE_LEVELS, len(images.gray)) - 1
     samples = sample_points(points, images, T, motion, level)
-    for _ in range(INITIAL_SWEEPS):
+    for _ in range(INITIAL_MODEL_UPDATES):
         fit_affine_brightness(points[level], samples, cell_weights, residual_model)
     return weigh_regions(points[level], samples, residual_model, cell_weights)
 

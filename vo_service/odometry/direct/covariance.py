@@ -38,7 +38,8 @@ from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     COVARIANCE_INFLATION,
     DEGREES_OF_FREEDOM,
-    GATE_SIGMAS,
+    MIN_POSE_SIGMAS,
+    MIN_VIEW_OBSERVABILITY,
     SLOPE_NOISE,
 )
 from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, NUM_UNKNOWNS
@@ -50,9 +51,6 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_DEPTH_BAND,
     SAMPLE_DEPTH_RESIDUAL,
 )
-
-# Lower bound of the sigmas, in m and rad: errors of calibration and timing.
-MIN_SIGMAS = (1e-4, 1e-4)
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class MotionUncertainty:
     @property
     def rejection_reason(self) -> str:
         """Why the motion is rejected though the keyframe fits; "" if it is valid."""
-        count = np.count_nonzero(self.degeneracy.observability < GATE_SIGMAS)
+        count = np.count_nonzero(self.degeneracy.observability < MIN_VIEW_OBSERVABILITY)
         if count == 0:
             return ""
         return f"degenerate view: {count} of 6 degrees of freedom are unconstrained"
@@ -115,7 +113,7 @@ def estimate_uncertainty(
     in_keyframe = COVARIANCE_INFLATION * _sandwich_covariance(H, scores, prior)
     in_keyframe += _velocity_noise_covariance(H, bands, shutter, velocity_noise)
     in_camera = transport_covariance(in_keyframe, inverse(alignment.T_camera_keyframe))
-    floor = np.diag(np.repeat(np.square(MIN_SIGMAS), 3))
+    floor = np.diag(np.repeat(np.square(MIN_POSE_SIGMAS), 3))
     return MotionUncertainty(
         covariance=0.5 * (in_camera + in_camera.T) + floor,
         degeneracy=analyze_degeneracy(H[:6, :6], point_information(moments)),

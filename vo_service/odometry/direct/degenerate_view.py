@@ -12,7 +12,7 @@ import numpy as np
 from drivers.core.geometry import adjoint, inverse
 from vo_service.odometry.direct.covariance import MotionUncertainty
 from vo_service.odometry.direct.motion_state import MotionState
-from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
+from vo_service.odometry.direct.parameters import PREDICTION_SIGMA_GROWTH
 from vo_service.odometry.direct.recovery import TrackingResult
 from vo_service.odometry.direct.se3 import se3_exp, se3_log
 
@@ -34,7 +34,8 @@ def fuse_with_prediction(
     W = uncertainty.degeneracy.noise_suppression
     W = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
     information = W.T @ np.linalg.inv(uncertainty.covariance) @ W
-    prediction_sigma = (stamp_s - motion_state.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA)
+    elapsed_s = stamp_s - motion_state.well_constrained_stamp_s
+    prediction_sigma = elapsed_s * np.array(PREDICTION_SIGMA_GROWTH)
     covariance = np.linalg.inv(np.diag(np.repeat(prediction_sigma**-2.0, 3)) + information)
     gain = covariance @ information
     result = result.with_pose(

@@ -13,18 +13,21 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
 from vo_service.odometry.direct.local_map import DirectKeyframe
-from vo_service.odometry.direct.parameters import MIN_KNOWN_SHARE, MIN_OBSERVED_SHARE
+from vo_service.odometry.direct.parameters import (
+    DYNAMIC_BLOCK_PX,
+    EDGE_MARGIN_PX,
+    MAX_SAME_SURFACE_PER_M,
+    MAX_SURFACE_STEP_PER_M,
+    MIN_DEPTH_M,
+    MIN_KNOWN_SHARE,
+    MIN_OBSERVED_SHARE,
+)
 from vo_service.odometry.direct.rolling_shutter import project
 from vo_service.odometry.direct.se3 import transform_point
-from vo_service.odometry.direct.warping import MAX_SAME_SURFACE_PER_M, MIN_DEPTH_M
 
-# The view is divided into blocks of this size; the pixel in the center stands for the block.
-BLOCK_PX, BLOCK_CENTER_PX = 8, 4
-# A block is in free space if everything this many pixels around it is further away: edges move by
-# some pixels, and rows have different times.
-EDGE_MARGIN_PX = BLOCK_PX
+BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
+BLOCK_CENTERS = slice(BLOCK_CENTER_PX, None, DYNAMIC_BLOCK_PX)
 # State of a block by the views of other keyframes.
 UNKNOWN, OBSERVED, FREE_SPACE = 0, 1, 2
 
@@ -40,7 +43,7 @@ def remove_dynamic_points(
     If the others have observed too little of the view, the keyframe is returned unchanged.
     """
     images = keyframe.images
-    blocks = images.inverse_depth[BLOCK_CENTER_PX::BLOCK_PX, BLOCK_CENTER_PX::BLOCK_PX].copy()
+    blocks = images.inverse_depth[BLOCK_CENTERS, BLOCK_CENTERS].copy()
     block_points = _backproject_blocks(blocks, images.intrinsics[0])
     states = np.zeros(blocks.shape, np.uint8)
     for other in others:
@@ -66,7 +69,7 @@ def remove_dynamic_points(
 def _backproject_blocks(blocks: DepthBlocks, intrinsics: Array) -> Array:
     """(rows, columns, 3) positions of the blocks in their camera's axes, m; 0 without depth."""
     fx, fy, cx, cy = intrinsics
-    rows, columns = np.indices(blocks.shape) * BLOCK_PX + BLOCK_CENTER_PX
+    rows, columns = np.indices(blocks.shape) * DYNAMIC_BLOCK_PX + BLOCK_CENTER_PX
     z = np.divide(1.0, blocks, out=np.zeros(blocks.shape), where=blocks > 0.0)
     return np.stack([(columns - cx) / fx * z, (rows - cy) / fy * z, z], axis=-1)
 
@@ -181,7 +184,7 @@ def are_in_blocks(
     is_inside = np.zeros(len(points), np.bool_)
     for n in range(len(points)):
         u, v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
-        row = min(max(int(v / BLOCK_PX), 0), rows - 1)
-        column = min(max(int(u / BLOCK_PX), 0), columns - 1)
+        row = min(max(int(v / DYNAMIC_BLOCK_PX), 0), rows - 1)
+        column = min(max(int(u / DYNAMIC_BLOCK_PX), 0), columns - 1)
         is_inside[n] = is_selected[row, column]
     return is_inside

@@ -10,16 +10,11 @@ from vo_service.odometry.direct.normal_equations import (
     expand_rolling_shutter,
     fit_affine_brightness,
 )
-from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
+from vo_service.odometry.direct.parameters import DAMPING_SIGMAS, INITIAL_MODEL_UPDATES
 from vo_service.odometry.direct.region_weights import weigh_regions
 from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, MOTION_SIZE, body_motion
 from vo_service.odometry.direct.se3 import compose, se3_exp, se3_log
 from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_sample
-
-# Updates of the residual model in the first step; later steps have one.
-INITIAL_SWEEPS = 3
-# Unconstrained directions are damped: their sigma is that of the velocity over this time.
-DAMPING_SPAN_S = 1.0
 
 
 @kernel
@@ -83,7 +78,7 @@ def solve_level(
             samples,
         )
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
-        for _ in range(INITIAL_SWEEPS if step == 0 else 1):
+        for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
             fit_affine_brightness(points, samples, cell_weights, residual_model)
         bands = accumulate(points, samples, cell_weights, residual_model)
         H, g = expand_rolling_shutter(bands, readout_s, skew_s)
@@ -101,10 +96,10 @@ def solve_level(
 
 @kernel
 def add_damping(H: Array) -> None:
-    """Damp unconstrained directions, see `DAMPING_SPAN_S`; H (15, 15) in place."""
+    """Damp unconstrained directions, by `DAMPING_SIGMAS`; H (15, 15) in place."""
     for i in range(3):
-        H[i, i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[0]) ** 2
-        H[3 + i, 3 + i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[1]) ** 2
+        H[i, i] += 1.0 / DAMPING_SIGMAS[0] ** 2
+        H[3 + i, 3 + i] += 1.0 / DAMPING_SIGMAS[1] ** 2
 
 
 @kernel

@@ -14,14 +14,15 @@ from drivers.core.geometry import Array
 from vo_service.odometry.direct import residual_stats
 from vo_service.odometry.direct.alignment import DirectAlignment, align, uniform_weights
 from vo_service.odometry.direct.grid import CELL_COLUMNS, CELL_ROWS
-from vo_service.odometry.direct.image_pyramid import NUM_FINE_LEVELS, ImagePyramid
+from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.normal_equations import SIGMA_BRIGHTNESS
 from vo_service.odometry.direct.parameters import (
-    DEGREES_OF_FREEDOM,
-    GATE_SIGMAS,
     INNOVATION_COST_WEIGHT,
+    INNOVATION_DEGREES_OF_FREEDOM,
+    INNOVATION_GATE_SIGMAS,
     MIN_STATIC_WEIGHT,
+    NUM_FINE_LEVELS,
 )
 from vo_service.odometry.direct.quality import rejection_reason
 from vo_service.odometry.direct.recovery import TrackingResult
@@ -40,7 +41,7 @@ def retry_without_half(
     """
     if (
         motion_state.innovation_ratio(result.alignment.camera_velocity, images.stamp_s)
-        < GATE_SIGMAS
+        < INNOVATION_GATE_SIGMAS
     ):
         return result
     retries = [_align_without(half, result, images, motion_state) for half in MASKED_COLUMNS]
@@ -51,7 +52,7 @@ def retry_without_half(
     def cost(candidate: DirectAlignment) -> float:
         innovation = motion_state.innovation_ratio(candidate.camera_velocity, images.stamp_s)
         return _mean_cost(points, candidate, sigmas) + INNOVATION_COST_WEIGHT * log(
-            1 + innovation**2 / DEGREES_OF_FREEDOM
+            1 + innovation**2 / INNOVATION_DEGREES_OF_FREEDOM
         )
 
     return replace(result, alignment=min(candidates, key=cost))

@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.direct.derived_parameters import GAIN_RANGE
-from vo_service.odometry.direct.parameters import POINT_BLOCKS_PX
+from vo_service.odometry.direct.parameters import (
+    DARK_BRIGHTNESS,
+    MIN_GAIN,
+    MIN_IMAGE_PX,
+    POINT_BLOCKS_PX,
+)
 
 # Brightness in 1/2, 1/4, 1/8 and 1/16 of the frame's size. The whole size gains nothing: a Kinect's
 # colors are interpolated, and its edges are 2 pixels wide.
 NUM_LEVELS = len(POINT_BLOCKS_PX)
-# Finest levels, on which moving regions are detected and a good motion is refined.
-NUM_FINE_LEVELS = 2
-# Smaller images are omitted, except the largest one.
-MIN_IMAGE_PX = 12
+# Bounds of the gain of the affine brightness model.
+GAIN_RANGE = (MIN_GAIN, 1.0 / MIN_GAIN)
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class ImagePyramid:
 
     def brightness_ratio(self, other: HasMeanBrightness) -> float:
         """Ratio to the brightness of another view, within the bounds of the gain."""
-        ratio = (self.mean_brightness + 1.0) / (other.mean_brightness + 1.0)
+        ratio = (self.mean_brightness + DARK_BRIGHTNESS) / (other.mean_brightness + DARK_BRIGHTNESS)
         return float(min(max(ratio, GAIN_RANGE[0]), GAIN_RANGE[1]))
 
     @cached_property

@@ -6,20 +6,17 @@ from vo_service.odometry.direct.grid import ALL_STATIC
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.local_map import make_keyframe
 from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.parameters import REINITIALIZATIONS
 from vo_service.odometry.direct.recovery import TrackingResult
 from vo_service.odometry.direct.rolling_shutter import constant_velocity_motion
 from vo_service.odometry.direct.se3 import se3_log
-
-# Each iteration corrects the keyframe's rows by the velocity of the one old. The velocity is zero
-# if the second frame comes too late.
-ITERATIONS = 2
 
 
 def reinitialize(
     result: TrackingResult, images: ImagePyramid, motion_state: MotionState
 ) -> TrackingResult:
     """Rebuild the first keyframe by the velocity, and align the second frame with it again."""
-    for _ in range(ITERATIONS):
+    for _ in range(REINITIALIZATIONS):
         old = result.keyframe
         T_first_second = inverse(result.alignment.T_camera_keyframe)
         motion = constant_velocity_motion(se3_log(T_first_second) * result.prior.rate_hz)

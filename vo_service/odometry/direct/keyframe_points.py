@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
 from vo_service.odometry.direct.grid import cell_index
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.parameters import (
-    GATE_SIGMAS,
-    INITIAL_SIGMAS,
     INTERPOLATION_PX,
+    MAX_PLANE_RMS_PER_M,
+    MAX_SURFACE_STEP_PER_M,
     MIN_PLANE_SUPPORT,
+    MIN_TEXTURE_GRADIENT,
     PLANE_RADIUS_PX,
+    PLANE_STEP_PX,
     POINT_BLOCKS_PX,
-    SENSOR_SIGMAS,
+    ROW_TIME_ITERATIONS,
 )
 from vo_service.odometry.direct.rolling_shutter import (
-    ITERATIONS,
     project,
     propagate_motion,
     propagate_point,
@@ -43,13 +43,8 @@ from vo_service.odometry.plane_fit import fit_plane
     HAS_SHAPE,
 ) = 0, 3, 4, 5, 8, 11, 12
 NUM_POINT_COLUMNS = 13
-# A point has texture if its brightness gradient is at least this, in gray levels per pixel.
-MIN_GRADIENT = GATE_SIGMAS * SENSOR_SIGMAS[0]
-# Distance of the depth pixels that a plane is fitted to, and their number to either side.
-PLANE_STEP_PX = 2
+# Depth pixels that a plane is fitted to, to either side.
 PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
-# Largest root mean square residual of a plane.
-MAX_PLANE_RMS_PER_M = INITIAL_SIGMAS[1]
 
 
 def select_points(
@@ -120,7 +115,7 @@ def _select_level(
                 continue
             point[POINT_BRIGHTNESS] = gray[v, u]
             squared = gu * gu + gv * gv
-            has_texture = squared >= MIN_GRADIENT * MIN_GRADIENT
+            has_texture = squared >= MIN_TEXTURE_GRADIENT * MIN_TEXTURE_GRADIENT
             point[HAS_TEXTURE] = 1.0 if has_texture else 0.0
             point[POINT_BRIGHTNESS_VARIANCE] = squared * (INTERPOLATION_PX / scale) ** 2
             x, y, z = point[POINT_X], point[POINT_X + 1], point[POINT_X + 2]
@@ -143,7 +138,7 @@ def _find_steepest_pixel(
     best_u, best_v, best_gu, best_gv = left + center, top + center, 0.0, 0.0
     if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
         return -1, -1, 0.0, 0.0
-    max_squared = MIN_GRADIENT * MIN_GRADIENT
+    max_squared = MIN_TEXTURE_GRADIENT * MIN_TEXTURE_GRADIENT
     for v in range(max(top, 1), min(top + block, height - 1)):
         for u in range(max(left, 1), min(left + block, width - 1)):
             gu = 0.5 * (float(gray[v, u + 1]) - float(gray[v, u - 1]))
@@ -211,7 +206,7 @@ def _find_in_depth_image(
     height, width = inverse_depth.shape
     u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
     then, shift_m = propagate_motion(motion, tau), 0.0
-    for _ in range(ITERATIONS):
+    for _ in range(ROW_TIME_ITERATIONS):
         column, row = int(u + 0.5), int(v + 0.5)
         if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
             return -1.0, -1.0, 0.0

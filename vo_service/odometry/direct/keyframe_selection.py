@@ -14,15 +14,16 @@ from vo_service.odometry.direct.local_map import (
 )
 from vo_service.odometry.direct.multi_keyframe_alignment import align_jointly
 from vo_service.odometry.direct.parameters import (
-    GATE_SIGMAS,
     MAX_BRIGHTNESS_RATIO,
     MAX_JOINT_KEYFRAMES,
     MAX_KEYFRAME_FLOW_PX,
     MAX_KEYFRAME_OCCLUDED_SHARE,
+    MAX_WEAK_OBSERVABILITY,
     MIN_JOINT_OVERLAP,
     MIN_KEYFRAME_OVERLAP,
     MIN_KEYFRAME_POINT_SHARE,
     MIN_OBSERVABILITY_RATIO,
+    MIN_VIEW_OBSERVABILITY,
 )
 from vo_service.odometry.direct.quality import degradation_reason, occluded_fraction
 from vo_service.odometry.direct.tracked_frame import TrackedFrame, estimate_previous_motion
@@ -51,9 +52,9 @@ def needs_keyframe(
     ):
         return True
     if (
-        GATE_SIGMAS
+        MIN_VIEW_OBSERVABILITY
         <= observability
-        < min(2.0 * GATE_SIGMAS, MIN_OBSERVABILITY_RATIO * initial_observability)
+        < min(MAX_WEAK_OBSERVABILITY, MIN_OBSERVABILITY_RATIO * initial_observability)
     ):
         return True
     overlap = compute_overlap(result.keyframe, result.alignment.T_camera_keyframe)

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import kernel
-from vo_service.odometry.direct.image_pyramid import NUM_FINE_LEVELS, ImagePyramid
+from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe_points import select_points
-from vo_service.odometry.direct.parameters import MAX_KEYFRAMES
+from vo_service.odometry.direct.parameters import MAX_KEYFRAMES, MIN_DEPTH_M, NUM_FINE_LEVELS
 from vo_service.odometry.direct.rolling_shutter import project
 from vo_service.odometry.direct.se3 import transform_point
-from vo_service.odometry.direct.warping import MIN_DEPTH_M
 from vo_service.odometry.gray_frame import GrayFrame
 
 

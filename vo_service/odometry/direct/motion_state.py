@@ -8,11 +8,15 @@ from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.parameters import (
-    DECAY,
+    DARK_BRIGHTNESS,
+    INNOVATION_DECAY,
+    MAX_DEGENERATE_S,
+    MAX_EXTRAPOLATION_S,
     MAX_PREDICTION_S,
     MAX_STEADY_BRIGHTNESS_CHANGE,
-    MAX_STEP_S,
+    MIN_FRAME_INTERVAL_S,
     MIN_VELOCITY_NOISE_RATIO,
+    VELOCITY_NOISE_DECAY,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
 )
@@ -71,8 +75,8 @@ class MotionState:
             np.clip(self.velocity_noise, VELOCITY_SIGMA_RANGE[0] * usual, usual)
         )
         motion = change_frame(constant_velocity_motion(-self.velocity), T_keyframe_last)
-        duration_s = stamp_s - self.stamp_s
-        prior = MotionPrior(T_keyframe_last, 1.0 / max(duration_s, 1e-3), motion, information)
+        rate_hz = 1.0 / max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S)
+        prior = MotionPrior(T_keyframe_last, rate_hz, motion, information)
         return prior if self.is_recent(stamp_s) else prior.relaxed()
 
     def is_stale(self, stamp_s: float) -> bool:
@@ -92,15 +96,15 @@ class MotionState:
         # The first change is that of a camera that was already moving.
         first = np.minimum(squared, np.square(VELOCITY_SIGMA))
         before = np.where(np.isfinite(self.velocity_noise), self.velocity_noise**2, first)
-        velocity_noise = np.sqrt(DECAY * before + (1.0 - DECAY) * squared)
+        decay = VELOCITY_NOISE_DECAY
+        velocity_noise = np.sqrt(decay * before + (1.0 - decay) * squared)
         return np.asarray(velocity_noise, np.float64)
 
     def update_normalized_innovation(self, normalized_square: float) -> float:
         """Normalized innovation including that of the next frame; a rise counts at once."""
-        return max(
-            DECAY * self.normalized_innovation + (1.0 - DECAY) * normalized_square,
-            normalized_square,
-        )
+        decay = INNOVATION_DECAY
+        faded = decay * self.normalized_innovation + (1.0 - decay) * normalized_square
+        return max(faded, normalized_square)
 
     def advance(
         self,
@@ -125,7 +129,8 @@ class MotionState:
 
     def predict_affine_brightness(self, images: ImagePyramid) -> tuple[float, float]:
         """Initial gain and offset: the last ones, scaled if the mean brightness has changed."""
-        ratio = (images.mean_brightness + 1.0) / (self.mean_brightness + 1.0)
+        before = self.mean_brightness + DARK_BRIGHTNESS
+        ratio = (images.mean_brightness + DARK_BRIGHTNESS) / before
         if abs(ratio - 1.0) <= MAX_STEADY_BRIGHTNESS_CHANGE:
             return self.affine_brightness
         return ratio * self.affine_brightness[0], ratio * self.affine_brightness[1]
@@ -137,7 +142,7 @@ class MotionState:
         """
         return (
             not self.is_stale(stamp_s)
-            and 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_STEP_S
+            and 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_DEGENERATE_S
         )
 
     @property
@@ -147,7 +152,7 @@ class MotionState:
 
     def is_recent(self, stamp_s: float) -> bool:
         """Whether the last frames predict the camera's pose at a stamp."""
-        return 0.0 < stamp_s - self.stamp_s <= MAX_STEP_S
+        return 0.0 < stamp_s - self.stamp_s <= MAX_EXTRAPOLATION_S
 
 
 def _velocity_change(velocity: Array, before: Array) -> Array:

@@ -20,14 +20,17 @@ from vo_service.odometry.direct.normal_equations import (
     accumulate,
     fit_affine_brightness,
 )
+from vo_service.odometry.direct.parameters import (
+    INITIAL_MODEL_UPDATES,
+    JOINT_DAMPING_RATIO,
+    MAX_JOINT_STEPS,
+    MIN_JOINT_STEP_SIZE,
+)
 from vo_service.odometry.direct.quality import is_consistent
 from vo_service.odometry.direct.region_weights import weigh_regions
 from vo_service.odometry.direct.residual_stats import count_residuals
 from vo_service.odometry.direct.rolling_shutter import change_frame
 from vo_service.odometry.direct.se3 import compose, se3_exp
-
-MAX_STEPS = 2
-MIN_STEP_SIZE = 1e-5
 
 
 @dataclass(eq=False)
@@ -55,7 +58,7 @@ def align_jointly(
     for other in others:
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
         fits.append(_KeyframeFit(other, T_other_active, initial_residual_model()))
-    for step in range(MAX_STEPS):
+    for step in range(MAX_JOINT_STEPS):
         H, g = np.zeros((6, 6)), np.zeros(6)
         for fit in list(fits):
             Ad = adjoint(fit.T_keyframe_active)
@@ -64,7 +67,7 @@ def align_jointly(
             motion = change_frame(alignment.motion, fit.T_keyframe_active)
             samples = sample_points(fit.keyframe.points, images, T_camera_keyframe, motion, 0)
             cell_weights = weigh_regions(points, samples, fit.residual_model, uniform_weights())
-            for _ in range(3 if step == 0 else 1):
+            for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
                 fit_affine_brightness(points, samples, cell_weights, fit.residual_model)
             if (
                 step == 1
@@ -78,8 +81,8 @@ def align_jointly(
             sums = accumulate(points, samples, cell_weights, fit.residual_model).sum(axis=0)
             H += Ad.T @ sums[UPPER_TRIANGLE] @ Ad
             g += Ad.T @ sums[21:]
-        x = solve_cholesky(H + 1e-6 * np.trace(H) * np.eye(6), g)
+        x = solve_cholesky(H + JOINT_DAMPING_RATIO * np.trace(H) * np.eye(6), g)
         T = compose(T, se3_exp(-x))
-        if np.max(np.abs(x)) < MIN_STEP_SIZE:
+        if np.max(np.abs(x)) < MIN_JOINT_STEP_SIZE:
             break
     return orthonormalize(T)

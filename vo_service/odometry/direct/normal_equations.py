@@ -10,11 +10,7 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.derived_parameters import (
-    GAIN_RANGE,
-    MAX_SIGMAS,
-    MIN_SIGMA_SAMPLES,
-)
+from vo_service.odometry.direct.image_pyramid import GAIN_RANGE
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
     HAS_TEXTURE,
@@ -26,6 +22,9 @@ from vo_service.odometry.direct.keyframe_points import (
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     DEGREES_OF_FREEDOM,
+    INITIAL_SIGMAS,
+    MAX_SIGMA_RATIO,
+    MIN_SIGMA_SAMPLES,
     SENSOR_SIGMAS,
 )
 from vo_service.odometry.direct.rolling_shutter import NUM_UNKNOWNS
@@ -43,6 +42,8 @@ GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
 # Indices of a symmetric 6x6 matrix's elements in its upper triangle, row by row.
 UPPER_TRIANGLE = np.empty((6, 6), np.intp)
 UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(21)
+# Upper bounds of the two sigmas.
+MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIGMAS[1])
 # Rows of the cell weights.
 _BRIGHTNESS_ROW, _DEPTH_ROW = 0, 1
 

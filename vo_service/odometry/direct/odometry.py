@@ -21,7 +21,11 @@ from vo_service.odometry.direct.keyframe_init import reinitialize
 from vo_service.odometry.direct.keyframe_selection import needs_keyframe, refine, select
 from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap, make_keyframe
 from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
-from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_INITIAL_FAILURES, MIN_POINTS
+from vo_service.odometry.direct.parameters import (
+    MAX_FAILURES,
+    MAX_INITIAL_FAILURES,
+    MIN_FIRST_KEYFRAME_POINTS,
+)
 from vo_service.odometry.direct.pose_filter import alpha_beta_filter
 from vo_service.odometry.direct.quality import (
     degradation_reason,
@@ -205,7 +209,7 @@ class DirectOdometry:
 
     def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
         """Why a frame is no first keyframe: the next ones could not be aligned with it."""
-        if len(keyframe.points[0]) < 2 * MIN_POINTS:
+        if len(keyframe.points[0]) < MIN_FIRST_KEYFRAME_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
         self_alignment = align(
             keyframe.points,

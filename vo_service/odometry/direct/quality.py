@@ -7,22 +7,31 @@ import numpy as np
 from drivers.core.geometry import Array
 from vo_service.odometry.direct import residual_stats
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.derived_parameters import (
-    GAIN_RANGE,
-    MAX_VALID_SIGMAS,
-    SUSPECT_SIGMAS,
-)
+from vo_service.odometry.direct.image_pyramid import GAIN_RANGE
 from vo_service.odometry.direct.normal_equations import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 from vo_service.odometry.direct.parameters import (
-    MAX_KEYFRAME_OCCLUDED_SHARE,
+    INITIAL_SIGMAS,
     MAX_MOVING_OR_OCCLUDED_SHARE,
     MAX_MOVING_SHARE,
+    MAX_UNDEGRADED_OCCLUDED_SHARE,
+    MAX_VALID_SIGMA_RATIO,
     MIN_CONSISTENT_SHARE,
     MIN_IN_VIEW_SHARE,
     MIN_MODALITY_SHARE,
-    MIN_POINTS,
+    MIN_POINTS_IN_VIEW,
+    MIN_SAMPLES,
+    MIN_SCORED_STATIC_SHARE,
+    SUSPECT_SIGMA_RATIO,
 )
 from vo_service.odometry.direct.warping import OCCLUDED, SAMPLE_OCCLUSION
+
+# Bounds of the sigmas of brightness (gray levels) and of depth (1/m): above the first pair a better
+# motion is searched for; above the second the motion is wrong.
+SUSPECT_SIGMAS = (SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[0], SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[1])
+MAX_VALID_SIGMAS = (
+    MAX_VALID_SIGMA_RATIO * INITIAL_SIGMAS[0],
+    MAX_VALID_SIGMA_RATIO * INITIAL_SIGMAS[1],
+)
 
 
 def is_consistent(counts: Array) -> bool:
@@ -77,21 +86,21 @@ def residual_score(alignment: DirectAlignment) -> float:
     sigma = alignment.residual_model[SIGMA_DEPTH] / SUSPECT_SIGMAS[1]
     if alignment.uses_brightness:
         sigma = sqrt(sigma * alignment.residual_model[SIGMA_BRIGHTNESS] / SUSPECT_SIGMAS[0])
-    return float(sigma / max(static_share, 0.01))
+    return float(sigma / max(static_share, MIN_SCORED_STATIC_SHARE))
 
 
 def rejection_reason(alignment: DirectAlignment) -> str:
     """Why an alignment is rejected; "" if it is valid."""
     counts, model, points = alignment.counts, alignment.residual_model, len(alignment.samples)
     in_view = int(counts[residual_stats.IN_IMAGE])
-    if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_POINTS):
+    if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_POINTS_IN_VIEW):
         return f"only {in_view} of {points} points of the keyframe are in view"
     if counts[residual_stats.DISREGARDED] > MAX_MOVING_OR_OCCLUDED_SHARE * in_view:
         return (
             f"{100 * counts[residual_stats.DISREGARDED] / in_view:.0f} % of the view does not fit"
         )
     sampled = int(counts[residual_stats.WITH_DEPTH] + counts[residual_stats.WITH_BRIGHTNESS])
-    if sampled < MIN_POINTS:
+    if sampled < MIN_SAMPLES:
         return f"only {sampled} samples in view"
     if reason := _inconsistency_reason(counts):
         return reason
@@ -140,7 +149,7 @@ def degradation_reason(alignment: DirectAlignment) -> str:
         return "brightness only: no depth in view"
     return (
         _occlusion_message(occluded_fraction(alignment))
-        if occluded_fraction(alignment) > MAX_KEYFRAME_OCCLUDED_SHARE
+        if occluded_fraction(alignment) > MAX_UNDEGRADED_OCCLUDED_SHARE
         else ""
     )
 

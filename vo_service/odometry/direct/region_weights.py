@@ -12,7 +12,7 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS_VARIANCE,
 )
 from vo_service.odometry.direct.normal_equations import GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH
-from vo_service.odometry.direct.parameters import MAX_REGION_COST_RATIO
+from vo_service.odometry.direct.parameters import MAX_REGION_COST_RATIO, MIN_CELL_SAMPLES
 from vo_service.odometry.direct.residual_stats import MAX_SQUARED_RESIDUAL
 from vo_service.odometry.direct.warping import (
     OCCLUDED,
@@ -21,9 +21,6 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_DEPTH_RESIDUAL,
     SAMPLE_OCCLUSION,
 )
-
-# Cells with fewer samples keep their weight.
-MIN_CELL_SAMPLES = 10
 
 
 @kernel

@@ -16,7 +16,7 @@ from vo_service.odometry.direct.keyframe_points import (
 from vo_service.odometry.direct.normal_equations import GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 from vo_service.odometry.direct.parameters import (
     DEGREES_OF_FREEDOM,
-    GATE_SIGMAS,
+    INLIER_GATE_SIGMAS,
     MIN_STATIC_WEIGHT,
 )
 from vo_service.odometry.direct.warping import (
@@ -31,7 +31,7 @@ from vo_service.odometry.direct.warping import (
 # those whose depth agrees within the gate; the same of brightness; the robust cost of all.
 IN_IMAGE, DISREGARDED, WITH_DEPTH, DEPTH_AGREES, WITH_BRIGHTNESS, BRIGHTNESS_AGREES, COST = range(7)
 # Largest squared residual of an inlier, in variances; larger ones are clipped to it.
-MAX_SQUARED_RESIDUAL = GATE_SIGMAS**2
+MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
 # Cost of a point whose brightness and depth are both wrong.
 MAX_POINT_COST = 2.0 * log(1.0 + MAX_SQUARED_RESIDUAL / DEGREES_OF_FREEDOM)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.core.geometry import Array, adjoint, inverse
 from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.parameters import ROW_TIME_ITERATIONS
 from vo_service.odometry.direct.se3 import se3_log
 
 MOTION_SIZE = 9
@@ -96,10 +97,6 @@ def propagate_point(
     )
 
 
-# A row's time depends on the point's position, and that on the time: they are found by iteration.
-ITERATIONS = 2
-
-
 @inline_kernel
 def row_time(v: float, height: int, readout_s: float) -> float:
     """Time of a row after the middle one, s."""
@@ -143,7 +140,7 @@ def project_rolling_shutter(
     """
     u, v = project(x, y, z, intrinsics)
     z_then = z
-    for _ in range(ITERATIONS):
+    for _ in range(ROW_TIME_ITERATIONS):
         delay_s = skew_s + row_time(v, height, readout_s)
         x_then, y_then, z_then = propagate_point(motion, x, y, z, delay_s)
         u, v = project(x_then, y_then, z_then, intrinsics)

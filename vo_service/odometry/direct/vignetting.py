@@ -22,10 +22,11 @@ from vo_service.odometry.direct.keyframe_points import (
 from vo_service.odometry.direct.local_map import DirectKeyframe
 from vo_service.odometry.direct.normal_equations import GAIN, OFFSET, SIGMA_BRIGHTNESS
 from vo_service.odometry.direct.parameters import (
-    DECAY,
     DEGREES_OF_FREEDOM,
     MAX_VIGNETTING,
+    VIGNETTING_DECAY,
     VIGNETTING_PRIOR_SIGMA,
+    VIGNETTING_VIEW_SIGMA,
 )
 from vo_service.odometry.direct.warping import (
     SAMPLE_BRIGHTNESS,
@@ -34,9 +35,6 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_V,
     squared_radius_change,
 )
-
-# Sigma of a single view, however many samples it has: surfaces are shiny, and lamps are near.
-VIEW_SIGMA = 0.5 * VIGNETTING_PRIOR_SIGMA
 
 
 @dataclass(frozen=True)
@@ -66,8 +64,8 @@ class VignettingEstimate:
             return self
         inverse = np.linalg.inv(H + 1e-9 * np.diag(np.diag(H)) + 1e-9 * np.eye(3))
         measured = images.vignetting + float(inverse[2] @ g)
-        prior_information = DECAY * self.information
-        view_information = 1.0 / (VIEW_SIGMA**2 + float(inverse[2, 2]))
+        prior_information = VIGNETTING_DECAY * self.information
+        view_information = 1.0 / (VIGNETTING_VIEW_SIGMA**2 + float(inverse[2, 2]))
         information = prior_information + view_information
         value = (prior_information * self.value + view_information * measured) / information
         return VignettingEstimate(min(max(value, -MAX_VIGNETTING), MAX_VIGNETTING), information)

@@ -5,12 +5,15 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
 from vo_service.odometry.direct.grid import cell_index
+from vo_service.odometry.direct.parameters import (
+    MAX_SAME_SURFACE_PER_M,
+    MAX_SURFACE_STEP_PER_M,
+    MIN_DEPTH_M,
+)
 from vo_service.odometry.direct.rolling_shutter import project, project_rolling_shutter
 from vo_service.odometry.direct.se3 import transform_point
 
-MIN_DEPTH_M = 0.05
 # The image is divided into this many bands of rows; all rows of a band get the same time.
 NUM_ROW_BANDS = 16
 # Columns of a sample: brightness; 1/z of the surface minus that of the point (1/m, as seen from the
@@ -29,8 +32,6 @@ NUM_ROW_BANDS = 16
 ) = range(8)
 NUM_SAMPLE_COLUMNS = 8
 OCCLUDED = 1.0
-# A surface that differs by more in inverse depth (1/m) is not the point's.
-MAX_SAME_SURFACE_PER_M = 2.0 * MAX_SURFACE_STEP_PER_M
 
 
 @kernel

@@ -11,7 +11,7 @@ from vo_service.odometry.ransac import Consensus, find_inliers, inverse_gate
 from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
 
 # Number of selections of the inliers; after that they hardly change.
-ITERATIONS = 3
+REFINEMENT_ITERATIONS = 3
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def refine_rigid_motion(consensus: Consensus, pairs: PointPairs) -> RigidMotionE
     w = pair_weights(pairs)
     gate = inverse_gate(pairs)
     T, inlier = consensus.T_reference_camera, consensus.inlier
-    for _ in range(ITERATIONS):
+    for _ in range(REFINEMENT_ITERATIONS):
         if inlier.sum() < 3:
             return RigidMotionEstimate(np.eye(4), np.zeros(len(pairs), np.bool_), np.zeros((6, 6)))
         fitted = inlier

@@ -12,9 +12,21 @@ import numpy as np
 from drivers.core.geometry import Array, inverse, transport_covariance
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.degeneracy import DegeneracyAnalysis, analyze_degeneracy, point_information
-from vo_service.odometry.direct.alignment import DirectAlignment, MotionPrior, PointPyramid
-from vo_service.odometry.direct.grid import NUM_CELLS
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, ImageTiming
+from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
+from vo_service.odometry.direct.gauss_newton import (
+    UPPER_TRIANGLE,
+    MotionPrior,
+    accumulate,
+    band_times,
+    expand_rolling_shutter,
+    fill_jacobian,
+)
+from vo_service.odometry.direct.image_pyramid import (
+    NUM_CELLS,
+    ImagePyramid,
+    ImageTiming,
+    LevelImages,
+)
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
     HAS_TEXTURE,
@@ -23,26 +35,20 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.direct.normal_equations import (
-    GAIN,
-    OFFSET,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    UPPER_TRIANGLE,
-    accumulate,
-    band_times,
-    expand_rolling_shutter,
-    fill_jacobian,
-)
+from vo_service.odometry.direct.motion import ACCELERATION_START, NUM_UNKNOWNS
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     COVARIANCE_INFLATION,
-    DEGREES_OF_FREEDOM,
     MIN_POSE_SIGMAS,
     MIN_VIEW_OBSERVABILITY,
     SLOPE_NOISE,
 )
-from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, NUM_UNKNOWNS
+from vo_service.odometry.direct.residuals import (
+    GAIN,
+    OFFSET,
+    residual_variances,
+    student_weight,
+)
 from vo_service.odometry.direct.warping import (
     NUM_ROW_BANDS,
     SAMPLE_BRIGHTNESS,
@@ -51,6 +57,9 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_DEPTH_BAND,
     SAMPLE_DEPTH_RESIDUAL,
 )
+
+# Added to the diagonal of an information matrix, relative to its trace, before it is inverted.
+REGULARIZATION = 1e-9
 
 
 @dataclass(frozen=True)
@@ -104,10 +113,7 @@ def estimate_uncertainty(
         alignment.samples,
         alignment.cell_weights,
         alignment.residual_model,
-        shutter.readout_s,
-        shutter.skew_s,
-        images.intrinsics[1][0],
-        images.intrinsics[0][0],
+        images.levels[0],
     )
     scores = np.vstack([scores, _band_scores(bands, shutter)])
     in_keyframe = COVARIANCE_INFLATION * _sandwich_covariance(H, scores, prior)
@@ -169,7 +175,7 @@ def _prior_information(prior: MotionPrior) -> Array:
 
 
 def _regularize(H: Array) -> Array:
-    return np.asarray(H + 1e-9 * np.trace(H) * np.eye(len(H)), np.float64)
+    return np.asarray(H + REGULARIZATION * np.trace(H) * np.eye(len(H)), np.float64)
 
 
 @kernel
@@ -178,10 +184,7 @@ def accumulate_scores(
     samples: Array,
     cell_weights: Array,
     residual_model: Array,
-    readout_s: float,
-    skew_s: float,
-    focal_px: float,
-    depth_focal_px: float,
+    images: LevelImages,
 ) -> tuple[Array, Array]:
     """(CELLS, 15) scores of pose and motion for each cell, and moments (4, 4).
 
@@ -191,10 +194,9 @@ def accumulate_scores(
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
     J, q = np.empty(6), np.ones(4)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
-    variance, variance_depth = (
-        residual_model[SIGMA_BRIGHTNESS] ** 2,
-        residual_model[SIGMA_DEPTH] ** 2,
-    )
+    variance, variance_depth = residual_variances(residual_model)
+    readout_s, skew_s = images.readout_s, images.skew_s
+    focal_px, depth_focal_px = images.intrinsics[0], images.depth_intrinsics[0]
     for i in range(len(points)):
         brightness = samples[i, SAMPLE_BRIGHTNESS]
         depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
@@ -202,23 +204,14 @@ def accumulate_scores(
         noise = 0.0
         if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
-            sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
-            w = (
-                (DEGREES_OF_FREEDOM + 1.0)
-                / (DEGREES_OF_FREEDOM + residual * residual / sample_variance)
-                / sample_variance
-            )
+            w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
             w *= BRIGHTNESS_WEIGHT * cell_weights[0, cell]
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
             row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s, w * residual)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
-            w = (
-                (DEGREES_OF_FREEDOM + 1.0)
-                / (DEGREES_OF_FREEDOM + depth * depth / variance_depth)
-                / variance_depth
-            )
+            w = student_weight(depth, variance_depth)
             w *= cell_weights[1, cell]
             noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
             fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J)

@@ -1,8 +1,12 @@
-"""Image pyramid of a frame: brightness in several sizes, inverse depth, and timing."""
+"""Image pyramid of a frame: brightness in several sizes, inverse depth, and timing.
 
+The view is also divided into a grid of cells, for weights by region.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -10,7 +14,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
-from drivers.core.jit import kernel
+from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.parameters import (
     DARK_BRIGHTNESS,
     MIN_GAIN,
@@ -23,6 +27,10 @@ from vo_service.odometry.direct.parameters import (
 NUM_LEVELS = len(POINT_BLOCKS_PX)
 # Bounds of the gain of the affine brightness model.
 GAIN_RANGE = (MIN_GAIN, 1.0 / MIN_GAIN)
+# The grid of cells over the image.
+CELL_ROWS, CELL_COLUMNS = 6, 8
+NUM_CELLS = CELL_ROWS * CELL_COLUMNS
+ALL_STATIC = np.ones(NUM_CELLS, np.bool_)
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,28 @@ class HasMeanBrightness(Protocol):
 
     @property
     def mean_brightness(self) -> float: ...
+
+
+class LevelImages(NamedTuple):
+    """Images of one level and the times of their rows, as kernels take them.
+
+    Attributes:
+        gray: (h, w) uint8 of the level.
+        intrinsics: (4,) fx, fy, cx, cy of the level.
+        inverse_depth: (H, W) float32 of the whole size, 1/m; 0 = no reading.
+        depth_intrinsics: (4,) of the whole size.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the depth image after the color image.
+        vignetting: Of the lens, see `VignettingEstimate`.
+    """
+
+    gray: NDArray[np.uint8]
+    intrinsics: Array
+    inverse_depth: NDArray[np.float32]
+    depth_intrinsics: Array
+    readout_s: float
+    skew_s: float
+    vignetting: float
 
 
 @dataclass(frozen=True)
@@ -76,6 +106,23 @@ class ImagePyramid:
         camera = self.camera
         whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         return tuple(scale_intrinsics(whole, level) for level in range(len(self.gray) + 1))
+
+    @cached_property
+    def levels(self) -> Sequence[LevelImages]:
+        """What kernels take, for each gray image."""
+        whole, *halved = self.intrinsics
+        return tuple(
+            LevelImages(
+                gray,
+                intrinsics,
+                self.inverse_depth,
+                whole,
+                self.shutter.readout_s,
+                self.shutter.skew_s,
+                self.vignetting,
+            )
+            for gray, intrinsics in zip(self.gray, halved, strict=True)
+        )
 
     def brightness_ratio(self, other: HasMeanBrightness) -> float:
         """Ratio to the brightness of another view, within the bounds of the gain."""
@@ -135,3 +182,11 @@ def invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[
             value = depth_raw[v, u]
             inverse_depth[v, u] = factor / np.float32(value) if value > 0 else np.float32(0.0)
     return inverse_depth
+
+
+@inline_kernel
+def cell_index(u_share: float, v_share: float) -> int:
+    """Index of the cell at a position, given as shares of the image's width and height."""
+    row = min(max(int(v_share * CELL_ROWS), 0), CELL_ROWS - 1)
+    column = min(max(int(u_share * CELL_COLUMNS), 0), CELL_COLUMNS - 1)
+    return row * CELL_COLUMNS + column

@@ -13,34 +13,41 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
 from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_uncertainty
-from vo_service.odometry.direct.degenerate_view import fuse_with_prediction
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.half_view_retry import retry_without_half
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
-from vo_service.odometry.direct.keyframe_init import reinitialize
-from vo_service.odometry.direct.keyframe_selection import needs_keyframe, refine, select
-from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap, make_keyframe
-from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import (
+    TrackedFrame,
+    needs_keyframe,
+    refine,
+    reinitialize,
+    select,
+)
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.motion_state import (
+    IDENTITY_BRIGHTNESS,
+    MotionState,
+    alpha_beta_filter,
+    fuse_with_prediction,
+)
 from vo_service.odometry.direct.parameters import (
     MAX_FAILURES,
     MAX_INITIAL_FAILURES,
     MIN_FIRST_KEYFRAME_POINTS,
 )
-from vo_service.odometry.direct.pose_filter import alpha_beta_filter
 from vo_service.odometry.direct.quality import (
+    TrackingResult,
     degradation_reason,
+    make_tracking_debug,
     occlusion_reason,
+    project_keyframe_points,
     rejection_reason,
 )
 from vo_service.odometry.direct.recovery import (
     DirectRecovery,
-    TrackingResult,
     rejection_reason_after,
+    retry_without_half,
 )
-from vo_service.odometry.direct.rolling_shutter import zero_motion
-from vo_service.odometry.direct.tracked_frame import TrackedFrame
 from vo_service.odometry.direct.vignetting import VignettingEstimate
-from vo_service.odometry.direct.visualization import make_tracking_debug, project_keyframe_points
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.types import Estimate, TrackingDebug

@@ -7,16 +7,21 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
-from vo_service.odometry.direct.alignment import MotionPrior, align, uniform_weights
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, ImageTiming, build_image_pyramid
+from vo_service.odometry.direct.alignment import align, uniform_weights
+from vo_service.odometry.direct.gauss_newton import MotionPrior
+from vo_service.odometry.direct.image_pyramid import (
+    ALL_STATIC,
+    ImagePyramid,
+    ImageTiming,
+    build_image_pyramid,
+)
 from vo_service.odometry.direct.keyframe_points import select_points
-from vo_service.odometry.direct.normal_equations import SIGMA_BRIGHTNESS
-from vo_service.odometry.direct.rolling_shutter import (
+from vo_service.odometry.direct.motion import (
     MOTION_SIZE,
     change_frame,
     constant_velocity_motion,
 )
+from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS
 
 # Information of a fixed motion, which no image changes.
 FIXED_INFORMATION = np.full(MOTION_SIZE, 1e12)

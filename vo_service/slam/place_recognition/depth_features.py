@@ -9,7 +9,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
-from vo_service.odometry.direct.rolling_shutter import (
+from vo_service.odometry.direct.motion import (
     constant_velocity_motion,
     propagate_motion,
     propagate_point,

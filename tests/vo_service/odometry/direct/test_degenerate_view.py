@@ -12,10 +12,9 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, series
 from tests.vo_service.odometry.direct.tracking_results import MOTION, STAMP_S, make_result
 from vo_service.odometry.degeneracy import DegeneracyAnalysis
 from vo_service.odometry.direct.covariance import MotionUncertainty
-from vo_service.odometry.direct.degenerate_view import fuse_with_prediction
-from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.motion_state import MotionState, fuse_with_prediction
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
-from vo_service.odometry.direct.recovery import TrackingResult
+from vo_service.odometry.direct.quality import TrackingResult
 
 OFF = np.array([0.02, -0.01, 0.03, 0.01, 0.02, -0.01])
 FASTER = 0.3 * OFF

@@ -15,14 +15,16 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.direct.tracking_results import MOTION
 from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
-from vo_service.odometry.direct.dynamic_points import remove_dynamic_points
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
-from vo_service.odometry.direct.keyframe_selection import select
-from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap, make_keyframe
-from vo_service.odometry.direct.recovery import TrackingResult
-from vo_service.odometry.direct.rolling_shutter import zero_motion
-from vo_service.odometry.direct.tracked_frame import TrackedFrame
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.keyframe import (
+    DirectKeyframe,
+    LocalMap,
+    make_keyframe,
+    remove_dynamic_points,
+)
+from vo_service.odometry.direct.keyframe_selection import TrackedFrame, select
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.quality import TrackingResult
 
 ROWS = slice(60, 160)
 THING_M = 0.6

@@ -18,19 +18,24 @@ from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_
 from vo_service.odometry.direct import odometry as keyframe_odometry
 from vo_service.odometry.direct.alignment import (
     DirectAlignment,
-    MotionPrior,
     PointPyramid,
     align,
     uniform_weights,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC, CELL_COLUMNS, CELL_ROWS
-from vo_service.odometry.direct.half_view_retry import retry_without_half
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
-from vo_service.odometry.direct.local_map import make_keyframe
+from vo_service.odometry.direct.gauss_newton import MotionPrior
+from vo_service.odometry.direct.image_pyramid import (
+    ALL_STATIC,
+    CELL_COLUMNS,
+    CELL_ROWS,
+    ImagePyramid,
+    build_image_pyramid,
+)
+from vo_service.odometry.direct.keyframe import make_keyframe
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
 from vo_service.odometry.direct.odometry import DirectOdometry
-from vo_service.odometry.direct.recovery import TrackingResult
-from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.direct.quality import TrackingResult
+from vo_service.odometry.direct.recovery import retry_without_half
 from vo_service.odometry.surf import SurfExtractor
 
 STEP_S = 1 / 30

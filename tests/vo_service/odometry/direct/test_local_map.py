@@ -19,20 +19,23 @@ from tests.vo_service.odometry.direct.tracking_results import MOTION
 from tests.vo_service.odometry.hand_held_sequence import assert_close
 from vo_service.odometry.direct import warping as columns
 from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
-from vo_service.odometry.direct.keyframe_selection import needs_keyframe, refine, select
-from vo_service.odometry.direct.local_map import (
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
+from vo_service.odometry.direct.keyframe import (
     DirectKeyframe,
     LocalMap,
     compute_overlap,
     make_keyframe,
 )
-from vo_service.odometry.direct.multi_keyframe_alignment import align_jointly
+from vo_service.odometry.direct.keyframe_selection import (
+    TrackedFrame,
+    align_jointly,
+    needs_keyframe,
+    refine,
+    select,
+)
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.parameters import MAX_KEYFRAMES
-from vo_service.odometry.direct.recovery import TrackingResult
-from vo_service.odometry.direct.rolling_shutter import zero_motion
-from vo_service.odometry.direct.tracked_frame import TrackedFrame
+from vo_service.odometry.direct.quality import TrackingResult
 
 # Observability, now and at first, of a well constrained view.
 CLEAR = (1e3, 1e3)
@@ -223,7 +226,7 @@ def test_a_degenerate_view_is_left_where_it_was_extrapolated_to() -> None:
 def test_a_rolling_frame_is_aligned_with_several_keyframes_too() -> None:
     hand = MovingCamera(BRISK.velocity, turned(0.2))
     images = build_image_pyramid(render_view(hand, readout_s=0.02, skew_s=0.01, planes=CORNER))
-    prior = replace(STATIC_PRIOR, information=np.full(9, 1e-3))
+    prior = STATIC_PRIOR._replace(information=np.full(9, 1e-3))
     start = inverse(turned(0.2))
     found = align(AHEAD.points, images, [start], prior, (1.0, 0.0), uniform_weights())
     T = align_jointly(AHEAD, [keyframe_at(0.3, 3)], images, found)

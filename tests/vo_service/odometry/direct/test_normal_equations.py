@@ -16,8 +16,12 @@ from vo_service.odometry.direct.alignment import (
     sample_points,
     uniform_weights,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.gauss_newton import (
+    accumulate,
+    expand_rolling_shutter,
+    fill_jacobian,
+)
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
     HAS_TEXTURE,
@@ -25,17 +29,14 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_DEPTH_GRADIENT,
     select_points,
 )
-from vo_service.odometry.direct.normal_equations import (
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
-    accumulate,
-    expand_rolling_shutter,
-    fill_jacobian,
     fit_affine_brightness,
 )
-from vo_service.odometry.direct.rolling_shutter import zero_motion
 from vo_service.odometry.direct.warping import SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL
 
 READOUT_S, SKEW_S = 0.03, 0.012

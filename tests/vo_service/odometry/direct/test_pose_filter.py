@@ -7,10 +7,9 @@ import pytest
 
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, series_exponential
 from tests.vo_service.odometry.direct.tracking_results import MOTION, STAMP_S, make_result
-from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.motion_state import MotionState, alpha_beta_filter, filter_gains
 from vo_service.odometry.direct.parameters import MIN_POSE_GAIN
-from vo_service.odometry.direct.pose_filter import alpha_beta_filter, filter_gains
-from vo_service.odometry.direct.recovery import TrackingResult
+from vo_service.odometry.direct.quality import TrackingResult
 
 # A millimeter, and a milliradian.
 SIGMA = 1e-3

@@ -23,12 +23,15 @@ from vo_service.odometry.direct.alignment import (
     sample_points,
     uniform_weights,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC, CELL_COLUMNS, CELL_ROWS
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.image_pyramid import (
+    ALL_STATIC,
+    CELL_COLUMNS,
+    CELL_ROWS,
+    build_image_pyramid,
+)
 from vo_service.odometry.direct.keyframe_points import select_points
-from vo_service.odometry.direct.normal_equations import SIGMA_BRIGHTNESS, SIGMA_DEPTH
-from vo_service.odometry.direct.region_weights import weigh_regions
-from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS, SIGMA_DEPTH, weigh_regions
 from vo_service.odometry.direct.warping import (
     OCCLUDED,
     SAMPLE_BRIGHTNESS,

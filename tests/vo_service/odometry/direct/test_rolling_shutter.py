@@ -11,7 +11,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     MovingCamera,
     series_exponential,
 )
-from vo_service.odometry.direct.rolling_shutter import (
+from vo_service.odometry.direct.motion import (
     body_motion,
     change_frame,
     constant_velocity_motion,

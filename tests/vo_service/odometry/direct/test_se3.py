@@ -6,7 +6,7 @@ from hypothesis.extra.numpy import arrays
 
 from drivers.core.geometry import Array, is_rigid, rigid_transform, skew_matrix, so3_exp
 from tests.vo_service.odometry.direct.rolling_shutter_views import series_exponential
-from vo_service.odometry.direct.se3 import compose, se3_exp, se3_log, transform_point
+from vo_service.odometry.direct.motion import compose, se3_exp, se3_log, transform_point
 
 FEW = settings(max_examples=30)
 NUMBERS = st.floats(-3.0, 3.0, allow_subnormal=False)

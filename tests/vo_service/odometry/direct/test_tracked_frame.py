@@ -14,14 +14,16 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from vo_service.odometry.direct.alignment import align, uniform_weights
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
-from vo_service.odometry.direct.keyframe_selection import refine
-from vo_service.odometry.direct.local_map import LocalMap, make_keyframe
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.keyframe import LocalMap, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import (
+    TrackedFrame,
+    estimate_previous_motion,
+    refine,
+)
+from vo_service.odometry.direct.motion import constant_velocity_motion
 from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
-from vo_service.odometry.direct.recovery import TrackingResult
-from vo_service.odometry.direct.rolling_shutter import constant_velocity_motion
-from vo_service.odometry.direct.tracked_frame import TrackedFrame, estimate_previous_motion
+from vo_service.odometry.direct.quality import TrackingResult
 
 FRAME_S = 1 / 30
 # As hand-held: the angular velocity changes by 0.1 rad/s per frame.

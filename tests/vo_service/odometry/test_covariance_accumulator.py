@@ -12,7 +12,7 @@ from drivers.core.geometry import (
     so3_log,
     transport_covariance,
 )
-from vo_service.odometry.covariance_accumulator import CovarianceAccumulator, diagonal_covariance
+from vo_service.odometry.uncertainty import CovarianceAccumulator, diagonal_covariance
 from vo_service.types import Estimate
 
 SIGMAS = np.array([0.01, 0.02, 0.015, 0.01, 0.005, 0.02])

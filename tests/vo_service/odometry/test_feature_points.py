@@ -6,12 +6,8 @@ from hypothesis import strategies as st
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import CAMERA, FIRST_CALL_COMPILES, make_frame
-from vo_service.odometry.feature_points import (
-    FeaturePoints,
-    backproject_features,
-    fit_inverse_depth,
-    pair_points,
-)
+from vo_service.odometry.depth import fit_inverse_depth
+from vo_service.odometry.features import FeaturePoints, backproject_features, pair_points
 from vo_service.odometry.surf import Features
 
 HEIGHT, WIDTH = 60, 80

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
-from vo_service.odometry.matching import find_best_two, match_descriptors, match_features
+from vo_service.odometry.features import find_best_two, match_descriptors, match_features
 from vo_service.odometry.surf import Features, SurfExtractor
 
 Table = NDArray[np.float32]

@@ -11,9 +11,8 @@ from tests.vo_service.odometry.point_pairs import (
     sample_points,
 )
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES
-from vo_service.odometry.feature_points import PointPairs
-from vo_service.odometry.motion_refinement import pair_weights, refine_rigid_motion
-from vo_service.odometry.ransac import Consensus, find_consensus
+from vo_service.odometry.features import PointPairs
+from vo_service.odometry.ransac import Consensus, find_consensus, pair_weights, refine_rigid_motion
 
 
 def error_of(T_reference_camera: Array) -> Array:

@@ -4,11 +4,10 @@ import numpy as np
 
 from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry import matching, ransac
+from vo_service.odometry import features, ransac
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
-from vo_service.odometry.surf import guided_matching, hessian, maxima, orientation
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
+from vo_service.odometry.surf import descriptor, detector, guided_matching, packed_pyramid
 
 
 def test_every_stage_of_the_method_is_run_and_reported() -> None:
@@ -21,7 +20,7 @@ def test_a_warm_method_compiles_nothing_more_for_a_real_frame() -> None:
     warm_up("surf", lambda _: None)
     kernels = [
         each
-        for module in (guided_matching, matching, ransac, hessian, maxima, orientation)
+        for module in (guided_matching, features, ransac, detector, descriptor, packed_pyramid)
         for each in vars(module).values()
         if hasattr(each, "signatures") and hasattr(each, "py_func")
     ]

@@ -11,7 +11,6 @@ import numpy as np
 
 from drivers.core.geometry import Array, inverse, transport_covariance
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.degeneracy import DegeneracyAnalysis, analyze_degeneracy, point_information
 from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
 from vo_service.odometry.direct.gauss_newton import (
     UPPER_TRIANGLE,
@@ -56,6 +55,11 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_COLOR_BAND,
     SAMPLE_DEPTH_BAND,
     SAMPLE_DEPTH_RESIDUAL,
+)
+from vo_service.odometry.uncertainty import (
+    DegeneracyAnalysis,
+    analyze_degeneracy,
+    point_information,
 )
 
 # Added to the diagonal of an information matrix, relative to its trace, before it is inverted.

@@ -28,7 +28,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_OBSERVED_SHARE,
     NUM_FINE_LEVELS,
 )
-from vo_service.odometry.gray_frame import GrayFrame
+from vo_service.odometry.features import GrayFrame
 
 BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
 BLOCK_CENTERS = slice(BLOCK_CENTER_PX, None, DYNAMIC_BLOCK_PX)

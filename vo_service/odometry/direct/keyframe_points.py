@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.depth import fit_plane
 from vo_service.odometry.direct.image_pyramid import ImagePyramid, LevelImages, cell_index
 from vo_service.odometry.direct.motion import (
     project,
@@ -27,7 +28,6 @@ from vo_service.odometry.direct.parameters import (
     POINT_BLOCKS_PX,
     ROW_TIME_ITERATIONS,
 )
-from vo_service.odometry.plane_fit import fit_plane
 
 # Columns of a point: position (x, y, z in m); brightness; its variance by interpolation; gradient
 # of the brightness by the position (3, gray / m); gradient of the depth residual by the position

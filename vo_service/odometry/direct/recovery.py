@@ -52,15 +52,18 @@ from vo_service.odometry.direct.residuals import (
     count_residuals,
     weigh_regions,
 )
-from vo_service.odometry.feature_points import backproject_features, pair_points
-from vo_service.odometry.feature_view import FeatureView, select_pairs_with_depth
-from vo_service.odometry.gray_frame import GrayFrame
-from vo_service.odometry.match_verification import MatchVerifier
-from vo_service.odometry.matching import match_features
-from vo_service.odometry.motion_refinement import refine_rigid_motion
-from vo_service.odometry.ransac import find_consensus
+from vo_service.odometry.features import (
+    FeatureView,
+    GrayFrame,
+    MatchVerifier,
+    SurfParameters,
+    backproject_features,
+    match_features,
+    pair_points,
+    select_pairs_with_depth,
+)
+from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.surf.parameters import SurfParameters
 
 # A match is only the initial guess of an alignment, which verifies it. A rolling shutter distorts
 # the view, so that few of the feature matches agree with any one motion.

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from drivers.core.geometry import Array, adjoint, inverse
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, series_exponential
 from tests.vo_service.odometry.direct.tracking_results import MOTION, STAMP_S, make_result
-from vo_service.odometry.degeneracy import DegeneracyAnalysis
 from vo_service.odometry.direct.covariance import MotionUncertainty
 from vo_service.odometry.direct.motion_state import MotionState, fuse_with_prediction
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
 from vo_service.odometry.direct.quality import TrackingResult
+from vo_service.odometry.uncertainty import DegeneracyAnalysis
 
 OFF = np.array([0.02, -0.01, 0.03, 0.01, 0.02, -0.01])
 FASTER = 0.3 * OFF

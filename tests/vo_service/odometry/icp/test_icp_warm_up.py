@@ -5,8 +5,7 @@ import numpy as np
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from vo_service.odometry.icp import depth_pyramid, planes, residuals
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
 
 KERNELS = [
     each

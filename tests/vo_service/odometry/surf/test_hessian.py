@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from tests.vo_service.odometry.surf.box_filters import hessian_products
 from tests.vo_service.odometry.synthetic_views import make_blob_image
-from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, fill_responses, is_laplacian_positive
+from vo_service.odometry.surf.detector import SCALE_PER_LOBE, fill_responses, is_laplacian_positive
 
 
 def responses(image: NDArray[np.uint8], lobe: int, step: int = 1) -> NDArray[np.float32]:

@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_blob_image
-from vo_service.odometry.surf.maxima import (
+from vo_service.odometry.surf.detector import (
     NUM_COLUMNS,
     RESPONSE,
     SCALE,
     SIGN,
+    LayerTriple,
     find_maxima,
     max_num_maxima,
 )
@@ -28,7 +29,9 @@ def maxima(layers: Array, threshold: float, step: int = 1) -> NDArray[np.float32
     below, middle, above = layers.astype(np.float32)
     flat = np.zeros((rows * step + 1, columns * step + 1), np.int32)
     table = np.empty((max_num_maxima(rows, columns), NUM_COLUMNS), np.float32)
-    found = find_maxima(flat, below, middle, above, LOBES, step, np.float32(threshold), table, 0)
+    found = find_maxima(
+        flat, LayerTriple(below, middle, above, LOBES, step), np.float32(threshold), table, 0
+    )
     return table[:found]
 
 
@@ -150,6 +153,7 @@ def test_the_sign_shows_dark_blobs_from_bright_ones(dark: bool, sign: float) -> 
     table = np.empty((max_num_maxima(SIZE, SIZE), NUM_COLUMNS), np.float32)
     below, middle, above = hill(20.0, 18.0, 0.0).astype(np.float32)
     integral = cv2.integral(image)
-    find_maxima(integral, below, middle, above, LOBES, 1, np.float32(50), table, 0)  # type: ignore[arg-type]
+    layers = LayerTriple(below, middle, above, LOBES, 1)
+    find_maxima(integral, layers, np.float32(50), table, 0)  # type: ignore[arg-type]
     assert table[0, SIGN] == sign
     assert table[0, SCALE] == pytest.approx(2.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
 from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.orientation import GRID_SIDE, disc_weights, dominant_direction
+from vo_service.odometry.surf.descriptor import GRID_SIDE, disc_weights, dominant_direction
 
 ANGLE_DEG = st.floats(0.0, 360.0)
 HEIGHT, WIDTH = 400, 480

@@ -22,6 +22,8 @@ PLANE_RADIUS_PX = 4
 MAX_STEP_PER_M = 0.02
 # The plane covers at least this share of the square.
 MIN_PLANE_SUPPORT = 0.6
+# Of the normal equations of a plane, px^4; below it the pixels lie on a line.
+MIN_DETERMINANT = 1e-9
 
 
 def depth_sigma_m(depth_m: Array) -> Array:
@@ -88,7 +90,7 @@ def fit_plane(
     cuu, cuv, cvv = suu - n * mu * mu, suv - n * mu * mv, svv - n * mv * mv
     cuw, cvw = suw - n * mu * mw, svw - n * mv * mw
     det = cuu * cvv - cuv * cuv
-    if det <= 1e-9:
+    if det <= MIN_DETERMINANT:
         return none
     wu = (cuw * cvv - cvw * cuv) / det
     wv = (cvw * cuu - cuw * cuv) / det
@@ -151,7 +153,7 @@ def _fit_feature_plane(
     cuu, cuv, cvv = suu - n * mu * mu, suv - n * mu * mv, svv - n * mv * mv
     cuw, cvw = suw - n * mu * mw, svw - n * mv * mw
     det = cuu * cvv - cuv * cuv
-    if det <= 1e-9:
+    if det <= MIN_DETERMINANT:
         return 0.0
     b = (cuw * cvv - cvw * cuv) / det
     c = (cvw * cuu - cuw * cuv) / det

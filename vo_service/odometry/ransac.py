@@ -22,6 +22,12 @@ MODEL_ERROR_M = 0.002
 MISS_PROBABILITY = 1e-4
 # Points closer together than this constrain the rotation too little.
 MIN_SIDE_M = 0.05
+# Sides of two triangles that differ by this and the gates of their corners are of different shape.
+SIDE_MARGIN_M = 0.01
+# A triangle of less area (m^2) or side (m) is a line.
+MIN_TRIANGLE = 1e-6
+# Below this the corners (m^2) give no angle.
+MIN_CORRELATION = 1e-12
 # Number of selections of the inliers; after that they hardly change.
 REFINEMENT_ITERATIONS = 3
 
@@ -145,7 +151,7 @@ def _has_same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: 
             q += (Q[axis, a] - Q[axis, b]) ** 2
         p, q = np.sqrt(p), np.sqrt(q)
         tolerance = 1.0 / inverse_gate[1, a] + 1.0 / inverse_gate[1, b]
-        if p < MIN_SIDE_M or abs(p - q) > tolerance + 0.01:
+        if p < MIN_SIDE_M or abs(p - q) > tolerance + SIDE_MARGIN_M:
             return False
     return True
 
@@ -189,7 +195,7 @@ def _fit_triangles(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool
         c += pu * qu + pv * qv
         s += pu * qv - pv * qu
     length = np.sqrt(c * c + s * s)
-    if length < 1e-12:
+    if length < MIN_CORRELATION:
         return False
     c, s = c / length, s / length
     for row in range(3):
@@ -218,7 +224,7 @@ def _triangle_axes(P: Array, i: int, j: int, k: int) -> tuple[Array, Array, bool
     nz = axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0]
     area = np.sqrt(nx * nx + ny * ny + nz * nz)
     side = np.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2 + axes[0, 2] ** 2)
-    if area < 1e-6 or side < 1e-6:
+    if area < MIN_TRIANGLE or side < MIN_TRIANGLE:
         return axes, mean, False
     axes[2, 0], axes[2, 1], axes[2, 2] = nx / area, ny / area, nz / area
     for axis in range(3):

@@ -39,7 +39,8 @@ from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_samp
 
 PointPyramid = Sequence[Array]
 
-
+# Gain and offset of equal brightness.
+IDENTITY_BRIGHTNESS = (1.0, 0.0)
 STEP_LIMITS = tuple(StepLimits(*limits) for limits in zip(MAX_STEPS, MIN_STEP_SIZES, strict=True))
 # Information of a motion that is known, so that the images hardly change it.
 STATIC_INFORMATION = np.full(MOTION_SIZE, 1e6)
@@ -53,9 +54,9 @@ class DirectAlignment:
 
     Attributes:
         T_camera_keyframe: 4x4.
-        motion: (9,) of the keyframe's points in the keyframe's axes, see `rolling_shutter`.
-        residual_model: (4,) gain, offset and the two sigmas, see `normal_equations`.
-        counts: (7,) of the finest level, see `residual_stats`.
+        motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
+        residual_model: (4,) gain, offset and the two sigmas, see `residuals`.
+        counts: (7,) of the finest level, see `residuals`.
         samples: (N, COLUMNS) of the finest level's points, see `warping`.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
@@ -69,7 +70,7 @@ class DirectAlignment:
 
     @property
     def camera_motion(self) -> Array:
-        """(9,) motion of the camera in its own axes, see `rolling_shutter`."""
+        """(9,) motion of the camera in its own axes, see `motion`."""
         return body_motion(self.T_camera_keyframe, self.motion)
 
     @property
@@ -106,7 +107,7 @@ def depth_only_weights() -> Array:
     return weights
 
 
-def initial_residual_model(affine_brightness: tuple[float, float] = (1.0, 0.0)) -> Array:
+def initial_residual_model(affine_brightness: tuple[float, float] = IDENTITY_BRIGHTNESS) -> Array:
     """(4,) residual model before the first step."""
     residual_model = np.empty(4)
     residual_model[GAIN], residual_model[OFFSET] = affine_brightness

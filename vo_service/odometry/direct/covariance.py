@@ -13,6 +13,7 @@ from drivers.core.geometry import Array, inverse, transport_covariance
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
 from vo_service.odometry.direct.gauss_newton import (
+    TRIANGLE_SIZE,
     UPPER_TRIANGLE,
     MotionPrior,
     accumulate,
@@ -145,7 +146,10 @@ def _sandwich_covariance(H: Array, scores: Array, prior: MotionPrior) -> Array:
 
 def _band_scores(bands: Array, shutter: ImageTiming) -> Array:
     """(2 BANDS, 15) scores of pose and motion for each band of rows."""
-    scores, times_s = bands[:, 21:], band_times(shutter.readout_s, shutter.skew_s)[:, None]
+    scores, times_s = (
+        bands[:, TRIANGLE_SIZE:],
+        band_times(shutter.readout_s, shutter.skew_s)[:, None],
+    )
     return np.hstack([scores, times_s * scores, 0.5 * times_s**2 * scores[:, 3:]])
 
 

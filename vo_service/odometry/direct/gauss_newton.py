@@ -57,9 +57,13 @@ from vo_service.odometry.direct.warping import (
     warp_and_sample,
 )
 
-# Indices of a symmetric 6x6 matrix's elements in its upper triangle, row by row.
+# Number of elements in the upper triangle of a symmetric 6x6 matrix; sums of the normal equations
+# have them row by row, then the 6 elements of the vector.
+TRIANGLE_SIZE = 21
+NUM_SUMS = TRIANGLE_SIZE + 6
+# Indices of the matrix's elements in the triangle.
 UPPER_TRIANGLE = np.empty((6, 6), np.intp)
-UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(21)
+UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(TRIANGLE_SIZE)
 # Smallest pivot of a factorization, so that rounding makes no root of a negative number.
 MIN_PIVOT = 1e-12
 
@@ -160,7 +164,7 @@ def accumulate(points: Array, samples: Array, cell_weights: Array, residual_mode
     in the keyframe's axes: the upper triangle of sum w J^T J, row by row, then sum w J^T r. All
     rows of a band get the same time, which saves sums and loses little.
     """
-    sums = np.zeros((2 * NUM_ROW_BANDS, 27))
+    sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
     J = np.empty(6)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
     variance, variance_depth = residual_variances(residual_model)
@@ -202,7 +206,7 @@ def _add_to_sums(sums: Array, J: Array, w: float, residual: float) -> None:
         for j in range(i, 6):
             sums[k] += weighted * J[j]
             k += 1
-        sums[21 + i] += weighted * residual
+        sums[TRIANGLE_SIZE + i] += weighted * residual
 
 
 @kernel
@@ -245,7 +249,7 @@ def expand_rolling_shutter(sums: Array, readout_s: float, skew_s: float) -> tupl
                     H[6 + i, 9 + j] += tau * half * value
                     if i >= 3:
                         H[9 + i, 9 + j] += half * half * value
-            r = sums[n, 21 + i]
+            r = sums[n, TRIANGLE_SIZE + i]
             g[i] += r
             g[6 + i] += tau * r
             if i >= 3:

@@ -46,7 +46,7 @@ class DirectKeyframe:
         points: (N, COLUMNS) of each level, in its camera's axes at its stamp.
         images: Its image pyramid.
         T_world_keyframe: 4x4 pose.
-        motion: (9,) of its camera in its own axes, see `rolling_shutter`.
+        motion: (9,) of its camera in its own axes, see `motion`.
         frame: For features; without color, to save memory.
     """
 

@@ -21,7 +21,12 @@ from vo_service.odometry.direct.alignment import (
     sample_points,
     uniform_weights,
 )
-from vo_service.odometry.direct.gauss_newton import UPPER_TRIANGLE, accumulate, solve_cholesky
+from vo_service.odometry.direct.gauss_newton import (
+    TRIANGLE_SIZE,
+    UPPER_TRIANGLE,
+    accumulate,
+    solve_cholesky,
+)
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid
 from vo_service.odometry.direct.keyframe import (
     DirectKeyframe,
@@ -215,6 +220,7 @@ class _KeyframeFit:
     keyframe: DirectKeyframe
     T_keyframe_active: Array
     residual_model: Array
+    is_active: bool = False
 
 
 def align_jointly(
@@ -229,38 +235,57 @@ def align_jointly(
     frame is left out.
     """
     T = alignment.T_camera_keyframe
-    fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy())]
+    fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy(), is_active=True)]
     for other in others:
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
         fits.append(_KeyframeFit(other, T_other_active, initial_residual_model()))
     for step in range(MAX_JOINT_STEPS):
         H, g = np.zeros((6, 6)), np.zeros(6)
         for fit in list(fits):
-            Ad = adjoint(fit.T_keyframe_active)
-            T_camera_keyframe = T @ inverse(fit.T_keyframe_active)
-            points = fit.keyframe.points[0]
-            motion = change_frame(alignment.motion, fit.T_keyframe_active)
-            samples = sample_points(fit.keyframe.points, images, T_camera_keyframe, motion, 0)
-            cell_weights = weigh_regions(points, samples, fit.residual_model, uniform_weights())
-            for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
-                fit_affine_brightness(points, samples, cell_weights, fit.residual_model)
-            if (
-                step == 1
-                and fit.keyframe is not active
-                and not is_consistent(
-                    count_residuals(points, samples, fit.residual_model, cell_weights)
-                )
-            ):
+            sums = _linearize(fit, images, T, alignment.motion, step)
+            if sums is None:
                 fits.remove(fit)
                 continue
-            sums = accumulate(points, samples, cell_weights, fit.residual_model).sum(axis=0)
+            Ad = adjoint(fit.T_keyframe_active)
             H += Ad.T @ sums[UPPER_TRIANGLE] @ Ad
-            g += Ad.T @ sums[21:]
+            g += Ad.T @ sums[TRIANGLE_SIZE:]
         x = solve_cholesky(H + JOINT_DAMPING_RATIO * np.trace(H) * np.eye(6), g)
         T = compose(T, se3_exp(-x))
         if np.max(np.abs(x)) < MIN_JOINT_STEP_SIZE:
             break
     return orthonormalize(T)
+
+
+def _linearize(
+    fit: _KeyframeFit, images: ImagePyramid, T_camera_active: Array, motion: Array, step: int
+) -> Array | None:
+    """Update a keyframe's residual model, and sum up its normal equations.
+
+    Args:
+        fit: The keyframe; its residual model is updated.
+        images: The frame.
+        T_camera_active: 4x4.
+        motion: (9,) of the active keyframe's points in its axes.
+        step: Number of the step; after the first one, which corrects the pose, other keyframes
+            than the active one have to agree with the frame.
+
+    Returns:
+        (27,) sums as those of `accumulate`; None if the keyframe does not agree.
+    """
+    T_camera_keyframe = T_camera_active @ inverse(fit.T_keyframe_active)
+    points, model = fit.keyframe.points[0], fit.residual_model
+    motion = change_frame(motion, fit.T_keyframe_active)
+    samples = sample_points(fit.keyframe.points, images, T_camera_keyframe, motion, 0)
+    cell_weights = weigh_regions(points, samples, model, uniform_weights())
+    for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
+        fit_affine_brightness(points, samples, cell_weights, model)
+    may_disagree = step == 0 or fit.is_active
+    if not may_disagree and not is_consistent(
+        count_residuals(points, samples, model, cell_weights)
+    ):
+        return None
+    sums: Array = accumulate(points, samples, cell_weights, model).sum(axis=0)
+    return sums
 
 
 def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:

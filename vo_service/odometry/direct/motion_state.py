@@ -44,9 +44,6 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.quality import TrackingResult
 
-# Gain and offset of equal brightness.
-IDENTITY_BRIGHTNESS = (1.0, 0.0)
-
 
 @dataclass(frozen=True)
 class MotionState:
@@ -179,6 +176,34 @@ class MotionState:
 def _velocity_change(velocity: Array, before: Array) -> Array:
     """(2,) root mean square of the change over three components, m/s and rad/s."""
     return np.asarray(np.sqrt(((velocity - before) ** 2).reshape(2, 3).mean(axis=1)), np.float64)
+
+
+def fuse_and_filter(
+    result: TrackingResult,
+    uncertainty: MotionUncertainty,
+    motion_state: MotionState,
+    stamp_s: float,
+) -> tuple[TrackingResult, MotionUncertainty, float]:
+    """Fuse the measured pose with the predicted one.
+
+    Args:
+        result: The measured pose and velocity.
+        uncertainty: Of the measured pose; in a degenerate view the prediction fills in.
+        motion_state: The state up to the last good frame.
+        stamp_s: Stamp of the frame.
+
+    Returns:
+        The result, its uncertainty, and the updated normalized innovation of `MotionState`.
+    """
+    if uncertainty.rejection_reason:
+        result, uncertainty = fuse_with_prediction(result, uncertainty, motion_state, stamp_s)
+    elif motion_state.is_extrapolated:
+        # The step from the extrapolated pose to this one is no motion of the camera.
+        result = result.with_pose(result.T_world_camera, motion_state.velocity)
+    result, normalized_innovation = alpha_beta_filter(
+        result, uncertainty.covariance, motion_state, stamp_s
+    )
+    return result, uncertainty, normalized_innovation
 
 
 def alpha_beta_filter(

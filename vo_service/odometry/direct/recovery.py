@@ -17,6 +17,7 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import (
+    IDENTITY_BRIGHTNESS,
     DirectAlignment,
     align,
     depth_only_weights,
@@ -69,7 +70,9 @@ from vo_service.odometry.surf import SurfExtractor
 # the view, so that few of the feature matches agree with any one motion.
 FEATURE_MATCH_VERIFIER = MatchVerifier(*FEATURE_INLIER_SHARES)
 # Columns of cells that are masked: the left, middle and right half of the view.
-MASKED_COLUMNS = (slice(0, 4), slice(2, 6), slice(4, 8))
+MASKED_COLUMNS = tuple(
+    slice(first, first + CELL_COLUMNS // 2) for first in (0, CELL_COLUMNS // 4, CELL_COLUMNS // 2)
+)
 
 
 def retry_without_half(
@@ -206,7 +209,12 @@ class DirectRecovery:
             return best
         initial_guesses = motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)
         candidate = align(
-            keyframe.points, images, initial_guesses, prior, (1.0, 0.0), depth_only_weights()
+            keyframe.points,
+            images,
+            initial_guesses,
+            prior,
+            IDENTITY_BRIGHTNESS,
+            depth_only_weights(),
         )
         if rejection_reason(candidate):
             return best

@@ -92,7 +92,7 @@ def compensate_rolling_shutter(
 ) -> Array:
     """Transform points (N, 3), observed in rows (N,), to the time of the middle row.
 
-    motion is (9,) of the camera in its own axes, see `rolling_shutter`.
+    motion is (9,) of the camera in its own axes, see `motion`.
     """
     compensated = np.empty_like(position_m)
     for n in range(len(position_m)):

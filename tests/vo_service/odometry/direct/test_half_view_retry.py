@@ -17,6 +17,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from vo_service.odometry.direct import odometry as keyframe_odometry
 from vo_service.odometry.direct.alignment import (
+    IDENTITY_BRIGHTNESS,
     DirectAlignment,
     PointPyramid,
     align,
@@ -32,7 +33,7 @@ from vo_service.odometry.direct.image_pyramid import (
 )
 from vo_service.odometry.direct.keyframe import make_keyframe
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.quality import TrackingResult
 from vo_service.odometry.direct.recovery import retry_without_half

@@ -13,7 +13,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     add_noise,
     render_view,
 )
-from vo_service.odometry.direct.alignment import align, uniform_weights
+from vo_service.odometry.direct.alignment import IDENTITY_BRIGHTNESS, align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import LocalMap, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import (
@@ -22,7 +22,7 @@ from vo_service.odometry.direct.keyframe_selection import (
     refine,
 )
 from vo_service.odometry.direct.motion import constant_velocity_motion
-from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.quality import TrackingResult
 
 FRAME_S = 1 / 30

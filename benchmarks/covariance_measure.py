@@ -11,9 +11,9 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse
 from drivers.core.trajectory import Trajectory, nearest_indices
 from drivers.tum.camera import TumCamera
-from vo_service.odometry.covariance_accumulator import CovarianceAccumulator
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.uncertainty import CovarianceAccumulator
 from vo_service.tools.evaluation.association import STAMP_ROUNDING_S
 from vo_service.tools.evaluation.consistency import motion_error, nees
 from vo_service.types import Estimate

@@ -36,8 +36,7 @@ from benchmarks.static_views import StaticView
 from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config import read_config
-from vo_service.odometry.registry import METHODS
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, warm_up
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"

@@ -1,9 +1,9 @@
 """SURF, SIFT and ORB as feature extractors of the same odometry."""
 
+from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.odometry.surf.parameters import SurfParameters
 from vo_service.tools.benchmark.baselines.opencv_features import (
     MATCH_RATIO,
     orb_odometry,

@@ -27,7 +27,7 @@ from benchmarks.relocalization_views import (
 )
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array, inverse, rotation_angle_rad
-from vo_service.odometry.direct.se3 import se3_log
+from vo_service.odometry.direct.motion import se3_log
 from vo_service.slam.place_recognition.keyframe_database import KeyframeDatabase
 from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
 from vo_service.slam.place_recognition.place_recognizer import PlaceRecognizer

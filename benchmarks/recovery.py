@@ -29,11 +29,10 @@ from drivers.camera import PlaybackMode
 from drivers.core.errors import UserFacingError
 from drivers.core.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
-from vo_service.odometry.feature_view import FeatureView
+from vo_service.odometry.features import FeatureView, SurfParameters
+from vo_service.odometry.registry import warm_up
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.odometry.surf.parameters import SurfParameters
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
-from vo_service.odometry.warm_up import warm_up
 
 
 class NullRecovery(SurfRecovery):

@@ -47,8 +47,7 @@ from benchmarks.result_cache import Json, ResultCache
 from benchmarks.runners import make_runner
 from benchmarks.tour_frames import compute_true_poses, make_tour_config
 from drivers.core.errors import UserFacingError
-from vo_service.odometry.registry import METHODS
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, warm_up
 from vo_service.terminal import Terminal
 
 # Two laps.

@@ -15,7 +15,7 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motion.base import CameraMotion, look_rotations, rotations_from_vectors
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.tum.camera import TumCamera
-from vo_service.odometry.direct.se3 import se3_exp, se3_log
+from vo_service.odometry.direct.motion import se3_exp, se3_log
 
 # Each spot of a room has a first view, and others at these distances (m) and angles (degrees).
 VIEW_OFFSETS = ((0.1, 5.0), (0.2, 10.0), (0.3, 20.0), (0.45, 30.0), (0.6, 40.0))

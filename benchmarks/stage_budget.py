@@ -28,8 +28,7 @@ from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, FeatureConfig
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, FeatureConfig, warm_up
 
 WHOLE_FRAME = "whole frame"
 TIMES = ("median", "99 %", "most", "mean", "budget", "share")

@@ -27,8 +27,7 @@ from benchmarks.static_views import StaticView
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, so3_log
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
 
 HEAD = (
     f"{'minutes':>7}{'frames':>8}{'lost':>6}{'at most':>10}{'':12}{'rms':>10}{'':12}"

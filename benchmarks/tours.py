@@ -36,8 +36,7 @@ from benchmarks.tour_plot import save_plot
 from benchmarks.tour_record import TourRecord
 from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.odometry.registry import METHODS
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, warm_up
 from vo_service.terminal import Terminal
 
 COLUMNS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loop_closures", "wrong")

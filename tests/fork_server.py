@@ -27,8 +27,7 @@ def load() -> None:
     import vo_service.cli.replay
     import vo_service.cli.run  # noqa: F401
     from drivers.core.shared_frames.depth_packing import compile_kernels
-    from vo_service.odometry.registry import DEFAULT_METHOD
-    from vo_service.odometry.warm_up import warm_up
+    from vo_service.odometry.registry import DEFAULT_METHOD, warm_up
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
     from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
 

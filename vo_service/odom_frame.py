@@ -16,7 +16,7 @@ from drivers.core.geometry import (
     so3_exp,
     so3_log,
 )
-from vo_service.odometry.covariance_accumulator import CovarianceAccumulator, diagonal_covariance
+from vo_service.odometry.uncertainty import CovarianceAccumulator, diagonal_covariance
 from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
 
 # With fewer inliers than this a motion is found, but a wrong one is no longer out of the question.

@@ -27,7 +27,7 @@ from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
 from vo_service.clock import LiveClock, RecordedClock
 from vo_service.frame_source import ReconnectingSource, SinglePassSource
-from vo_service.odometry.direct.stage_budget import STAGE_BUDGET_MS
+from vo_service.odometry.registry import STAGE_BUDGETS_MS
 from vo_service.types import Estimate, TrackingState
 
 
@@ -105,7 +105,9 @@ def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: Fak
     assert (last.features, last.matches, last.inliers) == (20, 9, 3)
 
 
-@pytest.mark.parametrize(("method", "budget_ms"), [("direct", STAGE_BUDGET_MS), ("surf", {})])
+@pytest.mark.parametrize(
+    ("method", "budget_ms"), [("direct", STAGE_BUDGETS_MS["direct"]), ("surf", {})]
+)
 def test_the_status_says_what_stages_may_cost(method: str, budget_ms: Mapping[str, float]) -> None:
     camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
     with camera:

@@ -11,7 +11,7 @@ from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.core.errors import InputError
 from vo_service.cli.kernels import run_warm_up
 from vo_service.config import Config, read_config
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import warm_up
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.motion_segments import (

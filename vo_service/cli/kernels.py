@@ -12,7 +12,7 @@ from drivers.core.errors import UserFacingError
 from drivers.core.files import cache_folder, kernel_folder
 from drivers.core.jit import interruptible
 from vo_service.config import Config
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import warm_up
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
 

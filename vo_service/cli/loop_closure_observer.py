@@ -10,7 +10,7 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry.covariance_accumulator import diagonal_covariance
+from vo_service.odometry.uncertainty import diagonal_covariance
 from vo_service.tools.benchmark.observers import RunObserver
 from vo_service.tools.benchmark.run import LoopClosureRun
 from vo_service.tools.benchmark.versions import digest_sources

@@ -1,6 +1,7 @@
-"""RANSAC on pairs of 3-D points (Fischler and Bolles 1981).
+"""RANSAC on pairs of 3-D points (Fischler and Bolles 1981), and the refinement of its consensus.
 
 Three pairs give a motion; the motion that most pairs agree with, within the sensor's noise, wins.
+Its inliers are fitted and selected again.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, transform_points
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.feature_points import PointPairs
+from vo_service.odometry.features import PointPairs
+from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
 
 # A pair agrees if its distance, in standard deviations of the two points, is below this.
 GATE_SIGMAS = 3.0
@@ -20,6 +22,14 @@ MODEL_ERROR_M = 0.002
 MISS_PROBABILITY = 1e-4
 # Points closer together than this constrain the rotation too little.
 MIN_SIDE_M = 0.05
+# Sides of two triangles that differ by this and the gates of their corners are of different shape.
+SIDE_MARGIN_M = 0.01
+# A triangle of less area (m^2) or side (m) is a line.
+MIN_TRIANGLE = 1e-6
+# Below this the corners (m^2) give no angle.
+MIN_CORRELATION = 1e-12
+# Number of selections of the inliers; after that they hardly change.
+REFINEMENT_ITERATIONS = 3
 
 
 @dataclass(frozen=True)
@@ -141,7 +151,7 @@ def _has_same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: 
             q += (Q[axis, a] - Q[axis, b]) ** 2
         p, q = np.sqrt(p), np.sqrt(q)
         tolerance = 1.0 / inverse_gate[1, a] + 1.0 / inverse_gate[1, b]
-        if p < MIN_SIDE_M or abs(p - q) > tolerance + 0.01:
+        if p < MIN_SIDE_M or abs(p - q) > tolerance + SIDE_MARGIN_M:
             return False
     return True
 
@@ -185,7 +195,7 @@ def _fit_triangles(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool
         c += pu * qu + pv * qv
         s += pu * qv - pv * qu
     length = np.sqrt(c * c + s * s)
-    if length < 1e-12:
+    if length < MIN_CORRELATION:
         return False
     c, s = c / length, s / length
     for row in range(3):
@@ -214,7 +224,7 @@ def _triangle_axes(P: Array, i: int, j: int, k: int) -> tuple[Array, Array, bool
     nz = axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0]
     area = np.sqrt(nx * nx + ny * ny + nz * nz)
     side = np.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2 + axes[0, 2] ** 2)
-    if area < 1e-6 or side < 1e-6:
+    if area < MIN_TRIANGLE or side < MIN_TRIANGLE:
         return axes, mean, False
     axes[2, 0], axes[2, 1], axes[2, 2] = nx / area, ny / area, nz / area
     for axis in range(3):
@@ -223,3 +233,44 @@ def _triangle_axes(P: Array, i: int, j: int, k: int) -> tuple[Array, Array, bool
     axes[1, 1] = axes[2, 2] * axes[0, 0] - axes[2, 0] * axes[0, 2]
     axes[1, 2] = axes[2, 0] * axes[0, 1] - axes[2, 1] * axes[0, 0]
     return axes, mean, True
+
+
+@dataclass(frozen=True)
+class RigidMotionEstimate:
+    """Motion of the camera since the reference frame.
+
+    Attributes:
+        T_reference_camera: 4x4.
+        inlier: (N,) bool, pairs that agree with it.
+        covariance: 6x6, (translation m, rotation rad) as a small motion in the camera's axes.
+    """
+
+    T_reference_camera: Array
+    inlier: NDArray[np.bool_]
+    covariance: Array
+
+
+def refine_rigid_motion(consensus: Consensus, pairs: PointPairs) -> RigidMotionEstimate:
+    """Fit the least-squares motion of the inliers; identity with fewer than 3 inliers."""
+    w = pair_weights(pairs)
+    gate = inverse_gate(pairs)
+    T, inlier = consensus.T_reference_camera, consensus.inlier
+    for _ in range(REFINEMENT_ITERATIONS):
+        if inlier.sum() < 3:
+            return RigidMotionEstimate(np.eye(4), np.zeros(len(pairs), np.bool_), np.zeros((6, 6)))
+        fitted = inlier
+        T = fit_rigid_motion(pairs.P_camera[fitted], pairs.P_reference[fitted], w[fitted])
+        inlier = find_inliers(T, pairs, gate)
+    covariance = motion_covariance(pairs.P_camera[fitted], w[fitted], _sigma_m(pairs)[fitted])
+    return RigidMotionEstimate(T, inlier, covariance)
+
+
+def pair_weights(pairs: PointPairs) -> Array:
+    """(N,) weights of the fit: the inverse variance of the distance between two points."""
+    weights: Array = 1.0 / (pairs.sigma_along_m**2 + 2 * pairs.sigma_across_m**2)
+    return weights
+
+
+def _sigma_m(pairs: PointPairs) -> Array:
+    """(N, 3) standard deviations along x, y and z of the camera, with the ray along z."""
+    return np.column_stack([pairs.sigma_across_m, pairs.sigma_across_m, pairs.sigma_along_m])

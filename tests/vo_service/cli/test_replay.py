@@ -45,7 +45,7 @@ def test_json_is_one_object_on_stdout_and_nothing_else(recording: Path, tmp_path
     assert 0 < figures["ate_rmse_m"] < 0.003
     assert 0 < figures["rpe_frame_deg"] < 0.1
     assert figures["rpe_1s_m"] is None  # the recording is shorter
-    assert set(figures["stage_ms"]) >= {"images", "align", "certainty"}
+    assert set(figures["stage_ms"]) >= {"images", "align", "covariance"}
     assert figures["cpu_ms_per_frame"] > 0
 
 

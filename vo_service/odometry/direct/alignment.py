@@ -1,80 +1,51 @@
 """Alignment of a keyframe's points with a frame, from coarse to fine."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, orthonormalize
-from vo_service.odometry.direct import residual_stats
-from vo_service.odometry.direct.gauss_newton import INITIAL_SWEEPS, solve_level
-from vo_service.odometry.direct.grid import NUM_CELLS
-from vo_service.odometry.direct.image_pyramid import NUM_FINE_LEVELS, ImagePyramid
-from vo_service.odometry.direct.normal_equations import (
-    GAIN,
-    OFFSET,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    fit_affine_brightness,
-)
-from vo_service.odometry.direct.parameters import (
-    INITIAL_SIGMAS,
-    MIN_STATIC_WEIGHT,
-    TREMOR_SPAN_S,
-    VELOCITY_SIGMA,
-    VELOCITY_SIGMA_RANGE,
-)
-from vo_service.odometry.direct.region_weights import weigh_regions
-from vo_service.odometry.direct.rolling_shutter import (
+from vo_service.odometry.direct.gauss_newton import MotionPrior, StepLimits, solve_level
+from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
+from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
     MOTION_SIZE,
     body_motion,
     zero_motion,
 )
+from vo_service.odometry.direct.parameters import (
+    INITIAL_MODEL_UPDATES,
+    INITIAL_SIGMAS,
+    MAX_STEPS,
+    MIN_STATIC_WEIGHT,
+    MIN_STEP_SIZES,
+    NUM_FINE_LEVELS,
+)
+from vo_service.odometry.direct.residuals import (
+    COST,
+    GAIN,
+    IN_IMAGE,
+    MAX_POINT_COST,
+    OFFSET,
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    count_residuals,
+    fit_affine_brightness,
+    weigh_regions,
+)
 from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_sample
 
 PointPyramid = Sequence[Array]
 
-# Largest number of steps, by level.
-MAX_STEPS = (24, 24, 15, 12)
-# A smaller step (m and rad) is the last one of its level: at the finest level it is well below the
-# noise, at the others below what the next finer level corrects.
-MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
-
-
-@dataclass(frozen=True)
-class MotionPrior:
-    """Prior of the motion, from the frames before.
-
-    Attributes:
-        T_keyframe_last: 4x4, camera to keyframe, of the last frame.
-        rate_hz: 1 / the time since that frame; 0 without one.
-        motion: (9,) expected, of the keyframe's points in the keyframe's axes, see
-            `rolling_shutter`.
-        information: (9,) of that motion, given the mean velocity since the last frame.
-    """
-
-    T_keyframe_last: Array
-    rate_hz: float
-    motion: Array
-    information: Array
-
-    def relaxed(self) -> "MotionPrior":
-        """Return a weaker prior for an unknown motion since the last frame."""
-        sigma = VELOCITY_SIGMA_RANGE[1] * np.array(VELOCITY_SIGMA)
-        return replace(self, rate_hz=0.0, information=velocity_information(sigma))
-
-
+# Gain and offset of equal brightness.
+IDENTITY_BRIGHTNESS = (1.0, 0.0)
+STEP_LIMITS = tuple(StepLimits(*limits) for limits in zip(MAX_STEPS, MIN_STEP_SIZES, strict=True))
+# Information of a motion that is known, so that the images hardly change it.
+STATIC_INFORMATION = np.full(MOTION_SIZE, 1e6)
 # For a frame that is aligned with itself.
-STATIC_PRIOR = MotionPrior(np.eye(4), 0.0, zero_motion(), np.full(MOTION_SIZE, 1e6))
-
-
-def velocity_information(sigma: Array) -> Array:
-    """(9,) information of a motion whose velocity has sigma (2,), m/s and rad/s."""
-    translation, rotation = sigma**-2.0
-    acceleration = rotation * TREMOR_SPAN_S**2
-    return np.repeat([translation, rotation, acceleration], 3)
+STATIC_PRIOR = MotionPrior(np.eye(4), 0.0, zero_motion(), STATIC_INFORMATION)
 
 
 @dataclass(frozen=True)
@@ -83,9 +54,9 @@ class DirectAlignment:
 
     Attributes:
         T_camera_keyframe: 4x4.
-        motion: (9,) of the keyframe's points in the keyframe's axes, see `rolling_shutter`.
-        residual_model: (4,) gain, offset and the two sigmas, see `normal_equations`.
-        counts: (7,) of the finest level, see `residual_stats`.
+        motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
+        residual_model: (4,) gain, offset and the two sigmas, see `residuals`.
+        counts: (7,) of the finest level, see `residuals`.
         samples: (N, COLUMNS) of the finest level's points, see `warping`.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
@@ -99,7 +70,7 @@ class DirectAlignment:
 
     @property
     def camera_motion(self) -> Array:
-        """(9,) motion of the camera in its own axes, see `rolling_shutter`."""
+        """(9,) motion of the camera in its own axes, see `motion`."""
         return body_motion(self.T_camera_keyframe, self.motion)
 
     @property
@@ -136,7 +107,7 @@ def depth_only_weights() -> Array:
     return weights
 
 
-def initial_residual_model(affine_brightness: tuple[float, float] = (1.0, 0.0)) -> Array:
+def initial_residual_model(affine_brightness: tuple[float, float] = IDENTITY_BRIGHTNESS) -> Array:
     """(4,) residual model before the first step."""
     residual_model = np.empty(4)
     residual_model[GAIN], residual_model[OFFSET] = affine_brightness
@@ -177,27 +148,18 @@ def align(
     for level in range(coarsest, -1, -1):
         T, motion = solve_level(
             points[level],
-            images.gray[level],
-            images.intrinsics[level + 1],
-            images.inverse_depth,
-            images.intrinsics[0],
-            images.shutter.readout_s,
-            images.shutter.skew_s,
-            images.vignetting,
+            images.levels[level],
             T,
             motion,
-            prior.T_keyframe_last,
-            prior.rate_hz,
-            prior.information,
+            prior,
             cell_weights if level < NUM_FINE_LEVELS else initial_weights,
             residual_model,
-            MAX_STEPS[level],
-            MIN_STEP_SIZES[level],
+            STEP_LIMITS[level],
         )
     T = orthonormalize(T)
     samples = sample_points(points, images, T, motion, 0)
     region_weights = weigh_regions(points[0], samples, residual_model, cell_weights)
-    counts = residual_stats.count_residuals(points[0], samples, residual_model, region_weights)
+    counts = count_residuals(points[0], samples, residual_model, region_weights)
     return DirectAlignment(T, motion, residual_model, counts, samples, region_weights)
 
 
@@ -212,7 +174,7 @@ def _initial_region_weights(
     """(2, CELLS) weights of the regions at the initial guess."""
     level = min(NUM_FINE_LEVELS, len(images.gray)) - 1
     samples = sample_points(points, images, T, motion, level)
-    for _ in range(INITIAL_SWEEPS):
+    for _ in range(INITIAL_MODEL_UPDATES):
         fit_affine_brightness(points[level], samples, cell_weights, residual_model)
     return weigh_regions(points[level], samples, residual_model, cell_weights)
 
@@ -222,19 +184,7 @@ def sample_points(
 ) -> Array:
     """(N, COLUMNS) samples of a level's points at a given motion."""
     samples = np.empty((len(points[level]), NUM_SAMPLE_COLUMNS))
-    warp_and_sample(
-        points[level],
-        T,
-        body_motion(T, motion),
-        images.gray[level],
-        images.intrinsics[level + 1],
-        images.inverse_depth,
-        images.intrinsics[0],
-        images.shutter.readout_s,
-        images.shutter.skew_s,
-        images.vignetting,
-        samples,
-    )
+    warp_and_sample(points[level], images.levels[level], T, body_motion(T, motion), samples)
     return samples
 
 
@@ -248,10 +198,6 @@ def _mean_cost(
 ) -> float:
     """Mean robust cost of all points; those out of view have the largest cost."""
     samples = sample_points(points, images, T, motion, level)
-    counts = residual_stats.count_residuals(
-        points[level], samples, residual_model, uniform_weights()
-    )
-    missing = len(points[level]) - counts[residual_stats.IN_IMAGE]
-    return float(counts[residual_stats.COST] + residual_stats.MAX_POINT_COST * missing) / max(
-        len(points[level]), 1
-    )
+    counts = count_residuals(points[level], samples, residual_model, uniform_weights())
+    missing = len(points[level]) - counts[IN_IMAGE]
+    return float(counts[COST] + MAX_POINT_COST * missing) / max(len(points[level]), 1)

@@ -11,10 +11,22 @@ import numpy as np
 
 from drivers.core.geometry import Array, inverse, transport_covariance
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.degeneracy import DegeneracyAnalysis, analyze_degeneracy, point_information
-from vo_service.odometry.direct.alignment import DirectAlignment, MotionPrior, PointPyramid
-from vo_service.odometry.direct.grid import NUM_CELLS
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, ImageTiming
+from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
+from vo_service.odometry.direct.gauss_newton import (
+    TRIANGLE_SIZE,
+    UPPER_TRIANGLE,
+    MotionPrior,
+    accumulate,
+    band_times,
+    expand_rolling_shutter,
+    fill_jacobian,
+)
+from vo_service.odometry.direct.image_pyramid import (
+    NUM_CELLS,
+    ImagePyramid,
+    ImageTiming,
+    LevelImages,
+)
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
     HAS_TEXTURE,
@@ -23,25 +35,20 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.direct.normal_equations import (
-    GAIN,
-    OFFSET,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    UPPER_TRIANGLE,
-    accumulate,
-    band_times,
-    expand_rolling_shutter,
-    fill_jacobian,
-)
+from vo_service.odometry.direct.motion import ACCELERATION_START, NUM_UNKNOWNS
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     COVARIANCE_INFLATION,
-    DEGREES_OF_FREEDOM,
-    GATE_SIGMAS,
+    MIN_POSE_SIGMAS,
+    MIN_VIEW_OBSERVABILITY,
     SLOPE_NOISE,
 )
-from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, NUM_UNKNOWNS
+from vo_service.odometry.direct.residuals import (
+    GAIN,
+    OFFSET,
+    residual_variances,
+    student_weight,
+)
 from vo_service.odometry.direct.warping import (
     NUM_ROW_BANDS,
     SAMPLE_BRIGHTNESS,
@@ -50,9 +57,14 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_DEPTH_BAND,
     SAMPLE_DEPTH_RESIDUAL,
 )
+from vo_service.odometry.uncertainty import (
+    DegeneracyAnalysis,
+    analyze_degeneracy,
+    point_information,
+)
 
-# Lower bound of the sigmas, in m and rad: errors of calibration and timing.
-MIN_SIGMAS = (1e-4, 1e-4)
+# Added to the diagonal of an information matrix, relative to its trace, before it is inverted.
+REGULARIZATION = 1e-9
 
 
 @dataclass(frozen=True)
@@ -76,7 +88,7 @@ class MotionUncertainty:
     @property
     def rejection_reason(self) -> str:
         """Why the motion is rejected though the keyframe fits; "" if it is valid."""
-        count = np.count_nonzero(self.degeneracy.observability < GATE_SIGMAS)
+        count = np.count_nonzero(self.degeneracy.observability < MIN_VIEW_OBSERVABILITY)
         if count == 0:
             return ""
         return f"degenerate view: {count} of 6 degrees of freedom are unconstrained"
@@ -106,16 +118,13 @@ def estimate_uncertainty(
         alignment.samples,
         alignment.cell_weights,
         alignment.residual_model,
-        shutter.readout_s,
-        shutter.skew_s,
-        images.intrinsics[1][0],
-        images.intrinsics[0][0],
+        images.levels[0],
     )
     scores = np.vstack([scores, _band_scores(bands, shutter)])
     in_keyframe = COVARIANCE_INFLATION * _sandwich_covariance(H, scores, prior)
     in_keyframe += _velocity_noise_covariance(H, bands, shutter, velocity_noise)
     in_camera = transport_covariance(in_keyframe, inverse(alignment.T_camera_keyframe))
-    floor = np.diag(np.repeat(np.square(MIN_SIGMAS), 3))
+    floor = np.diag(np.repeat(np.square(MIN_POSE_SIGMAS), 3))
     return MotionUncertainty(
         covariance=0.5 * (in_camera + in_camera.T) + floor,
         degeneracy=analyze_degeneracy(H[:6, :6], point_information(moments)),
@@ -137,7 +146,10 @@ def _sandwich_covariance(H: Array, scores: Array, prior: MotionPrior) -> Array:
 
 def _band_scores(bands: Array, shutter: ImageTiming) -> Array:
     """(2 BANDS, 15) scores of pose and motion for each band of rows."""
-    scores, times_s = bands[:, 21:], band_times(shutter.readout_s, shutter.skew_s)[:, None]
+    scores, times_s = (
+        bands[:, TRIANGLE_SIZE:],
+        band_times(shutter.readout_s, shutter.skew_s)[:, None],
+    )
     return np.hstack([scores, times_s * scores, 0.5 * times_s**2 * scores[:, 3:]])
 
 
@@ -171,7 +183,7 @@ def _prior_information(prior: MotionPrior) -> Array:
 
 
 def _regularize(H: Array) -> Array:
-    return np.asarray(H + 1e-9 * np.trace(H) * np.eye(len(H)), np.float64)
+    return np.asarray(H + REGULARIZATION * np.trace(H) * np.eye(len(H)), np.float64)
 
 
 @kernel
@@ -180,10 +192,7 @@ def accumulate_scores(
     samples: Array,
     cell_weights: Array,
     residual_model: Array,
-    readout_s: float,
-    skew_s: float,
-    focal_px: float,
-    depth_focal_px: float,
+    images: LevelImages,
 ) -> tuple[Array, Array]:
     """(CELLS, 15) scores of pose and motion for each cell, and moments (4, 4).
 
@@ -193,10 +202,9 @@ def accumulate_scores(
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
     J, q = np.empty(6), np.ones(4)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
-    variance, variance_depth = (
-        residual_model[SIGMA_BRIGHTNESS] ** 2,
-        residual_model[SIGMA_DEPTH] ** 2,
-    )
+    variance, variance_depth = residual_variances(residual_model)
+    readout_s, skew_s = images.readout_s, images.skew_s
+    focal_px, depth_focal_px = images.intrinsics[0], images.depth_intrinsics[0]
     for i in range(len(points)):
         brightness = samples[i, SAMPLE_BRIGHTNESS]
         depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
@@ -204,23 +212,14 @@ def accumulate_scores(
         noise = 0.0
         if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
-            sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
-            w = (
-                (DEGREES_OF_FREEDOM + 1.0)
-                / (DEGREES_OF_FREEDOM + residual * residual / sample_variance)
-                / sample_variance
-            )
+            w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
             w *= BRIGHTNESS_WEIGHT * cell_weights[0, cell]
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
             row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s, w * residual)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
-            w = (
-                (DEGREES_OF_FREEDOM + 1.0)
-                / (DEGREES_OF_FREEDOM + depth * depth / variance_depth)
-                / variance_depth
-            )
+            w = student_weight(depth, variance_depth)
             w *= cell_weights[1, cell]
             noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
             fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J)

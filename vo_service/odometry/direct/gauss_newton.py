@@ -1,127 +1,286 @@
-"""Gauss-Newton on one level: the pose that aligns a keyframe with a frame, and the motion."""
+"""Gauss-Newton on one pyramid level: the pose that aligns a keyframe with a frame, and the motion.
+
+The derivatives are those of the keyframe (inverse compositional): Baker and Matthews, "Lucas-Kanade
+20 Years On" (IJCV 56, 2004), Section 3.2. With a rolling shutter, the motion during the readout is
+solved for as well: Kerl, Stueckler and Cremers, "Dense Continuous-Time Tracking and Mapping with
+Rolling Shutter RGB-D Cameras" (ICCV 2015).
+"""
+
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
-from drivers.core.jit import kernel
-from vo_service.odometry.direct.normal_equations import (
-    accumulate,
-    expand_rolling_shutter,
-    fit_affine_brightness,
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.image_pyramid import LevelImages
+from vo_service.odometry.direct.keyframe_points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
-from vo_service.odometry.direct.region_weights import weigh_regions
-from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, MOTION_SIZE, body_motion
-from vo_service.odometry.direct.se3 import compose, se3_exp, se3_log
-from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_sample
+from vo_service.odometry.direct.motion import (
+    ACCELERATION_START,
+    MOTION_SIZE,
+    NUM_UNKNOWNS,
+    body_motion,
+    compose,
+    se3_exp,
+    se3_log,
+)
+from vo_service.odometry.direct.parameters import (
+    BRIGHTNESS_WEIGHT,
+    DAMPING_SIGMAS,
+    INITIAL_MODEL_UPDATES,
+    TREMOR_SPAN_S,
+    VELOCITY_SIGMA,
+    VELOCITY_SIGMA_RANGE,
+)
+from vo_service.odometry.direct.residuals import (
+    GAIN,
+    OFFSET,
+    fit_affine_brightness,
+    residual_variances,
+    student_weight,
+    weigh_regions,
+)
+from vo_service.odometry.direct.warping import (
+    NUM_ROW_BANDS,
+    NUM_SAMPLE_COLUMNS,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_COLOR_BAND,
+    SAMPLE_DEPTH_BAND,
+    SAMPLE_DEPTH_RESIDUAL,
+    warp_and_sample,
+)
 
-# Updates of the residual model in the first step; later steps have one.
-INITIAL_SWEEPS = 3
-# Unconstrained directions are damped: their sigma is that of the velocity over this time.
-DAMPING_SPAN_S = 1.0
+# Number of elements in the upper triangle of a symmetric 6x6 matrix; sums of the normal equations
+# have them row by row, then the 6 elements of the vector.
+TRIANGLE_SIZE = 21
+NUM_SUMS = TRIANGLE_SIZE + 6
+# Indices of the matrix's elements in the triangle.
+UPPER_TRIANGLE = np.empty((6, 6), np.intp)
+UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(TRIANGLE_SIZE)
+# Smallest pivot of a factorization, so that rounding makes no root of a negative number.
+MIN_PIVOT = 1e-12
+
+
+class MotionPrior(NamedTuple):
+    """Prior of the motion, from the frames before.
+
+    Attributes:
+        T_keyframe_last: 4x4, camera to keyframe, of the last frame.
+        rate_hz: 1 / the time since that frame; with 0 it does not constrain the velocity.
+        motion: (9,) expected, of the keyframe's points in the keyframe's axes, see `motion`.
+        information: (9,) of that motion, given the mean velocity since the last frame.
+    """
+
+    T_keyframe_last: Array
+    rate_hz: float
+    motion: Array
+    information: Array
+
+    def relaxed(self) -> "MotionPrior":
+        """Return a weaker prior for an unknown motion since the last frame."""
+        sigma = VELOCITY_SIGMA_RANGE[1] * np.array(VELOCITY_SIGMA)
+        return self._replace(rate_hz=0.0, information=velocity_information(sigma))
+
+
+def velocity_information(sigma: Array) -> Array:
+    """(9,) information of a motion whose velocity has sigma (2,), m/s and rad/s."""
+    translation, rotation = sigma**-2.0
+    acceleration = rotation * TREMOR_SPAN_S**2
+    return np.repeat([translation, rotation, acceleration], 3)
+
+
+class StepLimits(NamedTuple):
+    """When the steps on a level end.
+
+    Attributes:
+        max_steps: Largest number of steps.
+        min_step_size: A smaller step, in m and rad, is the last one.
+    """
+
+    max_steps: int
+    min_step_size: float
 
 
 @kernel
 def solve_level(
     points: Array,
-    gray: NDArray[np.uint8],
-    intrinsics: Array,
-    inverse_depth: NDArray[np.float32],
-    depth_intrinsics: Array,
-    readout_s: float,
-    skew_s: float,
-    vignetting: float,
+    images: LevelImages,
     T_camera_keyframe: Array,
     motion: Array,
-    T_keyframe_last: Array,
-    rate_hz: float,
-    prior_information: Array,
+    prior: MotionPrior,
     base_weights: Array,
     residual_model: Array,
-    max_steps: int,
-    min_step_size: float,
+    limits: StepLimits,
 ) -> tuple[Array, Array]:
     """Refine T_camera_keyframe and the motion on one level.
 
     Args:
         points: (N, COLUMNS) of the level.
-        gray: (h, w) of the level.
-        intrinsics: (4,) of the level.
-        inverse_depth: (H, W), 1/m; 0 = no reading.
-        depth_intrinsics: (4,) of the whole size.
-        readout_s: Time from the first row to the last.
-        skew_s: Time of the depth image after the color image.
-        vignetting: See `warp_and_sample`.
+        images: The frame at the level.
         T_camera_keyframe: 4x4 initial guess.
-        motion: (9,) expected, of the keyframe's points in the keyframe's axes.
-        T_keyframe_last: 4x4, camera to keyframe, of the last frame.
-        rate_hz: 1 / the time since that frame; with 0 it does not constrain the velocity.
-        prior_information: (9,) of the motion.
+        motion: (9,) initial guess, of the keyframe's points in the keyframe's axes.
+        prior: Prior of the motion.
         base_weights: (2, CELLS) before the weights of the regions.
-        residual_model: (4,), in and out, see `normal_equations`.
-        max_steps: Largest number of steps.
-        min_step_size: A smaller step, in m and rad, is the last one.
+        residual_model: (4,), in and out, see `residuals`.
+        limits: When the steps end.
 
     Returns:
         T_camera_keyframe 4x4 and the motion (9,).
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
     samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
-    for step in range(max_steps):
-        warp_and_sample(
-            points,
-            T,
-            body_motion(T, motion),
-            gray,
-            intrinsics,
-            inverse_depth,
-            depth_intrinsics,
-            readout_s,
-            skew_s,
-            vignetting,
-            samples,
-        )
+    for step in range(limits.max_steps):
+        warp_and_sample(points, images, T, body_motion(T, motion), samples)
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
-        for _ in range(INITIAL_SWEEPS if step == 0 else 1):
+        for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
             fit_affine_brightness(points, samples, cell_weights, residual_model)
         bands = accumulate(points, samples, cell_weights, residual_model)
-        H, g = expand_rolling_shutter(bands, readout_s, skew_s)
-        if rate_hz != 0.0:
-            expected[:ACCELERATION_START] = se3_log(compose(T_keyframe_last, T)) * rate_hz
-        add_motion_prior(H, g, motion - expected, rate_hz, prior_information)
+        H, g = expand_rolling_shutter(bands, images.readout_s, images.skew_s)
+        if prior.rate_hz != 0.0:
+            mean_motion = se3_log(compose(prior.T_keyframe_last, T)) * prior.rate_hz
+            expected[:ACCELERATION_START] = mean_motion
+        add_motion_prior(H, g, motion - expected, prior)
         add_damping(H)
         x = solve_cholesky(H, g)
         T = compose(T, se3_exp(-x[:6]))
         motion -= x[6:]
-        if np.max(np.abs(x[:6])) < min_step_size:
+        if np.max(np.abs(x[:6])) < limits.min_step_size:
             break
     return T, motion
 
 
 @kernel
-def add_damping(H: Array) -> None:
-    """Damp unconstrained directions, see `DAMPING_SPAN_S`; H (15, 15) in place."""
-    for i in range(3):
-        H[i, i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[0]) ** 2
-        H[3 + i, 3 + i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[1]) ** 2
+def accumulate(points: Array, samples: Array, cell_weights: Array, residual_model: Array) -> Array:
+    """(2 BANDS, 27) sums over the bands of the color image, then over those of the depth image.
+
+    With r = J d, d a small motion of the keyframe's points as a twist (translation m, rotation rad)
+    in the keyframe's axes: the upper triangle of sum w J^T J, row by row, then sum w J^T r. All
+    rows of a band get the same time, which saves sums and loses little.
+    """
+    sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
+    J = np.empty(6)
+    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    variance, variance_depth = residual_variances(residual_model)
+    for i in range(len(points)):
+        brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
+        if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
+            residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
+            w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
+            w *= BRIGHTNESS_WEIGHT * cell_weights[0, int(samples[i, SAMPLE_CELL])]
+            fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
+            _add_to_sums(sums[int(samples[i, SAMPLE_COLOR_BAND])], J, w, residual)
+        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
+            w = student_weight(depth, variance_depth)
+            w *= cell_weights[1, int(samples[i, SAMPLE_CELL])]
+            fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J)
+            _add_to_sums(sums[NUM_ROW_BANDS + int(samples[i, SAMPLE_DEPTH_BAND])], J, w, depth)
+    return sums
+
+
+@inline_kernel
+def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) -> None:
+    """Fill J (6,): scale times (p, x cross p) of the derivative p by the point's position x."""
+    x, y, z = point[0], point[1], point[2]
+    px, py, pz = (
+        scale * point[gradient_column],
+        scale * point[gradient_column + 1],
+        scale * point[gradient_column + 2],
+    )
+    J[0], J[1], J[2] = px, py, pz
+    J[3], J[4], J[5] = y * pz - z * py, z * px - x * pz, x * py - y * px
+
+
+@inline_kernel
+def _add_to_sums(sums: Array, J: Array, w: float, residual: float) -> None:
+    """Add the upper triangle of w J J^T, row by row, then w J r."""
+    k = 0
+    for i in range(6):
+        weighted = w * J[i]
+        for j in range(i, 6):
+            sums[k] += weighted * J[j]
+            k += 1
+        sums[TRIANGLE_SIZE + i] += weighted * residual
 
 
 @kernel
-def add_motion_prior(
-    H: Array, g: Array, motion_error: Array, rate_hz: float, prior_information: Array
-) -> None:
+def band_times(readout_s: float, skew_s: float) -> Array:
+    """(2 BANDS,) time of each band's middle row after the frame's stamp, s."""
+    times = np.empty(2 * NUM_ROW_BANDS)
+    for n in range(NUM_ROW_BANDS):
+        times[n] = ((n + 0.5) / NUM_ROW_BANDS - 0.5) * readout_s
+        times[NUM_ROW_BANDS + n] = times[n] + skew_s
+    return times
+
+
+@kernel
+def expand_rolling_shutter(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Array]:
+    """Information (15, 15) and vector (15,) of the pose and of the motion (9,).
+
+    With r = J (d + tau e + tau^2 f / 2), e and f small changes of the velocity and of the angular
+    acceleration (this with J's rotation only), and tau the time of the sample: J' = [J, tau J,
+    tau^2 J / 2], and sum w J'^T J' and sum w J'^T r.
+    """
+    H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
+    times = band_times(readout_s, skew_s)
+    band_information = np.empty((6, 6))
+    for n in range(2 * NUM_ROW_BANDS):
+        tau = times[n]
+        half = 0.5 * tau * tau
+        k = 0
+        for i in range(6):
+            for j in range(i, 6):
+                band_information[i, j] = band_information[j, i] = sums[n, k]
+                k += 1
+        for i in range(6):
+            for j in range(6):
+                value = band_information[i, j]
+                H[i, j] += value
+                H[i, 6 + j] += tau * value
+                H[6 + i, 6 + j] += tau * tau * value
+                if j >= 3:
+                    H[i, 9 + j] += half * value
+                    H[6 + i, 9 + j] += tau * half * value
+                    if i >= 3:
+                        H[9 + i, 9 + j] += half * half * value
+            r = sums[n, TRIANGLE_SIZE + i]
+            g[i] += r
+            g[6 + i] += tau * r
+            if i >= 3:
+                g[9 + i] += half * r
+    for i in range(NUM_UNKNOWNS):
+        for j in range(i):
+            H[i, j] = H[j, i]
+    return H, g
+
+
+@kernel
+def add_damping(H: Array) -> None:
+    """Damp unconstrained directions, by `DAMPING_SIGMAS`; H (15, 15) in place."""
+    for i in range(3):
+        H[i, i] += 1.0 / DAMPING_SIGMAS[0] ** 2
+        H[3 + i, 3 + i] += 1.0 / DAMPING_SIGMAS[1] ** 2
+
+
+@kernel
+def add_motion_prior(H: Array, g: Array, motion_error: Array, prior: MotionPrior) -> None:
     """Add the prior: the velocity is about the mean since the last frame.
 
     Args:
         H: (15, 15), in and out.
         g: (15,), in and out.
         motion_error: (9,) difference of the motion from its expected value.
-        rate_hz: 1 / the time since the last frame.
-        prior_information: (9,) of the motion.
+        prior: Of the motion.
     """
+    rate_hz = prior.rate_hz
     for i in range(MOTION_SIZE):
-        P = prior_information[i]
+        P = prior.information[i]
         H[6 + i, 6 + i] += P
         g[6 + i] += P * motion_error[i]
         if i < ACCELERATION_START:
@@ -142,7 +301,7 @@ def solve_cholesky(A: Array, b: Array) -> Array:
             total = A[i, j]
             for k in range(j):
                 total -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(total, 1e-12)) if i == j else total / L[j, j]
+            L[i, j] = np.sqrt(max(total, MIN_PIVOT)) if i == j else total / L[j, j]
     for i in range(n):
         for k in range(i):
             x[i] -= L[i, k] * x[k]

@@ -1,8 +1,12 @@
-"""Image pyramid of a frame: brightness in several sizes, inverse depth, and timing."""
+"""Image pyramid of a frame: brightness in several sizes, inverse depth, and timing.
 
+The view is also divided into a grid of cells, for weights by region.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -10,17 +14,23 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
-from drivers.core.jit import kernel
-from vo_service.odometry.direct.derived_parameters import GAIN_RANGE
-from vo_service.odometry.direct.parameters import POINT_BLOCKS_PX
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.parameters import (
+    DARK_BRIGHTNESS,
+    MIN_GAIN,
+    MIN_IMAGE_PX,
+    POINT_BLOCKS_PX,
+)
 
 # Brightness in 1/2, 1/4, 1/8 and 1/16 of the frame's size. The whole size gains nothing: a Kinect's
 # colors are interpolated, and its edges are 2 pixels wide.
 NUM_LEVELS = len(POINT_BLOCKS_PX)
-# Finest levels, on which moving regions are detected and a good motion is refined.
-NUM_FINE_LEVELS = 2
-# Smaller images are omitted, except the largest one.
-MIN_IMAGE_PX = 12
+# Bounds of the gain of the affine brightness model.
+GAIN_RANGE = (MIN_GAIN, 1.0 / MIN_GAIN)
+# The grid of cells over the image.
+CELL_ROWS, CELL_COLUMNS = 6, 8
+NUM_CELLS = CELL_ROWS * CELL_COLUMNS
+ALL_STATIC = np.ones(NUM_CELLS, np.bool_)
 
 
 @dataclass(frozen=True)
@@ -46,6 +56,28 @@ class HasMeanBrightness(Protocol):
 
     @property
     def mean_brightness(self) -> float: ...
+
+
+class LevelImages(NamedTuple):
+    """Images of one level and the times of their rows, as kernels take them.
+
+    Attributes:
+        gray: (h, w) uint8 of the level.
+        intrinsics: (4,) fx, fy, cx, cy of the level.
+        inverse_depth: (H, W) float32 of the whole size, 1/m; 0 = no reading.
+        depth_intrinsics: (4,) of the whole size.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the depth image after the color image.
+        vignetting: Of the lens, see `VignettingEstimate`.
+    """
+
+    gray: NDArray[np.uint8]
+    intrinsics: Array
+    inverse_depth: NDArray[np.float32]
+    depth_intrinsics: Array
+    readout_s: float
+    skew_s: float
+    vignetting: float
 
 
 @dataclass(frozen=True)
@@ -75,9 +107,26 @@ class ImagePyramid:
         whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         return tuple(scale_intrinsics(whole, level) for level in range(len(self.gray) + 1))
 
+    @cached_property
+    def levels(self) -> Sequence[LevelImages]:
+        """What kernels take, for each gray image."""
+        whole, *halved = self.intrinsics
+        return tuple(
+            LevelImages(
+                gray,
+                intrinsics,
+                self.inverse_depth,
+                whole,
+                self.shutter.readout_s,
+                self.shutter.skew_s,
+                self.vignetting,
+            )
+            for gray, intrinsics in zip(self.gray, halved, strict=True)
+        )
+
     def brightness_ratio(self, other: HasMeanBrightness) -> float:
         """Ratio to the brightness of another view, within the bounds of the gain."""
-        ratio = (self.mean_brightness + 1.0) / (other.mean_brightness + 1.0)
+        ratio = (self.mean_brightness + DARK_BRIGHTNESS) / (other.mean_brightness + DARK_BRIGHTNESS)
         return float(min(max(ratio, GAIN_RANGE[0]), GAIN_RANGE[1]))
 
     @cached_property
@@ -133,3 +182,11 @@ def invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[
             value = depth_raw[v, u]
             inverse_depth[v, u] = factor / np.float32(value) if value > 0 else np.float32(0.0)
     return inverse_depth
+
+
+@inline_kernel
+def cell_index(u_share: float, v_share: float) -> int:
+    """Index of the cell at a position, given as shares of the image's width and height."""
+    row = min(max(int(v_share * CELL_ROWS), 0), CELL_ROWS - 1)
+    column = min(max(int(u_share * CELL_COLUMNS), 0), CELL_COLUMNS - 1)
+    return row * CELL_COLUMNS + column

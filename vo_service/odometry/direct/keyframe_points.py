@@ -9,26 +9,25 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
-from vo_service.odometry.direct.grid import cell_index
-from vo_service.odometry.direct.image_pyramid import ImagePyramid
-from vo_service.odometry.direct.parameters import (
-    GATE_SIGMAS,
-    INITIAL_SIGMAS,
-    INTERPOLATION_PX,
-    MIN_PLANE_SUPPORT,
-    PLANE_RADIUS_PX,
-    POINT_BLOCKS_PX,
-    SENSOR_SIGMAS,
-)
-from vo_service.odometry.direct.rolling_shutter import (
-    ITERATIONS,
+from vo_service.odometry.depth import fit_plane
+from vo_service.odometry.direct.image_pyramid import ImagePyramid, LevelImages, cell_index
+from vo_service.odometry.direct.motion import (
     project,
     propagate_motion,
     propagate_point,
     row_time,
 )
-from vo_service.odometry.plane_fit import fit_plane
+from vo_service.odometry.direct.parameters import (
+    INTERPOLATION_PX,
+    MAX_PLANE_RMS_PER_M,
+    MAX_SURFACE_STEP_PER_M,
+    MIN_PLANE_SUPPORT,
+    MIN_TEXTURE_GRADIENT,
+    PLANE_RADIUS_PX,
+    PLANE_STEP_PX,
+    POINT_BLOCKS_PX,
+    ROW_TIME_ITERATIONS,
+)
 
 # Columns of a point: position (x, y, z in m); brightness; its variance by interpolation; gradient
 # of the brightness by the position (3, gray / m); gradient of the depth residual by the position
@@ -43,13 +42,8 @@ from vo_service.odometry.plane_fit import fit_plane
     HAS_SHAPE,
 ) = 0, 3, 4, 5, 8, 11, 12
 NUM_POINT_COLUMNS = 13
-# A point has texture if its brightness gradient is at least this, in gray levels per pixel.
-MIN_GRADIENT = GATE_SIGMAS * SENSOR_SIGMAS[0]
-# Distance of the depth pixels that a plane is fitted to, and their number to either side.
-PLANE_STEP_PX = 2
+# Depth pixels that a plane is fitted to, to either side.
 PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
-# Largest root mean square residual of a plane.
-MAX_PLANE_RMS_PER_M = INITIAL_SIGMAS[1]
 
 
 def select_points(
@@ -65,40 +59,21 @@ def select_points(
     Returns:
         (N, COLUMNS) for each level, in the axes of the camera at the frame's stamp.
     """
-    whole, *halved = images.intrinsics
-    readout_s, skew_s = images.shutter.readout_s, images.shutter.skew_s
     return tuple(
-        _select_level(
-            gray,
-            level_intrinsics,
-            POINT_BLOCKS_PX[level],
-            images.inverse_depth,
-            whole,
-            readout_s,
-            skew_s,
-            motion,
-            is_static,
-        )
-        for level, (gray, level_intrinsics) in enumerate(zip(images.gray, halved, strict=True))
+        _select_level(level_images, block, motion, is_static)
+        for level_images, block in zip(images.levels, POINT_BLOCKS_PX, strict=False)
     )
 
 
 @kernel
 def _select_level(
-    gray: NDArray[np.uint8],
-    intrinsics: Array,
-    block: int,
-    inverse_depth: NDArray[np.float32],
-    depth_intrinsics: Array,
-    readout_s: float,
-    skew_s: float,
-    motion: Array,
-    is_static: NDArray[np.bool_],
+    images: LevelImages, block: int, motion: Array, is_static: NDArray[np.bool_]
 ) -> Array:
+    """(N, COLUMNS) points of one level, at most one per block of `block` pixels."""
+    gray = images.gray
     height, width = gray.shape
     rows, columns = height // block, width // block
     points = np.empty((rows * columns, NUM_POINT_COLUMNS))
-    scale = depth_intrinsics[0] / intrinsics[0]
     count = 0
     for i in range(rows):
         for j in range(columns):
@@ -106,31 +81,31 @@ def _select_level(
             if u < 0 or not is_static[cell_index(u / width, v / height)]:
                 continue
             point = points[count]
-            if not _locate_point(
-                u,
-                v,
-                intrinsics,
-                inverse_depth,
-                depth_intrinsics,
-                readout_s,
-                skew_s,
-                motion,
-                point,
-            ):
+            if not _locate_point(u, v, images, motion, point):
                 continue
-            point[POINT_BRIGHTNESS] = gray[v, u]
-            squared = gu * gu + gv * gv
-            has_texture = squared >= MIN_GRADIENT * MIN_GRADIENT
-            point[HAS_TEXTURE] = 1.0 if has_texture else 0.0
-            point[POINT_BRIGHTNESS_VARIANCE] = squared * (INTERPOLATION_PX / scale) ** 2
-            x, y, z = point[POINT_X], point[POINT_X + 1], point[POINT_X + 2]
-            fx, fy = intrinsics[0] / z, intrinsics[1] / z
-            point[POINT_BRIGHTNESS_GRADIENT] = gu * fx
-            point[POINT_BRIGHTNESS_GRADIENT + 1] = gv * fy
-            point[POINT_BRIGHTNESS_GRADIENT + 2] = -(gu * fx * x + gv * fy * y) / z
-            if has_texture or point[HAS_SHAPE] > 0:
+            _describe_texture(point, gray[v, u], gu, gv, images)
+            if point[HAS_TEXTURE] > 0 or point[HAS_SHAPE] > 0:
                 count += 1
     return points[:count]
+
+
+@inline_kernel
+def _describe_texture(
+    point: Array, brightness: int, gu: float, gv: float, images: LevelImages
+) -> None:
+    """Fill in the brightness of a located point, with its gradient (gu, gv) per pixel."""
+    intrinsics = images.intrinsics
+    scale = images.depth_intrinsics[0] / intrinsics[0]
+    point[POINT_BRIGHTNESS] = brightness
+    squared = gu * gu + gv * gv
+    has_texture = squared >= MIN_TEXTURE_GRADIENT * MIN_TEXTURE_GRADIENT
+    point[HAS_TEXTURE] = 1.0 if has_texture else 0.0
+    point[POINT_BRIGHTNESS_VARIANCE] = squared * (INTERPOLATION_PX / scale) ** 2
+    x, y, z = point[POINT_X], point[POINT_X + 1], point[POINT_X + 2]
+    fx, fy = intrinsics[0] / z, intrinsics[1] / z
+    point[POINT_BRIGHTNESS_GRADIENT] = gu * fx
+    point[POINT_BRIGHTNESS_GRADIENT + 1] = gv * fy
+    point[POINT_BRIGHTNESS_GRADIENT + 2] = -(gu * fx * x + gv * fy * y) / z
 
 
 @inline_kernel
@@ -143,7 +118,7 @@ def _find_steepest_pixel(
     best_u, best_v, best_gu, best_gv = left + center, top + center, 0.0, 0.0
     if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
         return -1, -1, 0.0, 0.0
-    max_squared = MIN_GRADIENT * MIN_GRADIENT
+    max_squared = MIN_TEXTURE_GRADIENT * MIN_TEXTURE_GRADIENT
     for v in range(max(top, 1), min(top + block, height - 1)):
         for u in range(max(left, 1), min(left + block, width - 1)):
             gu = 0.5 * (float(gray[v, u + 1]) - float(gray[v, u - 1]))
@@ -156,29 +131,18 @@ def _find_steepest_pixel(
 
 
 @inline_kernel
-def _locate_point(
-    u: int,
-    v: int,
-    intrinsics: Array,
-    inverse_depth: NDArray[np.float32],
-    depth_intrinsics: Array,
-    readout_s: float,
-    skew_s: float,
-    motion: Array,
-    point: Array,
-) -> bool:
+def _locate_point(u: int, v: int, images: LevelImages, motion: Array, point: Array) -> bool:
     """Fill in the position and the depth gradient of a pixel; False if it has no depth."""
-    height = inverse_depth.shape[0]
+    intrinsics, depth_intrinsics = images.intrinsics, images.depth_intrinsics
+    height = images.inverse_depth.shape[0]
     ray_x = (u - intrinsics[2]) / intrinsics[0]
     ray_y = (v - intrinsics[3]) / intrinsics[1]
     u_depth, v_depth = project(ray_x, ray_y, 1.0, depth_intrinsics)
-    tau = row_time(v_depth, height, readout_s)
+    tau = row_time(v_depth, height, images.readout_s)
     shift_m = 0.0
-    if readout_s != 0.0 or skew_s != 0.0:
-        u_depth, v_depth, shift_m = _find_in_depth_image(
-            ray_x, ray_y, tau, inverse_depth, depth_intrinsics, readout_s, skew_s, motion
-        )
-    w, wu, wv, has_shape = _fit_surface(inverse_depth, u_depth, v_depth)
+    if images.readout_s != 0.0 or images.skew_s != 0.0:
+        u_depth, v_depth, shift_m = _find_in_depth_image(ray_x, ray_y, tau, images, motion)
+    w, wu, wv, has_shape = _fit_surface(images.inverse_depth, u_depth, v_depth)
     if w <= 0.0:
         return False
     # To the time of the color row, on its ray; then to the frame's stamp.
@@ -195,28 +159,22 @@ def _locate_point(
 
 @inline_kernel
 def _find_in_depth_image(
-    ray_x: float,
-    ray_y: float,
-    tau: float,
-    inverse_depth: NDArray[np.float32],
-    depth_intrinsics: Array,
-    readout_s: float,
-    skew_s: float,
-    motion: Array,
+    ray_x: float, ray_y: float, tau: float, images: LevelImages, motion: Array
 ) -> tuple[float, float, float]:
     """Pixel in the depth image of the surface on the color ray at `tau`, and its depth change.
 
     The pixel is -1 if the search meets a pixel without depth.
     """
+    inverse_depth, depth_intrinsics = images.inverse_depth, images.depth_intrinsics
     height, width = inverse_depth.shape
     u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
     then, shift_m = propagate_motion(motion, tau), 0.0
-    for _ in range(ITERATIONS):
+    for _ in range(ROW_TIME_ITERATIONS):
         column, row = int(u + 0.5), int(v + 0.5)
         if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
             return -1.0, -1.0, 0.0
         z = 1.0 / inverse_depth[row, column]
-        delay_s = skew_s + row_time(v, height, readout_s) - tau
+        delay_s = images.skew_s + row_time(v, height, images.readout_s) - tau
         x_then, y_then, z_then = propagate_point(then, ray_x * z, ray_y * z, z, delay_s)
         shift_m = z_then - z
         u, v = project(x_then, y_then, z_then, depth_intrinsics)

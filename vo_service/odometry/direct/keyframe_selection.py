@@ -1,35 +1,143 @@
-"""Keyframe selection: when the next keyframe is due, and whether it is a new or an old one."""
+"""Keyframe selection: when the next keyframe is due, its pose, and whether an old one serves.
 
-from dataclasses import replace
+With a rolling shutter, the motion within a frame follows from its rows, aligned with a keyframe
+that may itself be distorted; each keyframe would pass its distortion on to the next. The poses
+before and after the frame have the same error, as they use the same keyframe, so it cancels in
+between.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import sqrt
 
-from drivers.core.geometry import inverse
-from vo_service.odometry.direct.dynamic_points import remove_dynamic_points
-from vo_service.odometry.direct.local_map import (
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, adjoint, inverse, orthonormalize
+from vo_service.odometry.direct.alignment import (
+    DirectAlignment,
+    align,
+    initial_residual_model,
+    sample_points,
+    uniform_weights,
+)
+from vo_service.odometry.direct.gauss_newton import (
+    TRIANGLE_SIZE,
+    UPPER_TRIANGLE,
+    accumulate,
+    solve_cholesky,
+)
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid
+from vo_service.odometry.direct.keyframe import (
     DirectKeyframe,
     KeyframeOverlap,
     LocalMap,
     compute_overlap,
     make_keyframe,
+    remove_dynamic_points,
 )
-from vo_service.odometry.direct.multi_keyframe_alignment import align_jointly
+from vo_service.odometry.direct.motion import (
+    change_frame,
+    compose,
+    constant_velocity_motion,
+    fit_through_poses,
+    se3_exp,
+    se3_log,
+)
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
-    GATE_SIGMAS,
+    INITIAL_MODEL_UPDATES,
+    JOINT_DAMPING_RATIO,
     MAX_BRIGHTNESS_RATIO,
     MAX_JOINT_KEYFRAMES,
+    MAX_JOINT_STEPS,
     MAX_KEYFRAME_FLOW_PX,
     MAX_KEYFRAME_OCCLUDED_SHARE,
+    MAX_WEAK_OBSERVABILITY,
     MIN_JOINT_OVERLAP,
+    MIN_JOINT_STEP_SIZE,
     MIN_KEYFRAME_OVERLAP,
     MIN_KEYFRAME_POINT_SHARE,
     MIN_OBSERVABILITY_RATIO,
+    MIN_VIEW_OBSERVABILITY,
+    REINITIALIZATIONS,
 )
-from vo_service.odometry.direct.quality import degradation_reason, occluded_fraction
-from vo_service.odometry.direct.tracked_frame import TrackedFrame, estimate_previous_motion
+from vo_service.odometry.direct.quality import (
+    TrackingResult,
+    degradation_reason,
+    is_consistent,
+    occluded_fraction,
+)
+from vo_service.odometry.direct.residuals import (
+    count_residuals,
+    fit_affine_brightness,
+    weigh_regions,
+)
 
 # Largest flow of a keyframe that is used again. If frames are rare, the next one is far away, and a
 # larger flow makes the next keyframe due.
 MAX_REUSE_FLOW_PX = MAX_KEYFRAME_FLOW_PX / sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class TrackedFrame:
+    """A frame and its alignment.
+
+    Attributes:
+        frame: The frame.
+        images: Its image pyramid.
+        result: Its alignment with a keyframe.
+        motion_state: The state at the good frame before it.
+        is_well_constrained: Whether its view constrains all six degrees of freedom.
+    """
+
+    frame: RgbdFrame
+    images: ImagePyramid
+    result: TrackingResult
+    motion_state: MotionState
+    is_well_constrained: bool
+
+    def with_vignetting(self, vignetting: float) -> "TrackedFrame":
+        """Return a copy with the current `VignettingEstimate`."""
+        return replace(self, images=replace(self.images, vignetting=vignetting))
+
+    def with_motion(self, motion: Array) -> "TrackedFrame":
+        """Return a copy with another motion (9,) of the camera in its own axes."""
+        alignment = self.result.alignment
+        in_keyframe = change_frame(-motion, inverse(alignment.T_camera_keyframe))
+        result = replace(self.result, alignment=replace(alignment, motion=in_keyframe))
+        return replace(self, result=result)
+
+
+def estimate_previous_motion(before: TrackedFrame | None, now: TrackedFrame) -> Array | None:
+    """Estimate the camera's motion (9,) in the frame before, from the poses around it.
+
+    Returns None without a rolling shutter, or if the frames are not comparable.
+    """
+    if before is None or now.images.shutter.is_instant or not _are_comparable(before, now):
+        return None
+    poses = (
+        before.motion_state.T_world_camera,
+        before.result.T_world_camera,
+        now.result.T_world_camera,
+    )
+    return fit_through_poses(
+        poses, (before.motion_state.stamp_s, before.images.stamp_s, now.images.stamp_s)
+    )
+
+
+def _are_comparable(before: TrackedFrame, now: TrackedFrame) -> bool:
+    """Whether both frames and the one before are well aligned with one keyframe, soon after."""
+    return (
+        before.result.keyframe is now.result.keyframe
+        and before.is_well_constrained
+        and now.is_well_constrained
+        and not before.motion_state.is_extrapolated
+        and not before.result.degradation
+        and before.motion_state.is_recent(before.images.stamp_s)
+        and now.motion_state.is_recent(now.images.stamp_s)
+        and not before.motion_state.is_stale(now.images.stamp_s)
+    )
 
 
 def needs_keyframe(
@@ -51,14 +159,18 @@ def needs_keyframe(
     ):
         return True
     if (
-        GATE_SIGMAS
+        MIN_VIEW_OBSERVABILITY
         <= observability
-        < min(2.0 * GATE_SIGMAS, MIN_OBSERVABILITY_RATIO * initial_observability)
+        < min(MAX_WEAK_OBSERVABILITY, MIN_OBSERVABILITY_RATIO * initial_observability)
     ):
         return True
     overlap = compute_overlap(result.keyframe, result.alignment.T_camera_keyframe)
     is_sparse = tracked.motion_state.is_stale(images.stamp_s)
     return not _has_large_overlap(overlap, MAX_REUSE_FLOW_PX if is_sparse else MAX_KEYFRAME_FLOW_PX)
+
+
+def _has_large_overlap(overlap: KeyframeOverlap, max_flow_px: float) -> bool:
+    return overlap.share >= MIN_KEYFRAME_OVERLAP and overlap.flow_px <= max_flow_px
 
 
 def refine(
@@ -101,6 +213,81 @@ def _refine_jointly(tracked: TrackedFrame, local_map: LocalMap) -> TrackedFrame:
     return replace(tracked, result=result)
 
 
+@dataclass(eq=False)
+class _KeyframeFit:
+    """A keyframe, its pose relative to the active one, and its residual model."""
+
+    keyframe: DirectKeyframe
+    T_keyframe_active: Array
+    residual_model: Array
+    is_active: bool = False
+
+
+def align_jointly(
+    active: DirectKeyframe,
+    others: Sequence[DirectKeyframe],
+    images: ImagePyramid,
+    alignment: DirectAlignment,
+) -> Array:
+    """Estimate T_camera_active (4x4) from the active keyframe and the others.
+
+    The poses of the keyframes and the motion stay fixed. A keyframe that does not agree with the
+    frame is left out.
+    """
+    T = alignment.T_camera_keyframe
+    fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy(), is_active=True)]
+    for other in others:
+        T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
+        fits.append(_KeyframeFit(other, T_other_active, initial_residual_model()))
+    for step in range(MAX_JOINT_STEPS):
+        H, g = np.zeros((6, 6)), np.zeros(6)
+        for fit in list(fits):
+            sums = _linearize(fit, images, T, alignment.motion, step)
+            if sums is None:
+                fits.remove(fit)
+                continue
+            Ad = adjoint(fit.T_keyframe_active)
+            H += Ad.T @ sums[UPPER_TRIANGLE] @ Ad
+            g += Ad.T @ sums[TRIANGLE_SIZE:]
+        x = solve_cholesky(H + JOINT_DAMPING_RATIO * np.trace(H) * np.eye(6), g)
+        T = compose(T, se3_exp(-x))
+        if np.max(np.abs(x)) < MIN_JOINT_STEP_SIZE:
+            break
+    return orthonormalize(T)
+
+
+def _linearize(
+    fit: _KeyframeFit, images: ImagePyramid, T_camera_active: Array, motion: Array, step: int
+) -> Array | None:
+    """Update a keyframe's residual model, and sum up its normal equations.
+
+    Args:
+        fit: The keyframe; its residual model is updated.
+        images: The frame.
+        T_camera_active: 4x4.
+        motion: (9,) of the active keyframe's points in its axes.
+        step: Number of the step; after the first one, which corrects the pose, other keyframes
+            than the active one have to agree with the frame.
+
+    Returns:
+        (27,) sums as those of `accumulate`; None if the keyframe does not agree.
+    """
+    T_camera_keyframe = T_camera_active @ inverse(fit.T_keyframe_active)
+    points, model = fit.keyframe.points[0], fit.residual_model
+    motion = change_frame(motion, fit.T_keyframe_active)
+    samples = sample_points(fit.keyframe.points, images, T_camera_keyframe, motion, 0)
+    cell_weights = weigh_regions(points, samples, model, uniform_weights())
+    for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
+        fit_affine_brightness(points, samples, cell_weights, model)
+    may_disagree = step == 0 or fit.is_active
+    if not may_disagree and not is_consistent(
+        count_residuals(points, samples, model, cell_weights)
+    ):
+        return None
+    sums: Array = accumulate(points, samples, cell_weights, model).sum(axis=0)
+    return sums
+
+
 def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
     """Return a keyframe of the map that is near enough, or add the frame to the map."""
     result, alignment = tracked.result, tracked.result.alignment
@@ -124,5 +311,22 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
     return keyframe
 
 
-def _has_large_overlap(overlap: KeyframeOverlap, max_flow_px: float) -> bool:
-    return overlap.share >= MIN_KEYFRAME_OVERLAP and overlap.flow_px <= max_flow_px
+def reinitialize(
+    result: TrackingResult, images: ImagePyramid, motion_state: MotionState
+) -> TrackingResult:
+    """Rebuild the first keyframe by the velocity, and align the second frame with it again."""
+    for _ in range(REINITIALIZATIONS):
+        old = result.keyframe
+        T_first_second = inverse(result.alignment.T_camera_keyframe)
+        motion = constant_velocity_motion(se3_log(T_first_second) * result.prior.rate_hz)
+        keyframe = make_keyframe(old.frame, old.images, old.T_world_keyframe, motion, ALL_STATIC)
+        alignment = align(
+            keyframe.points,
+            images,
+            [result.alignment.T_camera_keyframe],
+            result.prior,
+            motion_state.affine_brightness,
+            uniform_weights(),
+        )
+        result = TrackingResult(keyframe, alignment, result.prior)
+    return result

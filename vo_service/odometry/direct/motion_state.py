@@ -1,26 +1,48 @@
-"""Motion state of the camera: pose and velocity of the last good frame, and the prediction."""
+"""Motion state of the camera: the prediction, and its fusion with a measured pose.
 
-from dataclasses import dataclass, field
+An alpha-beta filter averages many frames of a calm camera. It blends the pose predicted by a
+constant velocity with the measured one; at a large innovation the measured pose is used alone. The
+velocity gain follows from the pose gain as in Kalata, "The Tracking Index: A Generalized Parameter
+for alpha-beta and alpha-beta-gamma Target Trackers" (IEEE Transactions on Aerospace and Electronic
+Systems 20, 1984).
+
+In a degenerate view the prediction fills in for the unconstrained directions. Predicted and
+measured pose are fused by their information: Kalman, "A New Approach to Linear Filtering and
+Prediction Problems" (Journal of Basic Engineering 82, 1960). The information that noise alone adds
+is suppressed, as it would look like a constraint.
+"""
+
+from dataclasses import dataclass, field, replace
+from math import sqrt
 
 import numpy as np
 
-from drivers.core.geometry import Array, inverse
-from vo_service.odometry.direct.alignment import MotionPrior, velocity_information
+from drivers.core.geometry import Array, adjoint, inverse
+from vo_service.odometry.direct.covariance import MotionUncertainty
+from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
+from vo_service.odometry.direct.motion import (
+    change_frame,
+    constant_velocity_motion,
+    se3_exp,
+    se3_log,
+)
 from vo_service.odometry.direct.parameters import (
-    DECAY,
+    DARK_BRIGHTNESS,
+    INNOVATION_DECAY,
+    MAX_DEGENERATE_S,
+    MAX_EXTRAPOLATION_S,
     MAX_PREDICTION_S,
     MAX_STEADY_BRIGHTNESS_CHANGE,
-    MAX_STEP_S,
+    MIN_FRAME_INTERVAL_S,
+    MIN_POSE_GAIN,
     MIN_VELOCITY_NOISE_RATIO,
+    PREDICTION_SIGMA_GROWTH,
+    VELOCITY_NOISE_DECAY,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
 )
-from vo_service.odometry.direct.rolling_shutter import change_frame, constant_velocity_motion
-from vo_service.odometry.direct.se3 import se3_exp
-
-# Gain and offset of equal brightness.
-IDENTITY_BRIGHTNESS = (1.0, 0.0)
+from vo_service.odometry.direct.quality import TrackingResult
 
 
 @dataclass(frozen=True)
@@ -71,8 +93,8 @@ class MotionState:
             np.clip(self.velocity_noise, VELOCITY_SIGMA_RANGE[0] * usual, usual)
         )
         motion = change_frame(constant_velocity_motion(-self.velocity), T_keyframe_last)
-        duration_s = stamp_s - self.stamp_s
-        prior = MotionPrior(T_keyframe_last, 1.0 / max(duration_s, 1e-3), motion, information)
+        rate_hz = 1.0 / max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S)
+        prior = MotionPrior(T_keyframe_last, rate_hz, motion, information)
         return prior if self.is_recent(stamp_s) else prior.relaxed()
 
     def is_stale(self, stamp_s: float) -> bool:
@@ -92,15 +114,15 @@ class MotionState:
         # The first change is that of a camera that was already moving.
         first = np.minimum(squared, np.square(VELOCITY_SIGMA))
         before = np.where(np.isfinite(self.velocity_noise), self.velocity_noise**2, first)
-        velocity_noise = np.sqrt(DECAY * before + (1.0 - DECAY) * squared)
+        decay = VELOCITY_NOISE_DECAY
+        velocity_noise = np.sqrt(decay * before + (1.0 - decay) * squared)
         return np.asarray(velocity_noise, np.float64)
 
     def update_normalized_innovation(self, normalized_square: float) -> float:
         """Normalized innovation including that of the next frame; a rise counts at once."""
-        return max(
-            DECAY * self.normalized_innovation + (1.0 - DECAY) * normalized_square,
-            normalized_square,
-        )
+        decay = INNOVATION_DECAY
+        faded = decay * self.normalized_innovation + (1.0 - decay) * normalized_square
+        return max(faded, normalized_square)
 
     def advance(
         self,
@@ -125,7 +147,8 @@ class MotionState:
 
     def predict_affine_brightness(self, images: ImagePyramid) -> tuple[float, float]:
         """Initial gain and offset: the last ones, scaled if the mean brightness has changed."""
-        ratio = (images.mean_brightness + 1.0) / (self.mean_brightness + 1.0)
+        before = self.mean_brightness + DARK_BRIGHTNESS
+        ratio = (images.mean_brightness + DARK_BRIGHTNESS) / before
         if abs(ratio - 1.0) <= MAX_STEADY_BRIGHTNESS_CHANGE:
             return self.affine_brightness
         return ratio * self.affine_brightness[0], ratio * self.affine_brightness[1]
@@ -137,7 +160,7 @@ class MotionState:
         """
         return (
             not self.is_stale(stamp_s)
-            and 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_STEP_S
+            and 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_DEGENERATE_S
         )
 
     @property
@@ -147,9 +170,103 @@ class MotionState:
 
     def is_recent(self, stamp_s: float) -> bool:
         """Whether the last frames predict the camera's pose at a stamp."""
-        return 0.0 < stamp_s - self.stamp_s <= MAX_STEP_S
+        return 0.0 < stamp_s - self.stamp_s <= MAX_EXTRAPOLATION_S
 
 
 def _velocity_change(velocity: Array, before: Array) -> Array:
     """(2,) root mean square of the change over three components, m/s and rad/s."""
     return np.asarray(np.sqrt(((velocity - before) ** 2).reshape(2, 3).mean(axis=1)), np.float64)
+
+
+def fuse_and_filter(
+    result: TrackingResult,
+    uncertainty: MotionUncertainty,
+    motion_state: MotionState,
+    stamp_s: float,
+) -> tuple[TrackingResult, MotionUncertainty, float]:
+    """Fuse the measured pose with the predicted one.
+
+    Args:
+        result: The measured pose and velocity.
+        uncertainty: Of the measured pose; in a degenerate view the prediction fills in.
+        motion_state: The state up to the last good frame.
+        stamp_s: Stamp of the frame.
+
+    Returns:
+        The result, its uncertainty, and the updated normalized innovation of `MotionState`.
+    """
+    if uncertainty.rejection_reason:
+        result, uncertainty = fuse_with_prediction(result, uncertainty, motion_state, stamp_s)
+    elif motion_state.is_extrapolated:
+        # The step from the extrapolated pose to this one is no motion of the camera.
+        result = result.with_pose(result.T_world_camera, motion_state.velocity)
+    result, normalized_innovation = alpha_beta_filter(
+        result, uncertainty.covariance, motion_state, stamp_s
+    )
+    return result, uncertainty, normalized_innovation
+
+
+def alpha_beta_filter(
+    result: TrackingResult, covariance: Array, motion_state: MotionState, stamp_s: float
+) -> tuple[TrackingResult, float]:
+    """Blend the predicted and the measured pose.
+
+    Args:
+        result: The measured pose and velocity.
+        covariance: 6x6 of the measured pose, as a small motion in the camera's axes.
+        motion_state: The state up to the last good frame.
+        stamp_s: Stamp of the frame.
+
+    Returns:
+        The filtered result, and the updated normalized innovation of `MotionState`.
+    """
+    T_world_expected = motion_state.predict_pose(stamp_s)
+    innovation = se3_log(inverse(T_world_expected) @ result.T_world_camera)
+    updated_innovation = motion_state.update_normalized_innovation(
+        float(innovation @ np.linalg.solve(covariance, innovation)) / len(innovation)
+    )
+    pose_gain, velocity_gain = filter_gains(updated_innovation)
+    if pose_gain == 1.0 or motion_state.is_stale(stamp_s):
+        return result, updated_innovation
+    velocity_change = result.alignment.camera_velocity - motion_state.velocity
+    T_world_camera = T_world_expected @ se3_exp(pose_gain * innovation)
+    return result.with_pose(
+        T_world_camera, motion_state.velocity + velocity_gain * velocity_change
+    ), updated_innovation
+
+
+def filter_gains(normalized_innovation: float) -> tuple[float, float]:
+    """Gains of the pose and of the velocity, up to 1 for an unexpected motion."""
+    pose_gain = min(max(normalized_innovation - 1.0, MIN_POSE_GAIN), 1.0)
+    return pose_gain, min(2.0 * (2.0 - pose_gain) - 4.0 * sqrt(1.0 - pose_gain), 1.0)
+
+
+def fuse_with_prediction(
+    result: TrackingResult,
+    uncertainty: MotionUncertainty,
+    motion_state: MotionState,
+    stamp_s: float,
+) -> tuple[TrackingResult, MotionUncertainty]:
+    """Fuse the measured with the predicted pose, and mark the result as degraded.
+
+    The prediction gets less weight the older the last well constrained frame is.
+    """
+    T_world_expected = motion_state.predict_pose(stamp_s)
+    innovation = se3_log(inverse(T_world_expected) @ result.T_world_camera)
+    velocity_change = result.alignment.camera_velocity - motion_state.velocity
+    T_camera_keyframe = result.alignment.T_camera_keyframe
+    W = uncertainty.degeneracy.noise_suppression
+    W = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
+    information = W.T @ np.linalg.inv(uncertainty.covariance) @ W
+    elapsed_s = stamp_s - motion_state.well_constrained_stamp_s
+    prediction_sigma = elapsed_s * np.array(PREDICTION_SIGMA_GROWTH)
+    covariance = np.linalg.inv(np.diag(np.repeat(prediction_sigma**-2.0, 3)) + information)
+    gain = covariance @ information
+    result = result.with_pose(
+        T_world_expected @ se3_exp(gain @ innovation),
+        motion_state.velocity + gain @ velocity_change,
+    )
+    return (
+        replace(result, degradation=uncertainty.rejection_reason),
+        replace(uncertainty, covariance=0.5 * (covariance + covariance.T)),
+    )

@@ -11,32 +11,43 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
-from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
+from vo_service.odometry.direct.alignment import (
+    IDENTITY_BRIGHTNESS,
+    STATIC_PRIOR,
+    align,
+    uniform_weights,
+)
 from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_uncertainty
-from vo_service.odometry.direct.degenerate_view import fuse_with_prediction
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.half_view_retry import retry_without_half
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
-from vo_service.odometry.direct.keyframe_init import reinitialize
-from vo_service.odometry.direct.keyframe_selection import needs_keyframe, refine, select
-from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap, make_keyframe
-from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
-from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_INITIAL_FAILURES, MIN_POINTS
-from vo_service.odometry.direct.pose_filter import alpha_beta_filter
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import (
+    TrackedFrame,
+    needs_keyframe,
+    refine,
+    reinitialize,
+    select,
+)
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.motion_state import MotionState, fuse_and_filter
+from vo_service.odometry.direct.parameters import (
+    MAX_FAILURES,
+    MAX_INITIAL_FAILURES,
+    MIN_FIRST_KEYFRAME_POINTS,
+)
 from vo_service.odometry.direct.quality import (
+    TrackingResult,
     degradation_reason,
+    make_tracking_debug,
     occlusion_reason,
+    project_keyframe_points,
     rejection_reason,
 )
 from vo_service.odometry.direct.recovery import (
     DirectRecovery,
-    TrackingResult,
     rejection_reason_after,
+    retry_without_half,
 )
-from vo_service.odometry.direct.rolling_shutter import zero_motion
-from vo_service.odometry.direct.tracked_frame import TrackedFrame
 from vo_service.odometry.direct.vignetting import VignettingEstimate
-from vo_service.odometry.direct.visualization import make_tracking_debug, project_keyframe_points
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.types import Estimate, TrackingDebug
@@ -98,67 +109,43 @@ class DirectOdometry:
         return self._vignetting.value
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
-        """Estimate the camera's pose by aligning this frame with the keyframe."""
+        """Estimate the camera's pose by aligning this frame with the keyframe.
+
+        The steps are those of docs/direct.md, in the same order.
+        """
+        # Pyramid: brightness in four sizes, and inverse depth.
         with self._timer.stage("images"):
             images = build_image_pyramid(frame, self.vignetting)
         if self._track is None:
             return self._start(frame, images, is_reset=False)
+        track, motion_state = self._track, self._track.motion_state
+        # Prediction and alignment: from where the last motion leads, coarse to fine.
         with self._timer.stage("align"):
-            result = self._align(images, self._track)
-        # If the frame does not fit, or the prediction is old: features, then depth alone.
-        if result.needs_recovery or self._track.motion_state.is_stale(images.stamp_s):
+            result = self._align(images, track)
+        # Recovery: if the frame does not fit, or the prediction is old.
+        if result.needs_recovery or motion_state.is_stale(images.stamp_s):
             with self._timer.stage("recovery"):
-                result = self._recovery.recover(
-                    frame, images, result, self._track.motion_state, self._map
-                )
-        # A rolling shutter distorted the first keyframe; now the velocity is known.
-        result = self._reinitialize_first_keyframe(images, result, self._track)
+                result = self._recovery.recover(frame, images, result, motion_state, self._map)
+        result = self._reinitialize_first_keyframe(images, result, track)
+        # Quality: a motion that may be wrong is rejected.
         if reason := rejection_reason_after(
-            result.alignment, self._track.motion_state, images
+            result.alignment, motion_state, images
         ) or occlusion_reason(result.alignment):
-            return self._fail(frame, images, self._track, result, reason)
-        # Whether the view constrains all six degrees of freedom.
-        with self._timer.stage("certainty"):
-            velocity_noise = self._track.motion_state.update_velocity_noise(
-                result.alignment.camera_velocity
-            )
-            uncertainty = estimate_uncertainty(
-                result.keyframe.points, images, result.alignment, result.prior, velocity_noise
-            )
-        if uncertainty.rejection_reason:
-            if not self._track.motion_state.is_recently_constrained(images.stamp_s):
-                return self._fail(frame, images, self._track, result, uncertainty.rejection_reason)
-            # For a short time, the prediction fills in for the degenerate view.
-            result, uncertainty = fuse_with_prediction(
-                result, uncertainty, self._track.motion_state, images.stamp_s
-            )
-        elif self._track.motion_state.is_extrapolated:
-            # The step from the extrapolated pose to this one is no motion of the camera.
-            result = result.with_pose(result.T_world_camera, self._track.motion_state.velocity)
-        result, normalized_innovation = alpha_beta_filter(
-            result, uncertainty.covariance, self._track.motion_state, images.stamp_s
+            return self._fail(frame, images, track, result, reason)
+        # Covariance: a view that constrains too little is accepted for a short time only.
+        with self._timer.stage("covariance"):
+            uncertainty = self._estimate_uncertainty(images, result, track)
+        reason = uncertainty.rejection_reason
+        if reason and not motion_state.is_recently_constrained(images.stamp_s):
+            return self._fail(frame, images, track, result, reason)
+        # Filter: the measured pose is fused with the predicted one.
+        result, uncertainty, normalized_innovation = fuse_and_filter(
+            result, uncertainty, motion_state, images.stamp_s
         )
-        # When the keyframe goes out of view, the pose is refined and the next one selected.
-        tracked = TrackedFrame(
-            frame,
-            images,
-            result,
-            self._track.motion_state,
-            is_well_constrained=not uncertainty.rejection_reason,
-        )
-        keyframe = result.keyframe
-        if needs_keyframe(
-            tracked,
-            uncertainty.observability,
-            self._track.observability_at_start(result, uncertainty),
-        ):
-            self._vignetting = self._vignetting.update(keyframe, images, result.alignment)
-            tracked = tracked.with_vignetting(self.vignetting)
-            with self._timer.stage("settle"):
-                refined, tracked = refine(self._track.last_frame, tracked, self._map)
-            with self._timer.stage("keyframe"):
-                keyframe = select(refined, self._map)
-        return self._advance(self._track, tracked, uncertainty, keyframe, normalized_innovation)
+        # Keyframe: when the current one goes out of view, the next one is selected.
+        tracked = TrackedFrame(frame, images, result, motion_state, is_well_constrained=not reason)
+        tracked, keyframe = self._select_keyframe(tracked, uncertainty, track)
+        return self._advance(track, tracked, uncertainty, keyframe, normalized_innovation)
 
     def _align(self, images: ImagePyramid, track: DirectTrack) -> TrackingResult:
         keyframe, motion_state = track.keyframe, track.motion_state
@@ -184,6 +171,35 @@ class DirectOdometry:
         self._map.reset(result.keyframe)
         return result
 
+    def _estimate_uncertainty(
+        self, images: ImagePyramid, result: TrackingResult, track: DirectTrack
+    ) -> MotionUncertainty:
+        velocity_noise = track.motion_state.update_velocity_noise(result.alignment.camera_velocity)
+        return estimate_uncertainty(
+            result.keyframe.points, images, result.alignment, result.prior, velocity_noise
+        )
+
+    def _select_keyframe(
+        self, tracked: TrackedFrame, uncertainty: MotionUncertainty, track: DirectTrack
+    ) -> tuple[TrackedFrame, DirectKeyframe]:
+        """Refine the pose and select the next keyframe, if one is due.
+
+        Returns:
+            The frame relative to the refined pose, and the keyframe of the next frames.
+        """
+        keyframe, observability = tracked.result.keyframe, uncertainty.observability
+        initial_observability = track.observability_at_start(tracked.result, uncertainty)
+        if not needs_keyframe(tracked, observability, initial_observability):
+            return tracked, keyframe
+        self._vignetting = self._vignetting.update(
+            keyframe, tracked.images, tracked.result.alignment
+        )
+        tracked = tracked.with_vignetting(self.vignetting)
+        with self._timer.stage("refine"):
+            refined, tracked = refine(track.last_frame, tracked, self._map)
+        with self._timer.stage("keyframe"):
+            return tracked, select(refined, self._map)
+
     def _start(self, frame: RgbdFrame, images: ImagePyramid, is_reset: bool) -> Estimate:
         """Make this frame the first keyframe, if others can be aligned with it."""
         keyframe = make_keyframe(frame, images, self._T_world_camera, zero_motion(), ALL_STATIC)
@@ -205,7 +221,7 @@ class DirectOdometry:
 
     def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
         """Why a frame is no first keyframe: the next ones could not be aligned with it."""
-        if len(keyframe.points[0]) < 2 * MIN_POINTS:
+        if len(keyframe.points[0]) < MIN_FIRST_KEYFRAME_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
         self_alignment = align(
             keyframe.points,

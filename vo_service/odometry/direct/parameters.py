@@ -1,44 +1,85 @@
-"""Tuning parameters of the direct odometry: 50 values chosen by measurement.
+"""Parameters of the direct odometry: every threshold has one name here and one purpose.
 
-docs/direct.md shows the effect of other values. Kernels are compiled with these
-values, so they are no settings. A tuple is one quantity: by level from fine to coarse; or for
-brightness in gray levels and depth in 1/m (inverse depth 1/z); or in meters and radians. Values
-that follow from these are in `derived_parameters.py` or beside their use, as are array sizes and
-convergence limits.
+Kernels are compiled with these values, so they are no settings. A tuple is one quantity: by pyramid
+level from fine to coarse; or for brightness in gray levels and for depth in 1/m (inverse depth
+1/z); or for translation in m and rotation in rad. Where no source is named, the value was chosen by
+measurement; docs/direct.md shows the effect of other values. Sizes of arrays (cells of the image,
+bands of rows, columns) stand beside their arrays.
 """
 
+# IMAGE PYRAMID
+# Smaller images than this are omitted, except the largest one.
+MIN_IMAGE_PX = 12
+# Number of the finest levels on which moving regions are detected and a good motion is refined.
+NUM_FINE_LEVELS = 2
+# Added to a mean brightness (gray levels) before a ratio is formed, so that black images have one.
+DARK_BRIGHTNESS = 1.0
+# Smallest gain of the affine brightness model; the largest one is its inverse.
+MIN_GAIN = 0.5
+
 # KEYFRAME POINTS
-# One point per block of this size, by level: the pixel with the steepest brightness.
+# One point per block of this size, by level: the pixel with the steepest brightness. Engel, Koltun
+# and Cremers, "Direct Sparse Odometry" (PAMI 40, 2018), Section 3.2, for one point per block.
 POINT_BLOCKS_PX = (5, 3, 3, 2)
+# Smallest brightness gradient of a point with texture, gray levels per pixel: 3 sigma of the noise.
+MIN_TEXTURE_GRADIENT = 3.0
 # Interpolated brightness has the error of an image shifted by this many pixels.
 INTERPOLATION_PX = 0.15
-# The plane around a point is fitted to depth pixels up to this far away in both directions.
+# The plane around a point is fitted to depth pixels up to this far away in both directions,
 PLANE_RADIUS_PX = 6
+# at this distance from each other.
+PLANE_STEP_PX = 2
 # Smallest share of those pixels that belong to the same surface.
 MIN_PLANE_SUPPORT = 0.6
-# Noise of the slopes per pixel: of brightness in gray levels, of depth in 1/m.
-SLOPE_NOISE = (0.7, 8.9e-5)
+# Largest root mean square residual of a plane, 1/m.
+MAX_PLANE_RMS_PER_M = 3e-3
+# Neighboring inverse depths (1/m) that differ by more belong to two surfaces.
+MAX_SURFACE_STEP_PER_M = 0.03
 
-# SAMPLE WEIGHTS
-# Noise of the sensor: lower bound of the residuals' sigma.
+# SAMPLES
+# Nearest point that is projected, m.
+MIN_DEPTH_M = 0.05
+# Two views see the same surface if its inverse depths differ by no more than this, 1/m.
+MAX_SAME_SURFACE_PER_M = 0.06
+# Iterations for the row that sees a point: its time depends on the pixel, and that on the time.
+ROW_TIME_ITERATIONS = 2
+
+# RESIDUALS
+# Noise of the sensor: lower bound of the residuals' sigmas.
 SENSOR_SIGMAS = (1.0, 6e-4)
-# Initial sigma of the residuals: noise, interpolation and plane fit together.
+# Sigmas of the residuals before the first step: noise, interpolation and plane fit together.
 INITIAL_SIGMAS = (10.0, 3e-3)
-# Degrees of freedom of Student's t, and the weight of brightness relative to depth.
+# Upper bound of the estimated sigmas, as a multiple of the initial ones.
+MAX_SIGMA_RATIO = 3.0
+# Fewest samples for an estimate of sigma.
+MIN_SIGMA_SAMPLES = 50.0
+# Degrees of freedom of the residuals' Student's t. Kerl, Sturm and Cremers, "Robust Odometry
+# Estimation for RGB-D Cameras" (ICRA 2013) use 5.
 DEGREES_OF_FREEDOM = 3.0
+# Weight of brightness relative to depth: neighboring brightness samples share errors.
 BRIGHTNESS_WEIGHT = 0.45
-# Gate in standard deviations for inliers, innovations, observability and texture.
-GATE_SIGMAS = 3.0
-# The lighting has changed where brightness differs by more than this factor.
-MAX_BRIGHTNESS_RATIO = 1.5
-# Forgetting factor: of the vignetting estimate per view, of the motion statistics per frame.
-DECAY = 0.9
+# A sample within this many sigmas agrees with its point; larger residuals cost no more.
+INLIER_GATE_SIGMAS = 3.0
 # A cell of the image moves independently if its cost is this many times the median cost.
 MAX_REGION_COST_RATIO = 1.8
+# Cells with fewer samples keep their weight.
+MIN_CELL_SAMPLES = 10
+# A cell of less weight is moving.
+MIN_STATIC_WEIGHT = 0.5
+
+# ALIGNMENT
+# Largest number of Gauss-Newton steps, by level.
+MAX_STEPS = (24, 24, 15, 12)
+# A smaller step (m and rad) is the last one of its level: at the finest level it is well below the
+# noise, at the others below what the next finer level corrects.
+MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
+# Updates of the residual model in the first step; later steps have one.
+INITIAL_MODEL_UPDATES = 3
+# Sigma that damps directions without constraint, m and rad.
+DAMPING_SIGMAS = (0.03, 0.1)
 
 # MOTION PREDICTION
-# Sigma of the camera's velocity against its mean since the last frame, in m/s and rad/s. Directions
-# without constraint are as uncertain as this velocity makes them in a second.
+# Sigma of the camera's velocity against its mean since the last frame, m/s and rad/s.
 VELOCITY_SIGMA = (0.03, 0.1)
 # Range of that sigma as a multiple of it: the minimum at rest; the maximum where the last frame
 # gives no velocity.
@@ -48,46 +89,45 @@ TREMOR_SPAN_S = 0.01
 # After this time the predicted pose may be far off, and a similar place may fit: features decide.
 # At the sensor's 30 Hz, this is two frames without a pose.
 MAX_PREDICTION_S = 0.08
-# After this time the last frames give no velocity. A degenerate view is accepted for this time
-# after the last well constrained one.
-MAX_STEP_S = 0.4
-# The innovation is relative to the velocity noise, or to at least this share of the usual sigma.
+# After this time the last frames give no velocity.
+MAX_EXTRAPOLATION_S = 0.4
+# Shortest time over which a mean velocity is formed: two frames may have nearly the same stamp.
+MIN_FRAME_INTERVAL_S = 1e-3
+# Forgetting factors per frame of the velocity noise and of the normalized innovation.
+VELOCITY_NOISE_DECAY = 0.9
+INNOVATION_DECAY = 0.9
+# An innovation of the velocity is relative to the velocity noise, or to at least this share of
+# VELOCITY_SIGMA.
 MIN_VELOCITY_NOISE_RATIO = 0.5
 # The last gain and offset are kept if the mean brightness changes by no more than this share.
 MAX_STEADY_BRIGHTNESS_CHANGE = 0.1
-# Smallest gain of the affine brightness model; the largest is its inverse.
-MIN_GAIN = 0.5
 # Smallest gain of the pose filter: a frame's share in the pose of a camera at rest.
 MIN_POSE_GAIN = 0.1
-# Sigma of the vignetting before any view, and its largest value.
-VIGNETTING_PRIOR_SIGMA = 0.1
-MAX_VIGNETTING = 0.5
 
-# VALIDITY AND RECOVERY
-# Fewest points or samples for a motion; half as many give a sigma, twice as many a first keyframe.
-MIN_POINTS = 100
-# Smallest share of the keyframe's points in view.
-MIN_IN_VIEW_SHARE = 0.25
-# Smallest share of the samples that agree with the keyframe.
-MIN_CONSISTENT_SHARE = 0.75
-# A region of less weight is moving.
-MIN_STATIC_WEIGHT = 0.5
-# A frame with a larger share of moving regions is retried.
+# RECOVERY
+# Above this multiple of the initial sigmas a better motion is searched for.
+SUSPECT_SIGMA_RATIO = 0.8
+# A frame with a larger share of moving regions is searched for a better motion.
 MAX_MOVING_SHARE = 0.1
-# A frame with a larger share of moving or occluded view is rejected.
-MAX_MOVING_OR_OCCLUDED_SHARE = 0.5
-# Brightness or depth of a smaller share of the view does not constrain the motion.
-MIN_MODALITY_SHARE = 0.1
-# Another motion replaces the first one if its score is lower by at least this share.
-MIN_SCORE_GAIN = 0.1
-# Weight of the innovation in the cost by which the motions of masked views are compared.
+# Halves of the view are masked if the velocity changes by more than this many times its noise.
+INNOVATION_GATE_SIGMAS = 3.0
+# Weight of the innovation, and the degrees of freedom of its Student's t, in the cost by which the
+# motions of masked views are compared.
 INNOVATION_COST_WEIGHT = 0.1
-# Probability that a feature match agrees with the right motion, and with a wrong one.
+INNOVATION_DEGREES_OF_FREEDOM = 3.0
+# Probability that a feature match agrees with the right motion, and with a wrong one. Brown and
+# Lowe, "Automatic Panoramic Image Stitching using Invariant Features" (IJCV 74, 2007), Section 3.2.
 FEATURE_INLIER_SHARES = (0.2, 0.03)
 # Number of keyframes that are searched for features, and of matches that are aligned: the best
 # match may be on a moving object.
 MAX_SEARCHED_KEYFRAMES = 8
 MAX_FEATURE_MATCHES = 3
+# Another motion replaces the first one if its score is lower by at least this share.
+MIN_SCORE_GAIN = 0.1
+# Smallest share of static regions in that score.
+MIN_SCORED_STATIC_SHARE = 0.01
+# The lighting has changed where brightness differs by more than this factor.
+MAX_BRIGHTNESS_RATIO = 1.5
 # Features are not searched for in this many doubtful frames after a search without success: motion
 # blur and darkness last.
 RETRY_INTERVAL_FRAMES = 3
@@ -96,28 +136,84 @@ RETRY_INTERVAL_FRAMES = 3
 MAX_INITIAL_FAILURES = 3
 MAX_FAILURES = 60
 
+# QUALITY
+# Fewest points of the keyframe in view, and fewest samples, that give a motion.
+MIN_POINTS_IN_VIEW = 100
+MIN_SAMPLES = 100
+# Smallest share of the keyframe's points in view.
+MIN_IN_VIEW_SHARE = 0.25
+# Smallest share of the samples that agree with the keyframe.
+MIN_CONSISTENT_SHARE = 0.75
+# A motion with larger sigmas, as a multiple of the initial ones, is wrong.
+MAX_VALID_SIGMA_RATIO = 1.7
+# A frame with a larger share of moving or occluded view is rejected.
+MAX_MOVING_OR_OCCLUDED_SHARE = 0.5
+# A frame with a larger share of occluded view is degraded.
+MAX_UNDEGRADED_OCCLUDED_SHARE = 0.25
+# Brightness or depth of a smaller share of the view does not constrain the motion.
+MIN_MODALITY_SHARE = 0.1
+
+# COVARIANCE AND DEGENERATE VIEWS
+# Noise of the slopes per pixel: of brightness in gray levels; of depth in 1/m, with
+# PLANE_RADIUS_PX.
+SLOPE_NOISE = (0.7, 8.9e-5)
+# Smallest ratio of a direction's information to that of noise; a smaller one is unconstrained.
+MIN_VIEW_OBSERVABILITY = 3.0
+# A degenerate view is accepted for this time after the last well constrained one.
+MAX_DEGENERATE_S = 0.4
+# Growth of the predicted pose's sigma in a degenerate view, m/s and rad/s.
+PREDICTION_SIGMA_GROWTH = (0.03, 0.1)
+# Factor for errors that are common to the whole image, which the residuals do not show.
+COVARIANCE_INFLATION = 2.0
+# Lower bound of the pose's sigmas, m and rad: errors of calibration and timing.
+MIN_POSE_SIGMAS = (1e-4, 1e-4)
+
+# VIGNETTING
+# Sigma of the vignetting before any view, and its largest value.
+VIGNETTING_PRIOR_SIGMA = 0.1
+MAX_VIGNETTING = 0.5
+# Sigma of a single view, however many samples it has: surfaces are shiny, and lamps are near.
+VIGNETTING_VIEW_SIGMA = 0.05
+# Forgetting factor per view.
+VIGNETTING_DECAY = 0.9
+
 # KEYFRAMES
+# Fewest points of a first keyframe.
+MIN_FIRST_KEYFRAME_POINTS = 200
+# The first keyframe of a rolling shutter is rebuilt this many times, by the velocity that the one
+# before gives.
+REINITIALIZATIONS = 2
 # Largest number of keyframes that are kept.
 MAX_KEYFRAMES = 30
-# The next keyframe is due when the flow against the last one is larger,
+# The next keyframe is due when the flow against the last one is larger, px of the whole image,
 MAX_KEYFRAME_FLOW_PX = 70.0
 # or a smaller share of its points is in view,
 MIN_KEYFRAME_OVERLAP = 0.75
-# or the observability falls below this share of its first value.
+# or the observability falls below this share of its first value, and below this value. The share is
+# after the ratio of entropies of Kerl, Sturm and Cremers (IROS 2013).
 MIN_OBSERVABILITY_RATIO = 0.5
+MAX_WEAK_OBSERVABILITY = 6.0
 # Number of other keyframes that the next one is aligned with, and the share of their points in
 # view.
 MAX_JOINT_KEYFRAMES = 2
 MIN_JOINT_OVERLAP = 0.5
-# A frame with more occlusion is no keyframe.
+# Steps of that alignment, the step (m and rad) that is the last one, and its damping relative to
+# the trace of the information.
+MAX_JOINT_STEPS = 2
+MIN_JOINT_STEP_SIZE = 1e-5
+JOINT_DAMPING_RATIO = 1e-6
+# A frame with a larger share of occluded view is no keyframe.
 MAX_KEYFRAME_OCCLUDED_SHARE = 0.25
 # A keyframe has at least this share of the points of the one before.
 MIN_KEYFRAME_POINT_SHARE = 0.25
+
+# DYNAMIC POINTS
+# The view is divided into blocks of this size; the pixel in the center stands for the block.
+DYNAMIC_BLOCK_PX = 8
+# A block is in free space if everything this many pixels around it is further away: edges move by
+# some pixels, and rows have different times.
+EDGE_MARGIN_PX = 8
 # Dynamic points are removed if other keyframes know at least this share of the view,
 MIN_KNOWN_SHARE = 0.25
 # and a surface is static if they have observed at least this share of it.
 MIN_OBSERVED_SHARE = 0.25
-
-# COVARIANCE
-# Factor for errors that are common to the whole image, which the residuals do not show.
-COVARIANCE_INFLATION = 2.0

@@ -1,28 +1,65 @@
-"""Validity of an alignment: scores, and reasons to reject it."""
+"""Quality of an alignment: scores, reasons to reject it, and what it lacks.
 
+Also the result of the tracking, with its debug data for a viewer.
+"""
+
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.core.geometry import Array
-from vo_service.odometry.direct import residual_stats
+from drivers.core.geometry import Array, adjoint, inverse
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.derived_parameters import (
-    GAIN_RANGE,
-    MAX_VALID_SIGMAS,
-    SUSPECT_SIGMAS,
-)
-from vo_service.odometry.direct.normal_equations import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
+from vo_service.odometry.direct.gauss_newton import MotionPrior
+from vo_service.odometry.direct.image_pyramid import GAIN_RANGE
+from vo_service.odometry.direct.keyframe import DirectKeyframe
+from vo_service.odometry.direct.motion import ACCELERATION_START
 from vo_service.odometry.direct.parameters import (
-    MAX_KEYFRAME_OCCLUDED_SHARE,
+    INITIAL_SIGMAS,
     MAX_MOVING_OR_OCCLUDED_SHARE,
     MAX_MOVING_SHARE,
+    MAX_UNDEGRADED_OCCLUDED_SHARE,
+    MAX_VALID_SIGMA_RATIO,
     MIN_CONSISTENT_SHARE,
     MIN_IN_VIEW_SHARE,
     MIN_MODALITY_SHARE,
-    MIN_POINTS,
+    MIN_POINTS_IN_VIEW,
+    MIN_SAMPLES,
+    MIN_SCORED_STATIC_SHARE,
+    SUSPECT_SIGMA_RATIO,
 )
-from vo_service.odometry.direct.warping import OCCLUDED, SAMPLE_OCCLUSION
+from vo_service.odometry.direct.residuals import (
+    BRIGHTNESS_AGREES,
+    DEPTH_AGREES,
+    DISREGARDED,
+    GAIN,
+    IN_IMAGE,
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    WITH_BRIGHTNESS,
+    WITH_DEPTH,
+    find_inliers,
+)
+from vo_service.odometry.direct.warping import (
+    OCCLUDED,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_OCCLUSION,
+    SAMPLE_U,
+    SAMPLE_V,
+)
+from vo_service.types import TrackingDebug
+
+# Bounds of the sigmas of brightness (gray levels) and of depth (1/m): above the first pair a better
+# motion is searched for; above the second the motion is wrong.
+SUSPECT_SIGMAS = (SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[0], SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[1])
+MAX_VALID_SIGMAS = (
+    MAX_VALID_SIGMA_RATIO * INITIAL_SIGMAS[0],
+    MAX_VALID_SIGMA_RATIO * INITIAL_SIGMAS[1],
+)
+# Every 4th point is enough to see.
+POINT_STRIDE = 4
 
 
 def is_consistent(counts: Array) -> bool:
@@ -33,11 +70,11 @@ def is_consistent(counts: Array) -> bool:
 def _inconsistency_reason(counts: Array) -> str:
     """Which kind of samples does not agree with the keyframe; "" if both do."""
     for what, agreeing, total in (
-        ("depth samples", counts[residual_stats.DEPTH_AGREES], counts[residual_stats.WITH_DEPTH]),
+        ("depth samples", counts[DEPTH_AGREES], counts[WITH_DEPTH]),
         (
             "brightness samples",
-            counts[residual_stats.BRIGHTNESS_AGREES],
-            counts[residual_stats.WITH_BRIGHTNESS],
+            counts[BRIGHTNESS_AGREES],
+            counts[WITH_BRIGHTNESS],
         ),
     ):
         if agreeing < MIN_CONSISTENT_SHARE * total:
@@ -47,11 +84,11 @@ def _inconsistency_reason(counts: Array) -> str:
 
 def outlier_score(alignment: DirectAlignment) -> float:
     """Misfit of the keyframe: above 1 there may be a better motion."""
-    in_view = max(alignment.counts[residual_stats.IN_IMAGE], 1.0)
+    in_view = max(alignment.counts[IN_IMAGE], 1.0)
     return float(
         max(
             _normalized_sigma(alignment),
-            alignment.counts[residual_stats.DISREGARDED] / in_view / MAX_MOVING_SHARE,
+            alignment.counts[DISREGARDED] / in_view / MAX_MOVING_SHARE,
         )
     )
 
@@ -71,27 +108,23 @@ def residual_score(alignment: DirectAlignment) -> float:
     suit: moving regions fit worse than most of the view, so there are none if all of it fits badly.
     """
     counts = alignment.counts
-    static_share = 1.0 - counts[residual_stats.DISREGARDED] / max(
-        counts[residual_stats.IN_IMAGE], 1.0
-    )
+    static_share = 1.0 - counts[DISREGARDED] / max(counts[IN_IMAGE], 1.0)
     sigma = alignment.residual_model[SIGMA_DEPTH] / SUSPECT_SIGMAS[1]
     if alignment.uses_brightness:
         sigma = sqrt(sigma * alignment.residual_model[SIGMA_BRIGHTNESS] / SUSPECT_SIGMAS[0])
-    return float(sigma / max(static_share, 0.01))
+    return float(sigma / max(static_share, MIN_SCORED_STATIC_SHARE))
 
 
 def rejection_reason(alignment: DirectAlignment) -> str:
     """Why an alignment is rejected; "" if it is valid."""
     counts, model, points = alignment.counts, alignment.residual_model, len(alignment.samples)
-    in_view = int(counts[residual_stats.IN_IMAGE])
-    if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_POINTS):
+    in_view = int(counts[IN_IMAGE])
+    if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_POINTS_IN_VIEW):
         return f"only {in_view} of {points} points of the keyframe are in view"
-    if counts[residual_stats.DISREGARDED] > MAX_MOVING_OR_OCCLUDED_SHARE * in_view:
-        return (
-            f"{100 * counts[residual_stats.DISREGARDED] / in_view:.0f} % of the view does not fit"
-        )
-    sampled = int(counts[residual_stats.WITH_DEPTH] + counts[residual_stats.WITH_BRIGHTNESS])
-    if sampled < MIN_POINTS:
+    if counts[DISREGARDED] > MAX_MOVING_OR_OCCLUDED_SHARE * in_view:
+        return f"{100 * counts[DISREGARDED] / in_view:.0f} % of the view does not fit"
+    sampled = int(counts[WITH_DEPTH] + counts[WITH_BRIGHTNESS])
+    if sampled < MIN_SAMPLES:
         return f"only {sampled} samples in view"
     if reason := _inconsistency_reason(counts):
         return reason
@@ -118,14 +151,12 @@ def strict_rejection_reason(alignment: DirectAlignment) -> str:
 def occluded_fraction(alignment: DirectAlignment) -> float:
     """Share of the view in which something occludes the keyframe's points."""
     count = np.count_nonzero(alignment.samples[:, SAMPLE_OCCLUSION] == OCCLUDED)
-    return float(count / max(count + alignment.counts[residual_stats.IN_IMAGE], 1.0))
+    return float(count / max(count + alignment.counts[IN_IMAGE], 1.0))
 
 
 def occlusion_reason(alignment: DirectAlignment) -> str:
     """Why a good fit may be that of an object in front of the room; "" if it is not."""
-    moving = alignment.counts[residual_stats.DISREGARDED] / max(
-        alignment.counts[residual_stats.IN_IMAGE], 1.0
-    )
+    moving = alignment.counts[DISREGARDED] / max(alignment.counts[IN_IMAGE], 1.0)
     share = 1.0 - (1.0 - occluded_fraction(alignment)) * (1.0 - moving)
     return _occlusion_message(share) if share > MAX_MOVING_OR_OCCLUDED_SHARE else ""
 
@@ -133,17 +164,75 @@ def occlusion_reason(alignment: DirectAlignment) -> str:
 def degradation_reason(alignment: DirectAlignment) -> str:
     """What an alignment lacks; "" if depth and brightness constrain nearly all of the view."""
     counts = alignment.counts
-    enough = MIN_MODALITY_SHARE * counts[residual_stats.IN_IMAGE]
-    if counts[residual_stats.WITH_BRIGHTNESS] < enough:
+    enough = MIN_MODALITY_SHARE * counts[IN_IMAGE]
+    if counts[WITH_BRIGHTNESS] < enough:
         return "depth only: no texture in view"
-    if counts[residual_stats.WITH_DEPTH] < enough:
+    if counts[WITH_DEPTH] < enough:
         return "brightness only: no depth in view"
     return (
         _occlusion_message(occluded_fraction(alignment))
-        if occluded_fraction(alignment) > MAX_KEYFRAME_OCCLUDED_SHARE
+        if occluded_fraction(alignment) > MAX_UNDEGRADED_OCCLUDED_SHARE
         else ""
     )
 
 
 def _occlusion_message(share: float) -> str:
     return f"{100 * share:.0f} % of the view is occluded"
+
+
+def make_tracking_debug(keyframe: DirectKeyframe, alignment: DirectAlignment) -> TrackingDebug:
+    """Make the debug data of every 4th point; matches are points with a brightness sample."""
+    samples = alignment.samples[::POINT_STRIDE]
+    pixels = samples[:, [SAMPLE_U, SAMPLE_V]].astype(np.float32)
+    is_sampled = ~np.isnan(samples[:, SAMPLE_BRIGHTNESS])
+    return TrackingDebug(
+        keypoints_px=pixels[samples[:, SAMPLE_CELL] >= 0],
+        matches_px=pixels[is_sampled],
+        reference_matches_px=project_keyframe_points(keyframe)[is_sampled],
+        inlier=find_inliers(keyframe.points[0][::POINT_STRIDE], samples, alignment.residual_model)[
+            is_sampled
+        ],
+    )
+
+
+def project_keyframe_points(keyframe: DirectKeyframe) -> NDArray[np.float32]:
+    """(N, 2) pixels of every 4th keyframe point in the keyframe's image."""
+    fx, fy, cx, cy = keyframe.images.intrinsics[0]
+    x, y, z = keyframe.points[0][::POINT_STRIDE, :3].T
+    pixels: Array = np.column_stack([fx * x / z + cx, fy * y / z + cy])
+    return pixels.astype(np.float32)
+
+
+@dataclass(frozen=True)
+class TrackingResult:
+    """Alignment of a frame with a keyframe.
+
+    Attributes:
+        keyframe: The keyframe that the frame is aligned with.
+        alignment: The motion and its residuals.
+        prior: What was known of the motion.
+        degradation: What the alignment lacks; "" for nothing.
+    """
+
+    keyframe: DirectKeyframe
+    alignment: DirectAlignment
+    prior: MotionPrior
+    degradation: str = ""
+
+    @property
+    def T_world_camera(self) -> Array:
+        """4x4 pose of the camera."""
+        return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)
+
+    def with_pose(self, T_world_camera: Array, velocity: Array) -> "TrackingResult":
+        """Return a copy with another pose (4x4) and velocity (6,), in the camera's own axes."""
+        T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
+        motion = self.alignment.motion.copy()
+        motion[:ACCELERATION_START] = -adjoint(inverse(T_camera_keyframe)) @ velocity
+        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
+        return replace(self, alignment=moved)
+
+    @property
+    def needs_recovery(self) -> bool:
+        """Whether the alignment is doubtful or invalid."""
+        return outlier_score(self.alignment) > 1.0 or bool(rejection_reason(self.alignment))

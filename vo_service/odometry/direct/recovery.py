@@ -1,72 +1,138 @@
-"""Recovery of a frame that does not fit the keyframe, or may fit it by chance."""
+"""Recovery: what is tried where a frame does not fit the keyframe, or may fit it by chance.
 
+First half of the view is masked, where the motion is unexpected: it may follow an object. A near
+object with much texture can be followed by a rotation: distant surfaces hardly move, and nearly all
+of the view fits. If the object is in the masked half, the motion is that of the room. Then
+keyframes are searched for by features, and the lighting is ignored if it has changed.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import log
+from weakref import WeakKeyDictionary
+
+import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import (
+    IDENTITY_BRIGHTNESS,
     DirectAlignment,
-    MotionPrior,
     align,
     depth_only_weights,
     uniform_weights,
 )
-from vo_service.odometry.direct.feature_search import FeatureSearch
-from vo_service.odometry.direct.image_pyramid import ImagePyramid
-from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap
+from vo_service.odometry.direct.image_pyramid import CELL_COLUMNS, CELL_ROWS, ImagePyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
+    FEATURE_INLIER_SHARES,
+    INNOVATION_COST_WEIGHT,
+    INNOVATION_DEGREES_OF_FREEDOM,
+    INNOVATION_GATE_SIGMAS,
     MAX_BRIGHTNESS_RATIO,
     MAX_FEATURE_MATCHES,
     MAX_SEARCHED_KEYFRAMES,
     MIN_SCORE_GAIN,
+    MIN_STATIC_WEIGHT,
+    NUM_FINE_LEVELS,
     RETRY_INTERVAL_FRAMES,
 )
 from vo_service.odometry.direct.quality import (
-    outlier_score,
+    TrackingResult,
     rejection_reason,
     residual_score,
     strict_rejection_reason,
 )
-from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START
+from vo_service.odometry.direct.residuals import (
+    COST,
+    SIGMA_BRIGHTNESS,
+    WITH_BRIGHTNESS,
+    WITH_DEPTH,
+    count_residuals,
+    weigh_regions,
+)
+from vo_service.odometry.features import (
+    FeatureView,
+    GrayFrame,
+    MatchVerifier,
+    SurfParameters,
+    backproject_features,
+    match_features,
+    pair_points,
+    select_pairs_with_depth,
+)
+from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import SurfExtractor
 
+# A match is only the initial guess of an alignment, which verifies it. A rolling shutter distorts
+# the view, so that few of the feature matches agree with any one motion.
+FEATURE_MATCH_VERIFIER = MatchVerifier(*FEATURE_INLIER_SHARES)
+# Columns of cells that are masked: the left, middle and right half of the view.
+MASKED_COLUMNS = tuple(
+    slice(first, first + CELL_COLUMNS // 2) for first in (0, CELL_COLUMNS // 4, CELL_COLUMNS // 2)
+)
 
-@dataclass(frozen=True)
-class TrackingResult:
-    """Alignment of a frame with a keyframe.
 
-    Attributes:
-        keyframe: The keyframe that the frame is aligned with.
-        alignment: The motion and its residuals.
-        prior: What was known of the motion.
-        degradation: What the alignment lacks; "" for nothing.
+def retry_without_half(
+    result: TrackingResult, images: ImagePyramid, motion_state: MotionState
+) -> TrackingResult:
+    """Return the result, or that of a half masked view if it has the lowest cost.
+
+    The cost grows with the residuals of the whole view and with the innovation.
     """
+    if (
+        motion_state.innovation_ratio(result.alignment.camera_velocity, images.stamp_s)
+        < INNOVATION_GATE_SIGMAS
+    ):
+        return result
+    retries = [_align_without(half, result, images, motion_state) for half in MASKED_COLUMNS]
+    candidates = [result.alignment, *(each for each in retries if not rejection_reason(each))]
+    sigmas = np.min([each.residual_model for each in candidates], axis=0)[SIGMA_BRIGHTNESS:]
+    points = result.keyframe.points[0]
 
-    keyframe: DirectKeyframe
-    alignment: DirectAlignment
-    prior: MotionPrior
-    degradation: str = ""
+    def cost(candidate: DirectAlignment) -> float:
+        innovation = motion_state.innovation_ratio(candidate.camera_velocity, images.stamp_s)
+        return _mean_cost(points, candidate, sigmas) + INNOVATION_COST_WEIGHT * log(
+            1 + innovation**2 / INNOVATION_DEGREES_OF_FREEDOM
+        )
 
-    @property
-    def T_world_camera(self) -> Array:
-        """4x4 pose of the camera."""
-        return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)
+    return replace(result, alignment=min(candidates, key=cost))
 
-    def with_pose(self, T_world_camera: Array, velocity: Array) -> "TrackingResult":
-        """Return a copy with another pose (4x4) and velocity (6,), in the camera's own axes."""
-        T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
-        motion = self.alignment.motion.copy()
-        motion[:ACCELERATION_START] = -adjoint(inverse(T_camera_keyframe)) @ velocity
-        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
-        return replace(self, alignment=moved)
 
-    @property
-    def needs_recovery(self) -> bool:
-        """Whether the alignment is doubtful or invalid."""
-        return outlier_score(self.alignment) > 1.0 or bool(rejection_reason(self.alignment))
+def _align_without(
+    masked_columns: slice, result: TrackingResult, images: ImagePyramid, motion_state: MotionState
+) -> DirectAlignment:
+    """Align with half of the view, then with all regions that fit this motion."""
+    points, prior = result.keyframe.points, result.prior
+    weights = uniform_weights()
+    weights.reshape(2, CELL_ROWS, CELL_COLUMNS)[:, :, masked_columns] = 0.0
+    expected = motion_state.initial_guesses(result.keyframe.T_world_keyframe, images.stamp_s)[:1]
+    partial = align(
+        points, images, expected, prior, motion_state.predict_affine_brightness(images), weights
+    )
+    region_weights = weigh_regions(
+        points[0], partial.samples, partial.residual_model, uniform_weights()
+    )
+    static_weights = (region_weights >= MIN_STATIC_WEIGHT).astype(np.float64)
+    return align(
+        points[:NUM_FINE_LEVELS],
+        images,
+        [partial.T_camera_keyframe],
+        prior,
+        partial.affine_brightness,
+        static_weights,
+    )
+
+
+def _mean_cost(points: Array, alignment: DirectAlignment, sigmas: Array) -> float:
+    """Mean robust cost of a sample in the whole view, for given sigmas (2,)."""
+    residual_model = alignment.residual_model.copy()
+    residual_model[SIGMA_BRIGHTNESS:] = sigmas
+    counts = count_residuals(points, alignment.samples, residual_model, uniform_weights())
+    sampled = counts[WITH_DEPTH] + counts[WITH_BRIGHTNESS]
+    return float(counts[COST] / max(sampled, 1.0))
 
 
 class DirectRecovery:
@@ -143,7 +209,12 @@ class DirectRecovery:
             return best
         initial_guesses = motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)
         candidate = align(
-            keyframe.points, images, initial_guesses, prior, (1.0, 0.0), depth_only_weights()
+            keyframe.points,
+            images,
+            initial_guesses,
+            prior,
+            IDENTITY_BRIGHTNESS,
+            depth_only_weights(),
         )
         if rejection_reason(candidate):
             return best
@@ -175,3 +246,54 @@ def _is_better(candidate: DirectAlignment, best: DirectAlignment) -> bool:
     if bool(rejection_reason(candidate)) != bool(rejection_reason(best)):
         return not rejection_reason(candidate)
     return residual_score(candidate) < (1.0 - MIN_SCORE_GAIN) * residual_score(best)
+
+
+@dataclass(frozen=True)
+class KeyframeMatch:
+    """A keyframe in view, and the motion T_camera_keyframe (4x4) by features."""
+
+    keyframe: DirectKeyframe
+    T_camera_keyframe: Array
+
+
+class FeatureSearch:
+    """SURF features of a frame and of keyframes; those of a keyframe are cached."""
+
+    def __init__(self, extractor: SurfExtractor) -> None:
+        self.extractor = extractor
+        self._parameters = SurfParameters()
+        self._views: WeakKeyDictionary[DirectKeyframe, FeatureView] = WeakKeyDictionary()
+
+    def find_matches(
+        self, frame: RgbdFrame, keyframes: Sequence[DirectKeyframe]
+    ) -> Iterator[KeyframeMatch]:
+        """Yield the keyframes that enough features of a frame agree with, in their order."""
+        view = self._make_view(frame)
+        for keyframe in keyframes:
+            if keyframe not in self._views:
+                self._views[keyframe] = self._make_view(keyframe.frame)
+            T_keyframe_camera = self._estimate_motion(view, self._views[keyframe])
+            if T_keyframe_camera is not None:
+                yield KeyframeMatch(keyframe, inverse(T_keyframe_camera))
+
+    def _make_view(self, frame: RgbdFrame | GrayFrame) -> FeatureView:
+        features = self.extractor.extract(frame.gray)
+        return FeatureView(
+            features, backproject_features(features, frame), frame.camera, frame.stamp_s
+        )
+
+    def _estimate_motion(self, view: FeatureView, reference: FeatureView) -> Array | None:
+        """4x4 T_reference_camera; None if the features may agree by chance."""
+        parameters = self._parameters
+        pairs = match_features(view.features, reference.features, parameters.match_ratio)
+        matches = pair_points(
+            view.points, reference.points, select_pairs_with_depth(view, reference, pairs)
+        )
+        consensus = find_consensus(matches, parameters.max_hypotheses, parameters.seed)
+        motion = refine_rigid_motion(consensus, matches)
+        inliers = int(motion.inlier.sum())
+        if inliers < parameters.min_inliers or not FEATURE_MATCH_VERIFIER.accepts(
+            inliers, len(matches)
+        ):
+            return None
+        return motion.T_reference_camera

@@ -7,16 +7,21 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
-from vo_service.odometry.direct.alignment import MotionPrior, align, uniform_weights
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, ImageTiming, build_image_pyramid
+from vo_service.odometry.direct.alignment import IDENTITY_BRIGHTNESS, align, uniform_weights
+from vo_service.odometry.direct.gauss_newton import MotionPrior
+from vo_service.odometry.direct.image_pyramid import (
+    ALL_STATIC,
+    ImagePyramid,
+    ImageTiming,
+    build_image_pyramid,
+)
 from vo_service.odometry.direct.keyframe_points import select_points
-from vo_service.odometry.direct.normal_equations import SIGMA_BRIGHTNESS
-from vo_service.odometry.direct.rolling_shutter import (
+from vo_service.odometry.direct.motion import (
     MOTION_SIZE,
     change_frame,
     constant_velocity_motion,
 )
+from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS
 
 # Information of a fixed motion, which no image changes.
 FIXED_INFORMATION = np.full(MOTION_SIZE, 1e12)
@@ -62,7 +67,12 @@ def brightness_sigmas(reference: PosedFrame, others: Iterable[PosedFrame]) -> li
         motion = change_frame(constant_velocity_motion(-other.velocity), T_reference_other)
         prior = MotionPrior(T_reference_other, 0.0, motion, FIXED_INFORMATION)
         alignment = align(
-            points, other.images, [inverse(T_reference_other)], prior, (1.0, 0.0), uniform_weights()
+            points,
+            other.images,
+            [inverse(T_reference_other)],
+            prior,
+            IDENTITY_BRIGHTNESS,
+            uniform_weights(),
         )
         sigmas.append(float(alignment.residual_model[SIGMA_BRIGHTNESS]))
     return sigmas

@@ -14,19 +14,19 @@ from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.keyframe_points import (
     HAS_TEXTURE,
     POINT_BRIGHTNESS,
     POINT_BRIGHTNESS_VARIANCE,
 )
-from vo_service.odometry.direct.local_map import DirectKeyframe
-from vo_service.odometry.direct.normal_equations import GAIN, OFFSET, SIGMA_BRIGHTNESS
 from vo_service.odometry.direct.parameters import (
-    DECAY,
-    DEGREES_OF_FREEDOM,
     MAX_VIGNETTING,
+    VIGNETTING_DECAY,
     VIGNETTING_PRIOR_SIGMA,
+    VIGNETTING_VIEW_SIGMA,
 )
+from vo_service.odometry.direct.residuals import GAIN, OFFSET, SIGMA_BRIGHTNESS, student_weight
 from vo_service.odometry.direct.warping import (
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
@@ -35,8 +35,8 @@ from vo_service.odometry.direct.warping import (
     squared_radius_change,
 )
 
-# Sigma of a single view, however many samples it has: surfaces are shiny, and lamps are near.
-VIEW_SIGMA = 0.5 * VIGNETTING_PRIOR_SIGMA
+# Added to the information relative to its diagonal, and to the diagonal itself.
+REGULARIZATION = 1e-9
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,12 @@ class VignettingEstimate:
         )
         if H[2, 2] <= 0.0:
             return self
-        inverse = np.linalg.inv(H + 1e-9 * np.diag(np.diag(H)) + 1e-9 * np.eye(3))
+        inverse = np.linalg.inv(
+            H + REGULARIZATION * np.diag(np.diag(H)) + REGULARIZATION * np.eye(3)
+        )
         measured = images.vignetting + float(inverse[2] @ g)
-        prior_information = DECAY * self.information
-        view_information = 1.0 / (VIEW_SIGMA**2 + float(inverse[2, 2]))
+        prior_information = VIGNETTING_DECAY * self.information
+        view_information = 1.0 / (VIGNETTING_VIEW_SIGMA**2 + float(inverse[2, 2]))
         information = prior_information + view_information
         value = (prior_information * self.value + view_information * measured) / information
         return VignettingEstimate(min(max(value, -MAX_VIGNETTING), MAX_VIGNETTING), information)
@@ -86,14 +88,8 @@ def _regress(
         u, v = samples[i, SAMPLE_U], samples[i, SAMPLE_V]
         expected = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
         residual = brightness - expected - residual_model[OFFSET]
-        sample_variance = (
-            residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
-        )
-        w = (
-            (DEGREES_OF_FREEDOM + 1.0)
-            / (DEGREES_OF_FREEDOM + residual * residual / sample_variance)
-            / sample_variance
-        )
+        variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
+        w = student_weight(residual, variance)
         w *= cell_weights[0, int(samples[i, SAMPLE_CELL])]
         J[0], J[2] = expected, -expected * squared_radius_change(u, v, intrinsics, points[i])
         for a in range(3):

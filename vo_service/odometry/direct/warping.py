@@ -5,12 +5,14 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
-from vo_service.odometry.direct.grid import cell_index
-from vo_service.odometry.direct.rolling_shutter import project, project_rolling_shutter
-from vo_service.odometry.direct.se3 import transform_point
+from vo_service.odometry.direct.image_pyramid import LevelImages, cell_index
+from vo_service.odometry.direct.motion import project, project_rolling_shutter, transform_point
+from vo_service.odometry.direct.parameters import (
+    MAX_SAME_SURFACE_PER_M,
+    MAX_SURFACE_STEP_PER_M,
+    MIN_DEPTH_M,
+)
 
-MIN_DEPTH_M = 0.05
 # The image is divided into this many bands of rows; all rows of a band get the same time.
 NUM_ROW_BANDS = 16
 # Columns of a sample: brightness; 1/z of the surface minus that of the point (1/m, as seen from the
@@ -29,63 +31,35 @@ NUM_ROW_BANDS = 16
 ) = range(8)
 NUM_SAMPLE_COLUMNS = 8
 OCCLUDED = 1.0
-# A surface that differs by more in inverse depth (1/m) is not the point's.
-MAX_SAME_SURFACE_PER_M = 2.0 * MAX_SURFACE_STEP_PER_M
 
 
 @kernel
 def warp_and_sample(
-    points: Array,
-    T_camera_keyframe: Array,
-    motion: Array,
-    gray: NDArray[np.uint8],
-    intrinsics: Array,
-    inverse_depth: NDArray[np.float32],
-    depth_intrinsics: Array,
-    readout_s: float,
-    skew_s: float,
-    vignetting: float,
-    samples: Array,
+    points: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array, samples: Array
 ) -> None:
     """Fill in the samples of points.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
+        images: The frame at that level.
         T_camera_keyframe: 4x4.
-        motion: (9,) of the camera in its own axes at the frame's stamp, see `rolling_shutter`.
-        gray: (h, w) of the level.
-        intrinsics: (4,) of the level.
-        inverse_depth: (H, W), 1/m; 0 = no reading.
-        depth_intrinsics: (4,) of the whole size.
-        readout_s: Time from the first row to the last.
-        skew_s: Time of the depth image after the color image.
-        vignetting: Of the lens; brightness is corrected to the point's pixel in the keyframe.
+        motion: (9,) of the camera in its own axes at the frame's stamp, see `motion`.
         samples: (N, COLUMNS), out.
     """
-    height, width = inverse_depth.shape
-    is_instant = readout_s == 0.0 and skew_s == 0.0
     for n in range(len(points)):
         sample = samples[n]
         _clear_sample(sample)
         x, y, z = transform_point(T_camera_keyframe, points[n, 0], points[n, 1], points[n, 2])
         if z < MIN_DEPTH_M:
             continue
-        u, v = project(x, y, z, depth_intrinsics)
-        u_depth, v_depth, z_depth = u, v, z
-        if not is_instant:
-            u, v, _ = project_rolling_shutter(
-                motion, x, y, z, depth_intrinsics, height, readout_s, 0.0
-            )
-            u_depth, v_depth, z_depth = project_rolling_shutter(
-                motion, x, y, z, depth_intrinsics, height, readout_s, skew_s
-            )
-        scale = intrinsics[0] / depth_intrinsics[0]
-        brightness = _interpolate_brightness(gray, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
+        u, v, u_depth, v_depth, z_depth = _project_into_rows(x, y, z, images, motion)
+        brightness = _sample_brightness(images, u, v)
         if brightness < 0.0 or z_depth < MIN_DEPTH_M:
             continue
+        height, width = images.inverse_depth.shape
         sample[SAMPLE_U], sample[SAMPLE_V] = u, v
         sample[SAMPLE_CELL] = cell_index(u / width, v / height)
-        w = _interpolate_inverse_depth(inverse_depth, u_depth, v_depth)
+        w = _interpolate_inverse_depth(images.inverse_depth, u_depth, v_depth)
         difference = w - 1.0 / z_depth
         if w > 0.0 and abs(difference) > MAX_SAME_SURFACE_PER_M:
             sample[SAMPLE_OCCLUSION] = np.sign(difference)
@@ -93,12 +67,39 @@ def warp_and_sample(
         if w > 0.0:
             sample[SAMPLE_DEPTH_RESIDUAL] = difference * (z_depth / points[n, 2]) ** 2
             sample[SAMPLE_DEPTH_BAND] = _row_band(v_depth, height)
-        if vignetting != 0.0:
-            brightness *= 1.0 + vignetting * squared_radius_change(
-                u, v, depth_intrinsics, points[n]
+        if images.vignetting != 0.0:
+            brightness *= 1.0 + images.vignetting * squared_radius_change(
+                u, v, images.depth_intrinsics, points[n]
             )
         sample[SAMPLE_BRIGHTNESS] = brightness
         sample[SAMPLE_COLOR_BAND] = _row_band(v, height)
+
+
+@inline_kernel
+def _project_into_rows(
+    x: float, y: float, z: float, images: LevelImages, motion: Array
+) -> tuple[float, float, float, float, float]:
+    """Pixel in the color image, pixel and depth in the depth image, each at its row's time.
+
+    The pixels are those of the whole size.
+    """
+    intrinsics, readout_s, skew_s = images.depth_intrinsics, images.readout_s, images.skew_s
+    u, v = project(x, y, z, intrinsics)
+    u_depth, v_depth, z_depth = u, v, z
+    if readout_s != 0.0 or skew_s != 0.0:
+        height = images.inverse_depth.shape[0]
+        u, v, _ = project_rolling_shutter(motion, x, y, z, intrinsics, height, readout_s, 0.0)
+        u_depth, v_depth, z_depth = project_rolling_shutter(
+            motion, x, y, z, intrinsics, height, readout_s, skew_s
+        )
+    return u, v, u_depth, v_depth, z_depth
+
+
+@inline_kernel
+def _sample_brightness(images: LevelImages, u: float, v: float) -> float:
+    """Brightness of the level at a pixel of the whole size; -1 outside of the image."""
+    scale = images.intrinsics[0] / images.depth_intrinsics[0]
+    return _interpolate_brightness(images.gray, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
 
 
 @inline_kernel

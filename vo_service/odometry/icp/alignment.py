@@ -13,9 +13,13 @@ from drivers.core.geometry import (
     rotation_angle_rad,
     so3_exp,
 )
-from vo_service.odometry.degeneracy import DegeneracyAnalysis, analyze_degeneracy, point_information
 from vo_service.odometry.icp.depth_pyramid import DepthPyramid
 from vo_service.odometry.icp.residuals import accumulate_normal_equations, robust_cost
+from vo_service.odometry.uncertainty import (
+    DegeneracyAnalysis,
+    analyze_degeneracy,
+    point_information,
+)
 
 PlanePyramid = Sequence[Array]
 

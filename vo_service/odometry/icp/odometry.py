@@ -59,7 +59,7 @@ class IcpOdometry:
             alignment = align(track.planes, view, self._initial_guesses(track, view), FINE_ONLY)
         # The alignment is valid if it fits and all six degrees of freedom are constrained.
         if rejection_reason(alignment):
-            with self._timer.stage("again"):
+            with self._timer.stage("retry"):
                 track, alignment = self._retry(track, view, alignment)
         if rejection_reason(alignment):
             return self._fail(view, track, alignment)

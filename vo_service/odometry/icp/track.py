@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, transport_covariance
-from vo_service.odometry.degeneracy import MIN_OBSERVABILITY
 from vo_service.odometry.icp.alignment import IcpAlignment, PlanePyramid
 from vo_service.odometry.icp.depth_pyramid import DepthPyramid
 from vo_service.odometry.icp.planes import find_planes
 from vo_service.odometry.icp.quality import alignment_covariance
+from vo_service.odometry.uncertainty import MIN_OBSERVABILITY
 
 # A reference is replaced when less than this share of its planes is in view,
 RENEW_SHARE = 0.75

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, transform_points
-from vo_service.odometry.matching import match_features
+from vo_service.odometry.features import match_features
 from vo_service.odometry.sfm.mono_frame import PAIR_SIGMA_PX, MonoFrame, RayPairs
 
 Indices = NDArray[np.int64]

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.odometry.match_verification import MatchVerifier
-from vo_service.odometry.matching import match_features
+from vo_service.odometry.features import MatchVerifier, match_features
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.odometry.sfm.essential import find_unscaled_motion
 from vo_service.odometry.sfm.initialization import SfmInitializer

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.feature_points import backproject_features
+from vo_service.odometry.features import backproject_features
 from vo_service.odometry.surf import Features
 
 # Fewest points with depth, and shortest baseline, for a scale.

@@ -1,11 +1,11 @@
 """SURF: Speeded-Up Robust Features, after Bay, Ess, Tuytelaars, Van Gool (CVIU 110, 2008).
 
-Reading order as in the paper: `hessian` (box filters on the integral image), `scale_space` (layers
-and octaves), `maxima` (non-maximum suppression and interpolation), `orientation`, `descriptor`, and
-`extractor`, which runs them. `packed_pyramid` has the gray values for the last two steps.
+Reading order as in the paper: `detector` (box filters on the integral image, maxima), `extractor`
+(scale space, selection of the strongest), and `descriptor` (direction and descriptor).
+`packed_pyramid` has the gray values for the last.
 
-`odometry` is the odometry by these features; `recovery`, `guided_matching` and `recent_views` find
-the camera again where matching with the last frame fails.
+`odometry` is the odometry by these features; `recovery` and `guided_matching` find the camera again
+where matching with the last frame fails.
 """
 
 from vo_service.odometry.surf.extractor import Features, SurfExtractor

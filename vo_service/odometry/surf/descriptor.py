@@ -1,22 +1,112 @@
-"""Descriptor of a keypoint: 64 numbers (Bay et al. 2008, Section 4.2)."""
+"""Description of SURF keypoints: direction (Bay et al. 2008, Section 4.1), 64 numbers (4.2)."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.surf.maxima import SCALE, X, Y
-from vo_service.odometry.surf.orientation import GRID_SIDE, dominant_direction
-from vo_service.odometry.surf.packed_pyramid import level_for_scale, rotate_grid, sample_bilinear
+from vo_service.odometry.surf.detector import SCALE, X, Y
+from vo_service.odometry.surf.packed_pyramid import (
+    PackedLevel,
+    PackedPyramid,
+    centered_grid,
+    level_for_scale,
+    rotate_grid,
+    sample_bilinear,
+)
 
 DESCRIPTOR_SIZE = 64
 REGIONS_PER_SIDE = 4  # 4x4 square regions
 SAMPLES_PER_REGION = 5  # of 5x5 samples each
 WINDOW_SIDE = REGIONS_PER_SIDE * SAMPLES_PER_REGION  # the window is 20 s wide
 PATCH_SIDE = WINDOW_SIDE + 1  # gray values per side: differences lie between them
-
 # Descriptors are whole numbers with this norm: matching is as good, and dot products are exact in
 # float32 in any order of summation.
 DESCRIPTOR_NORM = 300.0
+RADIUS = 6  # Haar responses within 6 s of the keypoint
+GRID_SIDE = 2 * RADIUS + 3  # samples per side: the responses and a margin of one
+NUM_BINS = 72  # of 5 degrees
+WINDOW_BINS = NUM_BINS // 6  # a sliding window of 60 degrees
+
+
+def disc_weights() -> NDArray[np.float32]:
+    """(13 * 13,) Gaussian of 2.5 s about the keypoint, zero beyond 6 s."""
+    offsets = np.arange(-RADIUS, RADIUS + 1)
+    squared = offsets[:, None] ** 2 + offsets[None, :] ** 2
+    weights = np.exp(-squared / (2 * 2.5**2)) * (squared <= RADIUS**2)
+    return weights.astype(np.float32).ravel()
+
+
+@inline_kernel
+def dominant_direction(
+    gray: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    dxs: NDArray[np.float32],
+    dys: NDArray[np.float32],
+    bins: NDArray[np.int32],
+) -> tuple[np.float32, np.float32]:
+    """(cos, sin) of the longest sum of Haar responses in any 60-degree window.
+
+    gray (15 * 15,) has samples at the keypoint's spacing; dxs, dys and bins are scratch of at least
+    13 * 13.
+    """
+    side = 2 * RADIUS + 1
+    sum_x = np.zeros(NUM_BINS, np.float32)
+    sum_y = np.zeros(NUM_BINS, np.float32)
+    square = gray.reshape((GRID_SIDE, GRID_SIDE))
+    for i in range(side):
+        for j in range(side):
+            k = i * side + j
+            dxs[k] = weights[k] * (square[i + 1, j + 2] - square[i + 1, j])
+            dys[k] = weights[k] * (square[i + 2, j + 1] - square[i, j + 1])
+    for k in range(side * side):
+        bins[k] = _direction_bin(dxs[k], dys[k])
+    for k in range(side * side):
+        sum_x[bins[k]] += dxs[k]
+        sum_y[bins[k]] += dys[k]
+    return _find_longest_window(sum_x, sum_y)
+
+
+@inline_kernel
+def _direction_bin(dx: np.float32, dy: np.float32) -> np.int32:
+    """Bin of the angle of (dx, dy); a polynomial without branches, accurate to 0.3 degrees."""
+    ax, ay = abs(dx), abs(dy)
+    small = ax if ax < ay else ay
+    large = ax if ax > ay else ay
+    a = small / (large + np.float32(1e-20))
+    s = a * a
+    angle = (
+        (np.float32(-0.0464964749) * s + np.float32(0.15931422)) * s - np.float32(0.327622764)
+    ) * s * a + a
+    angle = np.float32(np.pi / 2) - angle if ay > ax else angle
+    angle = np.float32(np.pi) - angle if dx < 0 else angle
+    angle = np.float32(2 * np.pi) - angle if dy < 0 else angle
+    direction = np.int32(angle * np.float32(NUM_BINS / (2 * np.pi)))
+    return direction if direction < NUM_BINS else np.int32(NUM_BINS - 1)
+
+
+@inline_kernel
+def _find_longest_window(
+    sum_x: NDArray[np.float32], sum_y: NDArray[np.float32]
+) -> tuple[np.float32, np.float32]:
+    wx = np.float32(0.0)
+    wy = np.float32(0.0)
+    for k in range(WINDOW_BINS):
+        wx += sum_x[k]
+        wy += sum_y[k]
+    best_x, best_y, best = wx, wy, wx * wx + wy * wy
+    for k in range(1, NUM_BINS):
+        last = (k + WINDOW_BINS - 1) % NUM_BINS
+        wx += sum_x[last] - sum_x[k - 1]
+        wy += sum_y[last] - sum_y[k - 1]
+        length = wx * wx + wy * wy
+        if length > best:
+            best_x, best_y, best = wx, wy, length
+    if best <= 0.0:
+        return np.float32(1.0), np.float32(0.0)
+    norm = np.float32(np.sqrt(best))
+    return best_x / norm, best_y / norm
 
 
 def patch_weights() -> NDArray[np.float32]:
@@ -26,30 +116,45 @@ def patch_weights() -> NDArray[np.float32]:
     return np.exp(-squared / (2 * 4.5**2)).astype(np.float32).ravel()
 
 
+class Templates(NamedTuple):
+    """Weights and grids of the samples around a keypoint.
+
+    Attributes:
+        disc_weights: See `disc_weights`.
+        disc_grid: (2, 15 * 15) offsets.
+        patch_weights: See `patch_weights`.
+        patch_grid: (2, 21 * 21) offsets.
+    """
+
+    disc_weights: NDArray[np.float32]
+    disc_grid: NDArray[np.float32]
+    patch_weights: NDArray[np.float32]
+    patch_grid: NDArray[np.float32]
+
+
+def make_templates() -> Templates:
+    """The weights and grids, which are the same for all keypoints."""
+    return Templates(
+        disc_weights(), centered_grid(GRID_SIDE), patch_weights(), centered_grid(PATCH_SIDE)
+    )
+
+
 @kernel
 def describe(
-    packed: NDArray[np.uint32],
-    levels: NDArray[np.int64],
+    pyramid: PackedPyramid,
     keypoints: NDArray[np.float32],
     upright: bool,
-    disc_weights: NDArray[np.float32],
-    disc_grid: NDArray[np.float32],
-    patch_weights: NDArray[np.float32],
-    patch_grid: NDArray[np.float32],
+    templates: Templates,
     directions: NDArray[np.float32],
     descriptors: NDArray[np.float32],
 ) -> None:
     """Orient and describe all keypoints of a table.
 
     Args:
-        packed: Of a `PackedPyramid`.
-        levels: Level table of the pyramid.
-        keypoints: (N, 5), see `maxima`.
+        pyramid: Of the image.
+        keypoints: (N, 5), see `detector`.
         upright: Whether all directions are (1, 0).
-        disc_weights: See `orientation`.
-        disc_grid: (2, 15 * 15) offsets.
-        patch_weights: See `patch_weights`.
-        patch_grid: (2, 21 * 21) offsets.
+        templates: Of the samples.
         directions: (N, 2) as (cos, sin), out.
         descriptors: (N, 64), out: for each region the sums of dx, dy, |dx| and |dy|, in the
             keypoint's own axes.
@@ -63,10 +168,12 @@ def describe(
     dy = np.empty((WINDOW_SIDE, PATCH_SIDE), np.float32)
     sums = np.empty((4, WINDOW_SIDE), np.float32)
     cells = GRID_SIDE * GRID_SIDE
+    levels = pyramid.level_table
     full_height, full_width = levels[0, 1], levels[0, 2]
     for n in range(len(keypoints)):
         level = level_for_scale(keypoints[n, SCALE])
-        offset, height, width = levels[level, 0], levels[level, 1], levels[level, 2]
+        height, width = levels[level, 1], levels[level, 2]
+        packed = PackedLevel(pyramid.packed, levels[level, 0], height, width)
         half = np.float32(0.5)
         zoom_x = np.float32(width) / np.float32(full_width)
         zoom_y = np.float32(height) / np.float32(full_height)
@@ -75,16 +182,15 @@ def describe(
         spacing = keypoints[n, SCALE] * zoom_x
         co, si = np.float32(1.0), np.float32(0.0)
         if not upright:
-            rotate_grid(x, y, spacing, np.float32(0.0), disc_grid, us[:cells], vs[:cells])
+            rotate_grid(x, y, spacing, np.float32(0.0), templates.disc_grid, us[:cells], vs[:cells])
             sample_bilinear(
-                packed, offset, height, width,
-                us[:cells], vs[:cells], where[:cells], squares[:cells], gray[:cells],
-            )  # fmt: skip
-            co, si = dominant_direction(gray[:cells], disc_weights, us, vs, where)
+                packed, us[:cells], vs[:cells], where[:cells], squares[:cells], gray[:cells]
+            )
+            co, si = dominant_direction(gray[:cells], templates.disc_weights, us, vs, where)
         directions[n, 0], directions[n, 1] = co, si
-        rotate_grid(x, y, spacing * co, spacing * si, patch_grid, us, vs)
-        sample_bilinear(packed, offset, height, width, us, vs, where, squares, gray)
-        _sum_regions(gray, patch_weights, dx, dy, sums, descriptors[n])
+        rotate_grid(x, y, spacing * co, spacing * si, templates.patch_grid, us, vs)
+        sample_bilinear(packed, us, vs, where, squares, gray)
+        _sum_regions(gray, templates.patch_weights, dx, dy, sums, descriptors[n])
         _normalize(descriptors[n])
 
 

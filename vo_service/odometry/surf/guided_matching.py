@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, transform_points
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.feature_view import FeatureView, select_pairs_with_depth
+from vo_service.odometry.features import FeatureView, select_pairs_with_depth
 from vo_service.odometry.motion_model import MotionPrediction
 from vo_service.odometry.surf import Features
 

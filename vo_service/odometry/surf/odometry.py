@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.feature_points import backproject_features, pair_points
-from vo_service.odometry.feature_view import (
+from vo_service.odometry.features import (
     FeatureView,
+    SurfParameters,
+    backproject_features,
     make_tracking_debug,
+    match_features,
+    pair_points,
     select_pairs_with_depth,
 )
-from vo_service.odometry.matching import match_features
-from vo_service.odometry.motion_refinement import refine_rigid_motion
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
-from vo_service.odometry.ransac import find_consensus
+from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.parameters import SurfParameters
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 from vo_service.types import Estimate, TrackingDebug
 
@@ -94,7 +94,7 @@ class SurfOdometry:
             consensus = find_consensus(pairs, parameters.max_hypotheses, parameters.seed)
         with self._timer.stage("svd"):
             motion = refine_rigid_motion(consensus, pairs)
-        debug = make_tracking_debug(view, self._reference, matches, motion)
+        debug = make_tracking_debug(view, self._reference, matches, motion.inlier)
         if debug.inlier.sum() < parameters.min_inliers:
             return self._recover(view, self._reference, debug)
         T_world_camera = self._T_world_reference @ motion.T_reference_camera

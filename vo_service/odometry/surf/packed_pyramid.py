@@ -4,7 +4,7 @@ The paper samples Haar wavelets on the integral image. Sampling a smoothed pyram
 keypoint's own scale, is invariant to rotation between pixels, matches better and costs less.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,8 +15,7 @@ from drivers.core.jit import inline_kernel, kernel
 NUM_LEVELS = 4  # the largest keypoints (scale 14) are sampled at an eighth of the size
 
 
-@dataclass(frozen=True)
-class PackedPyramid:
+class PackedPyramid(NamedTuple):
     """All levels in one table; entry (x, y) of a level has the gray values of a 2x2 square.
 
     Attributes:
@@ -27,6 +26,15 @@ class PackedPyramid:
 
     packed: NDArray[np.uint32]
     level_table: NDArray[np.int64]
+
+
+class PackedLevel(NamedTuple):
+    """One level of a packed pyramid: where it starts in the table, and its size in pixels."""
+
+    packed: NDArray[np.uint32]
+    offset: int
+    height: int
+    width: int
 
 
 def build_pyramid(gray: NDArray[np.uint8]) -> PackedPyramid:
@@ -107,10 +115,7 @@ def rotate_grid(
 
 @inline_kernel
 def sample_bilinear(
-    packed: NDArray[np.uint32],
-    offset: int,
-    height: int,
-    width: int,
+    level: PackedLevel,
     x: NDArray[np.float32],
     y: NDArray[np.float32],
     where: NDArray[np.int32],
@@ -122,9 +127,10 @@ def sample_bilinear(
     All arrays have one length; `where` and `squares` are scratch, and x and y are overwritten.
     There are three loops, as only the middle one, the loads, does not vectorize.
     """
+    packed = level.packed
     zero = np.float32(0.0)
-    right, bottom = np.float32(width - 1), np.float32(height - 1)
-    pitch, start = np.int32(width), np.int32(offset)
+    right, bottom = np.float32(level.width - 1), np.float32(level.height - 1)
+    pitch, start = np.int32(level.width), np.int32(level.offset)
     for k in range(out.size):
         u, v = x[k], y[k]
         u = u if u > zero else zero

@@ -1,4 +1,4 @@
-"""Recovery of a frame that does not fit the last good one."""
+"""Recovery of a frame that does not fit the last good one, by a prediction or an older view."""
 
 from dataclasses import dataclass
 
@@ -6,20 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, transport_covariance
-from vo_service.odometry.feature_points import pair_points
-from vo_service.odometry.feature_view import (
+from vo_service.odometry.features import (
     FeatureView,
+    MatchVerifier,
+    SurfParameters,
     make_tracking_debug,
+    match_features,
+    pair_points,
     select_pairs_with_depth,
 )
-from vo_service.odometry.match_verification import MatchVerifier
-from vo_service.odometry.matching import match_features
 from vo_service.odometry.motion_model import ConstantVelocityModel
-from vo_service.odometry.motion_refinement import RigidMotionEstimate, refine_rigid_motion
-from vo_service.odometry.ransac import find_consensus
+from vo_service.odometry.ransac import RigidMotionEstimate, find_consensus, refine_rigid_motion
 from vo_service.odometry.surf.guided_matching import match_by_prediction
-from vo_service.odometry.surf.parameters import SurfParameters
-from vo_service.odometry.surf.recent_views import RecentViews
 from vo_service.types import TrackingDebug
 
 # Features of an older view are matched in the whole image: the values of Brown and Lowe.
@@ -27,6 +25,76 @@ OLDER_VIEW_VERIFIER = MatchVerifier(inlier_share_if_right=0.6, inlier_share_by_c
 # The weaker ratio test of guided matching gives more wrong matches; but in a circle of 24 pixels or
 # more, few of them are within the 2 pixels of an inlier.
 PREDICTION_VERIFIER = MatchVerifier(inlier_share_if_right=0.15, inlier_share_by_chance=0.01)
+# Largest number of views.
+MAX_VIEWS = 6
+# No two views are nearer to each other than both of these.
+MIN_DISTANCE_M, MIN_ANGLE_RAD = 0.3, np.radians(12.0)
+
+
+@dataclass(frozen=True)
+class RecentView:
+    """A view with its pose.
+
+    Attributes:
+        view: Features and points.
+        T_world_view: 4x4.
+        covariance: 6x6 of the motion from this view to the last good one, (translation m, rotation
+            rad), as a small motion in the last good camera's axes.
+    """
+
+    view: FeatureView
+    T_world_view: Array
+    covariance: Array
+
+
+class RecentViews:
+    """One view per place in one world frame, ordered by the camera's last visit."""
+
+    def __init__(self) -> None:
+        self._views: list[FeatureView] = []
+        self._T_world_view = np.empty((0, 4, 4))
+        self._covariance = np.empty((0, 6, 6))
+
+    def reset(self, view: FeatureView, T_world_camera: Array) -> None:
+        """Drop all views and start a new world frame with this one."""
+        self._views = [view]
+        self._T_world_view = T_world_camera[None]
+        self._covariance = np.zeros((1, 6, 6))
+
+    def add(
+        self, view: FeatureView, T_world_camera: Array, T_last_camera: Array, covariance: Array
+    ) -> None:
+        """Add a good view, with the motion since the last one and its covariance."""
+        self._covariance = transport_covariance(self._covariance, T_last_camera) + covariance
+        is_near = self._is_near(T_world_camera)
+        if not is_near.any():
+            self._views.append(view)
+            self._T_world_view = np.concatenate([self._T_world_view, T_world_camera[None]])
+            self._covariance = np.concatenate([self._covariance, np.zeros((1, 6, 6))])
+            is_near = np.append(is_near, True)
+        if not is_near[-1] or len(self._views) > MAX_VIEWS:
+            self._retain(np.argsort(is_near, kind="stable")[-MAX_VIEWS:])
+
+    def excluding(self, last: FeatureView) -> list[RecentView]:
+        """All views except one, the most recently visited first."""
+        views = zip(self._views, self._T_world_view, self._covariance, strict=True)
+        return [RecentView(view, T, C) for view, T, C in reversed(list(views)) if view is not last]
+
+    def _is_near(self, T_world_camera: Array) -> NDArray[np.bool_]:
+        distance_m = np.linalg.norm(self._T_world_view[:, :3, 3] - T_world_camera[:3, 3], axis=1)
+        # The trace of the rotation between is 1 + 2 cos(angle).
+        trace = np.einsum("kij,ij->k", self._T_world_view[:, :3, :3], T_world_camera[:3, :3])
+        is_near: NDArray[np.bool_] = (distance_m < MIN_DISTANCE_M) & (
+            trace > 1.0 + 2.0 * np.cos(MIN_ANGLE_RAD)
+        )
+        return is_near
+
+    def _retain(self, indices: NDArray[np.intp]) -> None:
+        self._views = [self._views[k] for k in indices]
+        self._T_world_view, self._covariance = (
+            self._T_world_view[indices],
+            self._covariance[indices],
+        )
 
 
 @dataclass(frozen=True)
@@ -92,7 +160,7 @@ class SurfRecovery:
             T_world_camera=self._T_world_last @ T_last_camera,
             T_last_camera=T_last_camera,
             covariance=motion.covariance,
-            debug=make_tracking_debug(view, last, matches, motion),
+            debug=make_tracking_debug(view, last, matches, motion.inlier),
         )
 
     def _recover_by_older_view(
@@ -117,7 +185,7 @@ class SurfRecovery:
             T_last_camera=T_last_camera,
             covariance=transport_covariance(older_view.covariance, T_last_camera)
             + motion.covariance,
-            debug=make_tracking_debug(view, older_view.view, matches, motion),
+            debug=make_tracking_debug(view, older_view.view, matches, motion.inlier),
         )
 
     def _estimate_motion(

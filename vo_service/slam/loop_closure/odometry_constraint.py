@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, so3_log
-from vo_service.odometry.covariance_accumulator import CovarianceAccumulator
+from vo_service.odometry.uncertainty import CovarianceAccumulator
 from vo_service.slam.keyframe_selector import KeyframeSelector
 from vo_service.types import OdometryUpdate
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from vo_service.config_tables import MapConfig
-from vo_service.odometry.warm_up import run_warm_up_frames
+from vo_service.odometry.registry import run_warm_up_frames
 from vo_service.slam.loop_closure.factory import create_loop_closer
 from vo_service.slam.loop_closure.loop_closer import KeyframeObservation
 from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint

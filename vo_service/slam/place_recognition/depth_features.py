@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
-from vo_service.odometry.direct.rolling_shutter import (
+from vo_service.odometry.depth import depth_sigma_m, lateral_sigma_m
+from vo_service.odometry.direct.motion import (
     constant_velocity_motion,
     propagate_motion,
     propagate_point,
     row_time,
 )
-from vo_service.odometry.feature_points import FeaturePoints, backproject_features
+from vo_service.odometry.features import FeaturePoints, backproject_features
 from vo_service.odometry.surf import SurfExtractor
 
 
@@ -92,7 +92,7 @@ def compensate_rolling_shutter(
 ) -> Array:
     """Transform points (N, 3), observed in rows (N,), to the time of the middle row.
 
-    motion is (9,) of the camera in its own axes, see `rolling_shutter`.
+    motion is (9,) of the camera in its own axes, see `motion`.
     """
     compensated = np.empty_like(position_m)
     for n in range(len(position_m)):

@@ -11,28 +11,19 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, poses_close
-from vo_service.odometry.direct.alignment import (
-    DirectAlignment,
-    MotionPrior,
-    align,
-    uniform_weights,
-    velocity_information,
-)
+from vo_service.odometry.direct.alignment import DirectAlignment, align, uniform_weights
 from vo_service.odometry.direct.covariance import estimate_uncertainty
-from vo_service.odometry.direct.feature_search import FEATURE_MATCH_VERIFIER
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe_points import select_points
+from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
 from vo_service.odometry.direct.quality import occlusion_reason, rejection_reason
-from vo_service.odometry.direct.residual_stats import IN_IMAGE
-from vo_service.odometry.direct.rolling_shutter import change_frame, constant_velocity_motion
-from vo_service.odometry.feature_points import pair_points
-from vo_service.odometry.matching import match_features
-from vo_service.odometry.motion_refinement import refine_rigid_motion
-from vo_service.odometry.ransac import find_consensus
+from vo_service.odometry.direct.recovery import FEATURE_MATCH_VERIFIER
+from vo_service.odometry.direct.residuals import IN_IMAGE
+from vo_service.odometry.features import SurfParameters, match_features, pair_points
+from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.surf.parameters import SurfParameters
 from vo_service.slam.place_recognition.depth_features import extract_depth_features
 from vo_service.slam.place_recognition.map_keyframe import MapKeyframe, PackedPoints
 from vo_service.slam.place_recognition.query_frame import TRACKED_VELOCITY_SIGMA, QueryFrame

@@ -9,7 +9,7 @@ from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory
 from vo_service.config import OdometryConfig
 from vo_service.odometry.profiling import StageTimer
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import warm_up
 from vo_service.tools.benchmark.reference_scale import GroundTruthDistance
 from vo_service.types import Odometry
 

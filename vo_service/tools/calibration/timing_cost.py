@@ -11,8 +11,8 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
+from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.direct.odometry import DirectOdometry
-from vo_service.odometry.direct.se3 import se3_log
 from vo_service.odometry.direct.timing_residuals import (
     PosedFrame,
     brightness_sigmas,

@@ -22,21 +22,19 @@ from tests.vo_service.odometry.hand_held_sequence import assert_close
 from vo_service.odometry.direct.alignment import (
     STATIC_PRIOR,
     DirectAlignment,
-    MotionPrior,
     align,
     depth_only_weights,
     uniform_weights,
-    velocity_information,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe_points import select_points
+from vo_service.odometry.direct.motion import ACCELERATION_START, change_frame, zero_motion
 from vo_service.odometry.direct.quality import degradation_reason, rejection_reason
-from vo_service.odometry.direct.rolling_shutter import ACCELERATION_START, change_frame, zero_motion
 
 POINTS = select_points(build_image_pyramid(render_view()), zero_motion(), ALL_STATIC)
 # An unknown velocity.
-LOOSE = replace(STATIC_PRIOR, information=np.full(9, 1e-3))
+LOOSE = STATIC_PRIOR._replace(information=np.full(9, 1e-3))
 
 
 def align_frame(
@@ -96,7 +94,7 @@ def test_a_tremor_while_rows_are_read_is_found_and_bends_no_motion(skew_s: float
     frame = render_view(SHAKING, readout_s=0.02, skew_s=skew_s)
     filter_pose = LOOSE.information.copy()
     filter_pose[ACCELERATION_START:] = 1e6
-    found, held = align_frame(frame), align_frame(frame, replace(LOOSE, information=filter_pose))
+    found, held = align_frame(frame), align_frame(frame, LOOSE._replace(information=filter_pose))
     acceleration_rad_s2_found = found.camera_motion[ACCELERATION_START:]
     np.testing.assert_allclose(acceleration_rad_s2_found, SHAKING.acceleration_rad_s2, atol=3.0)
     assert not np.abs(held.camera_motion[ACCELERATION_START:]).max() > 1.0

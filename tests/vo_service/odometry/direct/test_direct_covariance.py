@@ -1,7 +1,6 @@
 """Covariance of an alignment, and the directions that it constrains."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,18 +19,18 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     remove_depth,
     render_view,
 )
-from vo_service.odometry.direct.alignment import STATIC_PRIOR, MotionPrior, align, uniform_weights
+from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
 from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_uncertainty
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
-from vo_service.odometry.direct.local_map import DirectKeyframe, make_keyframe
-from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.direct.gauss_newton import MotionPrior
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.warping import NUM_ROW_BANDS
 
 # 95 % quantile of chi squared with six degrees of freedom.
 CHI_SQUARED_95 = 12.59
 CALM = np.zeros(2)
-VAGUE = replace(STATIC_PRIOR, information=np.ones(9))
+VAGUE = STATIC_PRIOR._replace(information=np.ones(9))
 
 
 def keyframe_of(frame: RgbdFrame) -> DirectKeyframe:

@@ -16,8 +16,13 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
     texture_at,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC, CELL_COLUMNS, CELL_ROWS, NUM_CELLS
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.image_pyramid import (
+    ALL_STATIC,
+    CELL_COLUMNS,
+    CELL_ROWS,
+    NUM_CELLS,
+    build_image_pyramid,
+)
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
     HAS_TEXTURE,
@@ -26,7 +31,7 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_DEPTH_GRADIENT,
     select_points,
 )
-from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.direct.motion import zero_motion
 
 STANDING = zero_motion()
 

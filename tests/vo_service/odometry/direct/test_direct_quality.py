@@ -7,7 +7,7 @@ import pytest
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
-from vo_service.odometry.direct import normal_equations, residual_stats
+from vo_service.odometry.direct import residuals
 from vo_service.odometry.direct import warping as columns
 from vo_service.odometry.direct.alignment import (
     STATIC_PRIOR,
@@ -16,9 +16,9 @@ from vo_service.odometry.direct.alignment import (
     depth_only_weights,
     uniform_weights,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe_points import select_points
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.quality import (
     degradation_reason,
     is_consistent,
@@ -27,7 +27,6 @@ from vo_service.odometry.direct.quality import (
     rejection_reason,
     residual_score,
 )
-from vo_service.odometry.direct.rolling_shutter import zero_motion
 
 POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
 GOOD = align(
@@ -43,14 +42,14 @@ GOOD = align(
 def counted(**counts: float) -> DirectAlignment:
     changed = GOOD.counts.copy()
     for name, value in counts.items():
-        changed[getattr(residual_stats, name)] = value
+        changed[getattr(residuals, name)] = value
     return replace(GOOD, counts=changed)
 
 
 def fitted(**fit: float) -> DirectAlignment:
     changed = GOOD.residual_model.copy()
     for name, value in fit.items():
-        changed[getattr(normal_equations, name)] = value
+        changed[getattr(residuals, name)] = value
     return replace(GOOD, residual_model=changed)
 
 
@@ -65,7 +64,7 @@ def test_a_good_alignment_is_accepted_and_lacks_nothing() -> None:
     [
         (counted(IN_IMAGE=40), "only 40 of "),
         (
-            counted(DISREGARDED=0.9 * GOOD.counts[residual_stats.IN_IMAGE]),
+            counted(DISREGARDED=0.9 * GOOD.counts[residuals.IN_IMAGE]),
             "90 % of the view does not fit",
         ),
         (counted(DEPTH_AGREES=0), "depth samples agree with the keyframe"),
@@ -92,19 +91,15 @@ def test_what_it_has_to_do_without_is_reported() -> None:
 
 
 def count_of(readings: Array) -> Array:
-    return residual_stats.count_residuals(
-        POINTS[0], readings, GOOD.residual_model, uniform_weights()
-    )
+    return residuals.count_residuals(POINTS[0], readings, GOOD.residual_model, uniform_weights())
 
 
 def test_samples_are_counted_by_what_they_say() -> None:
     counts = count_of(GOOD.samples)
-    assert counts[residual_stats.IN_IMAGE] == np.count_nonzero(
-        GOOD.samples[:, columns.SAMPLE_CELL] >= 0
-    )
-    assert 0.9 * counts[residual_stats.WITH_DEPTH] < counts[residual_stats.DEPTH_AGREES]
-    assert 0.9 * counts[residual_stats.WITH_BRIGHTNESS] < counts[residual_stats.BRIGHTNESS_AGREES]
-    assert counts[residual_stats.DISREGARDED] == 0
+    assert counts[residuals.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, columns.SAMPLE_CELL] >= 0)
+    assert 0.9 * counts[residuals.WITH_DEPTH] < counts[residuals.DEPTH_AGREES]
+    assert 0.9 * counts[residuals.WITH_BRIGHTNESS] < counts[residuals.BRIGHTNESS_AGREES]
+    assert counts[residuals.DISREGARDED] == 0
 
 
 def test_a_hidden_point_is_not_counted_and_one_seen_through_disagrees() -> None:
@@ -115,23 +110,21 @@ def test_a_hidden_point_is_not_counted_and_one_seen_through_disagrees() -> None:
         readings[within, columns.SAMPLE_BRIGHTNESS] = readings[
             within, columns.SAMPLE_DEPTH_RESIDUAL
         ] = np.nan
-    assert count_of(hidden)[residual_stats.IN_IMAGE] < before[residual_stats.IN_IMAGE]
+    assert count_of(hidden)[residuals.IN_IMAGE] < before[residuals.IN_IMAGE]
     assert is_consistent(count_of(hidden))
-    assert count_of(hidden)[residual_stats.COST] < before[residual_stats.COST]
-    assert count_of(through)[residual_stats.IN_IMAGE] == before[residual_stats.IN_IMAGE]
-    assert (
-        count_of(through)[residual_stats.DEPTH_AGREES] < 0.8 * before[residual_stats.DEPTH_AGREES]
-    )
-    assert count_of(through)[residual_stats.COST] > before[residual_stats.COST]
+    assert count_of(hidden)[residuals.COST] < before[residuals.COST]
+    assert count_of(through)[residuals.IN_IMAGE] == before[residuals.IN_IMAGE]
+    assert count_of(through)[residuals.DEPTH_AGREES] < 0.8 * before[residuals.DEPTH_AGREES]
+    assert count_of(through)[residuals.COST] > before[residuals.COST]
 
 
 def test_points_agree_if_both_their_brightness_and_their_depth_do() -> None:
-    agreeing = residual_stats.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
+    agreeing = residuals.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
     assert agreeing.mean() > 0.85
     for column, by in ((columns.SAMPLE_BRIGHTNESS, 200.0), (columns.SAMPLE_DEPTH_RESIDUAL, 0.05)):
         wrong = GOOD.samples.copy()
         wrong[::2, column] += by
-        now = residual_stats.find_inliers(POINTS[0], wrong, GOOD.residual_model)
+        now = residuals.find_inliers(POINTS[0], wrong, GOOD.residual_model)
         assert now[::2].mean() < 0.3
         np.testing.assert_array_equal(now[1::2], agreeing[1::2])
 
@@ -146,7 +139,7 @@ def test_a_view_that_something_covers_is_not_accepted_however_well_the_rest_fits
     assert occlusion_reason(GOOD) == occlusion_reason(occluded(0.4)) == ""
     assert "of the view is occluded" in occlusion_reason(occluded(0.7))
     assert rejection_reason(occluded(0.7)) == ""
-    unfit = counted(DISREGARDED=0.7 * GOOD.counts[residual_stats.IN_IMAGE])
+    unfit = counted(DISREGARDED=0.7 * GOOD.counts[residuals.IN_IMAGE])
     assert occlusion_reason(unfit) == "70 % of the view is occluded"
 
 
@@ -156,18 +149,16 @@ def test_a_view_that_is_covered_in_part_is_reported() -> None:
 
 
 def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:
-    in_image = GOOD.counts[residual_stats.IN_IMAGE]
-    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.residual_model[normal_equations.SIGMA_BRIGHTNESS])
+    in_image = GOOD.counts[residuals.IN_IMAGE]
+    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.residual_model[residuals.SIGMA_BRIGHTNESS])
     but_for_a_corner = counted(DISREGARDED=0.15 * in_image)
     assert outlier_score(but_for_a_corner) > outlier_score(all_over)
     assert residual_score(GOOD) < residual_score(but_for_a_corner) < residual_score(all_over)
 
 
 def test_what_disregards_half_of_the_view_does_not_fit_better_for_it() -> None:
-    half = counted(DISREGARDED=0.5 * GOOD.counts[residual_stats.IN_IMAGE])
-    better = (
-        0.6 * GOOD.residual_model[[normal_equations.SIGMA_BRIGHTNESS, normal_equations.SIGMA_DEPTH]]
-    )
+    half = counted(DISREGARDED=0.5 * GOOD.counts[residuals.IN_IMAGE])
+    better = 0.6 * GOOD.residual_model[[residuals.SIGMA_BRIGHTNESS, residuals.SIGMA_DEPTH]]
     assert residual_score(
         replace(half, residual_model=np.array([1.0, 0.0, *better]))
     ) > residual_score(GOOD)

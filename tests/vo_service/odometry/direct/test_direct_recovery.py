@@ -17,22 +17,21 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from vo_service.odometry.direct.alignment import align, uniform_weights
-from vo_service.odometry.direct.derived_parameters import SUSPECT_SIGMAS
-from vo_service.odometry.direct.feature_search import FeatureSearch
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
-from vo_service.odometry.direct.keyframe_init import reinitialize
-from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import reinitialize
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.odometry import DirectOdometry
-from vo_service.odometry.direct.quality import rejection_reason
-from vo_service.odometry.direct.recovery import DirectRecovery, TrackingResult
-from vo_service.odometry.direct.rolling_shutter import zero_motion
-from vo_service.odometry.direct.visualization import (
+from vo_service.odometry.direct.quality import (
     POINT_STRIDE,
+    SUSPECT_SIGMAS,
+    TrackingResult,
     make_tracking_debug,
     project_keyframe_points,
+    rejection_reason,
 )
+from vo_service.odometry.direct.recovery import DirectRecovery, FeatureSearch
 from vo_service.odometry.surf import SurfExtractor
 
 

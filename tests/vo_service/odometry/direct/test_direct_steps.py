@@ -29,12 +29,12 @@ def stages_of(frame: RgbdFrame, *before: RgbdFrame) -> list[str]:
 
 def test_a_frame_that_fits_is_aligned_with_the_keyframe_and_no_more() -> None:
     *before, frame = views(0.0, 1 / 30, 2 / 30)
-    assert stages_of(frame, *before) == ["images", "align", "certainty"]
+    assert stages_of(frame, *before) == ["images", "align", "covariance"]
 
 
 def test_after_a_gap_features_are_asked_as_well_though_all_fits() -> None:
     *before, frame = views(0.0, 1 / 30, 1 / 30 + 0.2)
-    assert stages_of(frame, *before) == ["images", "align", "recovery", "certainty"]
+    assert stages_of(frame, *before) == ["images", "align", "recovery", "covariance"]
 
 
 def occluded(frame: RgbdFrame, share: float) -> RgbdFrame:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from tests.vo_service.odometry.direct.tracking_results import KEYFRAME, MOTION, make_result
-from vo_service.odometry.degeneracy import DegeneracyAnalysis
 from vo_service.odometry.direct.covariance import MotionUncertainty
 from vo_service.odometry.direct.odometry import DirectTrack
+from vo_service.odometry.uncertainty import DegeneracyAnalysis
 
 FOUND = make_result(np.zeros(6), np.zeros(6))
 SURE = MotionUncertainty(np.eye(6), DegeneracyAnalysis(np.arange(4.0, 10.0), np.eye(6)))

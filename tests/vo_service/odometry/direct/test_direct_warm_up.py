@@ -15,14 +15,19 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_sequence,
     render_view,
 )
-from vo_service.odometry import direct, feature_points, matching, ransac
-from vo_service.odometry.direct.stage_budget import STAGE_BUDGET_MS
-from vo_service.odometry.registry import METHODS, FeatureConfig
-from vo_service.odometry.surf import hessian, maxima, orientation
-from vo_service.odometry.warm_up import StageReporter, warm_up
+from vo_service.odometry import depth, direct, features, ransac
+from vo_service.odometry.registry import (
+    METHODS,
+    STAGE_BUDGETS_MS,
+    FeatureConfig,
+    StageReporter,
+    warm_up,
+)
+from vo_service.odometry.surf import descriptor, detector, packed_pyramid
 
 OWN = [f"{direct.__name__}.{each.name}" for each in pkgutil.iter_modules(direct.__path__)]
-MODULES = [*map(import_module, OWN), matching, feature_points, ransac, hessian, maxima, orientation]
+SHARED = [depth, features, ransac, descriptor, detector, packed_pyramid]
+MODULES = [*map(import_module, OWN), *SHARED]
 KERNELS = [
     each
     for module in MODULES
@@ -34,7 +39,7 @@ KERNELS = [
 def test_every_stage_of_the_method_is_run_and_reported_and_has_a_budget() -> None:
     stages: list[str] = []
     assert warm_up("direct", stages.append) > 0
-    assert set(stages) == set(STAGE_BUDGET_MS)
+    assert set(stages) == set(STAGE_BUDGETS_MS["direct"])
 
 
 def compiled() -> list[tuple[str, list[object]]]:
@@ -65,6 +70,6 @@ def test_a_warm_method_compiles_nothing_more_for_real_frames() -> None:
     before = compiled()
     odometry = METHODS["direct"](FeatureConfig(), StageReporter(stages.append))
     assert all(odometry.estimate(frame).ok for frame in all_that_may_happen())
-    assert set(stages) == set(STAGE_BUDGET_MS)
+    assert set(stages) == set(STAGE_BUDGETS_MS["direct"])
     assert KERNELS
     assert compiled() == before

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.gauss_newton import add_motion_prior, solve_cholesky
+from vo_service.odometry.direct.gauss_newton import MotionPrior, add_motion_prior, solve_cholesky
 
 FEW = settings(max_examples=30)
 MOTIONS = arrays(np.float64, 9, elements=st.floats(-1.0, 1.0, allow_subnormal=False))
@@ -36,7 +36,8 @@ def test_the_prior_is_the_square_of_how_far_motion_and_path_are_apart(
     random = np.random.default_rng(seed)
     information, step = random.uniform(1.0, 100.0, 9), random.normal(size=15)
     H, g = np.zeros((15, 15)), np.zeros(15)
-    add_motion_prior(H, g, off, rate_hz, information)
+    prior = MotionPrior(np.eye(4), rate_hz, np.zeros(9), information)
+    add_motion_prior(H, g, off, prior)
     value = step @ H @ step + 2 * g @ step + information @ off**2
     apart = off + step[6:]
     apart[:6] -= rate_hz * step[:6]

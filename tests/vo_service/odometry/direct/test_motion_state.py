@@ -12,9 +12,9 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.motion import change_frame
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
-from vo_service.odometry.direct.rolling_shutter import change_frame
 
 T_WORLD_KEYFRAME = BRISK.pose_at(-0.3)
 MOTION_STATE = MotionState(BRISK.pose_at(1.0), BRISK.velocity, 1.0, (1.1, -5.0), 120.0)

@@ -22,14 +22,13 @@ from vo_service.odometry.direct.alignment import (
     align,
     uniform_weights,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
-from vo_service.odometry.direct.local_map import DirectKeyframe, make_keyframe
-from vo_service.odometry.direct.normal_equations import SIGMA_BRIGHTNESS
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import TrackedFrame
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_VIGNETTING
-from vo_service.odometry.direct.rolling_shutter import zero_motion
-from vo_service.odometry.direct.tracked_frame import TrackedFrame
+from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS
 from vo_service.odometry.direct.vignetting import VignettingEstimate
 
 # 9 degrees to the right and 4 down in a second.

@@ -16,11 +16,15 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
     series_exponential,
 )
-from vo_service.odometry.direct.grid import ALL_STATIC, CELL_COLUMNS, CELL_ROWS
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.image_pyramid import (
+    ALL_STATIC,
+    CELL_COLUMNS,
+    CELL_ROWS,
+    build_image_pyramid,
+)
 from vo_service.odometry.direct.keyframe_points import POINT_BRIGHTNESS as POINT_BRIGHTNESS
 from vo_service.odometry.direct.keyframe_points import select_points
-from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.warping import (
     NUM_SAMPLE_COLUMNS,
     OCCLUDED,
@@ -47,21 +51,9 @@ def sample_view(
     points: Array = POINTS,
     vignetting: float = 0.0,
 ) -> Array:
-    images = build_image_pyramid(frame)
+    images = build_image_pyramid(frame, vignetting)
     samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
-    warp_and_sample(
-        points,
-        T_camera_keyframe,
-        camera_motion,
-        images.gray[0],
-        images.intrinsics[1],
-        images.inverse_depth,
-        images.intrinsics[0],
-        frame.readout_s,
-        frame.skew_s,
-        vignetting,
-        samples,
-    )
+    warp_and_sample(points, images.levels[0], T_camera_keyframe, camera_motion, samples)
     return samples
 
 

@@ -8,17 +8,20 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
     series_exponential,
 )
-from vo_service.odometry.direct.alignment import DirectAlignment, initial_residual_model
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
-from vo_service.odometry.direct.local_map import make_keyframe
-from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
-from vo_service.odometry.direct.recovery import TrackingResult
-from vo_service.odometry.direct.rolling_shutter import (
+from vo_service.odometry.direct.alignment import (
+    IDENTITY_BRIGHTNESS,
+    DirectAlignment,
+    initial_residual_model,
+)
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
+from vo_service.odometry.direct.keyframe import make_keyframe
+from vo_service.odometry.direct.motion import (
     change_frame,
     constant_velocity_motion,
     zero_motion,
 )
+from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.quality import TrackingResult
 
 T_WORLD_KEYFRAME = BRISK.pose_at(-0.1)
 KEYFRAME = make_keyframe(

@@ -15,11 +15,15 @@ from tests.vo_service.odometry.icp.depth_views import (
     hand_held_pose,
     render_view,
 )
-from vo_service.odometry.degeneracy import DegeneracyAnalysis, analyze_degeneracy, point_information
 from vo_service.odometry.icp.alignment import COARSE_TO_FINE, align, evaluate_alignment
 from vo_service.odometry.icp.depth_pyramid import DepthLevel, build_depth_pyramid
 from vo_service.odometry.icp.residuals import compute_residuals
 from vo_service.odometry.icp.track import start_track
+from vo_service.odometry.uncertainty import (
+    DegeneracyAnalysis,
+    analyze_degeneracy,
+    point_information,
+)
 
 START = build_depth_pyramid(render_view(ROOM, np.eye(4)))
 REFERENCE = start_track(START, 4000)

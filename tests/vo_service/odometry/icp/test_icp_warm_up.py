@@ -5,8 +5,7 @@ import numpy as np
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from vo_service.odometry.icp import depth_pyramid, planes, residuals
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
-from vo_service.odometry.warm_up import warm_up
+from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
 
 KERNELS = [
     each
@@ -19,7 +18,7 @@ KERNELS = [
 def test_every_stage_is_run_and_reported() -> None:
     stages: list[str] = []
     assert warm_up("icp", stages.append) > 0
-    assert set(stages) == {"pyramid", "planes", "align", "again"}
+    assert set(stages) == {"pyramid", "planes", "align", "retry"}
 
 
 def test_a_warm_icp_compiles_nothing_more_for_a_real_frame() -> None:

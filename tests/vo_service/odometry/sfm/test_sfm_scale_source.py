@@ -5,7 +5,7 @@ import pytest
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.sfm.sideways_sequence import remove_depth, render_view
-from vo_service.odometry.feature_points import backproject_features
+from vo_service.odometry.features import backproject_features
 from vo_service.odometry.sfm.scale_source import (
     FirstDepthScale,
     GivenBaselineScale,

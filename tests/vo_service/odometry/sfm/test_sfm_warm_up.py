@@ -2,15 +2,14 @@
 
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
-from vo_service.odometry import feature_points, matching
+from vo_service.odometry import depth, features
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
 from vo_service.odometry.sfm import bundle_kernels
-from vo_service.odometry.warm_up import warm_up
 
 KERNELS = [
     each
-    for module in (bundle_kernels, matching, feature_points)
+    for module in (bundle_kernels, features, depth)
     for each in vars(module).values()
     if hasattr(each, "signatures") and hasattr(each, "py_func")
 ]

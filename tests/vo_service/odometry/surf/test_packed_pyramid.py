@@ -9,6 +9,7 @@ from scipy.ndimage import map_coordinates
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
 from vo_service.odometry.surf.packed_pyramid import (
     NUM_LEVELS,
+    PackedLevel,
     build_pyramid,
     centered_grid,
     level_for_scale,
@@ -61,7 +62,8 @@ def test_samples_are_bilinear_and_clamped_to_the_image(points: list[tuple[float,
     )
     where, squares = np.empty(len(x), np.int32), np.empty(len(x), np.uint32)
     out = np.empty(len(x), np.float32)
-    sample_bilinear(pyramid.packed, offset, height, width, x, y, where, squares, out)
+    level = PackedLevel(pyramid.packed, offset, height, width)
+    sample_bilinear(level, x, y, where, squares, out)
     assert out == pytest.approx(expected, abs=0.01)
 
 

@@ -22,8 +22,8 @@ from tests.vo_service.odometry.synthetic_views import (
     make_frame,
     render_corner,
 )
+from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.odometry.surf.parameters import SurfParameters
 
 
 @pytest.fixture(scope="module")

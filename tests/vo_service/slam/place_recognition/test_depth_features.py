@@ -5,7 +5,7 @@ from drivers.core.geometry import inverse, transform_points
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK
 from tests.vo_service.odometry.synthetic_views import CAMERA, render_corner
 from tests.vo_service.slam.place_recognition.corner_keyframes import HERE, ZERO_VELOCITY
-from vo_service.odometry.feature_points import backproject_features
+from vo_service.odometry.features import backproject_features
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.slam.place_recognition.depth_features import (
     compensate_rolling_shutter,

@@ -3,8 +3,7 @@ from numpy.testing import assert_allclose
 
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.slam.place_recognition.corner_keyframes import HERE, ZERO_VELOCITY
-from vo_service.odometry.direct.grid import ALL_STATIC
-from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe_points import POINT_BRIGHTNESS, select_points
 from vo_service.slam.place_recognition.map_keyframe import (
     DECIMATION_MIN_POINTS,

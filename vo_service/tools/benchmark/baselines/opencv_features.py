@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.surf import Features
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.odometry.surf.parameters import SurfParameters
 
 # Lowe's ratio, for each method's own distance. ORB's is the number of different bits, which is
 # the square of the distance between vectors of 0 and 1.

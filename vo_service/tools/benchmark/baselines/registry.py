@@ -10,8 +10,7 @@ from types import ModuleType
 
 from drivers.core.trajectory import Trajectory
 from vo_service.odometry.profiling import StageTimer
-from vo_service.odometry.registry import FeatureConfig
-from vo_service.odometry.warm_up import StageReporter, run_warm_up_frames
+from vo_service.odometry.registry import FeatureConfig, StageReporter, run_warm_up_frames
 from vo_service.types import Odometry
 
 

@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from drivers.core.geometry import Array, adjoint, inverse, transform_points
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    SHAKING,
+    MovingCamera,
+    series_exponential,
+)
+from vo_service.odometry.direct.motion import (
+    body_motion,
+    change_frame,
+    constant_velocity_motion,
+    fit_through_poses,
+    propagate_motion,
+    propagate_point,
+)
+
+FEW = settings(max_examples=30)
+NUMBERS = st.floats(-1.0, 1.0, allow_subnormal=False)
+TWISTS, MOTIONS = (arrays(np.float64, n, elements=NUMBERS) for n in (6, 9))
+X, Y, Z = POINT = np.array([0.4, -0.3, 1.7])
+
+
+@FEW
+@given(TWISTS, TWISTS)
+def test_the_cameras_velocity_is_minus_that_of_the_motion_in_its_own_axes(
+    twist: Array, velocity: Array
+) -> None:
+    T_camera_keyframe = series_exponential(twist)
+    own = body_motion(T_camera_keyframe, constant_velocity_motion(velocity))
+    expected = constant_velocity_motion(-adjoint(T_camera_keyframe) @ velocity)
+    np.testing.assert_allclose(own, expected, atol=1e-12)
+
+
+@FEW
+@given(TWISTS, MOTIONS)
+def test_a_motion_is_the_same_in_other_axes_and_back(twist: Array, motion_9: Array) -> None:
+    T = series_exponential(twist)
+    there = change_frame(motion_9, inverse(T))
+    np.testing.assert_allclose(body_motion(T, -there), motion_9, atol=1e-12)
+    acceleration = change_frame(motion_9, T)[6:]
+    assert np.linalg.norm(acceleration) == pytest.approx(np.linalg.norm(motion_9[6:]))
+
+
+def test_the_velocity_is_that_of_the_camera_that_moves() -> None:
+    """T_camera_keyframe(t) = T exp(t velocity): its own twist is a difference in time."""
+    T, velocity, step_s = (
+        inverse(BRISK.pose_at(0.7)),
+        np.array([0.1, 0.3, -0.2, 0.4, -0.1, 0.2]),
+        1e-6,
+    )
+    after = T @ series_exponential(step_s * velocity)
+    rate = (T @ inverse(after) - np.eye(4)) / step_s
+    own = body_motion(T, constant_velocity_motion(velocity))
+    np.testing.assert_allclose(rate[:3, 3], own[:3], atol=1e-5)
+    np.testing.assert_allclose([rate[2, 1], rate[0, 2], rate[1, 0]], own[3:6], atol=1e-5)
+
+
+@pytest.mark.parametrize("delay_s", [-0.012, -0.005, 0.006, 0.012])
+def test_a_point_is_where_a_trembling_camera_sees_it_later(delay_s: float) -> None:
+    (exact,) = transform_points(inverse(SHAKING.pose_at(delay_s)), POINT[None])
+    there = propagate_point(SHAKING.motion, X, Y, Z, delay_s)
+    without = propagate_point(constant_velocity_motion(SHAKING.velocity), X, Y, Z, delay_s)
+    np.testing.assert_allclose(there, exact, atol=1.5e-5)
+    assert np.linalg.norm(without - exact) > 20 * np.linalg.norm(there - exact)
+
+
+@pytest.mark.parametrize("early_s", [-0.012, 0.012])
+def test_what_was_seen_at_another_time_is_brought_back(early_s: float) -> None:
+    ((x, y, z),) = transform_points(inverse(SHAKING.pose_at(early_s)), POINT[None])
+    back = propagate_point(propagate_motion(SHAKING.motion, early_s), x, y, z, -early_s)
+    np.testing.assert_allclose(back, POINT, atol=3e-5)
+    wrong = propagate_point(SHAKING.motion, x, y, z, -early_s)
+    assert np.linalg.norm(wrong - POINT) > 1e-3
+
+
+@FEW
+@given(TWISTS, TWISTS)
+def test_three_poses_on_the_path_of_a_constant_twist_show_it(start: Array, velocity: Array) -> None:
+    stamps_s = (10.0, 10.03, 10.07)
+    T = series_exponential(start)
+    before, now, after = (T @ series_exponential(t * velocity) for t in stamps_s)
+    fitted = fit_through_poses((before, now, after), stamps_s)
+    np.testing.assert_allclose(fitted, constant_velocity_motion(velocity), atol=1e-9)
+
+
+@pytest.mark.parametrize("until_s", [0.03, 0.05])
+def test_three_poses_of_a_hand_that_turns_ever_faster_show_its_acceleration(until_s: float) -> None:
+    turning = np.array([0.3, -0.4, 0.5])
+    hand = MovingCamera(np.concatenate([np.zeros(3), turning]), acceleration_rad_s2=20.0 * turning)
+    stamps_s = (-0.03, 0.0, until_s)
+    before, now, after = (hand.pose_at(t) for t in stamps_s)
+    np.testing.assert_allclose(
+        fit_through_poses((before, now, after), stamps_s), hand.motion, atol=1e-9
+    )

@@ -1,0 +1,93 @@
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.vo_service.odometry.surf.box_filters import hessian_products
+from tests.vo_service.odometry.synthetic_views import make_blob_image
+from vo_service.odometry.surf.detector import SCALE_PER_LOBE, fill_responses, is_laplacian_positive
+
+
+def responses(image: NDArray[np.uint8], lobe: int, step: int = 1) -> NDArray[np.float32]:
+    height, width = image.shape
+    out = np.full((-(-height // step), -(-width // step)), np.nan, np.float32)
+    fill_responses(cv2.integral(image), lobe, step, out)  # type: ignore[arg-type]
+    return out
+
+
+def noise(height: int, width: int) -> NDArray[np.uint8]:
+    return np.random.default_rng(height).integers(0, 256, (height, width), dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("lobe", "height", "width"),
+    [
+        (3, 41, 53),
+        (5, 40, 37),
+        (7, 38, 41),
+        (9, 61, 44),
+        (13, 48, 61),
+        (17, 55, 64),
+        (33, 104, 117),
+    ],
+)
+def test_responses_are_those_of_filters_summed_pixel_by_pixel(
+    lobe: int, height: int, width: int
+) -> None:
+    image = noise(height, width)
+    straight, crossed = hessian_products(image, lobe)
+    error = np.abs(responses(image, lobe) - (straight - 1.2 * crossed))
+    assert np.all(error <= 1e-6 * (np.abs(straight) + 1.2 * crossed))
+
+
+def test_a_response_is_zero_wherever_the_filter_leaves_the_image() -> None:
+    found = responses(noise(41, 53), 5)
+    inside = found[7:-7, 7:-7]
+    assert np.all(inside != 0)
+    assert np.count_nonzero(found) == inside.size
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (98, 120), (120, 98), (25, 300)])
+@pytest.mark.parametrize("step", [1, 4])
+def test_a_filter_larger_than_the_image_responds_nowhere(shape: tuple[int, int], step: int) -> None:
+    assert np.all(responses(noise(*shape), 33, step) == 0)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (61, 75), (63, 66), (120, 57)])
+@pytest.mark.parametrize("lobe", [9, 17])
+def test_every_fourth_response_is_the_same_as_of_all(shape: tuple[int, int], lobe: int) -> None:
+    image = noise(*shape)
+    assert np.array_equal(responses(image, lobe, 4), responses(image, lobe)[::4, ::4])
+
+
+@pytest.mark.parametrize("lobe", [3, 5, 7])
+def test_a_bowl_has_the_response_worked_out_by_hand(lobe: int) -> None:
+    # Of x^2 the outer lobes' means are l^2 above the middle one's: Dxx = Dyy = 2 l^2.
+    y, x = np.mgrid[-11:12, -11:12]
+    found = responses((x**2 + y**2).clip(max=255).astype(np.uint8), lobe)
+    assert found[11, 11] == pytest.approx(4 * lobe**4)
+
+
+@pytest.mark.parametrize("lobe", [3, 5, 7])
+def test_a_saddle_has_the_response_worked_out_by_hand(lobe: int) -> None:
+    # Of x y the lobes' means are +-((l + 1) / 2)^2, four lobes of l^2 pixels.
+    y, x = np.mgrid[-11:12, -11:12]
+    found = responses((128 + x * y).astype(np.uint8), lobe)
+    cross = lobe * (lobe + 1) ** 2 / (2 * lobe - 1)
+    assert found[11, 11] == pytest.approx(-1.2 * cross**2)
+
+
+def test_a_slope_has_no_response() -> None:
+    y, x = np.mgrid[:60, :70]
+    assert np.all(responses((10 + x + 2 * y).astype(np.uint8), 9) == 0)
+
+
+@pytest.mark.parametrize("dark", [True, False])
+@pytest.mark.parametrize("lobe", [5, 9, 17])
+def test_the_laplacian_is_positive_on_dark_blobs_only(dark: bool, lobe: int) -> None:
+    image = make_blob_image(90, 80, (40.0, 45.0), SCALE_PER_LOBE * lobe, dark)
+    assert is_laplacian_positive(cv2.integral(image), 45, 40, lobe) is dark  # type: ignore[arg-type]
+
+
+def test_the_9x9_filter_stands_for_a_gaussian_of_sigma_1_2() -> None:
+    assert pytest.approx(1.2) == SCALE_PER_LOBE * 3

@@ -1,0 +1,34 @@
+"""The warm-up compiles every kernel and reports every stage."""
+
+import numpy as np
+
+from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
+from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.odometry import features, ransac
+from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
+from vo_service.odometry.surf import descriptor, detector, guided_matching, packed_pyramid
+
+
+def test_every_stage_of_the_method_is_run_and_reported() -> None:
+    stages: list[str] = []
+    assert warm_up("surf", stages.append) > 0
+    assert set(stages) == {"surf", "points", "match", "ransac", "svd", "recovery"}
+
+
+def test_a_warm_method_compiles_nothing_more_for_a_real_frame() -> None:
+    warm_up("surf", lambda _: None)
+    kernels = [
+        each
+        for module in (guided_matching, features, ransac, detector, descriptor, packed_pyramid)
+        for each in vars(module).values()
+        if hasattr(each, "signatures") and hasattr(each, "py_func")
+    ]
+    before = [list(kernel.signatures) for kernel in kernels]
+    odometry = METHODS["surf"](FeatureConfig(), NullStageTimer())
+    for seq in range(2):
+        odometry.estimate(render_corner(np.eye(4), seq))
+    lost = odometry.estimate(render_elsewhere(2))
+    assert not lost.ok
+    assert kernels
+    assert [list(kernel.signatures) for kernel in kernels] == before

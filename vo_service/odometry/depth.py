@@ -1,0 +1,161 @@
+"""Depth of a sensor that measures disparity: its noise, and planes fitted to it.
+
+The error of 1/z is about constant, so that of z grows with z^2 (Khoshelham and Elberink, Sensors
+12, 2012, eq. 10). On a plane, 1/z is linear in the pixel.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
+
+# Standard deviation of 1/z of one pixel, in 1/m. The Kinect reports disparity in steps of 1/8
+# pixel, which at a baseline of 75 mm and a focal length of 580 pixels is 2.9e-3 1/m; the noise is
+# about half a step.
+INVERSE_DEPTH_SIGMA_PER_M = 1.4e-3
+# Standard deviation of a feature's position in the image, in pixels.
+FEATURE_SIGMA_PX = 0.3
+# The plane around a feature is fitted over a square of (2 RADIUS + 1)^2 pixels.
+PLANE_RADIUS_PX = 4
+# Pixels that differ by more from the center in 1/z belong to another surface.
+MAX_STEP_PER_M = 0.02
+# The plane covers at least this share of the square.
+MIN_PLANE_SUPPORT = 0.6
+# Of the normal equations of a plane, px^4; below it the pixels lie on a line.
+MIN_DETERMINANT = 1e-9
+
+
+def depth_sigma_m(depth_m: Array) -> Array:
+    """Standard deviation along the viewing ray, in meters; depth_m (N,)."""
+    return INVERSE_DEPTH_SIGMA_PER_M * depth_m * depth_m
+
+
+def lateral_sigma_m(depth_m: Array, focal_px: float) -> Array:
+    """Standard deviation across the viewing ray, in meters; depth_m (N,)."""
+    return depth_m * (FEATURE_SIGMA_PX / focal_px)
+
+
+@inline_kernel
+def fit_plane(
+    inverse_depth: NDArray[np.float32],
+    column: int,
+    row: int,
+    radius: int,
+    step: int,
+    max_step_per_m: float,
+    min_support: float,
+) -> tuple[float, float, float, float]:
+    """Fit a plane 1/z = w + wu du + wv dv around a pixel.
+
+    Args:
+        inverse_depth: (H, W), 1/m; 0 = no reading.
+        column: Center of the square, which lies inside of the image.
+        row: See column.
+        radius: The square has (2 radius + 1)^2 samples.
+        step: Distance of the samples, pixels.
+        max_step_per_m: Samples that differ by more from the center belong to another surface.
+        min_support: Smallest share of the samples on the plane.
+
+    Returns:
+        w, wu, wv (1/m) and the mean squared residual; all 0 if there is no plane.
+    """
+    none = (0.0, 0.0, 0.0, 0.0)
+    center = float(inverse_depth[row, column])
+    if center <= 0.0:
+        return none
+    n = su = sv = suu = suv = svv = sw = suw = svw = sww = 0.0
+    for j in range(-radius, radius + 1):
+        dv = j * step
+        for i in range(-radius, radius + 1):
+            du = i * step
+            sample = float(inverse_depth[row + dv, column + du])
+            w = sample - center
+            if sample <= 0.0 or abs(w) > max_step_per_m:
+                continue
+            n += 1.0
+            su += du
+            sv += dv
+            suu += du * du
+            suv += du * dv
+            svv += dv * dv
+            sw += w
+            suw += du * w
+            svw += dv * w
+            sww += w * w
+    if n < min_support * (2 * radius + 1) ** 2:
+        return none
+    # Normal equations about the centroid, a 2x2 system for the two slopes.
+    mu, mv, mw = su / n, sv / n, sw / n
+    cuu, cuv, cvv = suu - n * mu * mu, suv - n * mu * mv, svv - n * mv * mv
+    cuw, cvw = suw - n * mu * mw, svw - n * mv * mw
+    det = cuu * cvv - cuv * cuv
+    if det <= MIN_DETERMINANT:
+        return none
+    wu = (cuw * cvv - cvw * cuv) / det
+    wv = (cvw * cuu - cuw * cuv) / det
+    squared = sww - n * mw * mw - wu * cuw - wv * cvw
+    return center + mw - wu * mu - wv * mv, wu, wv, squared / n
+
+
+@kernel
+def fit_inverse_depth(
+    depth_m: NDArray[np.float32], position_px: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Inverse depth (N,) in 1/m at each position, 0 where it is not reliable."""
+    height, width = depth_m.shape
+    inverse_depth_per_m = np.zeros(len(position_px))
+    for n in range(len(position_px)):
+        x, y = float(position_px[n, 0]), float(position_px[n, 1])
+        column, row = int(x + 0.5), int(y + 0.5)
+        if (
+            PLANE_RADIUS_PX <= column < width - PLANE_RADIUS_PX
+            and PLANE_RADIUS_PX <= row < height - PLANE_RADIUS_PX
+        ):
+            inverse_depth_per_m[n] = _fit_feature_plane(depth_m, column, row, x - column, y - row)
+    return inverse_depth_per_m
+
+
+@inline_kernel
+def _fit_feature_plane(
+    depth_m: NDArray[np.float32], column: int, row: int, dx: float, dy: float
+) -> float:
+    """1/z at (column + dx, row + dy) of the plane 1/z = a + b u + c v around a pixel, or 0."""
+    center = depth_m[row, column]
+    if center <= 0:
+        return 0.0
+    w0 = 1.0 / center
+    n = su = sv = suu = suv = svv = sw = suw = svw = 0.0
+    for v in range(-PLANE_RADIUS_PX, PLANE_RADIUS_PX + 1):
+        for u in range(-PLANE_RADIUS_PX, PLANE_RADIUS_PX + 1):
+            z = depth_m[row + v, column + u]
+            if z <= 0:
+                continue
+            w = 1.0 / z - w0
+            if abs(w) > MAX_STEP_PER_M:
+                # A depth edge at the feature itself makes its depth ambiguous.
+                if abs(u) <= 1 and abs(v) <= 1:
+                    return 0.0
+                continue
+            n += 1.0
+            su += u
+            sv += v
+            suu += u * u
+            suv += u * v
+            svv += v * v
+            sw += w
+            suw += u * w
+            svw += v * w
+    if n < MIN_PLANE_SUPPORT * (2 * PLANE_RADIUS_PX + 1) ** 2:
+        return 0.0
+    # Normal equations about the centroid, a 2x2 system for the two slopes.
+    mu, mv, mw = su / n, sv / n, sw / n
+    cuu, cuv, cvv = suu - n * mu * mu, suv - n * mu * mv, svv - n * mv * mv
+    cuw, cvw = suw - n * mu * mw, svw - n * mv * mw
+    det = cuu * cvv - cuv * cuv
+    if det <= MIN_DETERMINANT:
+        return 0.0
+    b = (cuw * cvv - cvw * cuv) / det
+    c = (cvw * cuu - cuw * cuv) / det
+    inverse_depth = w0 + mw + b * (dx - mu) + c * (dy - mv)
+    return inverse_depth if inverse_depth > 0 else 0.0

@@ -1,0 +1,296 @@
+"""Keyframes: the local map, how much of each keyframe is in view, and removal of dynamic points.
+
+Where a keyframe has seen a surface, the space before it was free. An object that is there now has
+moved, and points on it do not follow the room. Surfaces that no other keyframe has observed cannot
+be classified; their points wait until another keyframe has observed them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.image_pyramid import ImagePyramid
+from vo_service.odometry.direct.keyframe_points import select_points
+from vo_service.odometry.direct.motion import project, transform_point
+from vo_service.odometry.direct.parameters import (
+    DYNAMIC_BLOCK_PX,
+    EDGE_MARGIN_PX,
+    MAX_KEYFRAMES,
+    MAX_SAME_SURFACE_PER_M,
+    MAX_SURFACE_STEP_PER_M,
+    MIN_DEPTH_M,
+    MIN_KNOWN_SHARE,
+    MIN_OBSERVED_SHARE,
+    NUM_FINE_LEVELS,
+)
+from vo_service.odometry.features import GrayFrame
+
+BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
+BLOCK_CENTERS = slice(BLOCK_CENTER_PX, None, DYNAMIC_BLOCK_PX)
+# State of a block by the views of other keyframes.
+UNKNOWN, OBSERVED, FREE_SPACE = 0, 1, 2
+BlockStates = NDArray[np.uint8]
+DepthBlocks = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class DirectKeyframe:
+    """A frame that others are aligned with.
+
+    Attributes:
+        points: (N, COLUMNS) of each level, in its camera's axes at its stamp.
+        images: Its image pyramid.
+        T_world_keyframe: 4x4 pose.
+        motion: (9,) of its camera in its own axes, see `motion`.
+        frame: For features; without color, to save memory.
+    """
+
+    points: tuple[Array, ...]
+    images: ImagePyramid
+    T_world_keyframe: Array
+    motion: Array
+    frame: GrayFrame
+
+
+def make_keyframe(
+    frame: RgbdFrame | GrayFrame,
+    images: ImagePyramid,
+    T_world_keyframe: Array,
+    motion: Array,
+    is_static: NDArray[np.bool_],
+) -> DirectKeyframe:
+    """Make a keyframe of a frame with known pose and motion; see `select_points`."""
+    points = select_points(images, motion, is_static)
+    return DirectKeyframe(points, images, T_world_keyframe, motion, GrayFrame.of(frame))
+
+
+@dataclass(frozen=True)
+class KeyframeOverlap:
+    """Overlap of a keyframe with a camera's view.
+
+    Attributes:
+        share: Of its points that lie in the image, 0 to 1.
+        flow_px: Root mean square of their displacement, in pixels of the whole image.
+    """
+
+    share: float
+    flow_px: float
+
+
+class LocalMap:
+    """The last keyframes of one world frame, the most recently used one last."""
+
+    def __init__(self) -> None:
+        self.keyframes: list[DirectKeyframe] = []
+
+    def reset(self, keyframe: DirectKeyframe) -> None:
+        """Drop all keyframes and start with this one."""
+        self.keyframes = [keyframe]
+
+    def add(self, keyframe: DirectKeyframe) -> None:
+        """Add a keyframe; the least recently used one is dropped."""
+        self.keyframes = [*self.keyframes, keyframe][-MAX_KEYFRAMES:]
+
+    def move_to_newest(self, keyframe: DirectKeyframe) -> None:
+        """Mark a keyframe as the most recently used one."""
+        self.keyframes = [each for each in self.keyframes if each is not keyframe]
+        self.add(keyframe)
+
+    def rank_by_overlap(
+        self, T_world_camera: Array
+    ) -> list[tuple[DirectKeyframe, KeyframeOverlap]]:
+        """All keyframes with their overlap, the largest share first."""
+        T_camera_world = inverse(T_world_camera)
+        overlaps = [
+            (k, compute_overlap(k, T_camera_world @ k.T_world_keyframe)) for k in self.keyframes
+        ]
+        return sorted(overlaps, key=lambda pair: -pair[1].share)
+
+
+def compute_overlap(keyframe: DirectKeyframe, T_camera_keyframe: Array) -> KeyframeOverlap:
+    """Overlap of a keyframe with the view of the same camera at another pose."""
+    # The finest of the coarse levels has few points, but enough.
+    level = min(NUM_FINE_LEVELS, len(keyframe.points) - 1)
+    camera = keyframe.images.camera
+    size = np.array([camera.width, camera.height], np.float64)
+    in_view, squared = _measure_flow(
+        keyframe.points[level], T_camera_keyframe, keyframe.images.intrinsics[0], size
+    )
+    return KeyframeOverlap(in_view / max(len(keyframe.points[level]), 1), float(np.sqrt(squared)))
+
+
+@kernel
+def _measure_flow(points: Array, T: Array, intrinsics: Array, size: Array) -> tuple[int, float]:
+    """Number of points in the image, and their mean squared displacement, px^2."""
+    in_view, total = 0, 0.0
+    for n in range(len(points)):
+        x, y, z = transform_point(T, points[n, 0], points[n, 1], points[n, 2])
+        if z < MIN_DEPTH_M:
+            continue
+        u, v = project(x, y, z, intrinsics)
+        if not (0.0 <= u < size[0] and 0.0 <= v < size[1]):
+            continue
+        in_view += 1
+        before_u, before_v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+        total += (u - before_u) ** 2 + (v - before_v) ** 2
+    return in_view, total / max(in_view, 1)
+
+
+def remove_dynamic_points(
+    keyframe: DirectKeyframe, others: Iterable[DirectKeyframe]
+) -> DirectKeyframe:
+    """Remove points on surfaces that are in free space of other keyframes or not observed.
+
+    If the others have observed too little of the view, the keyframe is returned unchanged.
+    """
+    images = keyframe.images
+    blocks = images.inverse_depth[BLOCK_CENTERS, BLOCK_CENTERS].copy()
+    block_points = _backproject_blocks(blocks, images.intrinsics[0])
+    states = np.zeros(blocks.shape, np.uint8)
+    for other in others:
+        T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
+        images_of_other = other.images
+        classify_from_view(
+            T_other_keyframe,
+            images_of_other.inverse_depth,
+            images_of_other.intrinsics[0],
+            block_points,
+            states,
+        )
+    if np.count_nonzero(states) < MIN_KNOWN_SHARE * np.count_nonzero(blocks):
+        return keyframe
+    is_dynamic_block = find_dynamic_blocks(blocks, states)
+    points = tuple(
+        level[~are_in_blocks(level, images.intrinsics[0], is_dynamic_block)]
+        for level in keyframe.points
+    )
+    return replace(keyframe, points=points)
+
+
+def _backproject_blocks(blocks: DepthBlocks, intrinsics: Array) -> Array:
+    """(rows, columns, 3) positions of the blocks in their camera's axes, m; 0 without depth."""
+    fx, fy, cx, cy = intrinsics
+    rows, columns = np.indices(blocks.shape) * DYNAMIC_BLOCK_PX + BLOCK_CENTER_PX
+    z = np.divide(1.0, blocks, out=np.zeros(blocks.shape), where=blocks > 0.0)
+    return np.stack([(columns - cx) / fx * z, (rows - cy) / fy * z, z], axis=-1)
+
+
+@kernel
+def classify_from_view(
+    T_other_camera: Array,
+    inverse_depth: DepthBlocks,
+    intrinsics: Array,
+    block_points: Array,
+    states: BlockStates,
+) -> None:
+    """Classify the blocks that are still unknown by the view of another keyframe.
+
+    Args:
+        T_other_camera: 4x4.
+        inverse_depth: (H, W) of the other view, 1/m; 0 = no reading.
+        intrinsics: (4,) of the other view.
+        block_points: (rows, columns, 3) in the camera's axes, m; z = 0 without depth.
+        states: (rows, columns), in and out: known blocks are not changed.
+    """
+    for i in range(states.shape[0]):
+        for j in range(states.shape[1]):
+            if states[i, j] != UNKNOWN or block_points[i, j, 2] == 0.0:
+                continue
+            x, y, z = transform_point(
+                T_other_camera, block_points[i, j, 0], block_points[i, j, 1], block_points[i, j, 2]
+            )
+            if z < MIN_DEPTH_M:
+                continue
+            u, v = project(x, y, z, intrinsics)
+            states[i, j] = _classify_surface(inverse_depth, u, v, 1.0 / z)
+
+
+@inline_kernel
+def _classify_surface(inverse_depth: DepthBlocks, u: float, v: float, w: float) -> int:
+    """State of a surface at a pixel and an inverse depth w, by a view."""
+    height, width = inverse_depth.shape
+    column, row = int(u + 0.5), int(v + 0.5)
+    if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+        return UNKNOWN
+    inverse_depth_there = inverse_depth[row, column]
+    if inverse_depth_there <= 0.0 or inverse_depth_there > w + MAX_SAME_SURFACE_PER_M:
+        return UNKNOWN
+    if inverse_depth_there >= w - MAX_SAME_SURFACE_PER_M:
+        return OBSERVED
+    if not (
+        EDGE_MARGIN_PX <= row < height - EDGE_MARGIN_PX
+        and EDGE_MARGIN_PX <= column < width - EDGE_MARGIN_PX
+    ):
+        return UNKNOWN
+    for dv in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
+        for du in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
+            neighbor = inverse_depth[row + dv, column + du]
+            if not 0.0 < neighbor < w - MAX_SAME_SURFACE_PER_M:
+                return UNKNOWN
+    return FREE_SPACE
+
+
+@kernel
+def find_dynamic_blocks(blocks: DepthBlocks, states: BlockStates) -> NDArray[np.bool_]:
+    """(rows, columns) blocks in free space and of dynamic surfaces, with a margin of one block."""
+    rows, columns = blocks.shape
+    is_dynamic_block = np.zeros((rows, columns), np.bool_)
+    is_visited = blocks <= 0.0
+    surface = np.empty((rows * columns, 2), np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            if is_visited[i, j]:
+                continue
+            size = _flood_fill_surface(blocks, is_visited, i, j, surface)
+            observed = in_free_space = 0
+            for a, b in surface[:size]:
+                observed += states[a, b] == OBSERVED
+                in_free_space += states[a, b] == FREE_SPACE
+            is_dynamic_surface = in_free_space > observed or observed < MIN_OBSERVED_SHARE * size
+            for a, b in surface[:size]:
+                if is_dynamic_surface or states[a, b] == FREE_SPACE:
+                    is_dynamic_block[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = True
+    return is_dynamic_block
+
+
+@kernel
+def _flood_fill_surface(
+    blocks: DepthBlocks, is_visited: NDArray[np.bool_], i: int, j: int, surface: NDArray[np.int64]
+) -> int:
+    """Fill in the blocks of the surface that a block belongs to, and return their number."""
+    rows, columns = blocks.shape
+    surface[0, 0], surface[0, 1] = i, j
+    is_visited[i, j] = True
+    size, n = 1, 0
+    while n < size:
+        a, b = surface[n]
+        n += 1
+        for da, db in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            c, d = a + da, b + db
+            if not (0 <= c < rows and 0 <= d < columns) or is_visited[c, d]:
+                continue
+            if abs(blocks[c, d] - blocks[a, b]) < MAX_SURFACE_STEP_PER_M:
+                is_visited[c, d] = True
+                surface[size, 0], surface[size, 1] = c, d
+                size += 1
+    return size
+
+
+@kernel
+def are_in_blocks(
+    points: Array, intrinsics: Array, is_selected: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(N,) whether points of a keyframe lie in the selected blocks (rows, columns)."""
+    rows, columns = is_selected.shape
+    is_inside = np.zeros(len(points), np.bool_)
+    for n in range(len(points)):
+        u, v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+        row = min(max(int(v / DYNAMIC_BLOCK_PX), 0), rows - 1)
+        column = min(max(int(u / DYNAMIC_BLOCK_PX), 0), columns - 1)
+        is_inside[n] = is_selected[row, column]
+    return is_inside

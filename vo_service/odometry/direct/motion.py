@@ -1,0 +1,224 @@
+"""Rigid motions of the camera: SE(3), motion during the readout, projection with a rolling shutter.
+
+A twist is (translation m, rotation rad), the coordinates of a motion at constant velocity; over a
+second it is that velocity. Exponential and logarithm: Sola, Deray and Atchuthan, "A micro Lie
+theory
+for state estimation in robotics" (2018), Appendix D.
+
+A motion (9,) is a twist, m/s and rad/s, and the angular acceleration, rad/s^2, at the frame's
+stamp. Hand tremor changes the angular velocity within a frame: in 10 ms by a good part of a pixel.
+The change of the linear velocity is below the sensor's noise.
+"""
+
+import numpy as np
+
+from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.parameters import ROW_TIME_ITERATIONS
+
+MOTION_SIZE = 9
+# Index of the acceleration in a motion. The unknowns of a step are a pose and a motion.
+ACCELERATION_START = 6
+NUM_UNKNOWNS = 6 + MOTION_SIZE
+# Below this angle series are used: their next term is below double precision.
+SMALL_ANGLE_RAD = 1e-3
+
+
+@kernel
+def se3_exp(twist: Array) -> Array:
+    """4x4 rigid transform of a twist (6,)."""
+    x, y, z = twist[3], twist[4], twist[5]
+    squared = x * x + y * y + z * z
+    angle = np.sqrt(squared)
+    if angle < SMALL_ANGLE_RAD:
+        sine, cosine, rest = 1 - squared / 6, 0.5 - squared / 24, 1 / 6 - squared / 120
+    else:
+        sine = np.sin(angle) / angle
+        cosine = (1 - np.cos(angle)) / squared
+        rest = (1 - sine) / squared
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    KK = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            KK[i, j] = twist[3 + i] * twist[3 + j] - (squared if i == j else 0.0)
+    T = np.eye(4)
+    for i in range(3):
+        for j in range(3):
+            T[i, j] += sine * K[i, j] + cosine * KK[i, j]
+            along = (1.0 if i == j else 0.0) + cosine * K[i, j] + rest * KK[i, j]
+            T[i, 3] += along * twist[j]
+    return T
+
+
+@inline_kernel
+def transform_point(T: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Transform a point by a rigid transform 4x4."""
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+    )
+
+
+@kernel
+def compose(A: Array, B: Array) -> Array:
+    """Product A B of two rigid transforms 4x4."""
+    T = np.eye(4)
+    for i in range(3):
+        for j in range(4):
+            T[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+        T[i, 3] += A[i, 3]
+    return T
+
+
+@kernel
+def se3_log(T: Array) -> Array:
+    """Twist (6,) of a rigid transform 4x4 with an angle below pi."""
+    twist = np.empty(6)
+    x, y, z = 0.5 * (T[2, 1] - T[1, 2]), 0.5 * (T[0, 2] - T[2, 0]), 0.5 * (T[1, 0] - T[0, 1])
+    sine = np.sqrt(x * x + y * y + z * z)
+    angle = np.arctan2(sine, 0.5 * (T[0, 0] + T[1, 1] + T[2, 2] - 1))
+    squared = angle * angle
+    if angle < SMALL_ANGLE_RAD:
+        scale, rest = 1 + squared / 6, 1 / 12 + squared / 720
+    else:
+        scale = angle / sine
+        rest = (1 - 0.5 * angle * np.sin(angle) / (1 - np.cos(angle))) / squared
+    x, y, z = scale * x, scale * y, scale * z
+    twist[3], twist[4], twist[5] = x, y, z
+    # t - w x t / 2 + rest * w x (w x t)
+    tx, ty, tz = T[0, 3], T[1, 3], T[2, 3]
+    cx, cy, cz = y * tz - z * ty, z * tx - x * tz, x * ty - y * tx
+    twist[0] = tx - 0.5 * cx + rest * (y * cz - z * cy)
+    twist[1] = ty - 0.5 * cy + rest * (z * cx - x * cz)
+    twist[2] = tz - 0.5 * cz + rest * (x * cy - y * cx)
+    return twist
+
+
+def zero_motion() -> Array:
+    """(9,) motion of a camera at rest."""
+    return np.zeros(MOTION_SIZE)
+
+
+def constant_velocity_motion(velocity: Array) -> Array:
+    """(9,) motion of constant velocity (6,)."""
+    return np.concatenate([velocity, np.zeros(3)])
+
+
+def fit_through_poses(
+    poses: tuple[Array, Array, Array], stamps_s: tuple[float, float, float]
+) -> Array:
+    """(9,) motion of a camera in its own axes at the second of three poses T_world_camera (4x4).
+
+    The trajectory through them is taken as a parabola.
+    """
+    before, now, after = poses
+    since_s, until_s = stamps_s[1] - stamps_s[0], stamps_s[2] - stamps_s[1]
+    since = se3_log(inverse(before) @ now) / since_s
+    until = se3_log(inverse(now) @ after) / until_s
+    velocity = (until_s * since + since_s * until) / (since_s + until_s)
+    acceleration = 2.0 * (until - since) / (since_s + until_s)
+    return np.concatenate([velocity, acceleration[3:]])
+
+
+def change_frame(motion: Array, T: Array) -> Array:
+    """(9,) the same motion in the axes that T (4x4) transforms to."""
+    Ad = adjoint(T)
+    turned = Ad[3:, 3:] @ motion[ACCELERATION_START:]
+    return np.concatenate([Ad @ motion[:ACCELERATION_START], turned])
+
+
+@kernel
+def body_motion(T_camera_keyframe: Array, motion: Array) -> Array:
+    """(9,) motion of the camera in its own axes, from that of the points in the keyframe's axes.
+
+    The points move through the camera's axes opposite to the camera: minus the adjoint.
+    """
+    T = T_camera_keyframe
+    own = np.empty(MOTION_SIZE)
+    for first in (0, 3, 6):
+        x, y, z = motion[first], motion[first + 1], motion[first + 2]
+        for i in range(3):
+            own[first + i] = -(T[i, 0] * x + T[i, 1] * y + T[i, 2] * z)
+    tx, ty, tz = T[0, 3], T[1, 3], T[2, 3]
+    own[0] += ty * own[5] - tz * own[4]
+    own[1] += tz * own[3] - tx * own[5]
+    own[2] += tx * own[4] - ty * own[3]
+    return own
+
+
+@inline_kernel
+def propagate_motion(motion: Array, delay_s: float) -> Array:
+    """(9,) motion after a delay, by which the acceleration has changed it."""
+    then = motion.copy()
+    for i in range(3):
+        then[3 + i] += delay_s * motion[ACCELERATION_START + i]
+    return then
+
+
+@inline_kernel
+def propagate_point(
+    motion: Array, x: float, y: float, z: float, delay_s: float
+) -> tuple[float, float, float]:
+    """Position of a static point in the camera's axes after a delay, to second order."""
+    vx, vy, vz = motion[0], motion[1], motion[2]
+    wx, wy, wz = motion[3], motion[4], motion[5]
+    bx, by, bz = motion[6], motion[7], motion[8]
+    # The point's velocity in the camera's axes is -(v + w x p); w grows by b.
+    ax, ay, az = wz * y - wy * z - vx, wx * z - wz * x - vy, wy * x - wx * y - vz
+    half = 0.5 * delay_s * delay_s
+    return (
+        x + delay_s * ax + half * (wz * ay - wy * az + bz * y - by * z),
+        y + delay_s * ay + half * (wx * az - wz * ax + bx * z - bz * x),
+        z + delay_s * az + half * (wy * ax - wx * ay + by * x - bx * y),
+    )
+
+
+@inline_kernel
+def row_time(v: float, height: int, readout_s: float) -> float:
+    """Time of a row after the middle one, s."""
+    return (v - 0.5 * (height - 1)) * readout_s / height
+
+
+@inline_kernel
+def project(x: float, y: float, z: float, intrinsics: Array) -> tuple[float, float]:
+    """Pixel u, v of a point in front of the camera."""
+    return (
+        intrinsics[0] * x / z + intrinsics[2],
+        intrinsics[1] * y / z + intrinsics[3],
+    )
+
+
+@inline_kernel
+def project_rolling_shutter(
+    motion: Array,
+    x: float,
+    y: float,
+    z: float,
+    intrinsics: Array,
+    height: int,
+    readout_s: float,
+    skew_s: float,
+) -> tuple[float, float, float]:
+    """Project a point into the row that sees it.
+
+    Args:
+        motion: (9,) of the camera in its own axes.
+        x: Position of the point in the camera's axes, m.
+        y: See x.
+        z: See x.
+        intrinsics: (4,) fx, fy, cx, cy.
+        height: Of the image, rows.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the middle row after the instant of the point's position.
+
+    Returns:
+        Pixel u, v and depth.
+    """
+    u, v = project(x, y, z, intrinsics)
+    z_then = z
+    for _ in range(ROW_TIME_ITERATIONS):
+        delay_s = skew_s + row_time(v, height, readout_s)
+        x_then, y_then, z_then = propagate_point(motion, x, y, z, delay_s)
+        u, v = project(x_then, y_then, z_then, intrinsics)
+    return u, v, z_then

@@ -1,0 +1,250 @@
+"""Residuals of an alignment: their model, their statistics, and the weights of image regions.
+
+Brightness and depth residuals follow Student's t, as many are outliers. Their sigmas are estimated
+with the motion, and so are gain and offset of the brightness: Kerl, Sturm and Cremers, "Robust
+Odometry Estimation for RGB-D Cameras" (ICRA 2013); Klose, Heise and Knoll, "Efficient Compositional
+Approaches for Real-Time Robust Direct Visual Odometry" (IROS 2013).
+"""
+
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.image_pyramid import GAIN_RANGE, NUM_CELLS
+from vo_service.odometry.direct.keyframe_points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_VARIANCE,
+)
+from vo_service.odometry.direct.parameters import (
+    DEGREES_OF_FREEDOM,
+    INITIAL_SIGMAS,
+    INLIER_GATE_SIGMAS,
+    MAX_REGION_COST_RATIO,
+    MAX_SIGMA_RATIO,
+    MIN_CELL_SAMPLES,
+    MIN_SIGMA_SAMPLES,
+    MIN_STATIC_WEIGHT,
+    SENSOR_SIGMAS,
+)
+from vo_service.odometry.direct.warping import (
+    OCCLUDED,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_OCCLUSION,
+)
+
+# The residual model: gain and offset of the keyframe's brightness, then the two sigmas.
+GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
+# Upper bounds of the two sigmas.
+MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIGMAS[1])
+# Rows of the cell weights.
+_BRIGHTNESS_ROW, _DEPTH_ROW = 0, 1
+# Below this share of its first term the scatter of the brightness is rounding error.
+_ROUNDING = 1e-9
+# The counts: points in the image; points in moving regions; by weight, samples with depth, and
+# those whose depth agrees within the gate; the same of brightness; the robust cost of all.
+IN_IMAGE, DISREGARDED, WITH_DEPTH, DEPTH_AGREES, WITH_BRIGHTNESS, BRIGHTNESS_AGREES, COST = range(7)
+# Largest squared residual of an inlier, in variances; larger ones are clipped to it.
+MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
+# Cost of a point whose brightness and depth are both wrong.
+MAX_POINT_COST = 2.0 * log(1.0 + MAX_SQUARED_RESIDUAL / DEGREES_OF_FREEDOM)
+
+
+@inline_kernel
+def residual_variances(residual_model: Array) -> tuple[float, float]:
+    """Variances of brightness and of depth by the residual model (4,)."""
+    return residual_model[SIGMA_BRIGHTNESS] ** 2, residual_model[SIGMA_DEPTH] ** 2
+
+
+@inline_kernel
+def student_weight(residual: float, variance: float) -> float:
+    """Weight of a residual in the fit: that of Student's t over its variance."""
+    return (
+        (DEGREES_OF_FREEDOM + 1.0)
+        / (DEGREES_OF_FREEDOM + residual * residual / variance)
+        / variance
+    )
+
+
+@kernel
+def fit_affine_brightness(
+    points: Array, samples: Array, cell_weights: Array, residual_model: Array
+) -> None:
+    """Update gain, offset and sigmas of the residual model (4,) in place, by one reweighting."""
+    n = chi = s = sk = sc = skk = skc = 0.0
+    n_depth = chi_depth = 0.0
+    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    variance, variance_depth = residual_variances(residual_model)
+    for i in range(len(points)):
+        brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
+        if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
+            cell_weight = cell_weights[_BRIGHTNESS_ROW, int(samples[i, SAMPLE_CELL])]
+            keyframe_brightness = points[i, POINT_BRIGHTNESS]
+            sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
+            squared = (brightness - gain * keyframe_brightness - offset) ** 2 / sample_variance
+            w = cell_weight * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
+            n += cell_weight
+            chi += w * squared
+            w /= sample_variance
+            s += w
+            sk += w * keyframe_brightness
+            sc += w * brightness
+            skk += w * keyframe_brightness * keyframe_brightness
+            skc += w * keyframe_brightness * brightness
+        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
+            cell_weight = cell_weights[_DEPTH_ROW, int(samples[i, SAMPLE_CELL])]
+            squared = depth * depth / variance_depth
+            n_depth += cell_weight
+            chi_depth += (
+                cell_weight * squared * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
+            )
+    if n >= MIN_SIGMA_SAMPLES:
+        sigma = residual_model[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
+        residual_model[SIGMA_BRIGHTNESS] = min(max(sigma, SENSOR_SIGMAS[0]), MAX_SIGMAS[0])
+        scatter = skk - sk * sk / s
+        if scatter > _ROUNDING * skk:
+            residual_model[GAIN] = min(
+                max((skc - sk * sc / s) / scatter, GAIN_RANGE[0]), GAIN_RANGE[1]
+            )
+        residual_model[OFFSET] = (sc - residual_model[GAIN] * sk) / s
+    if n_depth >= MIN_SIGMA_SAMPLES:
+        sigma = residual_model[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
+        residual_model[SIGMA_DEPTH] = min(max(sigma, SENSOR_SIGMAS[1]), MAX_SIGMAS[1])
+
+
+@kernel
+def count_residuals(
+    points: Array, samples: Array, residual_model: Array, cell_weights: Array
+) -> Array:
+    """Counts (7,) of a level's points.
+
+    A point in free space of the frame has the largest cost; an occluded one has none.
+    """
+    counts = np.zeros(7)
+    variance, variance_depth = residual_variances(residual_model)
+    for i in range(len(points)):
+        cell = int(samples[i, SAMPLE_CELL])
+        if cell < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+            continue
+        brightness_weight, depth_weight = cell_weights[0, cell], cell_weights[1, cell]
+        counts[IN_IMAGE] += 1.0
+        counts[DISREGARDED] += max(brightness_weight, depth_weight) < MIN_STATIC_WEIGHT
+        brightness = samples[i, SAMPLE_BRIGHTNESS]
+        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
+        is_free_space = np.isnan(brightness)
+        if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(depth)):
+            squared = (
+                MAX_SQUARED_RESIDUAL
+                if is_free_space
+                else min(depth * depth / variance_depth, MAX_SQUARED_RESIDUAL)
+            )
+            counts[WITH_DEPTH] += depth_weight
+            counts[DEPTH_AGREES] += depth_weight * (squared < MAX_SQUARED_RESIDUAL)
+            counts[COST] += depth_weight * np.log(1.0 + squared / DEGREES_OF_FREEDOM)
+        if points[i, HAS_TEXTURE] > 0:
+            squared = MAX_SQUARED_RESIDUAL
+            if not is_free_space:
+                residual = (
+                    brightness
+                    - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+                    - residual_model[OFFSET]
+                )
+                squared = min(
+                    residual * residual / (variance + points[i, POINT_BRIGHTNESS_VARIANCE]),
+                    MAX_SQUARED_RESIDUAL,
+                )
+            counts[WITH_BRIGHTNESS] += brightness_weight
+            counts[BRIGHTNESS_AGREES] += brightness_weight * (squared < MAX_SQUARED_RESIDUAL)
+            counts[COST] += brightness_weight * np.log(1.0 + squared / DEGREES_OF_FREEDOM)
+    return counts
+
+
+@kernel
+def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArray[np.bool_]:
+    """(N,) whether a point's brightness and depth samples agree with it."""
+    is_inlier = np.zeros(len(points), np.bool_)
+    variance, variance_depth = residual_variances(residual_model)
+    for i in range(len(points)):
+        brightness = samples[i, SAMPLE_BRIGHTNESS]
+        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
+        if np.isnan(brightness):
+            continue
+        residual = (
+            brightness - residual_model[GAIN] * points[i, POINT_BRIGHTNESS] - residual_model[OFFSET]
+        )
+        brightness_agrees = residual * residual < MAX_SQUARED_RESIDUAL * (
+            variance + points[i, POINT_BRIGHTNESS_VARIANCE]
+        )
+        depth_agrees = np.isnan(depth) or depth * depth < MAX_SQUARED_RESIDUAL * variance_depth
+        is_inlier[i] = (brightness_agrees or points[i, HAS_TEXTURE] == 0) and (
+            depth_agrees or points[i, HAS_SHAPE] == 0
+        )
+    return is_inlier
+
+
+@kernel
+def weigh_regions(
+    points: Array, samples: Array, residual_model: Array, base_weights: Array
+) -> Array:
+    """(2, CELLS) weights: the base weights, lowered where a cell fits worse than most cells do.
+
+    Robust statistics handle single outliers. A moving object gives many samples that agree with
+    each other, so it has to be detected as a region.
+    """
+    means = _mean_cell_costs(points, samples, residual_model, base_weights)
+    weights = base_weights.copy()
+    valid_means = means[means >= 0.0]
+    if len(valid_means) == 0:
+        return weights
+    max_mean = MAX_REGION_COST_RATIO * np.median(valid_means)
+    for cell in range(NUM_CELLS):
+        if means[cell] > max_mean:
+            factor = (max_mean / means[cell]) ** 2
+            weights[0, cell] *= factor
+            weights[1, cell] *= factor
+    return weights
+
+
+@kernel
+def _mean_cell_costs(
+    points: Array, samples: Array, residual_model: Array, base_weights: Array
+) -> Array:
+    """(CELLS,) mean squared residual in variances, clipped; -1 for a cell with few samples.
+
+    A point in free space of the frame has the largest cost; an occluded one has none.
+    """
+    sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
+    variance, variance_depth = residual_variances(residual_model)
+    for i in range(len(points)):
+        cell = int(samples[i, SAMPLE_CELL])
+        if cell < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+            continue
+        brightness = samples[i, SAMPLE_BRIGHTNESS]
+        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
+        if np.isnan(brightness):
+            sums[cell] += MAX_SQUARED_RESIDUAL
+            counts[cell] += 1.0
+            continue
+        if points[i, HAS_TEXTURE] > 0 and base_weights[0, cell] > 0:
+            residual = (
+                brightness
+                - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+                - residual_model[OFFSET]
+            )
+            squared = residual * residual / (variance + points[i, POINT_BRIGHTNESS_VARIANCE])
+            sums[cell] += min(squared, MAX_SQUARED_RESIDUAL)
+            counts[cell] += 1.0
+        if points[i, HAS_SHAPE] > 0 and not np.isnan(depth):
+            sums[cell] += min(depth * depth / variance_depth, MAX_SQUARED_RESIDUAL)
+            counts[cell] += 1.0
+    means = np.full(NUM_CELLS, -1.0)
+    for cell in range(NUM_CELLS):
+        if counts[cell] >= MIN_CELL_SAMPLES:
+            means[cell] = sums[cell] / counts[cell]
+    return means

@@ -10,8 +10,7 @@ from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, Rgb
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory
 from drivers.rectify import make_undistorter
-from drivers.tum.decode import UnreadableFrameError, load_pair
-from drivers.tum.folder import TumFolder, open_tum_folder
+from drivers.tum.folder import TumFolder, UnreadableFrameError, load_pair, open_tum_folder
 from drivers.tum.index_files import FramePair
 from drivers.tum.prefetch import BufferClosedError, FrameBuffer, LockstepBuffer, RealtimeBuffer
 

@@ -1,15 +1,19 @@
-"""A recording in the layout of the TUM RGB-D benchmark, checked before playback."""
+"""A recording in the layout of the TUM RGB-D benchmark: its check, and its images."""
 
+import struct
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.calibration import CameraCalibration, find_calibration
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory, read_trajectory
 from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
-from drivers.tum.decode import UnreadableFrameError, load_pair
 from drivers.tum.index_files import (
     FramePair,
     GravitySeries,
@@ -18,6 +22,141 @@ from drivers.tum.index_files import (
     read_gravity,
     read_image_list,
 )
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+JPEG_START = b"\xff\xd8"
+JPEG_END = b"\xff\xd9"
+JPEG_SCAN = 0xDA
+
+BgrImage = NDArray[np.uint8]
+DepthImage = NDArray[np.uint16]
+
+
+class UnreadableFrameError(Exception):
+    """A frame's file is missing, broken or of the wrong kind: ``FILE: reason; action``."""
+
+
+def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[BgrImage, DepthImage]:
+    """Load the two images of a frame.
+
+    Args:
+        pair: The image files.
+        size: (width, height) of the camera.
+
+    Returns:
+        Color (height, width, 3) BGR uint8 and depth (height, width) uint16.
+
+    Raises:
+        UnreadableFrameError: A file cannot be decoded or has the wrong size.
+    """
+    color = load_color(pair.color.file)
+    depth = load_depth(pair.depth.file)
+    if color.shape[:2] != depth.shape:
+        raise UnreadableFrameError(
+            f"{pair.color.file}: color is {_size_text(color)} but depth ({pair.depth.file}) is "
+            f"{_size_text(depth)}; register the depth to the color image"
+        )
+    if depth.shape != size[::-1]:
+        raise UnreadableFrameError(
+            f"{pair.color.file}: the image is {_size_text(color)} but the camera is "
+            f"{size[0]}x{size[1]}; give the camera file of these images"
+        )
+    return color, depth
+
+
+def load_color(file: Path) -> BgrImage:
+    """Load (height, width, 3) BGR uint8 from a PNG or JPEG. Raises UnreadableFrameError."""
+    image = _load(file)
+    if image.dtype != np.uint8:
+        raise UnreadableFrameError(
+            f"{file}: color does not have 8 bits per channel; give the color image here "
+            "(in associations.txt color comes before depth)"
+        )
+    if image.ndim == 2:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)  # type: ignore[return-value]
+    if image.shape[2] == 4:
+        return cv2.cvtColor(image, cv2.COLOR_BGRA2BGR)  # type: ignore[return-value]
+    return image
+
+
+def load_depth(file: Path) -> DepthImage:
+    """Load (height, width) uint16 from a PNG. Raises UnreadableFrameError."""
+    image = _load(file)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise UnreadableFrameError(
+            f"{file}: depth has {image.dtype.itemsize * 8} bits and "
+            f"{1 if image.ndim == 2 else image.shape[2]} channel(s), where 16 bits and 1 channel "
+            "are needed; export the sensor's raw depth, not a visualization"
+        )
+    return image
+
+
+def _load(file: Path) -> NDArray[Any]:
+    """Load a complete PNG or JPEG as it is stored, channels in BGR order."""
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise UnreadableFrameError(f"{file}: cannot be read: {error.strerror}") from error
+    fault = _find_fault(data)
+    if fault:
+        raise UnreadableFrameError(f"{file}: {fault}; restore it or remove it from the list")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise UnreadableFrameError(f"{file}: cannot be decoded: {error.err}; replace it") from error
+    if image is None:
+        raise UnreadableFrameError(f"{file}: cannot be decoded; replace it")
+    return image
+
+
+def _find_fault(data: bytes) -> str:
+    """Return why an image file is incomplete; "" if it is complete.
+
+    OpenCV would fill missing parts with gray, or print to standard error.
+    """
+    if not data:
+        return "is empty (0 bytes)"
+    if data.startswith(PNG_SIGNATURE):
+        return _find_png_fault(data)
+    if data.startswith(JPEG_START):
+        return _find_jpeg_fault(data)
+    return "is not an image (neither PNG nor JPEG)"
+
+
+def _find_png_fault(data: bytes) -> str:
+    """Check the chunks (length, type, data, CRC) up to IEND: PNG specification, section 5."""
+    position = len(PNG_SIGNATURE)
+    while position + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, position)
+        end = position + 12 + length
+        if end > len(data):
+            break
+        (crc,) = struct.unpack_from(">I", data, end - 4)
+        if zlib.crc32(memoryview(data)[position + 4 : end - 4]) != crc:
+            return "is damaged (a checksum of the PNG does not match)"
+        if data[position + 4 : position + 8] == b"IEND":
+            return ""
+        position = end
+    return f"is truncated (the PNG ends after {len(data)} bytes)"
+
+
+def _find_jpeg_fault(data: bytes) -> str:
+    """Check the segments up to the scan, then search the end marker: ITU-T T.81, annex B.
+
+    In a scan 0xFF is always escaped, so an end marker there is not that of an embedded preview.
+    """
+    position = len(JPEG_START)
+    while position + 4 <= len(data) and data[position] == 0xFF:
+        if data[position + 1] == JPEG_SCAN:
+            is_complete = data.find(JPEG_END, position) >= 0
+            return "" if is_complete else f"is truncated (the JPEG ends after {len(data)} bytes)"
+        (length,) = struct.unpack_from(">H", data, position + 2)
+        position += 2 + length
+    return "is truncated or damaged (the JPEG contains no image)"
+
+
+def _size_text(image: NDArray[Any]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]}"
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from vo_service.types.commands import (
     StopRecordingCommand,
     TiltCommand,
 )
-from vo_service.types.estimate import Estimate, Odometry, TrackingDebug
 from vo_service.types.outputs import (
     GroundTruthSource,
     HasWarning,
@@ -44,7 +43,16 @@ from vo_service.types.status import (
     TrackingReport,
     field_description,
 )
-from vo_service.types.update import NO_MAP, LevelSource, MapSnapshot, OdometryUpdate, TrackingState
+from vo_service.types.update import (
+    NO_MAP,
+    Estimate,
+    LevelSource,
+    MapSnapshot,
+    Odometry,
+    OdometryUpdate,
+    TrackingDebug,
+    TrackingState,
+)
 
 __all__ = [
     "NAME_PATTERN",

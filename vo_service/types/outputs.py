@@ -6,9 +6,8 @@ from typing import Protocol
 from drivers.core.trajectory import Trajectory
 from vo_service.config_tables import MapConfig, RecorderConfig
 from vo_service.types.commands import CommandError, ErrorCode
-from vo_service.types.estimate import Odometry
 from vo_service.types.status import MapState, Status
-from vo_service.types.update import NO_MAP, MapSnapshot, OdometryUpdate
+from vo_service.types.update import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 
 # Asked for the ground truth once frames come: a live camera's truth has no stamps before that.
 GroundTruthSource = Callable[[], Trajectory | None]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.tum.decode import PNG_SIGNATURE, UnreadableFrameError, load_pair
+from drivers.tum.folder import PNG_SIGNATURE, UnreadableFrameError, load_pair
 from drivers.tum.index_files import FramePair, ListedImage
 
 SIZE = (64, 48)

@@ -12,8 +12,7 @@ from numba.core.event import install_recorder
 
 from drivers.camera import RgbdFrame
 from drivers.tum.camera import TumFrameReader
-from drivers.tum.decode import UnreadableFrameError
-from drivers.tum.folder import TumFolder, open_tum_folder
+from drivers.tum.folder import TumFolder, UnreadableFrameError, open_tum_folder
 from drivers.tum.index_files import FramePair
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.tools.benchmark.messages import RunPreparing, RunProgress, RunRequest

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.core.errors import InputError
-from drivers.tum.decode import UnreadableFrameError, load_color, load_depth
-from drivers.tum.folder import read_frame_pairs
+from drivers.tum.folder import UnreadableFrameError, load_color, load_depth, read_frame_pairs
 from drivers.tum.index_files import read_image_list
 from vo_service.tools.calibration.snapshot import NO_DEPTH, Snapshot
 

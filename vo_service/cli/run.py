@@ -25,7 +25,6 @@ from vo_service.cli.options import (
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level
-from vo_service.outputs.recorder.flight_recorder import open_recorder
 from vo_service.outputs.state_log import ProgressOutput, StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
 from vo_service.outputs.zenoh.access_denied_log import log_access_denied
@@ -40,7 +39,6 @@ from vo_service.signals import (
     run_on_loop_thread,
     stop_on_signals,
 )
-from vo_service.slam.mapper.live_mapper import open_mapper
 from vo_service.terminal import Terminal
 from vo_service.types import Command, Output
 
@@ -105,6 +103,10 @@ def _serve(
     hangup: ReloadSignal,
 ) -> None:
     """Put the parts together, run the loop, and take them apart: the last one opened first."""
+    # Imported here because they compile kernels, which `kinect-vo --help` does not need.
+    from vo_service.outputs.recorder.flight_recorder import open_recorder
+    from vo_service.slam.mapper.live_mapper import open_mapper
+
     inbox: CommandQueue[Command] = CommandQueue()
     reloader = ConfigReloader(config, lambda: load_config(args))
     systemd = SystemdOutput()

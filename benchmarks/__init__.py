@@ -5,6 +5,6 @@ Their kernels are those of this very source, as the program's and the tests' are
 
 import os
 
-from drivers.core.paths import kernel_folder
+from drivers.core.files import kernel_folder
 
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))

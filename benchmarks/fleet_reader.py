@@ -14,7 +14,7 @@ from pathlib import Path
 import zenoh
 
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.cdr_odometry import decode_odometry
+from vo_service.outputs.zenoh.cdr import decode_odometry
 from vo_service.outputs.zenoh.session import open_session
 
 

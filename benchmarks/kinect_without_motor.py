@@ -1,10 +1,10 @@
 """Factory of the Kinect's camera without its motor, importable by name in other processes."""
 
+from drivers.camera import SensorConfig
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.kinect_source import KinectSource
 from drivers.freenect.rectify import KinectRectifier
 from drivers.kinect_usb.motor_unit import NullMotorUnit
-from drivers.sensor_config import SensorConfig
 
 
 def make_kinect_without_motor() -> FreenectCamera:

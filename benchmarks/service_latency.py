@@ -30,7 +30,7 @@ import numpy as np
 from benchmarks.interference import CASES, InterferenceCase, InterferenceSetup
 from benchmarks.pose_arrivals import ArrivalRecorder, running_recorder
 from benchmarks.processor_use import ProcessorUse, descendants_of, measure_processor_use
-from drivers.core.paths import cache_folder
+from drivers.core.files import cache_folder
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from tests.vo_service.service_process import ServiceProcess, running_service

@@ -24,7 +24,7 @@ from benchmarks.pose_arrivals import wall_clock_offset_s
 from benchmarks.processor_use import descendants_of, measure_processor_use
 from benchmarks.soak_plot import save_plot
 from benchmarks.soak_record import SoakRecord, SoakSample, check_soak
-from drivers.core.paths import cache_folder
+from drivers.core.files import cache_folder
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from tests.resource_leaks import count_open_files_of, is_alive, resident_memory_kb

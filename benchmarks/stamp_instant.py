@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.led_timing import find_lit_pixels, fit_timing
-from drivers.camera import Clock, FrameTimeout, PlaybackMode, RgbdFrame
+from drivers.camera import Clock, FrameTimeout, Led, PlaybackMode, RgbdFrame, SensorConfig
 from drivers.core.errors import UserFacingError
 from drivers.freenect.factory import make_kinect_camera
 from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
-from drivers.sensor_config import Led, SensorConfig
 from drivers.subprocess_camera.camera import SubprocessCamera
 
 # Time between two switches: far longer than an exposure, and not synchronous with the frames.

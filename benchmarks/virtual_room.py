@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from benchmarks.camera_frames import read_all_frames
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
+from drivers.core.files import cache_folder
 from drivers.core.geometry import Array
-from drivers.core.paths import cache_folder
 from drivers.core.trajectory import Trajectory
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import KINECT_COLOR, SyntheticConfig

@@ -33,14 +33,15 @@ if TYPE_CHECKING:
     from drivers.camera import (
         EndOfStream,
         FrameTimeout,
+        Led,
         PinholeCamera,
         PlaybackMode,
         RgbdCamera,
         RgbdFrame,
+        SensorConfig,
     )
     from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
     from drivers.registry import open_camera
-    from drivers.sensor_config import Led, SensorConfig
     from drivers.synthetic.config import SyntheticConfig
 
 # Where each name is; mypy and editors see the imports above instead.
@@ -51,12 +52,12 @@ _MODULES = {
     "EndOfStream": "drivers.camera",
     "FrameTimeout": "drivers.camera",
     "InputError": "drivers.core.errors",
-    "Led": "drivers.sensor_config",
+    "Led": "drivers.camera",
     "PinholeCamera": "drivers.camera",
     "PlaybackMode": "drivers.camera",
     "RgbdCamera": "drivers.camera",
     "RgbdFrame": "drivers.camera",
-    "SensorConfig": "drivers.sensor_config",
+    "SensorConfig": "drivers.camera",
     "SyntheticConfig": "drivers.synthetic.config",
     "open_camera": "drivers.registry",
 }

@@ -6,7 +6,7 @@ A backend is one folder beside this file with one class derived from `RgbdCamera
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -17,15 +17,41 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.config import required_field
+from drivers.core.config import config_field, required_field
 from drivers.core.errors import CameraError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
-from drivers.sensor_config import Led
 
 # While a program iterates over a camera, it is told after this time why no frame arrives.
 NO_FRAME_WARNING_S = 1.0
 _log = logging.getLogger(__name__)
+
+
+class Led(StrEnum):
+    """A state of the Kinect's LED."""
+
+    OFF = "off"
+    GREEN = "green"
+    RED = "red"
+    YELLOW = "yellow"
+    BLINK_GREEN = "blink-green"
+    BLINK_RED_YELLOW = "blink-red-yellow"
+
+
+@dataclass(frozen=True)
+class SensorConfig:
+    """Settings of a real sensor, applied whenever it is opened."""
+
+    auto_exposure: bool = config_field(True, "false keeps the current exposure")
+    auto_white_balance: bool = config_field(True, "false keeps the current white balance")
+    mirror: bool = config_field(False, "swap left and right, for a camera that looks into a mirror")
+    led: Led = config_field(Led.GREEN, "LED while the sensor is open")
+    tilt_deg: float | None = config_field(
+        None,
+        "tilt of the head against the horizon; unset = unchanged",
+        minimum=-31.0,
+        maximum=31.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -290,3 +316,7 @@ class RgbdCamera(ABC):
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+# Makes a camera in a worker process: a class or function of a module, or a partial of one.
+CameraFactory = Callable[[], RgbdCamera]

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from drivers.camera import Clock, PlaybackMode, RgbdCamera
+from drivers.camera import CameraFactory, Clock, PlaybackMode, RgbdCamera, SensorConfig
 from drivers.core.errors import InputError
-from drivers.core.paths import cache_folder
-from drivers.sensor_config import SensorConfig
-from drivers.subprocess_camera.messages import CameraFactory
+from drivers.core.files import cache_folder
 from drivers.synthetic.config import SyntheticConfig
 
 ONI_SUFFIX = ".oni"

@@ -21,7 +21,7 @@ compile_all() {
     python -c '
 import os
 
-from drivers.core.paths import kernel_folder
+from drivers.core.files import kernel_folder
 
 os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())  # before numba is imported
 

@@ -8,27 +8,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import CameraError
 from drivers.core.memory import release_memory
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from vo_service.clock import make_publish_clock
-from vo_service.command_queue import CommandQueue
-from vo_service.config import Config
+from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
-from vo_service.control import Control
+from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, ReconnectingSource
-from vo_service.load_shedding.load_shedder import ReconfigurableLoadShedder
+from vo_service.load_shedding import ReconfigurableLoadShedder
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.outputs.rerun.output import open_rerun_output
-from vo_service.outputs.rerun.targets import check_targets
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
-from vo_service.reload import ConfigChanges
 from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
@@ -48,13 +45,16 @@ from vo_service.types import (
     no_ground_truth,
 )
 
+logger = logging.getLogger(__name__)
+
+if TYPE_CHECKING:
+    from vo_service.outputs.rerun.output import RerunOutput
+
 # Lines of the trajectory that a robot's disk may owe: five minutes.
 MAX_QUEUED_TRAJECTORY_LINES = 9000
 
 # How each key that may change while the service runs is applied; see `reload.RELOADABLE_KEYS`.
 ConfigHandlers = Mapping[str, Callable[[Config], None]]
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,9 @@ class OutputSet:
 def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
     """Open everything, close everything, the last opened first.
 
-    The trajectory file comes last: what is there already is kept until all else has worked. Raises
-    InputError if two Rerun targets are the same place, and whatever opening one raises.
+    The trajectory file comes last: an existing one is kept until all else has worked. Raises
+    whatever opening an output raises.
     """
-    check_targets(config.rerun.targets)
     with ExitStack() as stack:
         opened = OutputSet()
         outputs = opened.outputs
@@ -123,14 +122,10 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
                 config.log_line(f"poses: {publisher.description}")
             if config.wait_for_subscriber_s:
                 publisher.wait_for_subscriber(config.wait_for_subscriber_s)
-        for target in config.rerun.targets:
-            viewer = open_rerun_output(
-                target, config.rerun, config.ground_truth, config.playback_mode
-            )
-            stack.enter_context(closing(viewer))
-            outputs.append(viewer)
-            opened.viewers.append(viewer)
-            config.log_line(f"pictures: {viewer.address}")
+        if config.rerun.targets:
+            viewers = _open_viewers(config, stack)
+            outputs += viewers
+            opened.viewers += viewers
         if config.recorder is not None:
             opened.recorder = stack.enter_context(closing(config.recorder()))
             outputs.append(opened.recorder)
@@ -144,6 +139,18 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
             trajectory = TrajectoryFileOutput(config.trajectory, lines)
             outputs.append(stack.enter_context(closing(trajectory)))
         yield opened
+
+
+def _open_viewers(config: OutputsConfig, stack: ExitStack) -> "list[RerunOutput]":
+    """Open the Rerun targets; nothing of Rerun is imported without one."""
+    from vo_service.outputs.rerun.output import open_rerun_output
+
+    viewers = []
+    for target in config.rerun.targets:
+        viewer = open_rerun_output(target, config.rerun, config.ground_truth, config.playback_mode)
+        viewers.append(stack.enter_context(closing(viewer)))
+        config.log_line(f"Rerun: {viewer.address}")
+    return viewers
 
 
 @dataclass(frozen=True)

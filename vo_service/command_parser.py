@@ -8,8 +8,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from drivers.camera import Led
 from drivers.core.geometry import transform_from_pose
-from drivers.sensor_config import Led
 from vo_service.types import (
     NAME_PATTERN,
     Command,

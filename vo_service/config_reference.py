@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from drivers.core.config import SCHEMA_VERSION, FieldSpec
-from vo_service.config import Config
-from vo_service.reload import RELOADABLE_KEYS
+from vo_service.config import RELOADABLE_KEYS, Config
 
 REFERENCE_COMMAND = "kinect-vo config reference"
 INTRODUCTION = f"""\

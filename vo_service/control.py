@@ -1,8 +1,12 @@
-"""Carries out the commands, on the loop's thread, between two frames."""
+"""Commands: the queue from other threads, and their execution between two frames."""
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Generic, Protocol, TypeVar
 
 from drivers.camera import RgbdCamera
 from drivers.core.errors import CameraError
-from vo_service.command_queue import CommandQueue, CommandResult
 from vo_service.odom_frame import OdomFrame
 from vo_service.types import (
     Command,
@@ -25,6 +29,96 @@ from vo_service.types import (
     StopRecordingCommand,
     TiltCommand,
 )
+
+MAX_PENDING_COMMANDS = 8
+
+CommandResult = Mapping[str, object]
+C = TypeVar("C")
+C_contra = TypeVar("C_contra", contravariant=True)
+
+
+class CommandFuture(Generic[C]):
+    """A command on its way: the loop answers it, whoever sent it waits for that."""
+
+    def __init__(self, command: C) -> None:
+        self.command = command
+        self._is_done = threading.Event()
+        self._result: CommandResult = {}
+        self._error: CommandError | None = None
+
+    def result(self, timeout_s: float) -> CommandResult:
+        """What the command gave. Raises CommandError: its own, or timed-out."""
+        if not self._is_done.wait(timeout_s):
+            raise CommandError(
+                ErrorCode.TIMED_OUT, f"no answer within {timeout_s:g} s; it may still be done"
+            )
+        if self._error is not None:
+            raise self._error
+        return self._result
+
+    def set_result(self, result: CommandResult) -> None:
+        """The command was carried out."""
+        self._result = result
+        self._is_done.set()
+
+    def set_exception(self, error: CommandError) -> None:
+        """It was not."""
+        self._error = error
+        self._is_done.set()
+
+
+class CommandSink(Protocol[C_contra]):
+    """What those see of an inbox who only hand in."""
+
+    def submit(self, command: C_contra) -> CommandFuture[Any]:
+        """See `CommandQueue`."""
+        ...
+
+
+class CommandQueue(Generic[C]):
+    """A short queue: many may hand in, the loop takes."""
+
+    def __init__(self, max_pending: int = MAX_PENDING_COMMANDS) -> None:
+        self._max_pending = max_pending
+        self._pending: deque[CommandFuture[C]] = deque()
+        self._lock = threading.Lock()
+        self._is_closed = False
+
+    def submit(self, command: C) -> CommandFuture[C]:
+        """Hand in a command. Raises CommandError: busy, or not-possible as the service ends."""
+        ticket = CommandFuture(command)
+        with self._lock:
+            if self._is_closed:
+                raise CommandError(ErrorCode.NOT_POSSIBLE, "the service is ending")
+            if len(self._pending) >= self._max_pending:
+                raise CommandError(
+                    ErrorCode.BUSY, f"{self._max_pending} commands are waiting already; try again"
+                )
+            self._pending.append(ticket)
+        return ticket
+
+    def submit_internal(self, command: C) -> CommandFuture[C]:
+        """Hand in a command of the program's own, which is never refused for want of room."""
+        ticket = CommandFuture(command)
+        with self._lock:
+            self._pending.append(ticket)
+        return ticket
+
+    def take_pending(self) -> list[CommandFuture[C]]:
+        """All that wait, the oldest first; never waits itself."""
+        if not self._pending:
+            return []
+        with self._lock:
+            tickets = list(self._pending)
+            self._pending.clear()
+        return tickets
+
+    def close(self) -> None:
+        """Refuse what waits and whatever comes."""
+        with self._lock:
+            self._is_closed = True
+        for ticket in self.take_pending():
+            ticket.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "the service is ending"))
 
 
 class Control:

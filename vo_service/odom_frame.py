@@ -9,13 +9,13 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import (
     T_BODY_CAMERA,
     Array,
+    Vector,
     adjoint,
     inverse,
     rigid_transform,
     so3_exp,
     so3_log,
 )
-from drivers.core.gravity import Vector
 from vo_service.odometry.covariance_accumulator import CovarianceAccumulator, diagonal_covariance
 from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
 

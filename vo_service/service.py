@@ -10,8 +10,7 @@ from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.clock import PublishClock, TimestampFilter
 from vo_service.control import Control
 from vo_service.frame_source import FrameSource
-from vo_service.load_shedding.load_meter import FrameCost
-from vo_service.load_shedding.load_shedder import LoadShedder, NullLoadShedder
+from vo_service.load_shedding import FrameCost, LoadShedder, NullLoadShedder
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import STAGE_BUDGETS_MS

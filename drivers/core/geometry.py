@@ -1,15 +1,17 @@
-"""Rigid transforms and rotations, and all conversions between their forms.
+"""Rigid motions, rotations and the direction of gravity: conversions, distances and averages."""
 
-A rigid transform is a 4x4 float64 matrix. ``T_a_b`` maps coordinates in frame b to frame a,
-so ``T_a_c = T_a_b @ T_b_c``. Quaternions are x y z w everywhere.
-"""
-
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+# Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
+R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+STANDARD_GRAVITY_M_S2 = 9.80665
+# A larger relative error of the length means acceleration or a fault, not gravity alone.
+MAX_LENGTH_ERROR = 0.1
 
 
 def rigid_transform(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
@@ -163,7 +165,33 @@ def is_rigid(T: NDArray[Any], tolerance: float = 1e-6) -> bool:
     return bool(orthonormal and np.linalg.det(R) > 0 and np.array_equal(T[3], [0, 0, 0, 1]))
 
 
-# Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
-R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # The default mounting: the base has the camera's position, in REP 103 axes.
 T_BODY_CAMERA = rigid_transform(R_BODY_OPTICAL, np.zeros(3))
+
+
+Vector = tuple[float, float, float]
+
+
+def is_gravity(vector_m_s2: Vector) -> bool:
+    """Whether the vector's length is within 10 % of gravity; else the camera accelerates."""
+    error = abs(math.hypot(*vector_m_s2) / STANDARD_GRAVITY_M_S2 - 1.0)
+    return error <= MAX_LENGTH_ERROR
+
+
+def gravity_from_accelerometer(acceleration_m_s2: Vector) -> Vector:
+    """Convert a reading of a Kinect's accelerometer to gravity in camera axes.
+
+    The accelerometer is in the head, beside the cameras, so the tilt angle is irrelevant. It
+    measures the reaction to gravity on x left, y up, z forward: (0, 9.81, 0) when level.
+    Microsoft's SDK documents these axes and an accuracy of about three degrees. libfreenect and
+    the accelerometer.txt of the TUM benchmark have these signs; in freiburg1_desk they agree with
+    the motion capture in all three axes.
+    """
+    x_left, y_up, z_forward = acceleration_m_s2
+    return (x_left, y_up, -z_forward)
+
+
+def accelerometer_from_gravity(gravity_m_s2: Vector) -> Vector:
+    """Invert `gravity_from_accelerometer`."""
+    x_right, y_down, z_forward = gravity_m_s2
+    return (x_right, y_down, -z_forward)

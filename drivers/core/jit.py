@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any, ParamSpec, TypeVar
 
-from drivers.core.paths import kernel_folder
+from drivers.core.files import kernel_folder
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -8,8 +8,10 @@ from drivers.camera import (
     CameraCounters,
     CameraState,
     CameraStatus,
+    Led,
     RgbdCamera,
     RgbdFrame,
+    SensorConfig,
 )
 from drivers.core.errors import CameraError, CameraNotFoundError
 from drivers.freenect.device_source import DeviceSource
@@ -19,7 +21,6 @@ from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.session import CaptureSession, NullSession
 from drivers.freenect.valid_depth import DepthFilter, ValidDepthMask, all_depths_to_10_m
 from drivers.kinect_usb.motor_unit import MotorUnit
-from drivers.sensor_config import Led, SensorConfig
 
 # Longer than a supervisor waits before it kills the process.
 RELEASE_TIMEOUT_S = 10.0

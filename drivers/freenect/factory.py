@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-from drivers.camera import PlaybackMode, RgbdCamera
+from drivers.camera import PlaybackMode, RgbdCamera, SensorConfig
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.fakenect import FakenectSource
 from drivers.freenect.kinect_source import KinectSource
 from drivers.freenect.rectify import KinectRectifier
 from drivers.kinect_usb.motor_unit import NullMotorUnit
-from drivers.sensor_config import SensorConfig
 
 
 def make_kinect_camera(serial: str, settings: SensorConfig, camera_file: Path | None) -> RgbdCamera:

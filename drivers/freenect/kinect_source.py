@@ -4,7 +4,7 @@ import ctypes
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
-from drivers.camera import Clock
+from drivers.camera import Clock, SensorConfig
 from drivers.freenect.context import FreenectContext, FreenectDevice
 from drivers.freenect.error_messages import (
     NO_BANDWIDTH_LINE,
@@ -19,7 +19,6 @@ from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import SONAME, DepthFormat, Flag, load_library
 from drivers.freenect.valid_depth import DepthFilter, ValidDepthMask, find_valid_depths_mm
 from drivers.freenect.watchdog import StreamTimeouts
-from drivers.sensor_config import SensorConfig
 from drivers.time_sync import MIN_IMAGE_PERIOD_S, HostClockSync
 
 # The shortest time from a stamp until the host has the whole color image: 162 packets, one every

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from statistics import fmean
 
-from drivers.core.gravity import (
+from drivers.core.geometry import (
     STANDARD_GRAVITY_M_S2,
     Vector,
     gravity_from_accelerometer,

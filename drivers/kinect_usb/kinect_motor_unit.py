@@ -7,22 +7,23 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from drivers.camera import Led, SensorConfig
 from drivers.core.errors import CameraError, UserFacingError
-from drivers.core.gravity import Vector
+from drivers.core.geometry import Vector
 from drivers.kinect_usb.accelerometer import GravityFilter
 from drivers.kinect_usb.audio_motor import AudioMotor
 from drivers.kinect_usb.kinect_1414_motor import Kinect1414Motor
 from drivers.kinect_usb.motor_unit import MotorDevice, MotorUnitReading
 from drivers.kinect_usb.usb_devices import find_kinect
 from drivers.kinect_usb.usb_ids import UsbRole
-from drivers.sensor_config import Led, SensorConfig
+
+_log = logging.getLogger(__name__)
 
 READ_PERIOD_S, RECONNECT_PERIOD_S = 0.1, 2.0
 INITIAL_READINGS = 8
 # The longest time that the head takes from end to end; readings of this time are not averaged.
 MAX_TILT_DURATION_S = 4.0
 JOIN_TIMEOUT_S = 3.0
-_log = logging.getLogger(__name__)
 
 
 def open_motor_device(serial: str) -> MotorDevice:

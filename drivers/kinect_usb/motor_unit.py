@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from drivers.camera import Led, SensorConfig
 from drivers.core.errors import CameraError
-from drivers.core.gravity import Vector
-from drivers.sensor_config import Led, SensorConfig
+from drivers.core.geometry import Vector
 
 
 class MotorUnit(Protocol):

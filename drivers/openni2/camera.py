@@ -9,12 +9,12 @@ from drivers.camera import (
     Clock,
     RgbdCamera,
     RgbdFrame,
+    SensorConfig,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.openni2.library import OpenNI2
 from drivers.openni2.live_stream import LiveStream
 from drivers.openni2.rectify import CalibrationFile
-from drivers.sensor_config import SensorConfig
 
 
 class OpenNI2Camera(RgbdCamera):

@@ -2,6 +2,7 @@
 
 import logging
 
+from drivers.camera import SensorConfig
 from drivers.core.errors import InputError
 from drivers.openni2.decode import DEPTH_FACTORS
 from drivers.openni2.device import OpenNI2Device
@@ -9,7 +10,6 @@ from drivers.openni2.library import OpenNI2Error, PixelFormat, SensorType, Strea
 from drivers.openni2.rectify import CalibrationFile, DepthRegistration, SourceProperties
 from drivers.openni2.stream import OpenNI2Stream
 from drivers.openni2.video_modes import choose_video_mode
-from drivers.sensor_config import SensorConfig
 
 _log = logging.getLogger(__name__)
 

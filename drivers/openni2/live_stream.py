@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame
+from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraError, CameraLostError
 from drivers.openni2.configure import configure_device, start_streams
 from drivers.openni2.decode import IncompleteFrameError, decode_color, decode_depth
@@ -17,8 +17,9 @@ from drivers.openni2.enumeration import open_device
 from drivers.openni2.library import OniFrame, OpenNI2, OpenNI2Error, SensorType
 from drivers.openni2.rectify import CalibrationFile, make_rectifier
 from drivers.openni2.stream import OpenNI2Stream
-from drivers.sensor_config import SensorConfig
 from drivers.time_sync import HostClockSync, NearestFramePairing, StampedPair
+
+_log = logging.getLogger(__name__)
 
 # The meaning of the stamps is undocumented. They are assumed to be the time of the middle row, and
 # the time from there to the host is assumed to be a Kinect's.
@@ -26,7 +27,6 @@ ASSUMED_READOUT_S = 0.020
 FIRST_IMAGE_TIMEOUT_S, NEXT_IMAGE_TIMEOUT_S = 2.0, 1.0
 # The longest wait in the library between two checks of the timeouts.
 POLL_S = 0.1
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-from drivers.camera import CameraCounters, Clock, PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.camera import CameraCounters, Clock, PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraError
 from drivers.openni2.library import OpenNI2
 from drivers.openni2.oni_playback import OniPlayback
 from drivers.openni2.rectify import CalibrationFile
-from drivers.sensor_config import SensorConfig
 
 
 class OniCamera(RgbdCamera):

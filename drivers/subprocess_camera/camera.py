@@ -5,21 +5,26 @@ from dataclasses import replace
 
 from drivers.camera import (
     CameraCounters,
+    CameraFactory,
     CameraStatus,
     Clock,
+    Led,
     PlaybackMode,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError
 from drivers.core.trajectory import Trajectory
-from drivers.sensor_config import Led
-from drivers.subprocess_camera.device_requests import DeviceRequest, SetLed, SetTilt
 from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingReader
-from drivers.subprocess_camera.messages import CameraFactory, CameraWorkerConfig
+from drivers.subprocess_camera.messages import (
+    CameraWorkerConfig,
+    DeviceRequest,
+    SetLed,
+    SetTilt,
+    Timeouts,
+)
 from drivers.subprocess_camera.sequencing import make_sequencer
 from drivers.subprocess_camera.supervisor import CameraWorkerSupervisor
-from drivers.subprocess_camera.timeouts import Timeouts
 
 
 class SubprocessCamera(RgbdCamera):

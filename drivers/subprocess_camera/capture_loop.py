@@ -14,7 +14,7 @@ from drivers.camera import (
     RgbdCamera,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
-from drivers.core.process.backoff import ExponentialBackoff
+from drivers.core.process.supervisor import ExponentialBackoff
 from drivers.subprocess_camera.frame_ring import FrameRingWriter
 from drivers.subprocess_camera.messages import (
     CameraFinished,
@@ -22,8 +22,8 @@ from drivers.subprocess_camera.messages import (
     CameraProperties,
     CameraWorkerMessage,
     StartCameraWorker,
+    WorkerPhase,
 )
-from drivers.subprocess_camera.timeouts import WorkerPhase
 
 POLL_S = 0.25
 

@@ -9,10 +9,8 @@ from contextlib import suppress
 
 from drivers.camera import CameraCounters, CameraState, CameraStatus, EndOfStream
 from drivers.core.errors import CameraLostError
-from drivers.core.process.backoff import ExponentialBackoff
-from drivers.core.process.messages import LogMessage
-from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
-from drivers.subprocess_camera.device_requests import DeviceRequest
+from drivers.core.process.supervisor import ExponentialBackoff
+from drivers.core.process.worker_process import LogMessage, WorkerProcess, WorkerSpec
 from drivers.subprocess_camera.frame_ring import FrameRingReader
 from drivers.subprocess_camera.messages import (
     CameraFinished,
@@ -20,11 +18,13 @@ from drivers.subprocess_camera.messages import (
     CameraProperties,
     CameraWorkerConfig,
     CameraWorkerMessage,
+    DeviceRequest,
     StartCameraWorker,
+    WorkerPhase,
 )
-from drivers.subprocess_camera.timeouts import WorkerPhase
 
 _log = logging.getLogger(__name__)
+
 
 CAMERA_WORKER = WorkerSpec("drivers.subprocess_camera.worker_main", "driver")
 

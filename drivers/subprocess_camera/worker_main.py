@@ -23,10 +23,13 @@ from drivers.core.process.parent_connection import (
     ignore_terminal_signals,
 )
 from drivers.subprocess_camera.capture_loop import CaptureLoop
-from drivers.subprocess_camera.device_requests import DeviceRequest
 from drivers.subprocess_camera.frame_ring import FrameRingWriter
-from drivers.subprocess_camera.messages import CameraFinished, StartCameraWorker
-from drivers.subprocess_camera.timeouts import Timeouts
+from drivers.subprocess_camera.messages import (
+    CameraFinished,
+    DeviceRequest,
+    StartCameraWorker,
+    Timeouts,
+)
 
 _log = logging.getLogger(__name__)
 

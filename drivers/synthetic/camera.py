@@ -18,7 +18,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.core.gravity import STANDARD_GRAVITY_M_S2, Vector
+from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Vector
 from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.fault_injection import FaultInjector, FaultKind

@@ -9,7 +9,7 @@ import cv2
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.core.gravity import Vector
+from drivers.core.geometry import Vector
 from drivers.tum.index_files import EXACT_CONTEXT
 
 MICROSECOND = Decimal("1e-6")

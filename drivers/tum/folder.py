@@ -9,9 +9,15 @@ from drivers.calibration import CameraCalibration, find_calibration
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory, read_trajectory
 from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
-from drivers.tum.accelerometer import GravitySeries, read_gravity
 from drivers.tum.decode import UnreadableFrameError, load_pair
-from drivers.tum.index_files import FramePair, ListedImage, read_associations, read_image_list
+from drivers.tum.index_files import (
+    FramePair,
+    GravitySeries,
+    ListedImage,
+    read_associations,
+    read_gravity,
+    read_image_list,
+)
 
 
 @dataclass(frozen=True)

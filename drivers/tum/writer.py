@@ -18,7 +18,6 @@ from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
 from drivers.core.trajectory import Trajectory, format_pose_line
-from drivers.tum.accelerometer import AccelerometerWriter
 from drivers.tum.encode import (
     EARLIEST_STAMPS,
     ColorFormat,
@@ -28,10 +27,12 @@ from drivers.tum.encode import (
     format_stamp,
     round_to_microseconds,
 )
+from drivers.tum.index_files import AccelerometerWriter
+
+_log = logging.getLogger(__name__)
 
 ENCODER_THREADS = 2
 MAX_PENDING_FRAMES = 4
-_log = logging.getLogger(__name__)
 
 
 class TumWriter:

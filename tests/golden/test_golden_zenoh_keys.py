@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from vo_service.command_queue import CommandQueue
 from vo_service.config_tables import CommandConfig, Ros2Config, ZenohConfig
+from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh.command_server import make_command_endpoint
 from vo_service.outputs.zenoh.messages import FrameIds
 from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables

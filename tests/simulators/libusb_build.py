@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from drivers.core.errors import UserFacingError
-from drivers.core.paths import cache_folder
+from drivers.core.files import cache_folder
 
 SONAME = "libusb-1.0.so.0"
 SOURCES = Path(__file__).parent / "libusb"

@@ -11,8 +11,7 @@ from tests.vo_service.fakes import (
     ScriptedOdometry,
 )
 from vo_service.clock import PublishClock, RecordedClock
-from vo_service.command_queue import CommandQueue
-from vo_service.control import Control
+from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, SinglePassSource
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer

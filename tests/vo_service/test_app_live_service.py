@@ -2,8 +2,8 @@
 
 from tests.vo_service.fakes import ScriptedCamera, ScriptedOdometry
 from vo_service.app import ServiceDependencies, make_config_handlers
-from vo_service.load_shedding.load_shedder import ReconfigurableLoadShedder
-from vo_service.reload import RELOADABLE_KEYS
+from vo_service.config import RELOADABLE_KEYS
+from vo_service.load_shedding import ReconfigurableLoadShedder
 
 
 def test_every_key_that_may_change_at_run_time_is_applied_by_somebody() -> None:

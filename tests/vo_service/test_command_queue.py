@@ -2,7 +2,7 @@
 
 import pytest
 
-from vo_service.command_queue import CommandQueue
+from vo_service.control import CommandQueue
 from vo_service.types import (
     Command,
     CommandError,

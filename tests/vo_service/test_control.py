@@ -6,14 +6,12 @@ from functools import partial
 
 import pytest
 
-from drivers.sensor_config import Led, SensorConfig
+from drivers.camera import Led, SensorConfig
 from tests.vo_service.fakes import ScriptedCamera
 from vo_service.app import ConfigHandlers, apply_changes
-from vo_service.command_queue import CommandQueue
-from vo_service.config import Config
-from vo_service.control import Control
+from vo_service.config import Config, ConfigChanges
+from vo_service.control import CommandQueue, Control
 from vo_service.odom_frame import OdomFrame
-from vo_service.reload import ConfigChanges
 from vo_service.types import (
     Command,
     CommandError,

@@ -58,7 +58,7 @@ def test_the_journal_gets_the_level_as_a_number() -> None:
 
 @pytest.mark.subprocess
 def test_an_announcement_is_shown_at_the_default_level_and_has_its_own() -> None:
-    code = "from vo_service.announcements import announce; announce('shown'); "
+    code = "from vo_service.terminal import announce; announce('shown'); "
     assert journal_of(code + "set_log_level('error'); announce('hidden')") == ["<6>shown"]
 
 

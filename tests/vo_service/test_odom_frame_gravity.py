@@ -7,8 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.geometry import R_BODY_OPTICAL, T_BODY_CAMERA, Array, rigid_transform, so3_exp
-from drivers.core.gravity import Vector
+from drivers.core.geometry import (
+    R_BODY_OPTICAL,
+    T_BODY_CAMERA,
+    Array,
+    Vector,
+    rigid_transform,
+    so3_exp,
+)
 from tests.vo_service.fakes import failed_estimate, good_estimate, make_frame
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.types import Estimate, LevelSource, OdometryUpdate

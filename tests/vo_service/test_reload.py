@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.camera import Led
 from drivers.core.errors import InputError
-from drivers.sensor_config import Led
-from vo_service.config import Config, read_config
-from vo_service.reload import RELOADABLE_KEYS, ConfigReloader, diff_configs
+from vo_service.config import RELOADABLE_KEYS, Config, ConfigReloader, diff_configs, read_config
 
 RED_LIGHT = replace(Config(), sensor=replace(Config().sensor, led=Led.RED))
 OTHER_PREFIX = replace(Config(), zenoh=replace(Config().zenoh, prefix="other"))

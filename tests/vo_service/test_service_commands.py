@@ -14,7 +14,7 @@ from tests.vo_service.fakes import (
 )
 from tests.vo_service.service_loop import make_service
 from vo_service import service as service_module
-from vo_service.command_queue import CommandQueue
+from vo_service.control import CommandQueue
 from vo_service.frame_source import SinglePassSource
 from vo_service.types import Command, OdometryUpdate, PauseCommand, ResetCommand, ResumeCommand
 

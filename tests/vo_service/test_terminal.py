@@ -8,7 +8,6 @@ import re
 import pytest
 
 from tests.vo_service.fakes import FakeClock
-from vo_service import announcements
 from vo_service import terminal as terminal_module
 from vo_service.logs import log_to_stderr
 from vo_service.terminal import Terminal, clear_line
@@ -41,14 +40,14 @@ def test_what_is_said_is_a_line_of_the_log_where_there_is_no_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with log_to_stderr():
-        Terminal().write_line("pictures: http://127.0.0.1:9090")
-    assert capsys.readouterr().err == "kinect-vo: info: pictures: http://127.0.0.1:9090\n"
+        Terminal().write_line("Rerun: http://127.0.0.1:9090")
+    assert capsys.readouterr().err == "kinect-vo: info: Rerun: http://127.0.0.1:9090\n"
 
 
 def test_what_is_said_is_a_plain_line_on_a_terminal() -> None:
     screen = CapturedTerminal()
-    Terminal(screen).write_line("pictures: http://127.0.0.1:9090")
-    assert screen.getvalue() == "pictures: http://127.0.0.1:9090\n"
+    Terminal(screen).write_line("Rerun: http://127.0.0.1:9090")
+    assert screen.getvalue() == "Rerun: http://127.0.0.1:9090\n"
 
 
 def test_a_line_is_drawn_over_the_one_before_and_taken_away() -> None:
@@ -115,7 +114,7 @@ def test_a_log_tells_of_nothing_that_is_quick(capsys: pytest.CaptureFixture[str]
 def test_a_log_tells_of_work_of_unknown_length_when_it_goes_on_and_when_it_ends(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(announcements, "SLOW_AFTER_S", 0.01)
+    monkeypatch.setattr(terminal_module, "SLOW_AFTER_S", 0.01)
     with log_to_stderr(), Terminal().busy("compiling"):
         told = ""
         while not told:

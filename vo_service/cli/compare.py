@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.core.errors import InputError
-from drivers.core.paths import create_output_folder
+from drivers.core.files import create_output_folder
 from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.cli.options import add_benchmark_options, load_config
 from vo_service.config import Config

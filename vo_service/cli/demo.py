@@ -7,8 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
-from drivers.core.files import atomic_write
-from drivers.core.paths import create_output_folder
+from drivers.core.files import atomic_write, create_output_folder
 from drivers.core.trajectory import Trajectory, format_pose_line
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
@@ -22,7 +21,7 @@ from vo_service.cli.options import (
     print_message,
 )
 from vo_service.frame_source import PacedSource
-from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.state_log import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
 from vo_service.outputs.zenoh.connection import ConnectOnFreePort
 from vo_service.signals import stop_on_signals
@@ -100,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _choose_rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
     if find_spec("rerun") is None:
-        print_message("pictures: none, Rerun is not installed (pip install 'kinect-vo[rerun]')")
+        print_message("Rerun: not installed (pip install 'kinect-vo[rerun]')")
         return ()
     recording = args.output / "demo.rrd"
     return (str(recording),) if args.no_serve else ("serve", str(recording))

@@ -11,8 +11,8 @@ from types import ModuleType
 from typing import NoReturn
 
 from drivers.core.errors import UserFacingError
+from drivers.core.files import kernel_folder
 from drivers.core.memory import limit_malloc_arenas
-from drivers.core.paths import kernel_folder
 from vo_service.logs import log_to_stderr
 from vo_service.signals import EXIT_CODE_SIGINT
 from vo_service.terminal import clear_line

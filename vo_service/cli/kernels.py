@@ -9,8 +9,8 @@ from typing import TypeVar
 import cv2
 
 from drivers.core.errors import UserFacingError
+from drivers.core.files import cache_folder, kernel_folder
 from drivers.core.jit import interruptible
-from drivers.core.paths import cache_folder, kernel_folder
 from vo_service.config import Config
 from vo_service.odometry.warm_up import warm_up
 from vo_service.signals import StopSignal

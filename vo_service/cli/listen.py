@@ -16,8 +16,7 @@ from vo_service.cli.options import add_connection_options
 from vo_service.cli.pose_printers import JsonPosePrinter, PosePrinter, TextPosePrinter, print_notice
 from vo_service.client.connection import BackgroundConnection
 from vo_service.config_tables import ZenohConfig, check_prefix
-from vo_service.outputs.zenoh.cdr_odometry import decode_odometry
-from vo_service.outputs.zenoh.cdr_transform import decode_transform
+from vo_service.outputs.zenoh.cdr import decode_odometry, decode_transform
 
 NAME = "listen"
 HELP = "print the poses that a running kinect-vo publishes"

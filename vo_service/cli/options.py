@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,6 +90,8 @@ def load_config(args: argparse.Namespace) -> Config:
         config = replace(config, odometry=replace(config.odometry, method=args.method))
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
+    if config.rerun.targets:
+        _check_rerun_targets(config.rerun.targets)
     if getattr(args, "pace", None) is PlaybackMode.LOCKSTEP:  # the same results on a slow machine
         config = replace(
             config,
@@ -101,6 +104,14 @@ def load_config(args: argparse.Namespace) -> Config:
     if getattr(args, "prefix", None):
         config = replace(config, zenoh=replace(config.zenoh, prefix=args.prefix))
     return config
+
+
+def _check_rerun_targets(targets: Sequence[str]) -> None:
+    """Check targets before anything is opened. Raises InputError."""
+    from vo_service.outputs.rerun.targets import check_targets, prepare_rerun
+
+    check_targets(targets)
+    prepare_rerun()
 
 
 def _parse_source(text: str) -> str:

@@ -4,8 +4,7 @@ import json
 import sys
 from typing import Any, Protocol
 
-from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage
-from vo_service.outputs.zenoh.cdr_transform import TransformMessage
+from vo_service.outputs.zenoh.cdr import OdometryMessage, TransformMessage
 
 
 def print_notice(text: str) -> None:

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.core.errors import InputError
-from drivers.core.files import atomic_write
-from drivers.core.paths import create_output_folder
+from drivers.core.files import atomic_write, create_output_folder
 from drivers.core.trajectory import (
     MAX_STAMP_DIFFERENCE_S,
     Trajectory,
@@ -37,8 +36,9 @@ from vo_service.reconstruction.warm_up import warm_up_reconstruction
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 
-TRAJECTORY_FILE = "trajectory.txt"
 _log = logging.getLogger(__name__)
+
+TRAJECTORY_FILE = "trajectory.txt"
 
 
 def run_reconstruction(args: argparse.Namespace) -> int:

@@ -27,7 +27,7 @@ from vo_service.cli.options import (
     parse_seconds,
 )
 from vo_service.frame_source import SinglePassSource
-from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.state_log import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort
 from vo_service.signals import stop_on_signals

@@ -6,10 +6,9 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from vo_service.cli.options import print_message
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.endpoints import configured_endpoints
+from vo_service.outputs.zenoh.access_denied_log import capture_zenoh_log
 from vo_service.outputs.zenoh.link_events import log_link_events
-from vo_service.outputs.zenoh.log_capture import capture_zenoh_log
-from vo_service.outputs.zenoh.session import build_zenoh_config, open_session
+from vo_service.outputs.zenoh.session import build_zenoh_config, configured_endpoints, open_session
 from vo_service.signals import stop_on_signals
 
 NAME = "router"

@@ -22,18 +22,16 @@ from vo_service.cli.options import (
     load_config,
     parse_playback_mode,
 )
-from vo_service.command_queue import CommandQueue
-from vo_service.config import Config
+from vo_service.config import Config, ConfigReloader
+from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level
-from vo_service.outputs.progress import ProgressOutput
-from vo_service.outputs.recorder.factory import open_recorder
-from vo_service.outputs.state_log import StateLogOutput
+from vo_service.outputs.recorder.flight_recorder import open_recorder
+from vo_service.outputs.state_log import ProgressOutput, StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
+from vo_service.outputs.zenoh.access_denied_log import log_access_denied
 from vo_service.outputs.zenoh.command_server import make_command_endpoint
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
-from vo_service.outputs.zenoh.log_capture import log_access_denied
 from vo_service.outputs.zenoh.output import ExtraEndpoints
-from vo_service.reload import ConfigReloader
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,
@@ -42,7 +40,7 @@ from vo_service.signals import (
     run_on_loop_thread,
     stop_on_signals,
 )
-from vo_service.slam.mapper.factory import open_mapper
+from vo_service.slam.mapper.live_mapper import open_mapper
 from vo_service.terminal import Terminal
 from vo_service.types import Command, Output
 

@@ -11,16 +11,16 @@ from vo_service.app import run_replay
 from vo_service.cli.kernels import prepare_kernels
 from vo_service.config import Config
 from vo_service.frame_source import SinglePassSource
-from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.state_log import ProgressOutput
 from vo_service.reconstruction.frame_poses import TrackedPoseRecorder
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
 from vo_service.types import NullLoopClosure, Output
 
+_log = logging.getLogger(__name__)
+
 if TYPE_CHECKING:  # its libraries are slow to load
     from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
-
-_log = logging.getLogger(__name__)
 
 
 def track_recording(

@@ -7,7 +7,7 @@ import zenoh
 
 from drivers.core.geometry import Array
 from vo_service.client.message_parsing import check_fields, parse_json
-from vo_service.outputs.zenoh.cdr_transform import decode_transform
+from vo_service.outputs.zenoh.cdr import decode_transform
 
 _ATTACHMENT_FIELDS = {
     "seq": int,

@@ -10,7 +10,7 @@ import zenoh
 
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.client.message_parsing import check_fields, parse_json
-from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, decode_odometry
+from vo_service.outputs.zenoh.cdr import OdometryMessage, decode_odometry
 
 LOST = "lost"
 _ATTACHMENT_FIELDS = {"seq": int, "state": str, "epoch": int, "reason": str}

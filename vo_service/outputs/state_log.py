@@ -1,16 +1,40 @@
-"""Log lines for changes of state: tracking or camera lost, tracking or camera back."""
+"""Outputs for people: progress on a terminal, and a log line for each change of state."""
 
 import logging
 import math
 import time
 
 from drivers.camera import CameraState
-from vo_service.announcements import SLOW_AFTER_S, announce
+from vo_service.terminal import SLOW_AFTER_S, Terminal, announce
 from vo_service.types import OdometryUpdate, Status, TrackingState
 
+logger = logging.getLogger(__name__)
 CONNECTING_STATES = (CameraState.OPENING, CameraState.STARTING)
 
-logger = logging.getLogger(__name__)
+
+class ProgressOutput:
+    """Draws the frame count, the state and the inliers. It writes nothing to the log."""
+
+    warning = ""
+
+    def __init__(self, terminal: Terminal, label: str, total: int | None) -> None:
+        self._terminal = terminal
+        self._label = label
+        self._total = total
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Count one frame."""
+        label = f"{self._label}: {update.state}, {update.estimate.inliers} inliers, frame"
+        self._terminal.progress(label, update.frame.seq + 1, self._total)
+
+    def on_status(self, status: Status) -> None:
+        """Draw why there is no camera; with a camera, `on_update` draws."""
+        if status.state is TrackingState.NO_CAMERA:
+            self._terminal.show(f"{self._label}: {status.reason}")
+
+    def close(self) -> None:
+        """Clear the line."""
+        self._terminal.clear()
 
 
 class StateLogOutput:

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from drivers.core.geometry import Array, rigid_transform
-from drivers.core.gravity import Vector
+from drivers.core.geometry import Array, Vector, rigid_transform
 from vo_service.reconstruction.mesh import Mesh
 
 # Half angles of the cones around the estimated up direction; normals of floors and tables are

@@ -21,7 +21,6 @@ from vo_service.types.commands import (
     TiltCommand,
 )
 from vo_service.types.estimate import Estimate, Odometry, TrackingDebug
-from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.outputs import (
     GroundTruthSource,
     HasWarning,
@@ -45,7 +44,7 @@ from vo_service.types.status import (
     TrackingReport,
     field_description,
 )
-from vo_service.types.update import LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.update import NO_MAP, LevelSource, MapSnapshot, OdometryUpdate, TrackingState
 
 __all__ = [
     "NAME_PATTERN",

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from drivers.camera import Led
 from drivers.core.geometry import Array
-from drivers.sensor_config import Led
 
 # Names of recordings and maps, which become names of files.
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"

@@ -7,9 +7,8 @@ from drivers.core.trajectory import Trajectory
 from vo_service.config_tables import MapConfig, RecorderConfig
 from vo_service.types.commands import CommandError, ErrorCode
 from vo_service.types.estimate import Odometry
-from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.status import MapState, Status
-from vo_service.types.update import OdometryUpdate
+from vo_service.types.update import NO_MAP, MapSnapshot, OdometryUpdate
 
 # Asked for the ground truth once frames come: a live camera's truth has no stamps before that.
 GroundTruthSource = Callable[[], Trajectory | None]

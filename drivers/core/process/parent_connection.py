@@ -6,7 +6,7 @@ import threading
 from multiprocessing.connection import Connection
 from typing import Any
 
-from drivers.core.process.messages import LogMessage
+from drivers.core.process.worker_process import LogMessage
 
 
 class ParentConnection:

@@ -14,18 +14,51 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, Protocol, TypeVar
 
-from drivers.core.process.backoff import ExponentialBackoff
-from drivers.core.process.messages import Heartbeat, Shutdown
-from drivers.core.process.worker_process import start_module
+from drivers.core.process.worker_process import Heartbeat, Shutdown, start_module
 
 logger = logging.getLogger(__name__)
-
 _INITIAL_RETRY_S, _MAX_RETRY_S = 0.2, 30.0
 # A process without a message for this long hangs, for example on a disk, or is stopped.
 HEARTBEAT_TIMEOUT_S = 10.0
 # How long the service waits for its end. The process then finishes its writing alone.
 SHUTDOWN_TIMEOUT_S = 1.5
 REAP_TIMEOUT_S = 0.5
+
+
+class ExponentialBackoff:
+    """Waits that double while nothing works."""
+
+    def __init__(self, initial_s: float, max_s: float) -> None:
+        self._initial_s, self._max_s = initial_s, max_s
+        self._next_s = initial_s
+
+    def next_s(self) -> float:
+        """How long to wait this time."""
+        wait_s = self._next_s
+        self._next_s = min(2 * wait_s, self._max_s)
+        return wait_s
+
+    def reset(self) -> None:
+        """Start again with the shortest wait: it worked."""
+        self._next_s = self._initial_s
+
+
+class FaultReporter:
+    """Holds the current fault in `text` ("" for none) and logs each new fault once.
+
+    Args:
+        name: Name of the process in the log.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.text = ""
+        self._name = name
+
+    def set(self, text: str) -> None:
+        """Set the current fault, "" for none."""
+        if text and text != self.text:
+            logger.error("%s: %s", self._name, text)
+        self.text = text
 
 
 class WorkerConfig(Protocol):

@@ -14,9 +14,28 @@ from multiprocessing.connection import wait
 from types import TracebackType
 from typing import IO, Any, Self
 
+_log = logging.getLogger(__name__)
 _MAX_LINE_CHARS = 200
 _REAP_TIMEOUT_S = 5.0
-_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Shutdown:
+    """To the process, as the last message: the service ends in order."""
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """From the process, every second: it is alive and receives messages."""
+
+
+@dataclass(frozen=True)
+class LogMessage:
+    """From the worker, for the log of the service."""
+
+    level: int
+    logger_name: str
+    text: str
 
 
 @dataclass(frozen=True)

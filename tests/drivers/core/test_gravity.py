@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.gravity import (
+from drivers.core.geometry import (
     Vector,
     accelerometer_from_gravity,
     gravity_from_accelerometer,

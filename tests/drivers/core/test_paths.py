@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core import paths
+from drivers.core import files
 from drivers.core.errors import UserFacingError
-from drivers.core.paths import cache_folder, kernel_folder, state_folder
+from drivers.core.files import cache_folder, kernel_folder, state_folder
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_another_state_of_the_source_has_another_folder_for_kernels(
 ) -> None:
     source = tmp_path / "checkout" / "drivers" / "jit.py"
     source.parent.mkdir(parents=True)
-    monkeypatch.setattr(paths, "__file__", str(tmp_path / "checkout" / "drivers" / "core" / "f.py"))
+    monkeypatch.setattr(files, "__file__", str(tmp_path / "checkout" / "drivers" / "core" / "f.py"))
     source.write_text("a = 1\n")
     before = kernel_folder()
     assert kernel_folder() == before

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
+from drivers.camera import SensorConfig
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.kinect_source import KinectSource
 from drivers.freenect.library import PACKAGE, SONAME
 from drivers.freenect.rectify import KinectRectifier
 from drivers.kinect_usb.motor_unit import MotorUnit, NullMotorUnit
-from drivers.sensor_config import SensorConfig
 from tests.simulators.fixtures import SimulateKinect
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator
 from tests.simulators.requirements import require_library

@@ -7,6 +7,7 @@ import os
 import sys
 import time
 
+from drivers.camera import SensorConfig
 from drivers.core.errors import CameraError
 from drivers.freenect import camera as camera_module
 from drivers.freenect import event_loop
@@ -14,7 +15,6 @@ from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.kinect_source import KinectSource
 from drivers.freenect.rectify import KinectRectifier
 from drivers.kinect_usb.motor_unit import NullMotorUnit
-from drivers.sensor_config import SensorConfig
 
 event_loop.START_TIMEOUT_S = camera_module.RELEASE_TIMEOUT_S = 0.5
 event_loop.STOP_TIMEOUT_S = 0.2

@@ -10,11 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from drivers.camera import CameraState, Clock, FrameTimeout, PlaybackMode
+from drivers.camera import CameraState, Clock, FrameTimeout, PlaybackMode, SensorConfig
 from drivers.freenect.factory import make_kinect_camera
-from drivers.sensor_config import SensorConfig
 from drivers.subprocess_camera.camera import SubprocessCamera
-from drivers.subprocess_camera.timeouts import Timeouts
+from drivers.subprocess_camera.messages import Timeouts
 from tests.resource_leaks import child_pids, resident_memory_kb, resources_in_use_by
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from drivers.calibration import format_calibration
-from drivers.camera import CameraState, RgbdFrame
+from drivers.camera import CameraState, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraLostError, CameraNotFoundError
 from drivers.freenect.kinect_source import list_kinects
 from drivers.freenect.rectify import DEFAULT_CALIBRATION
 from drivers.rectify import make_undistorter
-from drivers.sensor_config import SensorConfig
 from tests.drivers.freenect.conftest import MakeCamera, plug_in
 from tests.simulators.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
 from tests.simulators.kinect_registration import quantize_mm

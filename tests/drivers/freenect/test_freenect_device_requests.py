@@ -6,12 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.camera import CameraState
+from drivers.camera import CameraState, Led, SensorConfig
 from drivers.core.errors import CameraError
 from drivers.freenect.camera import FreenectCamera
 from drivers.kinect_usb import kinect_motor_unit
 from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
-from drivers.sensor_config import Led, SensorConfig
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.drivers.freenect.replugging import kinect_in_subprocess

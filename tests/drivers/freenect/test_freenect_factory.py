@@ -4,10 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import Clock, PlaybackMode
+from drivers.camera import Clock, Led, PlaybackMode, SensorConfig
 from drivers.core.errors import InputError
 from drivers.freenect.factory import make_fakenect_camera, make_kinect_camera
-from drivers.sensor_config import Led, SensorConfig
 from tests.simulators import kinect_faults
 from tests.simulators.kinect_simulator import KinectSimulator
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.gravity import Vector
+from drivers.core.geometry import Vector
 from drivers.kinect_usb.accelerometer import GravityFilter, gravity_from_counts
 
 LEVEL: Vector = (0.0, 9.80665, 0.0)

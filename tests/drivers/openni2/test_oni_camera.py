@@ -12,12 +12,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.calibration import format_calibration, read_calibration
-from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraError, InputError
 from drivers.openni2 import oni_playback
 from drivers.openni2.oni_camera import OniCamera
 from drivers.playback import RealtimeScheduler
-from drivers.sensor_config import SensorConfig
 from drivers.tum.camera import TumCamera
 from tests.drivers.openni2.conftest import SIZE, make_image, make_images, read_all_frames
 from tests.resource_leaks import resources_in_use

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.calibration import format_calibration, read_calibration
-from drivers.camera import CameraState, Clock, FrameTimeout
+from drivers.camera import CameraState, Clock, FrameTimeout, SensorConfig
 from drivers.core.errors import (
     CameraError,
     CameraLostError,
@@ -25,7 +25,6 @@ from drivers.core.errors import (
 from drivers.openni2 import library
 from drivers.openni2.camera import OpenNI2Camera
 from drivers.openni2.enumeration import list_devices
-from drivers.sensor_config import SensorConfig
 from tests.drivers.openni2.conftest import CAMERA_FILE, DEPTH_CAMERA, make_image, make_images
 from tests.simulators.oni_writer import OniImage, OniSensor, OniSettings, write_oni
 

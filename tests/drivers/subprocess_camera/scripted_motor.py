@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from drivers.camera import Led
 from drivers.core.errors import CameraError
-from drivers.sensor_config import Led
 from tests.drivers.subprocess_camera.scripted_cameras import FileScriptedCamera
 
 STUCK_DEG = -31.0

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
-from drivers.core.gravity import Vector
-from drivers.tum.accelerometer import ACCELEROMETER_FILE, AccelerometerWriter, read_gravity
+from drivers.core.geometry import Vector
 from drivers.tum.camera import TumCamera
+from drivers.tum.index_files import ACCELEROMETER_FILE, AccelerometerWriter, read_gravity
 from drivers.tum.writer import TumWriter
 
 FolderMaker = Callable[..., Path]

@@ -12,7 +12,7 @@ import pytest
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import CameraCounters, Clock, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core.errors import CameraError, InputError
-from drivers.tum import frame_reader
+from drivers.tum import camera as tum_camera
 from drivers.tum.camera import TumCamera
 
 FolderMaker = Callable[..., Path]
@@ -189,7 +189,7 @@ def test_an_error_in_the_thread_reaches_the_reader(
     def broken(*_: object) -> None:
         raise MemoryError("no room for an image")
 
-    monkeypatch.setattr(frame_reader, "load_pair", broken)
+    monkeypatch.setattr(tum_camera, "load_pair", broken)
     with TumCamera(make_folder()) as camera, pytest.raises(MemoryError, match="no room"):
         camera.read(10)
 

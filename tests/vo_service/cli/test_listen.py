@@ -19,8 +19,12 @@ from tests.ports import free_port
 from tests.waiting import wait_until
 from vo_service.cli import listen
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, encode_odometry
-from vo_service.outputs.zenoh.cdr_transform import TransformMessage, encode_transform
+from vo_service.outputs.zenoh.cdr import (
+    OdometryMessage,
+    TransformMessage,
+    encode_odometry,
+    encode_transform,
+)
 from vo_service.outputs.zenoh.session import open_session
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]

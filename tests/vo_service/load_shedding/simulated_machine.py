@@ -5,9 +5,7 @@ from dataclasses import dataclass, field
 
 from tests.vo_service.fakes import FakeClock
 from vo_service.config_tables import LoadConfig
-from vo_service.load_shedding.effort_levels import EffortLevel
-from vo_service.load_shedding.load_meter import FrameCost
-from vo_service.load_shedding.load_shedder import StepwiseLoadShedder
+from vo_service.load_shedding import EffortLevel, FrameCost, StepwiseLoadShedder
 
 INTERVAL_S = 1 / 32  # a number that adds up without rounding
 

@@ -16,9 +16,14 @@ from tests.vo_service.load_shedding.simulated_machine import (
     affine_cost,
     proportional_cost,
 )
-from vo_service.load_shedding.effort_levels import EffortLevel, effort_levels
-from vo_service.load_shedding.load_meter import FrameCost
-from vo_service.load_shedding.load_shedder import MAX_LOAD, MAX_RESTORE_WAIT_S, NullLoadShedder
+from vo_service.load_shedding import (
+    MAX_LOAD,
+    MAX_RESTORE_WAIT_S,
+    EffortLevel,
+    FrameCost,
+    NullLoadShedder,
+    effort_levels,
+)
 
 FULL = EffortLevel(is_viewer_paused=False, feature_count=1000)
 LEAST = EffortLevel(is_viewer_paused=True, feature_count=300)

@@ -4,7 +4,7 @@ import io
 from collections.abc import Callable
 
 from tests.vo_service.fakes import make_status
-from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.state_log import ProgressOutput
 from vo_service.terminal import Terminal
 from vo_service.types import OdometryUpdate, TrackingState
 

@@ -29,7 +29,7 @@ def test_each_camera_and_each_new_surface_is_in_the_recording(
         (preview,) = previews
         for seq, preview_map in enumerate([empty_map, empty_map, ball_map, ball_map]):
             preview.show(PreviewFrame(seq, CAMERA, np.eye(4), preview_map))
-    assert lines == [f"pictures: {recording}"]
+    assert lines == [f"Rerun: {recording}"]
     assert is_complete(recording)
     logged = count_rows(recording)
     assert [logged[f"/world/{name}"] for name in ("surface", "path")] == [2, 2]

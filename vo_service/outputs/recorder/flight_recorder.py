@@ -1,23 +1,84 @@
-"""The flight recorder: an output that keeps the last seconds in memory."""
+"""The flight recorder: keeps the last seconds in memory and saves them after a loss."""
 
 import json
 import logging
+import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from drivers.core.errors import UserFacingError
+from drivers.core.files import state_folder
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from vo_service.config_tables import MEGABYTE, RecorderConfig
-from vo_service.outputs.recorder.frame_history import FrameHistory, StampedStatus
-from vo_service.outputs.recorder.loss_trigger import LossTrigger, NullLossTrigger
+from vo_service.outputs.recorder.incident_store import FrameHistory, StampedStatus
 from vo_service.outputs.recorder.messages import RecorderWorkerConfig
 from vo_service.outputs.recorder.recorder_client import RecorderClient
-from vo_service.types import CommandError, ErrorCode, OdometryUpdate, Status
+from vo_service.types import (
+    CommandError,
+    ErrorCode,
+    NullRecorder,
+    OdometryUpdate,
+    Recorder,
+    Status,
+    TrackingState,
+)
+from vo_service.versions import versions
 
 logger = logging.getLogger(__name__)
 
+# The incident must contain the loss itself.
+DELAY_S = 1.0
+# In the dark, tracking is lost again and again; one incident is enough.
+MIN_INTERVAL_S = 30.0
+_TRACKED_STATES = (TrackingState.TRACKING, TrackingState.DEGRADED)
 _MAX_QUEUED = 8
 _CLOSE_TIMEOUT_S = 1.0
+
+
+class LossTrigger:
+    """Trigger that fires one second after a loss, then not again for a while.
+
+    Times are seconds on CLOCK_MONOTONIC.
+    """
+
+    def __init__(self) -> None:
+        self._last_state = TrackingState.NO_CAMERA
+        self._due_s = math.inf
+        self._suppressed_until_s = -math.inf
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether the trigger is still to fire for a loss."""
+        return self._due_s < math.inf
+
+    def update(self, state: TrackingState, now_s: float) -> None:
+        """Add the state of the next pose."""
+        is_new_loss = state is TrackingState.LOST and self._last_state in _TRACKED_STATES
+        if is_new_loss and now_s >= self._suppressed_until_s:
+            self._due_s = now_s + DELAY_S
+            self._suppressed_until_s = now_s + MIN_INTERVAL_S
+        self._last_state = state
+
+    def is_due(self, now_s: float) -> bool:
+        """Return True once, when the incident should be written."""
+        if now_s < self._due_s:
+            return False
+        self._due_s = math.inf
+        return True
+
+
+class NullLossTrigger:
+    """Trigger that never fires."""
+
+    is_pending = False
+
+    def update(self, state: TrackingState, now_s: float) -> None:
+        """Ignore the state."""
+
+    def is_due(self, now_s: float) -> bool:
+        """Return False."""
+        return False
 
 
 class FlightRecorder:
@@ -155,3 +216,26 @@ class FlightRecorder:
 
 def _create_loss_trigger(is_enabled: bool) -> LossTrigger | NullLossTrigger:
     return LossTrigger() if is_enabled else NullLossTrigger()
+
+
+def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Recorder:
+    """Create the configured recorder; if that fails, a null recorder, so the service still runs.
+
+    Args:
+        settings: the recorder's settings.
+        config: the service's configuration, copied into each incident with the versions.
+    """
+    if not settings.enabled:
+        return NullRecorder("the recorder is switched off (recorder.enabled)")
+    # Imported here because it compiles kernels, which `kinect-vo --help` does not need.
+    from vo_service.outputs.recorder.flight_recorder import FlightRecorder
+
+    service_info = {"versions": versions(), "config": config}
+    try:
+        return FlightRecorder(settings, state_folder(), service_info)
+    except UserFacingError as error:
+        reason = f"recorder: switched off: {error}"
+    except OSError as error:
+        reason = f"recorder: switched off: cannot allocate its memory: {error.strerror}"
+    logger.warning("%s", reason)
+    return NullRecorder(reason, reason)

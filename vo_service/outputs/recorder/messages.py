@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.messages import Heartbeat, LogMessage, Shutdown
+from drivers.core.process.worker_process import Heartbeat, LogMessage, Shutdown
 from drivers.core.shared_frames.record_ring import RecordRingMemory
 
 

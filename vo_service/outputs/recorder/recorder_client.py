@@ -6,9 +6,8 @@ import time
 from dataclasses import replace
 from re import fullmatch
 
-from drivers.core.process.fault_reporter import FaultReporter
-from drivers.core.process.messages import LogMessage
-from drivers.core.process.supervisor import BackgroundWorkerSpec, WorkerSupervisor
+from drivers.core.process.supervisor import BackgroundWorkerSpec, FaultReporter, WorkerSupervisor
+from drivers.core.process.worker_process import LogMessage
 from vo_service.outputs.recorder.incident_store import incident_name
 from vo_service.outputs.recorder.messages import (
     IncidentResult,
@@ -24,6 +23,7 @@ from vo_service.outputs.recorder.messages import (
 from vo_service.types import NAME_PATTERN, CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
+
 
 NAME = "recorder"
 WORKER_SPEC = BackgroundWorkerSpec("vo_service.outputs.recorder.worker_main", NAME)

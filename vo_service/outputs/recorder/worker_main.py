@@ -11,8 +11,8 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from drivers.core.process.background import configure_background_process
-from drivers.core.process.messages import Shutdown
 from drivers.core.process.parent_connection import ParentConnection, forward_logs
+from drivers.core.process.worker_process import Shutdown
 from vo_service.outputs.recorder.messages import (
     IncidentResult,
     RecorderMessage,

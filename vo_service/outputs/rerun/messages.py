@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array
-from drivers.core.process.messages import LogMessage
+from drivers.core.process.worker_process import LogMessage
 from vo_service.outputs.rerun.bounded_trajectory import BoundedTrajectory
 from vo_service.outputs.rerun.sinks import Sink
 from vo_service.types import TrackingDebug, TrackingState

@@ -106,5 +106,5 @@ def open_previews(
         for target in targets:
             preview = RerunPreview(target, application, load_scene)
             previews.append(stack.enter_context(closing(preview)))
-            log_line(f"pictures: {preview.address}")
+            log_line(f"Rerun: {preview.address}")
         yield previews

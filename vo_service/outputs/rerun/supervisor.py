@@ -5,9 +5,8 @@ import threading
 import time
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.backoff import ExponentialBackoff
-from drivers.core.process.messages import LogMessage
-from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
+from drivers.core.process.supervisor import ExponentialBackoff
+from drivers.core.process.worker_process import LogMessage, WorkerProcess, WorkerSpec
 from vo_service.outputs.rerun.fault_reporter import RerunFaultReporter
 from vo_service.outputs.rerun.messages import (
     InitialState,

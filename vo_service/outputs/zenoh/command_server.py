@@ -13,8 +13,8 @@ import zenoh
 from drivers.core.queues import BlockingQueue, WorkerThread
 from drivers.core.rate_limit import TokenBucket
 from vo_service.command_parser import MAX_PAYLOAD_BYTES, parse_command
-from vo_service.command_queue import CommandFuture, CommandSink
 from vo_service.config_tables import CommandConfig
+from vo_service.control import CommandFuture, CommandSink
 from vo_service.outputs.zenoh.messages import result_payload
 from vo_service.outputs.zenoh.queryables import (
     MAX_PENDING_QUERIES,
@@ -25,6 +25,7 @@ from vo_service.outputs.zenoh.queryables import (
 from vo_service.types import Command, CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
+
 
 # The loop handles commands several times a second; after this long, it hangs.
 RESULT_TIMEOUT_S = 5.0

@@ -12,18 +12,17 @@ import zenoh
 
 from drivers.core.errors import UserFacingError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
-from vo_service.outputs.zenoh.endpoints import (
-    connect_endpoints,
-    is_connected_to_any,
-    session_endpoints,
-)
 from vo_service.outputs.zenoh.session import (
     ZenohPortInUseError,
     ZenohUnavailableError,
+    connect_endpoints,
+    is_connected_to_any,
     open_session,
+    session_endpoints,
 )
 
 logger = logging.getLogger(__name__)
+
 
 RETRY_S = 2.0
 # No warning for this long after a router disconnects.

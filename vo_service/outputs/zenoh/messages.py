@@ -4,9 +4,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from vo_service.command_queue import CommandResult
-from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, encode_odometry
-from vo_service.outputs.zenoh.cdr_transform import TransformMessage, encode_transform
+from vo_service.control import CommandResult
+from vo_service.outputs.zenoh.cdr import (
+    OdometryMessage,
+    TransformMessage,
+    encode_odometry,
+    encode_transform,
+)
 from vo_service.types import CommandError, OdometryUpdate, Status
 
 MESSAGE_SCHEMA = 1

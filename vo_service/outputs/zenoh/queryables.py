@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.rate_limit import TokenBucket
-from vo_service.outputs.zenoh.cdr_odometry import ODOMETRY_SCHEMA
-from vo_service.outputs.zenoh.cdr_transform import TRANSFORM_SCHEMA
+from vo_service.outputs.zenoh.cdr import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.outputs.zenoh.json_schemas import all_schemas
 from vo_service.outputs.zenoh.messages import error_payload, result_payload
 from vo_service.types import CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
+
 
 CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
 CDR_TRANSFORM = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORM_SCHEMA)

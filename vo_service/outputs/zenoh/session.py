@@ -1,17 +1,159 @@
-"""Opening of a Zenoh session with safe defaults and readable errors."""
+"""Opening of a Zenoh session: addresses, the file of Zenoh's own options, readable errors."""
 
+import ipaddress
 import json
+import os
 import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import zenoh
 
 from drivers.core.errors import InputError, UserFacingError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
-from vo_service.outputs.zenoh.config_file import read_zenoh_config
 
+# Link settings may follow: tls/robot1.local:7451?rel=1#iface=eth0.
+_ENDPOINT = re.compile(
+    r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^:\[\]?#]+):(?P<port>[0-9]{1,5})(\?.*)?(#.*)?"
+)
+# Keys of a Zenoh configuration that hold file names.
+_FILE_KEYS = (
+    "transport/link/tls/root_ca_certificate",
+    "transport/link/tls/listen_private_key",
+    "transport/link/tls/listen_certificate",
+    "transport/link/tls/connect_private_key",
+    "transport/link/tls/connect_certificate",
+    "transport/auth/usrpwd/dictionary_file",
+)
 # The service's messages have a few kilobytes. Zenoh's own limit is a gigabyte.
 MAX_MESSAGE_BYTES = 1 << 20
 _CLIENT_CONNECT_TIMEOUT_MS = 2000
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A parsed endpoint, PROTOCOL/HOST:PORT."""
+
+    protocol: str
+    host: str
+    port: str
+
+    @property
+    def address(self) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+        """The host as an IP address; None for a name."""
+        try:
+            return ipaddress.ip_address(self.host)
+        except ValueError:
+            return None
+
+    def matches(self, locator: "Endpoint") -> bool:
+        """Return whether a link to this locator may be the link to this endpoint.
+
+        A host name is not resolved, as that can take seconds; then protocol and port must match.
+        """
+        if (self.protocol, self.port) != (locator.protocol, locator.port):
+            return False
+        return self.address is None or self.address == locator.address
+
+
+def parse_endpoint(text: str) -> Endpoint:
+    """Parse an endpoint or a locator; the part after the port is dropped.
+
+    A text without host and port, such as a pipe, becomes the protocol.
+    """
+    match = _ENDPOINT.fullmatch(text)
+    if match is None:
+        return Endpoint(text, "", "")
+    return Endpoint(match["protocol"], match["host"].strip("[]"), match["port"])
+
+
+def configured_endpoints(settings: zenoh.Config, key: str) -> list[str]:
+    """Return the endpoints under `key`: "listen" or "connect"."""
+    mode = json.loads(settings.get_json("mode"))
+    return _flatten_endpoints(json.loads(settings.get_json(f"{key}/endpoints")), mode)
+
+
+def _flatten_endpoints(endpoints: Any, mode: str) -> list[str]:
+    """Flatten Zenoh's other forms: one list per mode, and groups of endpoints."""
+    if isinstance(endpoints, dict):
+        return _flatten_endpoints(endpoints.get(mode, []), mode)
+    if isinstance(endpoints, str):
+        return [endpoints]
+    return [text for part in endpoints or [] for text in _flatten_endpoints(part, mode)]
+
+
+def connect_endpoints(config: ZenohConfig) -> tuple[str, ...]:
+    """Return the endpoints that a session connects to. Raises InputError."""
+    return tuple(configured_endpoints(build_zenoh_config(config), "connect"))
+
+
+def session_endpoints(config: ZenohConfig) -> tuple[str, ...]:
+    """Return the endpoints that a session listens on and connects to. Raises InputError."""
+    settings = build_zenoh_config(config)
+    return (*configured_endpoints(settings, "listen"), *configured_endpoints(settings, "connect"))
+
+
+def is_connected_to_any(session: zenoh.Session, endpoints: Iterable[str]) -> bool:
+    """Return whether there is a link to any of the endpoints. Takes about 50 microseconds."""
+    locators = [parse_endpoint(link.dst) for link in session.info.links()]
+    wanted = [parse_endpoint(endpoint) for endpoint in endpoints]
+    return any(endpoint.matches(locator) for endpoint in wanted for locator in locators)
+
+
+def read_zenoh_config(path: Path) -> zenoh.Config:
+    """Read a Zenoh configuration (JSON5) and make its file names absolute.
+
+    A relative name is searched in systemd's credentials (``$CREDENTIALS_DIRECTORY``), then in the
+    folder of the configuration.
+
+    Raises:
+        InputError: the configuration or one of its files cannot be read.
+    """
+    try:
+        settings = zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        cause = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InputError(
+            f"{path}: cannot read the Zenoh configuration: {cause}; name a JSON5 file"
+        ) from error
+    except zenoh.ZError as error:
+        raise InputError(
+            f"{path}{_line_and_reason(str(error))}; compare it with the examples in config/zenoh"
+        ) from error
+    for key in _FILE_KEYS:
+        name = json.loads(settings.get_json(key))
+        if name:
+            settings.insert_json5(key, json.dumps(str(_resolve_file(name, path, key))))
+    return settings
+
+
+def _line_and_reason(text: str) -> str:
+    """Extract `:LINE: reason` from Zenoh's message, which spans several lines for syntax errors."""
+    syntax_error = re.search(r"--> (\d+):\d+.*= (.*)", text, re.DOTALL)
+    if syntax_error:
+        return f":{syntax_error[1]}: not JSON5: {syntax_error[2].strip()}"
+    return f": not a Zenoh configuration: {' '.join(text.split())}"
+
+
+def _resolve_file(name: str, config: Path, key: str) -> Path:
+    """Return the file's absolute path. Raises InputError unless it is readable."""
+    folders = [config.parent.absolute()]
+    if credentials := os.environ.get("CREDENTIALS_DIRECTORY"):
+        folders.insert(0, Path(credentials))
+    candidates = [folder / name for folder in folders]  # `name` itself if it is absolute
+    file = next((path for path in candidates if path.exists()), candidates[-1])
+    try:
+        file.open("rb").close()
+    except OSError as error:
+        searched = " or ".join(dict.fromkeys(str(path.parent) for path in candidates))
+        raise InputError(
+            f"{config}: {key.replace('/', '.')} = {json.dumps(name)}: {error.strerror} in "
+            f"{searched}; put a file there that this user may read, or create it with kinect-vo "
+            "certificates"
+        ) from error
+    return file
 
 
 class ZenohUnavailableError(UserFacingError):

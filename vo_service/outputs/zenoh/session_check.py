@@ -7,8 +7,12 @@ import zenoh
 
 from drivers.core.errors import InputError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
-from vo_service.outputs.zenoh.endpoints import Endpoint, configured_endpoints, parse_endpoint
-from vo_service.outputs.zenoh.session import build_zenoh_config
+from vo_service.outputs.zenoh.session import (
+    Endpoint,
+    build_zenoh_config,
+    configured_endpoints,
+    parse_endpoint,
+)
 from vo_service.outputs.zenoh.tls_check import (
     ENCRYPTED_PROTOCOLS,
     check_tls_keys,

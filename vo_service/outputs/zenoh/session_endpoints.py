@@ -1,8 +1,10 @@
 """Everything that the service declares on one open Zenoh session."""
 
 import threading
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import zenoh
 
@@ -10,11 +12,42 @@ from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.command_server import CommandEndpoint
 from vo_service.outputs.zenoh.messages import FrameIds
 from vo_service.outputs.zenoh.queryables import CDR, CDR_TRANSFORM, JSON, Queryables
-from vo_service.outputs.zenoh.ros2_publisher import make_ros2_output
-from vo_service.outputs.zenoh.tcp_queue import queued_bytes
+from vo_service.outputs.zenoh.ros2 import make_ros2_output
 from vo_service.types import OdometryUpdate
 
+PROC_TCP_TABLES = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+
+PortPair = tuple[int, int]
 THREAD_JOIN_TIMEOUT_S = 0.5
+
+
+def queued_bytes(connections: Iterable[PortPair]) -> int:
+    """Count the unread bytes of connections, given as (local port, remote port).
+
+    These are unacknowledged bytes and, if the peer runs on this host, bytes in its receive queue.
+    """
+    pairs = set(connections)
+    total = 0
+    for local, remote, send_queue, receive_queue in _sockets():
+        if (local, remote) in pairs:
+            total += send_queue
+        elif (remote, local) in pairs:
+            total += receive_queue
+    return total
+
+
+def _sockets() -> Iterator[tuple[int, int, int, int]]:
+    """Yield local port, remote port, bytes in the send queue, bytes in the receive queue."""
+    for table in PROC_TCP_TABLES:
+        lines = table.read_text().splitlines()[1:] if table.exists() else []
+        for line in lines:
+            _, local, remote, _, queues = line.split()[:5]
+            sending, received = queues.split(":")
+            yield _port_of(local), _port_of(remote), int(sending, 16), int(received, 16)
+
+
+def _port_of(address: str) -> int:
+    return int(address.rsplit(":", 1)[1], 16)
 
 
 @dataclass(frozen=True)

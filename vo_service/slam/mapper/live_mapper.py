@@ -1,30 +1,110 @@
-"""Live mapper: an output that sends frames to the mapper process."""
+"""The live mapper: an output that sends frames to the mapper process, and its loop closure."""
 
 import logging
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.core.errors import UserFacingError
+from drivers.core.files import state_folder
+from drivers.core.geometry import inverse
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from drivers.core.shared_frames.depth_packing import compile_kernels, pack_depth
 from drivers.core.shared_frames.record_ring import RecordRingWriter
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import write_frame
+from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry
 from vo_service.slam.keyframe_selector import KeyframeSelector
 from vo_service.slam.loop_closure.odometry_constraint import (
     ConstraintAccumulator,
     NullConstraintAccumulator,
     OdometryConstraint,
 )
-from vo_service.slam.mapper.asynchronous_loop_closure import AsynchronousLoopClosure
 from vo_service.slam.mapper.mapper_client import MapperClient
 from vo_service.slam.mapper.messages import MapperWorkerConfig, RelocalizationQuery
-from vo_service.types import LoopClosure, MapState, NullLoopClosure, OdometryUpdate, Status
+from vo_service.types import (
+    NO_MAP,
+    LoopClosure,
+    Mapper,
+    MapSnapshot,
+    MapState,
+    NullLoopClosure,
+    NullMapper,
+    Odometry,
+    OdometryUpdate,
+    Status,
+)
 
 logger = logging.getLogger(__name__)
 
+# Largest number of results that are not polled.
+_MAX_PENDING_RESULTS = 10
 # The process reads the ring several times a second: this is far more than it needs.
 _RING_S, _RING_BYTES = 60.0, 24_000_000
 _CLOSE_TIMEOUT_S = 1.0
+
+
+class AsynchronousLoopClosure:
+    """Relocalizer of a `RelocalizingOdometry`, with the last snapshot of the map.
+
+    `handle_message` and `reset` are called on another thread than the rest.
+
+    Args:
+        submit: Sends a frame to the process.
+    """
+
+    def __init__(self, submit: Callable[[OdometryUpdate, RelocalizationQuery], None]) -> None:
+        self._submit = submit
+        # From `odom` to the odometry's world frame, and its epoch.
+        self._T_world_odom, self._epoch = np.eye(4), 0
+        self._last_update: OdometryUpdate | None = None
+        self._results: deque[RelocalizationResult] = deque(maxlen=_MAX_PENDING_RESULTS)
+        self.snapshot: MapSnapshot = NO_MAP
+
+    def wrap(self, odometry: Odometry) -> Odometry:
+        """Wrap the odometry so that it relocalizes after a loss."""
+        return RelocalizingOdometry(odometry, self)
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Update the transform between the odometry's world frame and `odom`."""
+        self._last_update = update
+        if update.estimate.ok:
+            self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
+            self._epoch = update.epoch
+
+    @property
+    def has_map(self) -> bool:
+        """Whether the map has a keyframe."""
+        return self.snapshot.keyframes > 0
+
+    def query(self, frame: RgbdFrame) -> None:
+        """Send the frame to the process as a query."""
+        if self._last_update is not None:
+            self._submit(
+                replace(self._last_update, frame=frame, epoch=self._epoch), RelocalizationQuery()
+            )
+
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        """Return the results since the last call."""
+        results = []
+        while self._results:
+            results.append(self._results.popleft().transform_to(self._T_world_odom))
+        return results
+
+    def handle_message(self, message: RelocalizationResult | MapSnapshot) -> None:
+        """Handle a message of the process."""
+        if isinstance(message, RelocalizationResult):
+            self._results.append(message)
+        else:
+            self.snapshot = message
+
+    def reset(self) -> None:
+        """Drop the map after the process has lost it."""
+        self.snapshot = NO_MAP
 
 
 # A frame for the process, and what is attached to it.
@@ -143,3 +223,20 @@ class LiveMapper:
         self._force_keyframe()
         self._asynchronous_loop_closure.reset()
         return first_frame
+
+
+def open_mapper(settings: MapConfig) -> Mapper:
+    """Open the mapper of the settings; a `NullMapper` if it is disabled or fails."""
+    if not settings.enabled:
+        return NullMapper("the map is disabled (map.enabled)")
+    # This import compiles kernels, which `kinect-vo --help` does not need.
+    from vo_service.slam.mapper.live_mapper import LiveMapper
+
+    try:
+        return LiveMapper(settings, state_folder() / "maps")
+    except UserFacingError as error:
+        reason = f"map: disabled: {error}"
+    except OSError as error:
+        reason = f"map: disabled: no shared memory: {error.strerror}"
+    logger.warning("%s", reason)
+    return NullMapper(reason, reason)

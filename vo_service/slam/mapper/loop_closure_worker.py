@@ -7,7 +7,6 @@ from pathlib import Path
 from drivers.core.geometry import Array
 from drivers.core.memory import release_memory
 from drivers.core.shared_frames.record_ring import RingRecord
-from vo_service.announcements import announce_if_slow
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata
 from vo_service.slam.loop_closure.anchored_pose import AnchoredPose
@@ -19,6 +18,7 @@ from vo_service.slam.mapper.messages import RelocalizationQuery, SendMapperMessa
 from vo_service.slam.pose_graph.pose_graph import NodeRemoval
 from vo_service.slam.saved_maps.map_file import read_map, write_map
 from vo_service.slam.saved_maps.map_store import MapStore
+from vo_service.terminal import announce_if_slow
 
 
 class LoopClosureWorker:

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from re import fullmatch
 
-from drivers.core.process.fault_reporter import FaultReporter
-from drivers.core.process.messages import LogMessage
-from drivers.core.process.supervisor import BackgroundWorkerSpec, WorkerSupervisor
+from drivers.core.process.supervisor import BackgroundWorkerSpec, FaultReporter, WorkerSupervisor
+from drivers.core.process.worker_process import LogMessage
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.mapper.messages import (
@@ -24,6 +23,7 @@ from vo_service.slam.saved_maps.map_store import MapStore
 from vo_service.types import NAME_PATTERN, CommandError, ErrorCode, MapSnapshot, MapState
 
 logger = logging.getLogger(__name__)
+
 
 NAME = "map"
 WORKER_SPEC = BackgroundWorkerSpec("vo_service.mapper_process", NAME)

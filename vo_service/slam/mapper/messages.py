@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.messages import Heartbeat, LogMessage, Shutdown
+from drivers.core.process.worker_process import Heartbeat, LogMessage, Shutdown
 from drivers.core.shared_frames.record_ring import RecordRingMemory
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult

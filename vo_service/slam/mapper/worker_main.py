@@ -10,8 +10,8 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from drivers.core.process.background import configure_background_process
-from drivers.core.process.messages import Shutdown
 from drivers.core.process.parent_connection import ParentConnection, forward_logs
+from drivers.core.process.worker_process import Shutdown
 from vo_service.slam.mapper.mapper_worker import MapperWorker
 from vo_service.slam.mapper.mesh_job import FuseKeyframes
 from vo_service.slam.mapper.messages import MapperWorkerConfig

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.messages import LogMessage
+from drivers.core.process.worker_process import LogMessage
 from vo_service.tools.benchmark.frame_selection import ALL_FRAMES, FrameSelection
 from vo_service.tools.benchmark.method_factory import MethodFactory
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.files import atomic_write, is_disk_full
-from drivers.core.paths import create_output_folder
+from drivers.core.files import atomic_write, create_output_folder, is_disk_full
 from drivers.core.trajectory import Trajectory, format_pose_line, read_trajectory
 from vo_service.tools.benchmark.run import (
     EMPTY_RUN,

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from numba.core.event import install_recorder
 
 from drivers.camera import RgbdFrame
+from drivers.tum.camera import TumFrameReader
 from drivers.tum.decode import UnreadableFrameError
 from drivers.tum.folder import TumFolder, open_tum_folder
-from drivers.tum.frame_reader import TumFrameReader
 from drivers.tum.index_files import FramePair
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.tools.benchmark.messages import RunPreparing, RunProgress, RunRequest
@@ -22,12 +22,12 @@ from vo_service.tools.benchmark.run import CompletedRun
 from vo_service.tools.benchmark.run_recorder import RunRecorder
 from vo_service.types import Estimate, Odometry
 
+logger = logging.getLogger(__name__)
+
 PROGRESS_PERIOD_S = 0.1
 # A method first processes this many frames and is then made again, so that loading, compilation
 # and setup do not count.
 WARM_UP_FRAMES = 3
-
-logger = logging.getLogger(__name__)
 
 
 class KernelsCompiledFirst(Exception):  # noqa: N818 (not an error: only the memory would be wrong)

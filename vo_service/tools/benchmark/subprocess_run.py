@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.messages import LogMessage
-from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
+from drivers.core.process.worker_process import LogMessage, WorkerProcess, WorkerSpec
 from vo_service.tools.benchmark.messages import (
     KernelsCompiled,
     RunMessage,

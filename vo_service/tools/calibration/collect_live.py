@@ -6,10 +6,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.camera import CameraStatus, PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.camera import CameraStatus, PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError, UserFacingError
 from drivers.registry import open_camera
-from drivers.sensor_config import SensorConfig
 from drivers.tum.writer import TumWriter
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board

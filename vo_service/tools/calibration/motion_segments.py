@@ -14,11 +14,10 @@ import cv2
 import numpy as np
 
 from drivers.calibration import CameraCalibration, find_calibration, read_calibration
-from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.registry import open_camera
-from drivers.sensor_config import SensorConfig
 from drivers.tum.camera import TumCamera
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.live_snapshots import read_frames

@@ -5,7 +5,7 @@ from statistics import median
 
 import numpy as np
 
-from drivers.core.gravity import is_gravity
+from drivers.core.geometry import is_gravity
 from vo_service.tools.doctor.context import CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.stream import MIN_FRAMES_FOR_RATE

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.paths import create_output_folder
+from drivers.core.files import create_output_folder
 from drivers.tum.folder import open_tum_folder
 from vo_service.tools.download.archive import DamagedArchiveError, UnsafeArchiveError, unpack
 from vo_service.tools.download.catalog import BENCHMARK_URL, BenchmarkSequence

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import drivers
 from drivers.core.errors import UserFacingError
-from drivers.core.paths import SOURCE_PACKAGES
+from drivers.core.files import SOURCE_PACKAGES
 
 DISTRIBUTION_NAME = "kinect-vo"
 # These files of a checkout point back to it.

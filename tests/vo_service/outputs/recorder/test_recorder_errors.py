@@ -21,7 +21,7 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
-from vo_service.outputs.recorder.factory import open_recorder
+from vo_service.outputs.recorder.flight_recorder import open_recorder
 from vo_service.types import NullRecorder, TrackingState
 
 pytestmark = pytest.mark.subprocess

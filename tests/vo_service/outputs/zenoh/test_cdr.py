@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.outputs.zenoh.cdr_encoding import split_stamp
-from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, decode_odometry, encode_odometry
-from vo_service.outputs.zenoh.cdr_transform import (
+from vo_service.outputs.zenoh.cdr import (
+    OdometryMessage,
     TransformMessage,
+    decode_odometry,
     decode_transform,
+    encode_odometry,
     encode_transform,
     encode_transforms,
+    split_stamp,
 )
 
 ROS = get_typestore(Stores.ROS2_JAZZY)

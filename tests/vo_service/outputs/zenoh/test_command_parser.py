@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.sensor_config import Led
+from drivers.camera import Led
 from vo_service.command_parser import COMMAND_NAMES, MAX_PAYLOAD_BYTES, parse_command
 from vo_service.types import (
     CommandError,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.errors import InputError
-from vo_service.outputs.zenoh.ros2_names import (
+from vo_service.outputs.zenoh.ros2 import (
     ODOMETRY,
     TF_MESSAGE,
     RosNode,

@@ -25,8 +25,7 @@ from tests.vo_service.outputs.zenoh.ros_node import (
     running_session,
 )
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh.ros2_names import ODOMETRY, TF_MESSAGE
-from vo_service.outputs.zenoh.ros2_publisher import make_ros2_output
+from vo_service.outputs.zenoh.ros2 import ODOMETRY, TF_MESSAGE, make_ros2_output
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.types import OdometryUpdate
 

@@ -2,7 +2,7 @@
 
 import socket
 
-from vo_service.outputs.zenoh.tcp_queue import queued_bytes
+from vo_service.outputs.zenoh.session_endpoints import queued_bytes
 
 
 def test_what_was_sent_counts_until_it_is_read() -> None:

@@ -5,8 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vo_service.fakes import FakeClock
-from vo_service.outputs.zenoh.access_denied_log import AccessDeniedParser, parse_line, sanitize
-from vo_service.outputs.zenoh.log_capture import LogRateLimit
+from vo_service.outputs.zenoh.access_denied_log import (
+    AccessDeniedParser,
+    LogRateLimit,
+    parse_line,
+    sanitize,
+)
 
 SESSION = "3b57c0fb217d7c04ac2566e74850a739"
 

@@ -14,8 +14,8 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
     reply_json,
 )
 from tests.waiting import wait_until
-from vo_service.command_queue import CommandQueue
 from vo_service.config_tables import CommandConfig
+from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh.command_server import (
     CommandRateLimit,
     CommandServer,

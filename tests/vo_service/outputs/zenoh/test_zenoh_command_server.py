@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 import zenoh
 
-from drivers.sensor_config import Led
+from drivers.camera import Led
 from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import (
     answer_next_command,
@@ -20,8 +20,8 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
     reply_json,
 )
 from vo_service.command_parser import COMMAND_NAMES
-from vo_service.command_queue import CommandQueue
 from vo_service.config_tables import CommandConfig
+from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh import command_server
 from vo_service.outputs.zenoh.command_server import (
     CommandServer,

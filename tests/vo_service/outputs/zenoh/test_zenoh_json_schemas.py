@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.sensor_config import Led
+from drivers.camera import Led
 from scripts.write_schemas import SCHEMA_FOLDER, make_schema_files
 from tests.json_schema import schema_errors
 from tests.vo_service.sample_map import make_map

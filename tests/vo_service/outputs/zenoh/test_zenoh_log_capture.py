@@ -11,7 +11,7 @@ pytestmark = pytest.mark.subprocess
 
 BEGIN = (
     "import os, subprocess, sys\n"
-    "from vo_service.outputs.zenoh.log_capture import capture_zenoh_log\n"
+    "from vo_service.outputs.zenoh.access_denied_log import capture_zenoh_log\n"
 )
 
 

@@ -16,7 +16,7 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
     reply_json,
 )
 from tests.waiting import wait_until
-from vo_service.outputs.zenoh.cdr_odometry import decode_odometry
+from vo_service.outputs.zenoh.cdr import decode_odometry
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.types import OdometryUpdate, Status
 

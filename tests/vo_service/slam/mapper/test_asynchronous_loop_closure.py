@@ -24,8 +24,7 @@ from tests.vo_service.slam.mapper.wall_sequence import COARSE, mapper_pid, runni
 from tests.waiting import wait_until
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
-from vo_service.slam.mapper.asynchronous_loop_closure import AsynchronousLoopClosure
-from vo_service.slam.mapper.live_mapper import LiveMapper
+from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure, LiveMapper
 
 pytestmark = pytest.mark.subprocess
 

@@ -24,8 +24,7 @@ from tests.vo_service.slam.mapper.wall_sequence import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import MapConfig
-from vo_service.slam.mapper.factory import open_mapper
-from vo_service.slam.mapper.live_mapper import LiveMapper
+from vo_service.slam.mapper.live_mapper import LiveMapper, open_mapper
 from vo_service.types import NullMapper
 
 pytestmark = pytest.mark.subprocess

@@ -23,7 +23,7 @@ from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
 from vo_service.slam.mapper import mapper_worker as desk_module
-from vo_service.slam.mapper.asynchronous_loop_closure import AsynchronousLoopClosure
+from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure
 from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
 from vo_service.slam.mapper.mapper_worker import MapperWorker
 from vo_service.slam.mapper.messages import (

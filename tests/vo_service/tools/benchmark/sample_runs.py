@@ -8,9 +8,8 @@ import numpy as np
 from drivers.calibration import TUM_CALIBRATIONS
 from drivers.core.geometry import Array, rigid_transform
 from drivers.core.trajectory import Trajectory
-from drivers.tum.accelerometer import read_gravity
 from drivers.tum.folder import FolderFrames, TumFolder
-from drivers.tum.index_files import FramePair, ListedImage
+from drivers.tum.index_files import FramePair, ListedImage, read_gravity
 from vo_service.tools.benchmark.batch import BatchResult
 from vo_service.tools.benchmark.evaluate_run import evaluate_run
 from vo_service.tools.benchmark.recordings import BenchmarkRecording

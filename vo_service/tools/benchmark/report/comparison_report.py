@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.core.paths import create_output_folder
+from drivers.core.files import create_output_folder
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.report.comparison_tables import (
     error_table,

@@ -1,1 +1,0 @@
-"""Load shedding: less work while the machine is too slow."""

@@ -9,7 +9,7 @@ import gc
 import os
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -25,6 +25,7 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.trajectory import Trajectory
 from drivers.tum.writer import TumWriter
+from tests.forked_process import WORKER_MODULES, forked_modules
 from tests.simulators.fixtures import (  # noqa: F401
     fakenect,
     kinect_frames,
@@ -40,6 +41,7 @@ cv2.setNumThreads(1)
 
 # A shell that runs the tests in the background ignores Ctrl-C, and child processes inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and nohup that of a closed terminal
 
 # A slow machine must not fail a test.
 hypothesis.settings.register_profile("no-deadline", deadline=None)
@@ -68,7 +70,6 @@ gc.disable()
 def pytest_collection_finish() -> None:
     """Exclude the collected tests from later garbage collections."""
     gc.enable()
-    gc.collect()
     gc.freeze()
 
 
@@ -76,6 +77,13 @@ def _hand_held_pose(seq: int) -> Array:
     """Pose of a hand that moves a little forward and to the right, turning."""
     turn = so3_exp([0.002 * seq, 0.006 * seq, -0.003 * seq])
     return rigid_transform(turn, [0.01 * seq, -0.004 * seq, 0.015 * seq])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def forked_workers() -> Iterator[None]:
+    """Fork the worker processes of cameras and outputs: see `tests.forked_process`."""
+    with forked_modules(WORKER_MODULES):
+        yield
 
 
 @pytest.fixture(scope="session")

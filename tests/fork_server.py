@@ -3,6 +3,7 @@
 It has loaded the libraries and kernels of `kinect-vo run` and `replay`, and has one thread.
 """
 
+import atexit
 import fcntl
 import gc
 import json
@@ -10,6 +11,9 @@ import os
 import signal
 import socket
 import sys
+import threading
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +31,14 @@ def load() -> None:
     import vo_service.cli.replay
     import vo_service.cli.run  # noqa: F401
     from drivers.core.shared_frames.depth_packing import compile_kernels
+    from tests.forked_process import WORKER_MODULES
     from vo_service.odometry.registry import DEFAULT_METHOD, warm_up
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
     from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
 
     cv2.setNumThreads(1)
+    for module in WORKER_MODULES:
+        import_module(module)
     warm_up(DEFAULT_METHOD, _discard_stage)
     warm_up_reconstruction(_discard_stage)
     warm_up_loop_closure(_discard_stage)
@@ -78,7 +85,27 @@ def run_request(request: dict[str, Any]) -> None:
     os.environ.clear()
     os.environ.update(request["environment"])
     sys.argv = ["-c", *request["arguments"]]
-    exec(compile(request["program"], "<string>", "exec"), {"__name__": "__main__"})
+    code: object = None
+    try:
+        exec(compile(request["program"], "<string>", "exec"), {"__name__": "__main__"})
+    except SystemExit as end:
+        code = end.code
+    _exit_without_cleanup(code)
+    sys.exit(code)  # type: ignore[arg-type]
+
+
+def _exit_without_cleanup(code: object) -> None:
+    """End as Python does, but free no objects: that would copy all pages of the fork server.
+
+    It returns if Python has an error to report.
+    """
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    if code is None or isinstance(code, int):
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit((code or 0) & 0xFF)
 
 
 def _renumber_fds(fds: list[int], numbers: list[int]) -> None:

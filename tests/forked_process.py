@@ -13,16 +13,27 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from drivers.core.process import supervisor, worker_process
 from tests.waiting import DEFAULT_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
 # The command of the installed script, for a `ForkedProcess`.
 KINECT_VO = (sys.executable, "-c", "from vo_service import cli\ncli.main()\n")
+# Worker processes whose start is not what their tests are about.
+WORKER_MODULES = {
+    "drivers.subprocess_camera.worker_main",
+    "drivers.synthetic.render_worker",
+    "vo_service.mapper_process",
+    "vo_service.outputs.recorder.worker_main",
+    "vo_service.outputs.rerun.worker_main",
+}
 # Orphaned descendants become children of the process that sets this, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36
 _libc = ctypes.CDLL(None)
@@ -86,6 +97,22 @@ def start_module(
         pass_fds=fds,
         start_new_session=True,
     )
+
+
+@contextmanager
+def forked_modules(modules: Collection[str]) -> Iterator[None]:
+    """Let this process fork workers that run one of these modules."""
+    real = worker_process.start_module
+
+    def start(module: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
+        # Only a new process looks for libraries in other folders.
+        is_forked = module in modules and "LD_LIBRARY_PATH" not in os.environ
+        return (start_module if is_forked else real)(module, *args, **kwargs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for user in (worker_process, supervisor):
+            patch.setattr(user, "start_module", start)
+        yield
 
 
 class _ForkServer:

@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -19,17 +20,20 @@ def module_name(file: Path) -> str:
 MODULES = {module_name(file): file for name in PACKAGES for file in (ROOT / name).rglob("*.py")}
 
 
+@cache
+def nodes_of(file: Path) -> list[ast.AST]:
+    """Nodes of a file's syntax tree; every pytest process imports this module, one needs them."""
+    return list(ast.walk(ast.parse(file.read_text())))
+
+
 def imported(file: Path) -> Iterator[str]:
     """Names of our modules that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(file.read_text())):
+    for node in nodes_of(file):
         if isinstance(node, ast.ImportFrom) and node.module:
             submodules = {f"{node.module}.{alias.name}" for alias in node.names} & MODULES.keys()
             yield from submodules or {node.module} & MODULES.keys()
         elif isinstance(node, ast.Import):
             yield from {alias.name for alias in node.names} & MODULES.keys()
-
-
-IMPORTS = {name: set(imported(file)) for name, file in MODULES.items()}
 
 
 def whole(module: str) -> str:
@@ -44,15 +48,15 @@ def package(module: str) -> str:
 def grouped(unit_of: Callable[[str], str]) -> Mapping[str, set[str]]:
     """Which units each unit imports."""
     units: dict[str, set[str]] = {}
-    for module, others in IMPORTS.items():
+    for module, file in MODULES.items():
         unit = unit_of(module)
-        units.setdefault(unit, set()).update(unit_of(other) for other in others)
+        units.setdefault(unit, set()).update(unit_of(other) for other in imported(file))
     return {unit: others - {unit} for unit, others in units.items()}
 
 
 @pytest.mark.parametrize("unit_of", [whole, package])
 def test_nothing_imports_itself_by_way_of_others(unit_of: Callable[[str], str]) -> None:
-    assert len(IMPORTS) > 100
+    assert len(MODULES) > 100
     try:
         TopologicalSorter(grouped(unit_of)).prepare()
     except CycleError as circle:
@@ -62,7 +66,7 @@ def test_nothing_imports_itself_by_way_of_others(unit_of: Callable[[str], str]) 
 def test_no_class_name_is_used_twice() -> None:
     found: dict[str, list[str]] = {}
     for name, file in MODULES.items():
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes_of(file):
             if isinstance(node, ast.ClassDef):
                 found.setdefault(node.name, []).append(name)
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
@@ -73,7 +77,5 @@ LIMIT_PREFIXES = ("MOST_", "FEWEST_", "LONGEST_", "SHORTEST_", "LARGEST_", "LEAS
 
 def test_limits_are_called_max_and_min() -> None:
     for file in MODULES.values():
-        names = {
-            node.id for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Name)
-        }
+        names = {node.id for node in nodes_of(file) if isinstance(node, ast.Name)}
         assert not {name for name in names if name.lstrip("_").startswith(LIMIT_PREFIXES)}, file

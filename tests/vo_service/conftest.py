@@ -4,12 +4,11 @@ import os
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from drivers.core.process import supervisor, worker_process
-from tests import forked_process
+from drivers.core.process import supervisor
+from tests.forked_process import forked_modules
 from tests.shared_fixture import make_once
 from tests.vo_service.service_process import KINECT_VO, START_TIMEOUT_S
 from tests.waiting import DEFAULT_TIMEOUT_S
@@ -32,15 +31,10 @@ def patience() -> Iterator[None]:
 
 
 @pytest.fixture
-def forked_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+def forked_runs() -> Iterator[None]:
     """Processes of runs begin with what they need: see `tests.forked_process`."""
-    real = worker_process.start_module
-
-    def start_module(module: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
-        start = forked_process.start_module if module == RUN_WORKER.module else real
-        return start(module, *args, **kwargs)
-
-    monkeypatch.setattr(worker_process, "start_module", start_module)
+    with forked_modules({RUN_WORKER.module}):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,21 +1,10 @@
-"""Depth of a sensor that measures disparity: its noise, and planes fitted to it.
-
-The error of 1/z is about constant, so that of z grows with z^2 (Khoshelham and Elberink, Sensors
-12, 2012, eq. 10). On a plane, 1/z is linear in the pixel.
-"""
+"""Planes fitted to the depth image; on a plane, 1/z is linear in the pixel."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 
-# Standard deviation of 1/z of one pixel, in 1/m. The Kinect reports disparity in steps of 1/8
-# pixel, which at a baseline of 75 mm and a focal length of 580 pixels is 2.9e-3 1/m; the noise is
-# about half a step.
-INVERSE_DEPTH_SIGMA_PER_M = 1.4e-3
-# Standard deviation of a feature's position in the image, in pixels.
-FEATURE_SIGMA_PX = 0.3
 # The plane around a feature is fitted over a square of (2 RADIUS + 1)^2 pixels.
 PLANE_RADIUS_PX = 4
 # Pixels that differ by more from the center in 1/z belong to another surface.
@@ -24,16 +13,6 @@ MAX_STEP_PER_M = 0.02
 MIN_PLANE_SUPPORT = 0.6
 # Of the normal equations of a plane, px^4; below it the pixels lie on a line.
 MIN_DETERMINANT = 1e-9
-
-
-def depth_sigma_m(depth_m: Array) -> Array:
-    """Standard deviation along the viewing ray, in meters; depth_m (N,)."""
-    return INVERSE_DEPTH_SIGMA_PER_M * depth_m * depth_m
-
-
-def lateral_sigma_m(depth_m: Array, focal_px: float) -> Array:
-    """Standard deviation across the viewing ray, in meters; depth_m (N,)."""
-    return depth_m * (FEATURE_SIGMA_PX / focal_px)
 
 
 @inline_kernel

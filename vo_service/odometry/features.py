@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.depth import depth_sigma_m, fit_inverse_depth, lateral_sigma_m
+from vo_service.odometry.depth import fit_inverse_depth
 from vo_service.odometry.surf import Features
+from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
 from vo_service.types import TrackingDebug
 
 # Smallest likelihood ratio of a right motion to chance: one in a million tries is right, and one in

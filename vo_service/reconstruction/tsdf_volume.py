@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, inverse
 from vo_service.config_tables import MEGABYTE
-from vo_service.odometry.depth import depth_sigma_m
+from vo_service.odometry.uncertainty import depth_sigma_m
 from vo_service.reconstruction.mesh import Mesh
 from vo_service.reconstruction.mesh_cleanup import remove_small_components
 from vo_service.reconstruction.surface_nets import MESH_BYTES_PER_BLOCK, extract_surface

@@ -3,8 +3,8 @@
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
-from vo_service.odometry.depth import depth_sigma_m, lateral_sigma_m
 from vo_service.odometry.features import PointPairs
+from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
 
 FOCAL_PX = 520.0
 T_REFERENCE_CAMERA = rigid_transform(so3_exp([0.03, -0.05, 0.02]), [0.04, -0.02, 0.06])

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.depth import depth_sigma_m, lateral_sigma_m
 from vo_service.odometry.direct.motion import (
     constant_velocity_motion,
     propagate_motion,
@@ -17,6 +16,7 @@ from vo_service.odometry.direct.motion import (
 )
 from vo_service.odometry.features import FeaturePoints, backproject_features
 from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
 
 
 @dataclass(frozen=True, eq=False)

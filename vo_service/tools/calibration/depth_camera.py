@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.calibration import DepthCameraCalibration, RigidTransform
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.odometry.depth import depth_sigma_m
+from vo_service.odometry.uncertainty import depth_sigma_m
 from vo_service.tools.calibration.board import BoardLayout
 from vo_service.tools.calibration.board_readings import BoardReadings, collect_board_readings
 from vo_service.tools.calibration.color_camera import (

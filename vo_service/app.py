@@ -50,28 +50,29 @@ logger = logging.getLogger(__name__)
 if TYPE_CHECKING:
     from vo_service.outputs.rerun.output import RerunOutput
 
-# Lines of the trajectory that a robot's disk may owe: five minutes.
+# Limit of trajectory lines in the queue of a slow disk: five minutes.
 MAX_QUEUED_TRAJECTORY_LINES = 9000
 
-# How each key that may change while the service runs is applied; see `reload.RELOADABLE_KEYS`.
+# By each key of `config.RELOADABLE_KEYS`: the function that applies a changed value.
 ConfigHandlers = Mapping[str, Callable[[Config], None]]
 
 
 @dataclass(frozen=True)
 class OutputsConfig:
-    """What to open.
+    """Choice of the outputs to open.
 
-    pace                   lockstep: every pose reaches every subscriber, in order
-    zenoh                  None: do not publish
-    way_to_open            what happens where the session cannot be opened now
-    extras                 what else is offered on the session
-    wait_for_subscriber_s  how long to wait for the first one; 0 = not at all
-    recorder               makes the flight recorder; None: there is none
-    mapper                 makes the mapper; None: there is none
-    rerun                  where and how to show what is going on
-    trajectory             file to write
-    ground_truth           asked for the truth, to draw it, once frames come
-    tell                   gets a line for the person who wants to look
+    Attributes:
+        playback_mode: In lockstep, every pose reaches every subscriber, in order.
+        zenoh: Settings of the publisher; None: do not publish.
+        connect_policy: Whether to retry if the Zenoh session cannot be opened.
+        extra_endpoints: Further endpoints of the session, such as commands.
+        wait_for_subscriber_s: Time to wait for the first subscriber, s; 0 = do not wait.
+        recorder: Makes the flight recorder; None: no flight recorder.
+        mapper: Makes the mapper; None: no mapper.
+        rerun: Targets and settings of the viewer.
+        trajectory: Trajectory file to write; None: no file.
+        ground_truth: Returns the ground truth for the viewer; called after the first frame.
+        log_line: Shows a line with an output's address to the user.
     """
 
     playback_mode: PlaybackMode
@@ -89,7 +90,14 @@ class OutputsConfig:
 
 @dataclass
 class OutputSet:
-    """The outputs, and those among them that can be told something."""
+    """The open outputs, and those among them that take commands.
+
+    Attributes:
+        outputs: All outputs.
+        viewers: The outputs that load shedding may pause.
+        recorder: The flight recorder.
+        mapper: The mapper.
+    """
 
     outputs: list[Output] = field(default_factory=list)
     viewers: list[PausableViewer] = field(default_factory=list)
@@ -99,10 +107,12 @@ class OutputSet:
 
 @contextmanager
 def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
-    """Open everything, close everything, the last opened first.
+    """Open all outputs, and close them in reverse order.
 
-    The trajectory file comes last: an existing one is kept until all else has worked. Raises
-    whatever opening an output raises.
+    The trajectory file is opened last: an existing one is kept until all other outputs are open.
+
+    Raises:
+        UserFacingError: If an output cannot be opened.
     """
     with ExitStack() as stack:
         opened = OutputSet()
@@ -118,7 +128,7 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
                 )
             )
             outputs.append(publisher)
-            if not publisher.warning:  # which says what keeps it from there
+            if not publisher.warning:  # the warning names what prevents publishing
                 config.log_line(f"poses: {publisher.description}")
             if config.wait_for_subscriber_s:
                 publisher.wait_for_subscriber(config.wait_for_subscriber_s)
@@ -155,10 +165,15 @@ def _open_viewers(config: OutputsConfig, stack: ExitStack) -> "list[RerunOutput]
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run ended, and its figures."""
+    """Result of a run.
+
+    Attributes:
+        statistics: Counts and times.
+        exit_code: 0, or the shell's exit code for a program ended by a signal.
+    """
 
     statistics: ServiceStatistics
-    exit_code: int  # 0, or the shell's for a program that a signal ended
+    exit_code: int
 
 
 def run_replay(
@@ -169,9 +184,18 @@ def run_replay(
     stop: StopSignal,
     loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
 ) -> RunResult:
-    """Run until the frames end or `stop` is set."""
+    """Run the service on a recording until the frames end or a stop is requested.
+
+    Args:
+        config: The configuration.
+        camera: The open camera, for the status.
+        frame_source: Its frames.
+        outputs: Take updates and the status.
+        stop: Ends the run early.
+        loop_closure: Corrects the transform from map to odom.
+    """
     service = _build_replay_service(config, camera, frame_source, outputs, loop_closure)
-    release_memory()  # all kernels are there
+    release_memory()  # all kernels are loaded
     service.run(stop.event)
     return RunResult(service.statistics, stop.exit_code)
 
@@ -203,13 +227,16 @@ def _make_input(config: Config, camera: RgbdCamera, frame_source: FrameSource) -
 
 @dataclass
 class ServiceDependencies:
-    """What the loop works with, beside the camera.
+    """Dependencies of the live service, apart from the camera.
 
-    outputs                    where everything goes
-    inbox                      commands for the loop
-    recorder, mapper, viewers  those of the outputs that can be told something
-    others                     who else may have a complaint for the status
-    on_commands                gets its table of the configuration when it has changed
+    Attributes:
+        outputs: Take updates and the status.
+        command_queue: Commands for the loop.
+        recorder: The flight recorder, one of the outputs.
+        mapper: The mapper, one of the outputs.
+        viewers: Those of the outputs that load shedding may pause.
+        warning_sources: Parts besides the outputs whose warnings are in the status.
+        on_command_config: Applies a changed table `[commands]`.
     """
 
     outputs: Sequence[Output]
@@ -223,23 +250,31 @@ class ServiceDependencies:
 
 @dataclass(frozen=True)
 class LiveService:
-    """The loop, and how a configuration that was read again gets into it.
+    """The loop, and the functions that apply a changed configuration to it.
 
-    appliers  how each key that may change while it runs is applied, on the loop's thread
+    Attributes:
+        service: The loop.
+        config_handlers: By key: applies a changed value, on the loop's thread.
     """
 
     service: Service
     config_handlers: ConfigHandlers
 
     def make_reload_command(self, changes: ConfigChanges) -> ReloadConfig:
-        """The command that applies what has changed."""
+        """Make the command that applies the changes."""
         return ReloadConfig(lambda: apply_changes(changes, self.config_handlers))
 
 
 def build_live_service(
     config: Config, camera: RgbdCamera, dependencies: ServiceDependencies
 ) -> LiveService:
-    """The service for a camera that may come and go."""
+    """Build the service for a live camera, which may disconnect and reconnect.
+
+    Args:
+        config: The configuration.
+        camera: The camera; the service opens it.
+        dependencies: Outputs, commands and the parts that take them.
+    """
     timer = CpuStageTimer()
     odometry = config.odometry.make_odometry(timer)
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
@@ -262,7 +297,13 @@ def build_live_service(
 def make_config_handlers(
     camera: RgbdCamera, load_shedder: ReconfigurableLoadShedder, dependencies: ServiceDependencies
 ) -> ConfigHandlers:
-    """How each key that may change while the service runs is applied, on the loop's thread."""
+    """Make the handler of each reloadable key. They run on the loop's thread.
+
+    Args:
+        camera: Takes LED and tilt.
+        load_shedder: Takes the settings of features and load.
+        dependencies: Recorder, mapper and commands.
+    """
 
     def load(config: Config) -> None:
         load_shedder.configure(config.load, config.odometry.feature_count)
@@ -295,7 +336,7 @@ def make_config_handlers(
 
 
 def apply_changes(changes: ConfigChanges, handlers: ConfigHandlers) -> None:
-    """Call each applier that is concerned, once; what a camera says to it is logged."""
+    """Call each handler of a changed key once. A camera's refusal is logged as a warning."""
     for apply in dict.fromkeys(handlers[key] for key in changes.reloaded_keys):
         try:
             apply(changes.config)

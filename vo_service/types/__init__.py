@@ -1,6 +1,6 @@
-"""What passes between the parts of the service, and what they ask of each other.
+"""Types that the parts of the service share: commands, updates, the status, and the protocols.
 
-Every part may import this; it imports none of them.
+Every part may import this package; it imports none of them.
 """
 
 from vo_service.types.commands import (

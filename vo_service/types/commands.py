@@ -1,4 +1,4 @@
-"""The commands that others send to the service, and why one is refused."""
+"""Commands to the service, and the error for a command that is refused."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,14 +7,14 @@ from enum import StrEnum
 from drivers.camera import Led
 from drivers.core.geometry import Array
 
-# Names of recordings and maps, which become names of files.
+# Pattern of the names of recordings and maps, which become file names.
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
 
 
 class ErrorCode(StrEnum):
-    """What went wrong, for programs; the message says it to people."""
+    """Cause of a failed command, for programs; the message describes it for people."""
 
-    BAD_REQUEST = "bad-request"  # the arguments are wrong; the same again will not help
+    BAD_REQUEST = "bad-request"  # the arguments are wrong; sending them again does not help
     UNKNOWN_COMMAND = "unknown-command"
     NOT_POSSIBLE = "not-possible"  # not with this camera or this configuration, or not now
     BUSY = "busy"  # too many commands are waiting
@@ -24,78 +24,116 @@ class ErrorCode(StrEnum):
 
 
 class CommandError(Exception):
-    """A command that was refused or failed; the text is one clause that a person understands."""
+    """A command was refused or failed.
+
+    Attributes:
+        code: Cause, for programs.
+    """
 
     def __init__(self, code: ErrorCode, message: str) -> None:
+        """Make the error.
+
+        Args:
+            code: Cause, for programs.
+            message: One clause, for people.
+        """
         super().__init__(message)
         self.code = code
 
 
 @dataclass(frozen=True)
 class ResetCommand:
-    """Begin a new epoch with the base at `T_odom_base` (4x4); None: level, at the origin."""
+    """Start a new epoch.
+
+    Attributes:
+        T_odom_base: 4x4 pose of the base at the start of the epoch; None: level, at the origin.
+    """
 
     T_odom_base: Array | None = None
 
 
 @dataclass(frozen=True)
 class PauseCommand:
-    """Publish no poses until `ResumeCommand`."""
+    """Stop publishing poses until `ResumeCommand`."""
 
 
 @dataclass(frozen=True)
 class ResumeCommand:
-    """Go on after `PauseCommand`."""
+    """Publish poses again after `PauseCommand`."""
 
 
 @dataclass(frozen=True)
 class TiltCommand:
-    """Tilt the sensor's head against the horizon."""
+    """Tilt the sensor.
+
+    Attributes:
+        tilt_deg: Angle of the sensor's head above the horizon, degrees.
+    """
 
     tilt_deg: float
 
 
 @dataclass(frozen=True)
 class LedCommand:
-    """Switch the sensor's light."""
+    """Switch the sensor's LED.
+
+    Attributes:
+        led: Color and blinking of the LED.
+    """
 
     led: Led
 
 
 @dataclass(frozen=True)
 class StartRecordingCommand:
-    """Record frames into a folder of this name, below the state folder."""
+    """Start a recording.
+
+    Attributes:
+        name: Name of the recording's folder below the state folder.
+    """
 
     name: str
 
 
 @dataclass(frozen=True)
 class StopRecordingCommand:
-    """End the recording."""
+    """End the current recording."""
 
 
 @dataclass(frozen=True)
 class SaveIncidentCommand:
-    """Write out what the flight recorder holds."""
+    """Write the frames of the flight recorder into a folder."""
 
 
 @dataclass(frozen=True)
 class SaveMapCommand:
-    """Make a map of where the camera has been in this epoch, and write it under this name."""
+    """Mesh the keyframes of this epoch and save the map.
+
+    Attributes:
+        name: Name of the map.
+    """
 
     name: str
 
 
 @dataclass(frozen=True)
 class LoadMapCommand:
-    """Forget the places that are known, and know those of the map of this name."""
+    """Replace the keyframe database by that of a saved map.
+
+    Attributes:
+        name: Name of the map.
+    """
 
     name: str
 
 
 @dataclass(frozen=True)
 class ReloadConfig:
-    """Apply a configuration that was read again. Only the program itself sends it."""
+    """Apply a configuration that was read again. Only the program itself sends it.
+
+    Attributes:
+        apply: Applies the changes; called on the loop's thread.
+    """
 
     apply: Callable[[], None]
 

@@ -1,4 +1,4 @@
-"""What the service asks of those who take its results, and of those who work beside it."""
+"""Protocols of the outputs: recorder, mapper, viewer, loop closure; and their null objects."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -9,32 +9,34 @@ from vo_service.types.commands import CommandError, ErrorCode
 from vo_service.types.status import MapState, Status
 from vo_service.types.update import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 
-# Asked for the ground truth once frames come: a live camera's truth has no stamps before that.
+# Returns the ground truth, or None. Called after the first frame: before it, a live camera's ground
+# truth has no stamps.
 GroundTruthSource = Callable[[], Trajectory | None]
 
 
 def no_ground_truth() -> Trajectory | None:
-    """Where the truth is not known."""
+    """Return None: the ground truth is unknown."""
     return None
 
 
 class HasWarning(Protocol):
-    """Something that may have a complaint for the status."""
+    """A part with a warning for the status."""
 
     @property
     def warning(self) -> str:
-        """One clause that says what is wrong with it now; "" while all is well."""
+        """The present fault in one clause; "" = none."""
         ...
 
 
 class Output(HasWarning, Protocol):
-    """Somewhere that poses go. None of the three blocks the caller for long.
+    """A sink for updates and the status. No method blocks the caller for long.
 
-    `pose` and `status` never raise: an output that fails logs it once, and says so in `warning`.
+    `on_update` and `on_status` never raise: an output that fails logs the fault once and sets
+    `warning`.
     """
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Take one result."""
+        """Take the update of one frame."""
         ...
 
     def on_status(self, status: Status) -> None:
@@ -42,54 +44,80 @@ class Output(HasWarning, Protocol):
         ...
 
     def close(self) -> None:
-        """Finish what was taken and release everything. Safe to call twice.
+        """Finish pending work and release everything. Safe to call twice.
 
-        Raises UserFacingError, the first time, if something taken could not be kept.
+        Raises:
+            UserFacingError: On the first call, if data was lost.
         """
         ...
 
 
 class PausableViewer(Protocol):
-    """Something that shows pictures, and can do without."""
+    """A viewer that can be paused to save CPU time."""
 
     def set_paused(self, is_paused: bool) -> None:
-        """Show nothing from now on, or everything again. Does not block."""
+        """Pause the viewer, or resume it. Does not block."""
         ...
 
 
 class Recorder(Output, Protocol):
-    """An output that can write out what it remembers."""
+    """An output that keeps recent frames and can write them to a folder."""
 
     @property
     def recording(self) -> str:
-        """Folder that is being recorded into; "" = none."""
+        """Folder of the current recording; "" = none."""
         ...
 
     def save(self, reason: str) -> str:
-        """Write the last seconds into a folder (soon), whose name is returned at once.
+        """Start to write the last seconds into a folder. Does not wait for the end.
 
-        Raises CommandError if that is not possible now.
+        Args:
+            reason: Cause of the incident; part of the folder's name.
+
+        Returns:
+            Path of the folder.
+
+        Raises:
+            CommandError: If that is not possible now.
         """
         ...
 
     def start_recording(self, name: str) -> str:
-        """Record into a new folder of this name, which is returned with its path, at once.
+        """Start to record into a new folder. Does not wait for the first frame.
 
-        Raises CommandError if the name will not do, or if it is not possible now.
+        Args:
+            name: Name of the folder.
+
+        Returns:
+            Path of the folder.
+
+        Raises:
+            CommandError: If the name is not valid, or if that is not possible now.
         """
         ...
 
     def stop_recording(self) -> str:
-        """End the recording; its folder. Raises CommandError if there is none."""
+        """End the current recording.
+
+        Returns:
+            Path of its folder.
+
+        Raises:
+            CommandError: If there is no recording.
+        """
         ...
 
     def configure(self, settings: RecorderConfig) -> None:
-        """Take over what may change while it runs: `save_on_loss` and `total_mb`."""
+        """Apply the settings that may change while it runs: `save_on_loss` and `total_mb`."""
         ...
 
 
 class NullRecorder:
-    """Where nothing is to be remembered, or nothing can be: says why to whoever asks."""
+    """Null recorder: commands fail with the given reason.
+
+    Attributes:
+        warning: Fault for the status; "" = none.
+    """
 
     recording = ""
 
@@ -98,87 +126,109 @@ class NullRecorder:
         self.warning = warning
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Nothing to remember."""
+        """Ignore the update."""
 
     def on_status(self, status: Status) -> None:
-        """Nothing to remember."""
+        """Ignore the status."""
 
     def save(self, reason: str) -> str:
-        """Never possible."""
+        """Raise CommandError with the given reason."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 
     def start_recording(self, name: str) -> str:
-        """Never possible."""
+        """Raise CommandError with the given reason."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 
     def stop_recording(self) -> str:
-        """Never possible."""
+        """Raise CommandError with the given reason."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 
     def configure(self, settings: RecorderConfig) -> None:
-        """Nothing to change."""
+        """Ignore the settings."""
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: there is nothing to release."""
 
 
 class LoopClosure(Protocol):
-    """Knows where the camera has been, and how far `odom` has drifted since."""
+    """Loop closure: the map of keyframes, and the drift of `odom` in it."""
 
     @property
     def snapshot(self) -> MapSnapshot:
-        """The map as it is now; the same object as long as nothing has changed."""
+        """The present map; the same object until the map changes."""
         ...
 
     def wrap(self, odometry: Odometry) -> Odometry:
-        """The same odometry, that finds back to places that are known."""
+        """Return the odometry with relocalization in the map after a loss of tracking."""
         ...
 
 
 class NullLoopClosure:
-    """Where no place is remembered."""
+    """Null loop closure: an empty map, and no relocalization."""
 
     snapshot = NO_MAP
 
     def wrap(self, odometry: Odometry) -> Odometry:
-        """As it is."""
+        """Return the odometry unchanged."""
         return odometry
 
 
 class Mapper(Output, Protocol):
-    """An output that remembers where the camera has been, and can make a map of it.
+    """An output that keeps keyframes, and can save and load maps.
 
-    loops  which places are known again
+    Attributes:
+        loop_closure: Loop closure with the mapper's keyframes.
     """
 
     loop_closure: LoopClosure
 
     @property
     def state(self) -> MapState:
-        """How it is now."""
+        """The present state."""
         ...
 
     def save(self, name: str) -> MapState:
-        """Begin to make a map of this name; the state from then on.
+        """Start to mesh and save the map. Does not wait for the end.
 
-        Raises CommandError if the name will not do, or if it is not possible now.
+        Args:
+            name: Name of the map.
+
+        Returns:
+            The state from then on; `saving` is the file.
+
+        Raises:
+            CommandError: If the name is not valid, or if that is not possible now.
         """
         ...
 
     def load(self, name: str) -> MapState:
-        """Begin to know the places of the map of this name; the state from then on.
+        """Start to load the keyframes of a saved map. Does not wait for the end.
 
-        Raises CommandError if there is none, or if it is not possible now.
+        Args:
+            name: Name of the map.
+
+        Returns:
+            The state from then on; `loading` is the file.
+
+        Raises:
+            CommandError: If there is no such map, or if that is not possible now.
         """
         ...
 
     def configure(self, settings: MapConfig) -> None:
-        """Take over what may change while it runs: all but `enabled`, `loops` and `load`."""
+        """Apply the settings that may change while it runs.
+
+        These are all but `enabled`, `loop_closure`, `load` and `keyframe_database_mb`.
+        """
         ...
 
 
 class NullMapper:
-    """Where there is to be no map, or can be none: says why to whoever asks."""
+    """Null mapper: commands fail with the given reason.
+
+    Attributes:
+        warning: Fault for the status; "" = none.
+    """
 
     state = MapState()
     loop_closure: LoopClosure = NullLoopClosure()
@@ -188,21 +238,21 @@ class NullMapper:
         self.warning = warning
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Nothing to remember."""
+        """Ignore the update."""
 
     def on_status(self, status: Status) -> None:
-        """Nothing to remember."""
+        """Ignore the status."""
 
     def save(self, name: str) -> MapState:
-        """Never possible."""
+        """Raise CommandError with the given reason."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 
     def load(self, name: str) -> MapState:
-        """Never possible."""
+        """Raise CommandError with the given reason."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 
     def configure(self, settings: MapConfig) -> None:
-        """Nothing to change."""
+        """Ignore the settings."""
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: there is nothing to release."""

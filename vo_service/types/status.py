@@ -9,7 +9,15 @@ from vo_service.types.update import LevelSource, TrackingState
 
 
 def field_description(of: type, name: str) -> str:
-    """Return the description of a status field. Raises KeyError for an unknown field."""
+    """Return the description of a status field.
+
+    Args:
+        of: Class of the group.
+        name: Name of the field.
+
+    Raises:
+        KeyError: If there is no such field.
+    """
     return str(get_args(get_type_hints(of, include_extras=True)[name])[1])
 
 

@@ -18,13 +18,13 @@ def _empty_pixels() -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class TrackingDebug:
-    """What a viewer can draw of one estimate. Pixels are (u, v) in the color image.
+    """Data of one estimate for a viewer. Pixels are (u, v) in the color image.
 
     Attributes:
         keypoints_px: (N, 2) features of this frame.
         matches_px: (M, 2) matched features of this frame.
-        reference_matches_px: (M, 2) the same features in the frame it was matched with: the last
-            good one, or an older one after a loss of tracking.
+        reference_matches_px: (M, 2) the same features in the reference frame: the last good frame,
+            or an older one after a loss of tracking.
         inlier: (M,) bool, whether the match agrees with the estimated motion.
     """
 
@@ -43,14 +43,14 @@ class Estimate:
 
     Attributes:
         ok: Whether the motion could be estimated; otherwise `reason` says why not.
-        reason: One short clause. If `ok`, what the estimate had to do without, usually "".
+        reason: One short clause. If `ok`, the data that the estimate lacked, usually "".
         T_world_camera: 4x4 pose, maps camera coordinates to the world. If not `ok`, the last good
             one.
         T_reference_camera: 4x4 motion since the reference: the latest good frame whose estimate has
             `is_next_reference`.
         covariance: 6x6 of `T_reference_camera`, as a small motion in this camera's axes:
-            translation (m), then rotation (rad). Zero for the first frame. After a relocalization
-            with an older frame, it covers the motion back to that frame and on to this one.
+            translation (m), then rotation (rad). Zero for the first frame. After relocalization
+            against an older frame, it covers the motion from the reference by way of that frame.
         features: Number of features.
         matches: Number of matched features.
         inliers: Number of matches that agree with the motion.
@@ -85,17 +85,18 @@ class Odometry(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MapSnapshot:
-    """Nothing in it ever changes: another map is another object.
+    """The pose graph at one time. Immutable: a changed map is a new object.
 
-    T_map_odom      4x4, how `odom` lies in the map: what the places that are known again say
-    epoch           of the poses that this is for: a `reset` lays `odom` elsewhere at once, and the
-                    map knows of it some frames later
-    T_map_place     (N, 4, 4) optical camera at each place, in REP 103 axes of the map; the newest
-                    is the last
-    edges           (M, 2) int32, rows of `T_map_keyframe` that are joined
-    is_loop         (M,) bool: joined because a place was known again, not by the odometry
-    is_localized      False where a map was loaded, or there was a loss, and no place of the map has
-                    been known again since: `odom` then lies anywhere
+    Attributes:
+        T_map_odom: 4x4 transform of `odom` in the map, from the loop closures.
+        T_map_keyframe: (N, 4, 4) optical camera at each keyframe, in REP 103 axes of the map; the
+            newest is the last.
+        edges: (M, 2) int32, pairs of rows of `T_map_keyframe`.
+        is_loop_closure: (M,) bool: whether the edge is a loop closure, not odometry.
+        is_localized: Whether `T_map_odom` is known. False from the load of a map, or a loss, until
+            relocalization in the map.
+        epoch: Epoch of the poses that `T_map_odom` is valid for. After a `reset`, the map follows
+            some frames later.
     """
 
     T_map_odom: Array = field(default_factory=lambda: np.eye(4))
@@ -107,12 +108,12 @@ class MapSnapshot:
 
     @property
     def keyframes(self) -> int:
-        """How many there are."""
+        """Number of keyframes."""
         return len(self.T_map_keyframe)
 
     @property
     def loop_closures(self) -> int:
-        """How often a place was known again."""
+        """Number of loop closures."""
         return int(np.count_nonzero(self.is_loop_closure))
 
 
@@ -120,7 +121,7 @@ NO_MAP = MapSnapshot()
 
 
 class TrackingState(StrEnum):
-    """How far a pose can be trusted."""
+    """Tracking state: how reliable a pose is."""
 
     TRACKING = "tracking"
     DEGRADED = "degraded"
@@ -129,29 +130,35 @@ class TrackingState(StrEnum):
 
 
 class LevelSource(StrEnum):
-    """How it is known which way is up in `odom`."""
+    """Source of the up direction of `odom`."""
 
-    GRAVITY = "gravity"  # an accelerometer told it at the first frame
+    GRAVITY = "gravity"  # measured by an accelerometer at the first frame
     ASSUMED = "assumed"  # the base's first pose counts as level
 
 
 @dataclass(frozen=True)
 class OdometryUpdate:
-    """One frame's result, ready to go out.
+    """The result of one frame, as it goes to the outputs.
 
-    seq                 counts published poses from 0
-    stamp_s             the frame's stamp on the published clock (Unix seconds when live)
-    state, reason       how far the pose can be trusted and, unless tracking, why
-    epoch               changes whenever the pose is not continuous with the one before
-    T_world_camera      4x4, optical axes, world = first camera: for trajectory files and pictures
-    T_odom_base         4x4, REP 103 axes: for robots
-    T_odom_camera       4x4, the optical camera in `odom`: for what lies there, or in the map
-    pose_covariance     6x6 accumulated since the epoch began, odom axes, ROS order (x y z rx ry rz)
-    twist               (6,) m/s and rad/s in the child frame, ROS order
-    twist_covariance    6x6 of this step, child frame, ROS order
-    stage_ms            CPU milliseconds by stage
-    latency_s           from the frame's arrival to this result
-    map                 of places, and how `odom` lies in it
+    Attributes:
+        seq: Number of the update, from 0.
+        stamp_s: The frame's stamp on the published clock, s (Unix time if live).
+        state: Tracking state: how reliable the pose is.
+        reason: Reason of the state; "" if tracking.
+        epoch: Changes whenever the pose is not continuous with the previous one.
+        T_world_camera: 4x4, optical axes; the world is the first camera. For trajectory files and
+            viewers.
+        T_odom_base: 4x4 pose of the base in `odom`, REP 103 axes. For robots.
+        T_odom_camera: 4x4 pose of the optical camera in `odom`. For the mapper.
+        pose_covariance: 6x6, accumulated since the start of the epoch, in axes of `odom`, ROS order
+            (x y z rx ry rz).
+        twist: (6,) velocity in the child frame, m/s and rad/s, ROS order.
+        twist_covariance: 6x6 of this step, in the child frame, ROS order.
+        frame: The frame.
+        estimate: The odometry's estimate of it.
+        stage_ms: CPU time by stage, ms.
+        latency_s: Time from the frame's arrival to this result, s.
+        map: The pose graph, with the transform of `odom` in the map.
     """
 
     seq: int
@@ -173,9 +180,9 @@ class OdometryUpdate:
 
     @property
     def is_localized(self) -> bool:
-        """Whether it is known where the `odom` of this very pose lies in the map, if there is one.
+        """Whether the transform of this pose's `odom` in the map is known; True without a map.
 
-        A map that was made before the epoch began does not know.
+        A map from before the present epoch does not have it.
         """
         the_map = self.map
         return the_map is NO_MAP or (the_map.is_localized and the_map.epoch == self.epoch)

@@ -23,7 +23,7 @@ SOURCES = (
     "vo_service/slam/place_recognition",
     "vo_service/slam/saved_maps",
     "vo_service/slam/keyframe_selector.py",
-    "vo_service/odometry/covariance_accumulator.py",
+    "vo_service/odometry/uncertainty.py",
     "vo_service/odom_frame.py",
     "vo_service/cli/loop_closure_observer.py",
 )

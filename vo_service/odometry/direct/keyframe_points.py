@@ -70,8 +70,10 @@ def _select_level(
     images: LevelImages, block: int, motion: Array, is_static: NDArray[np.bool_]
 ) -> Array:
     """(N, COLUMNS) points of one level, at most one per block of `block` pixels."""
-    gray = images.gray
+    # Fields of a tuple cost time in a loop.
+    gray, intrinsics, inverse_depth, depth_intrinsics, readout_s, skew_s, _ = images
     height, width = gray.shape
+    scale = depth_intrinsics[0] / intrinsics[0]
     rows, columns = height // block, width // block
     points = np.empty((rows * columns, NUM_POINT_COLUMNS))
     count = 0
@@ -81,9 +83,13 @@ def _select_level(
             if u < 0 or not is_static[cell_index(u / width, v / height)]:
                 continue
             point = points[count]
-            if not _locate_point(u, v, images, motion, point):
+            ray_x = (u - intrinsics[2]) / intrinsics[0]
+            ray_y = (v - intrinsics[3]) / intrinsics[1]
+            if not _locate_point(
+                ray_x, ray_y, inverse_depth, depth_intrinsics, readout_s, skew_s, motion, point
+            ):
                 continue
-            _describe_texture(point, gray[v, u], gu, gv, images)
+            _describe_texture(point, gray[v, u], gu, gv, intrinsics, scale)
             if point[HAS_TEXTURE] > 0 or point[HAS_SHAPE] > 0:
                 count += 1
     return points[:count]
@@ -91,11 +97,12 @@ def _select_level(
 
 @inline_kernel
 def _describe_texture(
-    point: Array, brightness: int, gu: float, gv: float, images: LevelImages
+    point: Array, brightness: int, gu: float, gv: float, intrinsics: Array, scale: float
 ) -> None:
-    """Fill in the brightness of a located point, with its gradient (gu, gv) per pixel."""
-    intrinsics = images.intrinsics
-    scale = images.depth_intrinsics[0] / intrinsics[0]
+    """Fill in the brightness of a located point, with its gradient (gu, gv) per pixel.
+
+    The whole size is `scale` times that of the level with these intrinsics.
+    """
     point[POINT_BRIGHTNESS] = brightness
     squared = gu * gu + gv * gv
     has_texture = squared >= MIN_TEXTURE_GRADIENT * MIN_TEXTURE_GRADIENT
@@ -131,18 +138,29 @@ def _find_steepest_pixel(
 
 
 @inline_kernel
-def _locate_point(u: int, v: int, images: LevelImages, motion: Array, point: Array) -> bool:
-    """Fill in the position and the depth gradient of a pixel; False if it has no depth."""
-    intrinsics, depth_intrinsics = images.intrinsics, images.depth_intrinsics
-    height = images.inverse_depth.shape[0]
-    ray_x = (u - intrinsics[2]) / intrinsics[0]
-    ray_y = (v - intrinsics[3]) / intrinsics[1]
+def _locate_point(
+    ray_x: float,
+    ray_y: float,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    motion: Array,
+    point: Array,
+) -> bool:
+    """Fill in the position and the depth gradient of a pixel; False if it has no depth.
+
+    The pixel's ray is (ray_x, ray_y, 1).
+    """
+    height = inverse_depth.shape[0]
     u_depth, v_depth = project(ray_x, ray_y, 1.0, depth_intrinsics)
-    tau = row_time(v_depth, height, images.readout_s)
+    tau = row_time(v_depth, height, readout_s)
     shift_m = 0.0
-    if images.readout_s != 0.0 or images.skew_s != 0.0:
-        u_depth, v_depth, shift_m = _find_in_depth_image(ray_x, ray_y, tau, images, motion)
-    w, wu, wv, has_shape = _fit_surface(images.inverse_depth, u_depth, v_depth)
+    if readout_s != 0.0 or skew_s != 0.0:
+        u_depth, v_depth, shift_m = _find_in_depth_image(
+            ray_x, ray_y, tau, inverse_depth, depth_intrinsics, readout_s, skew_s, motion
+        )
+    w, wu, wv, has_shape = _fit_surface(inverse_depth, u_depth, v_depth)
     if w <= 0.0:
         return False
     # To the time of the color row, on its ray; then to the frame's stamp.
@@ -159,13 +177,19 @@ def _locate_point(u: int, v: int, images: LevelImages, motion: Array, point: Arr
 
 @inline_kernel
 def _find_in_depth_image(
-    ray_x: float, ray_y: float, tau: float, images: LevelImages, motion: Array
+    ray_x: float,
+    ray_y: float,
+    tau: float,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    motion: Array,
 ) -> tuple[float, float, float]:
     """Pixel in the depth image of the surface on the color ray at `tau`, and its depth change.
 
     The pixel is -1 if the search meets a pixel without depth.
     """
-    inverse_depth, depth_intrinsics = images.inverse_depth, images.depth_intrinsics
     height, width = inverse_depth.shape
     u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
     then, shift_m = propagate_motion(motion, tau), 0.0
@@ -174,7 +198,7 @@ def _find_in_depth_image(
         if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
             return -1.0, -1.0, 0.0
         z = 1.0 / inverse_depth[row, column]
-        delay_s = images.skew_s + row_time(v, height, images.readout_s) - tau
+        delay_s = skew_s + row_time(v, height, readout_s) - tau
         x_then, y_then, z_then = propagate_point(then, ray_x * z, ray_y * z, z, delay_s)
         shift_m = z_then - z
         u, v = project(x_then, y_then, z_then, depth_intrinsics)

@@ -46,20 +46,32 @@ def warp_and_sample(
         motion: (9,) of the camera in its own axes at the frame's stamp, see `motion`.
         samples: (N, COLUMNS), out.
     """
+    # Fields of a tuple cost time in a loop.
+    gray, intrinsics, inverse_depth, depth_intrinsics, readout_s, skew_s, vignetting = images
+    height, width = inverse_depth.shape
+    is_instant = readout_s == 0.0 and skew_s == 0.0
     for n in range(len(points)):
         sample = samples[n]
         _clear_sample(sample)
         x, y, z = transform_point(T_camera_keyframe, points[n, 0], points[n, 1], points[n, 2])
         if z < MIN_DEPTH_M:
             continue
-        u, v, u_depth, v_depth, z_depth = _project_into_rows(x, y, z, images, motion)
-        brightness = _sample_brightness(images, u, v)
+        u, v = project(x, y, z, depth_intrinsics)
+        u_depth, v_depth, z_depth = u, v, z
+        if not is_instant:
+            u, v, _ = project_rolling_shutter(
+                motion, x, y, z, depth_intrinsics, height, readout_s, 0.0
+            )
+            u_depth, v_depth, z_depth = project_rolling_shutter(
+                motion, x, y, z, depth_intrinsics, height, readout_s, skew_s
+            )
+        scale = intrinsics[0] / depth_intrinsics[0]
+        brightness = _interpolate_brightness(gray, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
         if brightness < 0.0 or z_depth < MIN_DEPTH_M:
             continue
-        height, width = images.inverse_depth.shape
         sample[SAMPLE_U], sample[SAMPLE_V] = u, v
         sample[SAMPLE_CELL] = cell_index(u / width, v / height)
-        w = _interpolate_inverse_depth(images.inverse_depth, u_depth, v_depth)
+        w = _interpolate_inverse_depth(inverse_depth, u_depth, v_depth)
         difference = w - 1.0 / z_depth
         if w > 0.0 and abs(difference) > MAX_SAME_SURFACE_PER_M:
             sample[SAMPLE_OCCLUSION] = np.sign(difference)
@@ -67,39 +79,12 @@ def warp_and_sample(
         if w > 0.0:
             sample[SAMPLE_DEPTH_RESIDUAL] = difference * (z_depth / points[n, 2]) ** 2
             sample[SAMPLE_DEPTH_BAND] = _row_band(v_depth, height)
-        if images.vignetting != 0.0:
-            brightness *= 1.0 + images.vignetting * squared_radius_change(
-                u, v, images.depth_intrinsics, points[n]
+        if vignetting != 0.0:
+            brightness *= 1.0 + vignetting * squared_radius_change(
+                u, v, depth_intrinsics, points[n]
             )
         sample[SAMPLE_BRIGHTNESS] = brightness
         sample[SAMPLE_COLOR_BAND] = _row_band(v, height)
-
-
-@inline_kernel
-def _project_into_rows(
-    x: float, y: float, z: float, images: LevelImages, motion: Array
-) -> tuple[float, float, float, float, float]:
-    """Pixel in the color image, pixel and depth in the depth image, each at its row's time.
-
-    The pixels are those of the whole size.
-    """
-    intrinsics, readout_s, skew_s = images.depth_intrinsics, images.readout_s, images.skew_s
-    u, v = project(x, y, z, intrinsics)
-    u_depth, v_depth, z_depth = u, v, z
-    if readout_s != 0.0 or skew_s != 0.0:
-        height = images.inverse_depth.shape[0]
-        u, v, _ = project_rolling_shutter(motion, x, y, z, intrinsics, height, readout_s, 0.0)
-        u_depth, v_depth, z_depth = project_rolling_shutter(
-            motion, x, y, z, intrinsics, height, readout_s, skew_s
-        )
-    return u, v, u_depth, v_depth, z_depth
-
-
-@inline_kernel
-def _sample_brightness(images: LevelImages, u: float, v: float) -> float:
-    """Brightness of the level at a pixel of the whole size; -1 outside of the image."""
-    scale = images.intrinsics[0] / images.depth_intrinsics[0]
-    return _interpolate_brightness(images.gray, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
 
 
 @inline_kernel

@@ -31,20 +31,6 @@ def lobe_margin(lobe: int) -> int:
     return (3 * lobe) // 2
 
 
-class BoxBands(NamedTuple):
-    """The vertical half of the box sums of one row, by column, (W+1,) int32 each.
-
-    Attributes:
-        xx: Of Dxx.
-        yy: Of Dyy.
-        xy: Of Dxy.
-    """
-
-    xx: NDArray[np.int32]
-    yy: NDArray[np.int32]
-    xy: NDArray[np.int32]
-
-
 @kernel
 def fill_responses(
     integral: NDArray[np.int32], lobe: int, step: int, response: NDArray[np.float32]
@@ -72,24 +58,30 @@ def fill_responses(
         return
     response[:, :first] = 0
     response[:, last_column + 1 :] = 0
-    bands = BoxBands(
-        np.empty(width + 1, np.int32), np.empty(width + 1, np.int32), np.empty(width + 1, np.int32)
-    )
+    band_xx = np.empty(width + 1, np.int32)
+    band_yy = np.empty(width + 1, np.int32)
+    band_xy = np.empty(width + 1, np.int32)
     for row in range(first, last_row + 1):
-        _sum_rows(integral, row * step, lobe, bands)
+        _sum_rows(integral, row * step, lobe, band_xx, band_yy, band_xy)
         c = first * step
         out = response[row, first:]
         if step == 1:
             # A stride known at compile time lets the loop become vector instructions.
-            _det_along_row(bands, c, n, 1, lobe, out)
+            _det_along_row(band_xx, band_yy, band_xy, c, n, 1, lobe, out)
         else:
-            _det_along_row(bands, c, n, step, lobe, out)
+            _det_along_row(band_xx, band_yy, band_xy, c, n, step, lobe, out)
 
 
 @inline_kernel
-def _sum_rows(integral: NDArray[np.int32], r: int, lobe: int, bands: BoxBands) -> None:
+def _sum_rows(
+    integral: NDArray[np.int32],
+    r: int,
+    lobe: int,
+    band_xx: NDArray[np.int32],
+    band_yy: NDArray[np.int32],
+    band_xy: NDArray[np.int32],
+) -> None:
     """Combine the integral's rows once for all columns: the vertical half of each box sum."""
-    band_xx, band_yy, band_xy = bands
     half, center = lobe_margin(lobe), lobe // 2
     x_end, x_start = integral[r + lobe], integral[r - lobe + 1]
     y_end, y_start = integral[r + half + 1], integral[r - half]
@@ -104,10 +96,16 @@ def _sum_rows(integral: NDArray[np.int32], r: int, lobe: int, bands: BoxBands) -
 
 @inline_kernel
 def _det_along_row(
-    bands: BoxBands, c: int, n: int, step: int, lobe: int, out: NDArray[np.float32]
+    band_xx: NDArray[np.int32],
+    band_yy: NDArray[np.int32],
+    band_xy: NDArray[np.int32],
+    c: int,
+    n: int,
+    step: int,
+    lobe: int,
+    out: NDArray[np.float32],
 ) -> None:
     """Finish the box sums of `n` samples along one row from column `c`; combine them to det(H)."""
-    band_xx, band_yy, band_xy = bands
     half, center = lobe_margin(lobe), lobe // 2
     area = np.float32(1.0 / (lobe * (2 * lobe - 1)))
     x_end, x_start = band_xx[c + half + 1 :], band_xx[c - half :]

@@ -36,15 +36,20 @@ from vo_service.signals import StopSignal
 from vo_service.types import OdometryUpdate, Status
 
 FILE = Path(__file__).with_name("trajectories.json")
-FRAMES = 60
+# Frames of each source. In redkitchen `sfm` needs 30 to initialize.
+FRAMES = {"virtual": 30, "redkitchen": 45, "room_rolling": 45}
 # The rough path has every tenth position.
 STRIDE = 10
 HALF_SIZE = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
 VIRTUAL = replace(
-    SyntheticConfig(), camera=HALF_SIZE, duration_s=FRAMES / 10.0, rate_hz=10.0, texel_m=0.005
+    SyntheticConfig(),
+    camera=HALF_SIZE,
+    duration_s=FRAMES["virtual"] / 10.0,
+    rate_hz=10.0,
+    texel_m=0.005,
 )
 RECORDINGS = ("redkitchen", "room_rolling")
-SOURCES = ("virtual", *RECORDINGS)
+SOURCES = tuple(FRAMES)
 CASES = tuple(f"{method}-{source}" for method, source in product(METHODS, SOURCES))
 
 
@@ -53,6 +58,7 @@ class PoseDigest:
     """Takes the first poses, as an output of the service, and then asks for the end."""
 
     stop: StopSignal
+    frames: int
     warning = ""
     bits: "hashlib._Hash" = field(default_factory=hashlib.sha256)
     states: dict[str, int] = field(default_factory=dict)
@@ -73,7 +79,7 @@ class PoseDigest:
         self.states[update.state] = self.states.get(update.state, 0) + 1
         if update.seq % STRIDE == STRIDE - 1:
             self.path_m.append([round(float(x), 4) for x in update.T_world_camera[:3, 3]])
-        if update.seq == FRAMES - 1:
+        if update.seq == self.frames - 1:
             self.stop.request()
 
     def on_status(self, status: Status) -> None:
@@ -94,7 +100,7 @@ def compute_digest(case: str, rendered: Path | None = None) -> dict[str, Any]:
     """
     method, source = case.split("-", 1)
     config = replace(Config(), odometry=OdometryConfig(method=method))
-    digest = PoseDigest(StopSignal())
+    digest = PoseDigest(StopSignal(), FRAMES[source])
     with _camera(source, rendered) as camera:
         run_replay(config, camera, SinglePassSource(camera), [digest], digest.stop)
     return digest.result

@@ -43,9 +43,9 @@ cv2.setNumThreads(1)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and nohup that of a closed terminal
 
-# A slow machine must not fail a test.
-hypothesis.settings.register_profile("no-deadline", deadline=None)
-hypothesis.settings.load_profile("no-deadline")
+# A slow machine must not fail a test. Examples differ in each run.
+hypothesis.settings.register_profile("tests", deadline=None, max_examples=50)
+hypothesis.settings.load_profile("tests")
 
 FRAMES = 12
 # Markers, and the fixtures that add them to every test that uses one, directly or indirectly.
@@ -81,7 +81,7 @@ def _hand_held_pose(seq: int) -> Array:
 
 @pytest.fixture(scope="session", autouse=True)
 def forked_workers() -> Iterator[None]:
-    """Fork the worker processes of cameras and outputs: see `tests.forked_process`."""
+    """Fork the worker processes of cameras, maps and recorders: see `tests.forked_process`."""
     with forked_modules(WORKER_MODULES):
         yield
 

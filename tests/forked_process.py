@@ -32,7 +32,6 @@ WORKER_MODULES = {
     "drivers.synthetic.render_worker",
     "vo_service.mapper_process",
     "vo_service.outputs.recorder.worker_main",
-    "vo_service.outputs.rerun.worker_main",
 }
 # Orphaned descendants become children of the process that sets this, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36
@@ -83,13 +82,17 @@ def run(
     return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
+def run_module(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    """Run a module's program as a `ForkedProcess` to its end, and capture its output."""
+    return run([sys.executable, "-c", _program_of(module), *arguments])
+
+
 def start_module(
     module: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
     """Replace `start_module` of `drivers.core.process.worker_process` by a `ForkedProcess`."""
-    program = f"import runpy\nrunpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
     return ForkedProcess(
-        [sys.executable, "-c", program, str(fds[0])],
+        [sys.executable, "-c", _program_of(module), str(fds[0])],
         stdin=subprocess.DEVNULL,
         stdout=stdout,
         stderr=stderr,
@@ -99,20 +102,29 @@ def start_module(
     )
 
 
+def _program_of(module: str) -> str:
+    return f"import runpy\nrunpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
+
+
 @contextmanager
 def forked_modules(modules: Collection[str]) -> Iterator[None]:
     """Let this process fork workers that run one of these modules."""
-    real = worker_process.start_module
+    real, conditions = worker_process.start_module, _start_conditions()
 
     def start(module: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
-        # Only a new process looks for libraries in other folders.
-        is_forked = module in modules and "LD_LIBRARY_PATH" not in os.environ
+        # A test that changes these needs a new process.
+        is_forked = module in modules and _start_conditions() == conditions
         return (start_module if is_forked else real)(module, *args, **kwargs)
 
     with pytest.MonkeyPatch.context() as patch:
         for user in (worker_process, supervisor):
             patch.setattr(user, "start_module", start)
         yield
+
+
+def _start_conditions() -> tuple[str, str | None]:
+    """Python, and where a new process looks for libraries; `cv2` sets this too."""
+    return sys.executable, os.environ.get("LD_LIBRARY_PATH")
 
 
 class _ForkServer:

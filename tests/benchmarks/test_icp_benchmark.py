@@ -1,12 +1,12 @@
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.icp_methods import OPENCV, OURS, OURS_FRAME_TO_FRAME, make_methods
+from tests.forked_process import run_module
 from tests.vo_service.odometry.icp.depth_views import (
     CAMERA,
     ROOM,
@@ -20,9 +20,7 @@ pytestmark = pytest.mark.subprocess
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    root = str(Path(__file__).parents[2])
-    command = [sys.executable, "-m", "benchmarks.icp", *arguments]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+    return run_module("benchmarks.icp", *arguments)
 
 
 def test_every_method_is_measured(recording: Path) -> None:

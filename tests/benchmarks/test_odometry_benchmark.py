@@ -1,12 +1,12 @@
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.odometry_methods import METHODS, make_odometry
+from tests.forked_process import run_module
 from tests.vo_service.odometry.synthetic_views import make_frame, render_corner
 from vo_service.odometry.profiling import NullStageTimer
 
@@ -14,9 +14,7 @@ pytestmark = pytest.mark.subprocess
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    root = str(Path(__file__).parents[2])
-    command = [sys.executable, "-m", "benchmarks.odometry", *arguments]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+    return run_module("benchmarks.odometry", *arguments)
 
 
 def test_each_method_is_measured_on_each_folder(recording: Path) -> None:

@@ -28,10 +28,12 @@ SIDE: Plane = ((1.0, 0.05, 0.2), 1.1)
 CORNER = (WALL, FLOOR, SIDE)
 
 
-def series_exponential(twist: Array) -> Array:
-    """4x4 exponential of a twist, by the matrix series."""
-    vx, vy, vz, x, y, z = np.asarray(twist, np.float64) / 64
-    A = np.array([[0, -z, y, vx], [z, 0, -x, vy], [-y, x, 0, vz], [0, 0, 0, 0]])
+def series_exponential(twists: Array) -> Array:
+    """(..., 4, 4) exponentials of twists (..., 6), by the matrix series."""
+    vx, vy, vz, x, y, z = np.moveaxis(np.asarray(twists, np.float64) / 64, -1, 0)
+    o = np.zeros_like(x)
+    rows = ([o, -z, y, vx], [z, o, -x, vy], [-y, x, o, vz], [o, o, o, o])
+    A = np.stack([np.stack(row, -1) for row in rows], -2)
     total, term = np.eye(4), np.eye(4)
     for n in range(1, 16):
         term = term @ A / n
@@ -55,9 +57,13 @@ class MovingCamera:
 
     def pose_at(self, time_s: float) -> Array:
         """4x4 T_world_camera."""
-        twist = time_s * self.velocity
-        twist[3:] += 0.5 * time_s**2 * self.acceleration_rad_s2
-        return self.T_world_start @ series_exponential(twist)
+        return np.asarray(self.poses_at(np.array([time_s]))[0], np.float64)
+
+    def poses_at(self, times_s: Array) -> Array:
+        """(T, 4, 4) T_world_camera."""
+        twists = times_s[:, None] * self.velocity
+        twists[:, 3:] += 0.5 * times_s[:, None] ** 2 * self.acceleration_rad_s2
+        return np.asarray(self.T_world_start @ series_exponential(twists), np.float64)
 
     @property
     def motion(self) -> Array:
@@ -157,11 +163,11 @@ def _cast_rays(
     planes: Sequence[Plane], motion: MovingCamera, rows_s: Array, camera: PinholeCamera
 ) -> _RayHits:
     """Depth (H, W) and position (H, W, 3) of each pixel, each row at its own time."""
-    T_world_times = {time_s: motion.pose_at(time_s) for time_s in set(rows_s.tolist())}
-    T_world_rows = np.array([T_world_times[time_s] for time_s in rows_s.tolist()])
+    times_s, time_of_row = np.unique(rows_s, return_inverse=True)
+    T_world_rows = motion.poses_at(times_s)[time_of_row]
     v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
-    rays = np.einsum("hij,hwj->hwi", T_world_rows[:, :3, :3], rays)
+    rays = rays @ T_world_rows[:, :3, :3].swapaxes(1, 2)
     origins = T_world_rows[:, None, :3, 3]
     z_m = np.full(u.shape, np.inf)
     for normal, distance in planes:

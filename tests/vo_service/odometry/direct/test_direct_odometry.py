@@ -222,7 +222,10 @@ def test_a_camera_that_stands_still_from_the_start_has_no_velocity() -> None:
 class Trembling(MovingCamera):
     """A camera that rotates aside, with hand tremor at 5 Hz."""
 
-    def pose_at(self, time_s: float) -> Array:
+    def poses_at(self, times_s: Array) -> Array:
+        return np.array([self._trembling_pose_at(time_s) for time_s in times_s.tolist()])
+
+    def _trembling_pose_at(self, time_s: float) -> Array:
         tremor_rad = 0.015 * np.sin(2 * np.pi * 5.0 * time_s) * np.array([1.0, 0.6, -0.5])
         turn = np.array([0.0, 0.9, 0.0]) * (time_s - 0.5) + tremor_rad
         return rigid_transform(so3_exp(turn), np.array([0.25, 0.05, 0.1]) * time_s)

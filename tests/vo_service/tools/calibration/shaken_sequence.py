@@ -25,12 +25,13 @@ PAUSE_S = 0.2
 class ShakenCamera(MovingCamera):
     """Camera that moves to and fro along the twist of the maximum velocity, and sideways."""
 
-    def pose_at(self, time_s: float) -> Array:
-        """4x4 T_world_camera."""
+    def poses_at(self, times_s: Array) -> Array:
+        """(T, 4, 4) T_world_camera."""
         w = 2 * np.pi / PERIOD_S
-        forward = np.sin(w * time_s) / w * self.velocity
-        sideways = np.sin(0.7 * w * time_s + 1.0) / w * np.roll(self.velocity, 1)
-        return self.T_world_start @ series_exponential(forward + sideways)
+        t_s = times_s[:, None]
+        forward = np.sin(w * t_s) / w * self.velocity
+        sideways = np.sin(0.7 * w * t_s + 1.0) / w * np.roll(self.velocity, 1)
+        return np.asarray(self.T_world_start @ series_exponential(forward + sideways), np.float64)
 
 
 FAST_SHAKING = ShakenCamera(np.array([0.25, -0.2, 0.15, -0.6, 0.8, 0.4]))

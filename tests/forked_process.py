@@ -103,7 +103,11 @@ def start_module(
 
 
 def _program_of(module: str) -> str:
-    return f"import runpy\nrunpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
+    # The fork server has imported the module, and runpy would warn of it.
+    return (
+        f"import runpy, sys\nsys.modules.pop({module!r}, None)\n"
+        f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
+    )
 
 
 @contextmanager

@@ -10,7 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.core.geometry import Array, orthonormalize, rigid_transform, so3_exp
-from vo_service.odometry.sfm.bundle_kernels import Indices, accumulate_bundle, update_points
+from vo_service.odometry.sfm.bundle_kernels import (
+    BundleEquations,
+    BundleObservations,
+    accumulate_bundle,
+    update_points,
+)
 
 MAX_ITERATIONS = 6
 INITIAL_DAMPING, MAX_DAMPING, MIN_DAMPING = 1e-4, 1e2, 1e-9
@@ -18,23 +23,6 @@ INITIAL_DAMPING, MAX_DAMPING, MIN_DAMPING = 1e-4, 1e2, 1e-9
 MIN_RELATIVE_GAIN = 1e-4
 # Keeps the system solvable for a view without observations.
 INFORMATION_FLOOR = 1e-3
-
-
-@dataclass(frozen=True)
-class BundleObservations:
-    """Observations of points in views, ordered by point.
-
-    Attributes:
-        view: (O,) index of the view.
-        point: (O,) index of the point, ascending.
-        ray: (O, 2) position in the image at z = 1.
-        sigma: Standard deviation of that position.
-    """
-
-    view: Indices
-    point: Indices
-    ray: Array
-    sigma: float
 
 
 @dataclass(frozen=True)
@@ -61,12 +49,7 @@ class _BundleSystem:
     T: Array
     position_m: Array
     cost: float
-    H: Array
-    gradient: Array
-    point_inverse: Array
-    point_gradient: Array
-    mixed: Array
-    squared_error: Array
+    equations: BundleEquations
 
 
 def adjust_bundle(
@@ -87,39 +70,32 @@ def adjust_bundle(
             current = _linearize(current.T, current.position_m, observations, damping)
             if damping > MAX_DAMPING:
                 break
-    return BundleResult(current.T, current.position_m, current.point_inverse, current.squared_error)
+    equations = current.equations
+    return BundleResult(
+        current.T, current.position_m, equations.point_inverse, equations.squared_error
+    )
 
 
 def _linearize(
     T: Array, position_m: Array, observations: BundleObservations, damping: float
 ) -> _BundleSystem:
-    num_views, num_points, num_observations = len(T), len(position_m), len(observations.view)
-    H, gradient = np.zeros((6 * num_views, 6 * num_views)), np.zeros(6 * num_views)
-    point_inverse, point_gradient = np.zeros((num_points, 3, 3)), np.zeros((num_points, 3))
-    mixed, squared = np.zeros((num_observations, 6, 3)), np.zeros(num_observations)
-    cost = accumulate_bundle(
-        T, position_m, observations.view, observations.point, observations.ray, observations.sigma,
-        damping, H, gradient, point_inverse, point_gradient, mixed, squared,
-    )  # fmt: skip
-    return _BundleSystem(
-        T, position_m, cost, H, gradient, point_inverse, point_gradient, mixed, squared
-    )
+    equations = BundleEquations.zeros(len(T), len(position_m), len(observations.view_index))
+    cost = accumulate_bundle(T, position_m, observations, damping, equations)
+    return _BundleSystem(T, position_m, cost, equations)
 
 
 def _take_step(
     system: _BundleSystem, observations: BundleObservations, damping: float
 ) -> _BundleSystem:
     """Linearize after one damped step; the first view is fixed."""
-    free = system.H[6:, 6:].copy()
+    H, gradient = system.equations.H, system.equations.gradient
+    free = H[6:, 6:].copy()
     free[np.diag_indices_from(free)] *= 1.0 + damping
     free[np.diag_indices_from(free)] += INFORMATION_FLOOR
-    step = np.zeros(len(system.gradient))
-    step[6:] = np.linalg.solve(free, system.gradient[6:])
+    step = np.zeros(len(gradient))
+    step[6:] = np.linalg.solve(free, gradient[6:])
     position_m = system.position_m.copy()
-    update_points(
-        position_m, observations.view, observations.point,
-        system.point_inverse, system.point_gradient, system.mixed, step,
-    )  # fmt: skip
+    update_points(position_m, observations, system.equations, step)
     motions = [rigid_transform(so3_exp(each[3:]), each[:3]) for each in step.reshape(-1, 6)]
     T = np.array(
         [orthonormalize(motion @ pose) for motion, pose in zip(motions, system.T, strict=True)]

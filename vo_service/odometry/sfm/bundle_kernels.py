@@ -4,6 +4,7 @@ Observations are ordered by point; a view moves as exp(step) T_view_world, step 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,51 +23,131 @@ POINT_INFORMATION_FLOOR = 1e-3
 Indices = NDArray[np.int64]
 
 
+class BundleObservations(NamedTuple):
+    """Observations of points in views, ordered by point.
+
+    Attributes:
+        view_index: (O,) of the view.
+        point_index: (O,) of the point, ascending.
+        ray: (O, 2) position in the image at z = 1.
+        sigma: Standard deviation of that position.
+    """
+
+    view_index: Indices
+    point_index: Indices
+    ray: Array
+    sigma: float
+
+
+class BundleEquations(NamedTuple):
+    """Normal equations of K views and L points, with the points eliminated.
+
+    Attributes:
+        H: (6 K, 6 K) of the views.
+        gradient: (6 K,) of the views.
+        point_inverse: (L, 3, 3) inverse of each point's own matrix.
+        point_gradient: (L, 3) of each point.
+        mixed: (O, 6, 3) of each observation's view and point.
+        squared_error: (O,) in standard deviations.
+    """
+
+    H: Array
+    gradient: Array
+    point_inverse: Array
+    point_gradient: Array
+    mixed: Array
+    squared_error: Array
+
+    @classmethod
+    def zeros(cls, views: int, points: int, observations: int) -> "BundleEquations":
+        """Make equations of this size, to be filled in."""
+        return cls(
+            np.zeros((6 * views, 6 * views)),
+            np.zeros(6 * views),
+            np.zeros((points, 3, 3)),
+            np.zeros((points, 3)),
+            np.zeros((observations, 6, 3)),
+            np.zeros(observations),
+        )
+
+
 @kernel
 def accumulate_bundle(
-    T: Array, position_m: Array, view: Indices, point: Indices, ray: Array, sigma: float,
-    damping: float, H: Array, gradient: Array, point_inverse: Array, point_gradient: Array,
-    mixed: Array, squared: Array,
-) -> float:  # fmt: skip
-    """Fill in the normal equations with the points eliminated, and return the cost.
+    T: Array,
+    position_m: Array,
+    observations: BundleObservations,
+    damping: float,
+    equations: BundleEquations,
+) -> float:
+    """Fill in the normal equations, and return the cost.
 
-    Arrays from `H` on are zero and are filled in.
+    Args:
+        T: (K, 4, 4) T_view_world.
+        position_m: (L, 3) in the world frame.
+        observations: The observations.
+        damping: Factor of Levenberg and Marquardt for the points.
+        equations: Zero on entry.
     """
+    view, point, ray, sigma = observations
+    point_gradient = equations.point_gradient
     cost = 0.0
     begin = 0
-    A = np.empty((2, 3))
-    J = np.empty((2, 6))
     while begin < len(point):
         end = begin
         V = np.zeros((3, 3))
         while end < len(point) and point[end] == point[begin]:
             cost += _add_observation(
-                T[view[end]], position_m[point[end]], ray[end], sigma, J, A, V,
-                point_gradient[point[end]], H, gradient, 6 * view[end], mixed[end], squared, end,
-            )  # fmt: skip
+                T[view[end]],
+                position_m[point[end]],
+                ray[end],
+                sigma,
+                V,
+                point_gradient[point[end]],
+                equations,
+                (6 * view[end], end),
+            )
             end += 1
         for a in range(3):
             V[a, a] = V[a, a] * (1.0 + damping) + POINT_INFORMATION_FLOOR
-        _invert_symmetric_3x3(V, point_inverse[point[begin]])
-        _eliminate_point(
-            H, gradient, point_inverse[point[begin]], point_gradient, mixed, view, point, begin, end
-        )
+        _invert_symmetric_3x3(V, equations.point_inverse[point[begin]])
+        _eliminate_point(equations, view, point, begin, end)
         begin = end
     return cost
 
 
 @inline_kernel
 def _add_observation(
-    T: Array, P: Array, ray: Array, sigma: float, J: Array, A: Array, V: Array, b: Array,
-    H: Array, gradient: Array, row: int, mixed: Array, squared: Array, n: int,
-) -> float:  # fmt: skip
-    """Add an observation to the equations of its view and its point, and return its cost."""
+    T: Array,
+    P: Array,
+    ray: Array,
+    sigma: float,
+    V: Array,
+    b: Array,
+    equations: BundleEquations,
+    place: tuple[int, int],
+) -> float:
+    """Add an observation to the equations of its view and its point, and return its cost.
+
+    Args:
+        T: 4x4 T_view_world.
+        P: (3,) position of the point.
+        ray: (2,) where it was observed.
+        sigma: Standard deviation of that.
+        V: (3, 3) matrix of the point, in and out.
+        b: (3,) vector of the point, in and out.
+        equations: In and out.
+        place: First row of the view, and index of the observation.
+    """
+    row, n = place
+    H, gradient = equations.H, equations.gradient
+    mixed, squared = equations.mixed[n], equations.squared_error
     x = T[0, 0] * P[0] + T[0, 1] * P[1] + T[0, 2] * P[2] + T[0, 3]
     y = T[1, 0] * P[0] + T[1, 1] * P[1] + T[1, 2] * P[2] + T[1, 3]
     z = T[2, 0] * P[0] + T[2, 1] * P[1] + T[2, 2] * P[2] + T[2, 3]
     if z < MIN_DEPTH_M:
         squared[n] = UNSEEN_SQUARED_ERROR
         return CAUCHY_SCALE_SQUARED * math.log(1.0 + UNSEEN_SQUARED_ERROR / CAUCHY_SCALE_SQUARED)
+    J, A = np.empty((2, 6)), np.empty((2, 3))
     u, v = x / z, y / z
     du, dv = ray[0] - u, ray[1] - v
     squared[n] = (du * du + dv * dv) / (sigma * sigma)
@@ -108,10 +189,12 @@ def _invert_symmetric_3x3(V: Array, inverse: Array) -> None:
 
 @inline_kernel
 def _eliminate_point(
-    H: Array, gradient: Array, point_inverse: Array, point_gradient: Array, mixed: Array,
-    view: Indices, point: Indices, begin: int, end: int,
-) -> None:  # fmt: skip
+    equations: BundleEquations, view: Indices, point: Indices, begin: int, end: int
+) -> None:
     """Eliminate a point, with observations from `begin` to `end`, from the views' equations."""
+    H, gradient, mixed = equations.H, equations.gradient, equations.mixed
+    point_inverse = equations.point_inverse[point[begin]]
+    point_gradient = equations.point_gradient
     gain = np.empty((6, 3))
     b = point_gradient[point[begin]]
     for i in range(begin, end):
@@ -130,10 +213,12 @@ def _eliminate_point(
 
 @kernel
 def update_points(
-    position_m: Array, view: Indices, point: Indices, point_inverse: Array, point_gradient: Array,
-    mixed: Array, step: Array,
-) -> None:  # fmt: skip
-    """Move every point to its optimum after the step of the views."""
+    position_m: Array, observations: BundleObservations, equations: BundleEquations, step: Array
+) -> None:
+    """Move every point (L, 3), in place, to its optimum after the step (6 K,) of the views."""
+    view, point = observations.view_index, observations.point_index
+    point_inverse, point_gradient = equations.point_inverse, equations.point_gradient
+    mixed = equations.mixed
     begin = 0
     while begin < len(point):
         end = begin

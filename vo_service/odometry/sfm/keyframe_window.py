@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
-from vo_service.odometry.sfm.bundle_adjustment import BundleObservations, adjust_bundle
+from vo_service.odometry.sfm.bundle_adjustment import adjust_bundle
+from vo_service.odometry.sfm.bundle_kernels import BundleObservations
 from vo_service.odometry.sfm.keyframe import (
     NO_POINT,
     Indices,
@@ -149,7 +150,7 @@ class KeyframeWindow:
         )
         is_wrong = adjusted.squared_error > GATE_SIGMAS**2
         for k, T in enumerate(adjusted.T_view_world):
-            wrong_features = feature[is_wrong & (observations.view == k)]
+            wrong_features = feature[is_wrong & (observations.view_index == k)]
             keyframe = replace(self._keyframes[k], T_world_camera=_scale_pose(T, center_m, scale))
             self._keyframes[k] = keyframe.without_observations(wrong_features)
         self._remove_single_observations()

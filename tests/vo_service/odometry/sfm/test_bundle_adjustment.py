@@ -5,11 +5,8 @@ import pytest
 
 from drivers.core.geometry import Array, inverse, is_rigid, rigid_transform, so3_exp
 from tests.vo_service.odometry.sfm.ray_pairs import SIGMA, make_cloud, project_rays
-from vo_service.odometry.sfm.bundle_adjustment import (
-    BundleObservations,
-    BundleResult,
-    adjust_bundle,
-)
+from vo_service.odometry.sfm.bundle_adjustment import BundleResult, adjust_bundle
+from vo_service.odometry.sfm.bundle_kernels import BundleObservations
 
 POINTS = 80
 POSES = [
@@ -63,7 +60,7 @@ def test_an_observation_of_something_else_stands_out_and_does_no_harm() -> None:
     seen = observations()
     seen.ray[::40] += 40 * SIGMA
     adjusted = adjusted_from_afar(seen)
-    is_wrong = np.zeros(len(seen.view), np.bool_)
+    is_wrong = np.zeros(len(seen.view_index), np.bool_)
     is_wrong[::40] = True
     assert adjusted.squared_error[is_wrong].min() > 9.0
     assert np.median(adjusted.squared_error[~is_wrong]) < 0.5

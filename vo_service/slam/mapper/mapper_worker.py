@@ -94,9 +94,14 @@ class MapperWorker:
                 self._keyframes.set_max_bytes(request.max_mb * MEGABYTE)
 
     def send_job_results(self) -> None:
-        """Send the result of the mesh job; waits for it."""
+        """Send the result of the mesh job; waits for it.
+
+        The names of the maps go first, so that a map that is reported as saved can be loaded.
+        """
         while self._mesh_jobs:
-            self._send(self._mesh_jobs.pop().wait_for_result())
+            result = self._mesh_jobs.pop().wait_for_result()
+            self._send(self.status)
+            self._send(result)
 
     def cancel_jobs(self) -> None:
         """Kill the mesh job, and remove its partial files."""

@@ -12,7 +12,6 @@ from tests import forked_process
 from tests.vo_service.service_process import START_TIMEOUT_S
 from tests.vo_service.service_runner import CAMERA, ServiceRunner, service_runner
 from tests.vo_service.slam.mapper.wall_sequence import read_vertices_m
-from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
@@ -25,26 +24,13 @@ def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[ServiceRunner]
         yield stage
 
 
-def relocalize(
+def send_map_command(
     stage: ServiceRunner, name: str, command_name: str = "save-map"
 ) -> "subprocess.CompletedProcess[str]":
     """Run `kinect-vo command`."""
     at = f"tcp/127.0.0.1:{stage.service.port}"
     command = ("command", command_name, f"name={name}", "--connect", at)
     return forked_process.run([*forked_process.KINECT_VO, *command])
-
-
-def load_when_known(stage: ServiceRunner, name: str) -> str:
-    """Load a map as soon as the service knows it: the mapper sends the names once a second."""
-    answers = []
-
-    def is_loaded() -> bool:
-        answers.append(relocalize(stage, name, "load-map"))
-        assert answers[-1].returncode == 0 or "there is no map" in answers[-1].stderr
-        return answers[-1].returncode == 0
-
-    wait_until(is_loaded)
-    return str(answers[-1].stdout)
 
 
 def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> None:
@@ -54,7 +40,7 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> Non
         lambda status: status["map"]["mesh_keyframes"] == 1
     )  # the camera stands still
     first = len(service.heard.poses)
-    answer = relocalize(stage, "kitchen")
+    answer = send_map_command(stage, "kitchen")
     file = stage.state_folder / "maps" / "kitchen.ply"
     assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
     service.wait_for_status(lambda status: status["map"]["saved"] == str(file))
@@ -62,12 +48,12 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> Non
     assert service.status["map"]["saving"] == ""
     assert len(read_vertices_m(file)) > 100
     assert "triangles from 1 keyframes" in service.log
-    again = relocalize(stage, "kitchen")
+    again = send_map_command(stage, "kitchen")
     assert again.returncode == 1
     assert "map 'kitchen' already exists; choose another name (not-possible)" in again.stderr
-    assert relocalize(stage, "../kitchen").returncode == 2
+    assert send_map_command(stage, "../kitchen").returncode == 2
     keyframes = str(file.with_suffix(".places"))
-    assert json.loads(load_when_known(stage, "kitchen")) == {"file": keyframes}
+    assert json.loads(send_map_command(stage, "kitchen", "load-map").stdout) == {"file": keyframes}
     service.wait_for_status(lambda status: status["map"]["loaded"] == keyframes)
     service.wait_for_status(
         lambda status: status["map"]["keyframes"] == 2

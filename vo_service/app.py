@@ -154,7 +154,9 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
 def _open_viewers(config: OutputsConfig, stack: ExitStack) -> "list[RerunOutput]":
     """Open the Rerun targets; nothing of Rerun is imported without one."""
     from vo_service.outputs.rerun.output import open_rerun_output
+    from vo_service.outputs.rerun.targets import check_targets
 
+    check_targets(config.rerun.targets)
     viewers = []
     for target in config.rerun.targets:
         viewer = open_rerun_output(target, config.rerun, config.ground_truth, config.playback_mode)

@@ -40,9 +40,7 @@ def played(dump: Path, pace: str = "lockstep") -> Any:
     return np.load(dump / "played.npz")
 
 
-def test_a_dump_comes_back_bit_for_bit_and_twice(
-    film: list[tuple[Any, Any]], tmp_path: Path
-) -> None:
+def test_a_dump_is_replayed_bit_for_bit_twice(film: list[tuple[Any, Any]], tmp_path: Path) -> None:
     write_fakenect_dump(tmp_path, film, rate_hz=300.0)
     frames = played(tmp_path)
     for seq, (bgr, depth) in enumerate(film):
@@ -53,7 +51,7 @@ def test_a_dump_comes_back_bit_for_bit_and_twice(
 
 
 @pytest.mark.parametrize("offset_s", [0.0, 0.009, -0.009])
-def test_stamps_are_the_recorded_ones_and_exact_through_the_wrap(
+def test_stamps_are_the_recorded_ones_across_the_wrap(
     film: list[tuple[Any, Any]], offset_s: float, tmp_path: Path
 ) -> None:
     start_ticks = 2**32 - 60_000_000 // 10
@@ -72,7 +70,7 @@ def test_in_real_time_the_newest_is_read(film: list[tuple[Any, Any]], tmp_path: 
     assert seqs[-1] == FRAMES - 1
 
 
-def test_raw_depth_is_refused_for_what_it_is(tmp_path: Path) -> None:
+def test_raw_depth_is_rejected_with_its_format(tmp_path: Path) -> None:
     raw = np.full((480, 640), 800, np.uint16)
     raw[:50] = 2047
     write_fakenect_dump(tmp_path, [(pattern_frame(0)[0], raw)])

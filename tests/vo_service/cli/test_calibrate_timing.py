@@ -33,7 +33,7 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd: Capture) -> None:
+def test_a_shaken_camera_gives_its_readout_and_its_offset(recording: Path, capfd: Capture) -> None:
     camera = replace(read_calibration(recording / CAMERA_FILE_NAME), depth_offset_s=0.002)
     Path("sensor.toml").write_text(f"# mine\n{format_calibration(camera)}")
     outcome = run_in_process(
@@ -49,7 +49,7 @@ def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd:
     assert Path("sensor.toml").read_text().startswith("# mine\n")
 
 
-def test_a_camera_that_is_hardly_shaken_is_refused_and_nothing_is_written(
+def test_slow_motion_is_rejected_and_nothing_is_written(
     recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     piece = render_segment(0.0, 0.0, frames=1) * 32
@@ -64,7 +64,7 @@ def test_a_camera_that_is_hardly_shaken_is_refused_and_nothing_is_written(
     assert not Path("new.toml").exists()
 
 
-def test_of_a_camera_it_sees_a_minute_and_prints_json_alone(
+def test_a_live_camera_is_observed_for_a_minute_and_only_json_is_printed(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     seen: list[MotionSegment] = []
@@ -107,7 +107,7 @@ def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
     assert said in outcome.err
 
 
-def test_an_offset_that_the_stamps_may_hold_already_is_not_put_on_top(
+def test_an_offset_that_the_stamps_may_contain_is_not_added(
     recording: Path, capfd: Capture
 ) -> None:
     camera = replace(read_calibration(recording / CAMERA_FILE_NAME), depth_offset_s=0.004)

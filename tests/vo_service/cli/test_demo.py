@@ -30,7 +30,7 @@ def short(film: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "SyntheticConfig", partial(SyntheticConfig, texel_m=0.01))
 
 
-def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(
+def test_every_frame_is_played_and_trajectory_truth_and_figure_are_written(
     config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "demo"
@@ -47,7 +47,7 @@ def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(
     assert (folder / "demo.rrd").stat().st_size > 10_000
 
 
-def test_for_people_it_says_where_to_look_and_how_it_went(
+def test_the_terminal_shows_the_results_and_their_files(
     config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "demo"
@@ -58,7 +58,7 @@ def test_for_people_it_says_where_to_look_and_how_it_went(
         assert words in said
 
 
-def test_an_output_folder_that_cannot_be_made_is_one_line_before_anything_is_rendered(
+def test_an_output_folder_that_cannot_be_created_is_one_line_before_rendering(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()

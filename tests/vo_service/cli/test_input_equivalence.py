@@ -71,7 +71,7 @@ def images(frames: list[RgbdFrame]) -> Iterator[tuple[ColorBgr, DepthMm]]:
 
 
 @pytest.mark.usefixtures("real_openni2")
-def test_an_oni_recording_gives_the_bytes_of_a_replay(
+def test_an_oni_recording_gives_the_same_bytes_as_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
     write_oni(tmp_path / "frames.oni", frames_to_oni_images(frames))
@@ -80,7 +80,7 @@ def test_an_oni_recording_gives_the_bytes_of_a_replay(
 
 
 @pytest.mark.usefixtures("fakenect")
-def test_a_fakenect_dump_gives_the_bytes_of_a_replay(
+def test_a_fakenect_dump_gives_the_same_bytes_as_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
     write_fakenect_dump(tmp_path / "dump", images(frames))
@@ -88,7 +88,7 @@ def test_a_fakenect_dump_gives_the_bytes_of_a_replay(
     assert trajectory.read_bytes() == replayed.read_bytes()
 
 
-def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
+def test_a_simulated_kinect_gives_the_poses_of_a_replay_within_its_quantization(
     frames: list[RgbdFrame],
     replayed: Path,
     camera_file: Path,

@@ -132,7 +132,7 @@ def test_a_pose_is_one_line(endpoint: str) -> None:
         assert process.wait(100) == 0
 
 
-def test_json_gives_one_object_a_line(endpoint: str) -> None:
+def test_json_is_one_object_per_line(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--json", "--count", "1") as process:
         said(process)
         robot.status("degraded", "few inliers")
@@ -149,7 +149,7 @@ def test_json_gives_one_object_a_line(endpoint: str) -> None:
     assert pose["quaternion_xyzw"] == [0.0, 0.0, 0.0, 1.0]
 
 
-def test_only_changes_of_status_are_said(endpoint: str) -> None:
+def test_only_changes_of_status_are_printed(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
         said(process)
         robot.status("lost", "too few matches")
@@ -159,7 +159,7 @@ def test_only_changes_of_status_are_said(endpoint: str) -> None:
         assert said(process) == "listen: status tracking\n"
 
 
-def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
+def test_a_correction_of_the_map_is_printed_once(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
         said(process)
         robot.map_odom(0, loop_closures=0)
@@ -174,7 +174,7 @@ def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
         assert said(process) == ("listen: map: 9 keyframes; its transform to odom is unknown\n")
 
 
-def test_json_gives_each_change_of_the_map(endpoint: str) -> None:
+def test_json_has_each_change_of_the_map(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--json") as process:
         said(process)
         for seq, places in ((0, 9), (1, 9), (2, 10)):
@@ -187,7 +187,7 @@ def test_json_gives_each_change_of_the_map(endpoint: str) -> None:
     assert (found[0]["frame_id"], found[0]["child_frame_id"]) == ("map", "odom")
 
 
-def test_it_waits_for_a_publisher_and_for_its_return(endpoint: str) -> None:
+def test_it_waits_for_a_publisher_and_reconnects(endpoint: str) -> None:
     with listener(endpoint, "--count", "2") as process:
         assert said(process) == f"listen: waiting for kinect at {endpoint} (Ctrl-C ends)\n"
         with publisher(endpoint) as robot:
@@ -210,7 +210,7 @@ def test_ctrl_c_ends_it_cleanly(endpoint: str) -> None:
     assert (output, errors, process.returncode) == ("", "", 0)
 
 
-def test_a_reader_that_leaves_ends_it_quietly(endpoint: str) -> None:
+def test_a_closed_reader_ends_it_quietly(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
         said(process)
         assert process.stdout is not None
@@ -221,7 +221,7 @@ def test_a_reader_that_leaves_ends_it_quietly(endpoint: str) -> None:
         assert process.stderr.read() == ""
 
 
-def test_a_message_that_cannot_be_read_is_passed_over(endpoint: str) -> None:
+def test_an_unreadable_message_is_skipped(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--count", "1") as process:
         said(process)
         robot.garbage()
@@ -239,7 +239,7 @@ def test_a_bad_option_is_an_input_error(options: list[str]) -> None:
 
 
 @pytest.mark.parametrize("count", ["0", "-1", "many"])
-def test_a_count_that_is_none_is_refused(count: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_count_is_rejected(count: str, capsys: pytest.CaptureFixture[str]) -> None:
     parser = argparse.ArgumentParser()
     listen.add_arguments(parser)
     with pytest.raises(SystemExit):

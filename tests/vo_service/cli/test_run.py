@@ -25,7 +25,7 @@ CopyRecording = Callable[..., Path]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_service_in_lockstep_writes_what_a_replay_writes_and_ends_with_0(
+def test_a_service_in_lockstep_writes_the_trajectory_of_a_replay(
     number: signal.Signals, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     served, replayed = tmp_path / "run.txt", tmp_path / "replay.txt"
@@ -61,7 +61,7 @@ def test_listen_prints_what_a_service_publishes(
     assert [pose["frame_id"] for pose in poses] == ["odom"] * 3
 
 
-def test_a_closed_terminal_ends_it_and_an_older_trajectory_is_kept(
+def test_a_closed_terminal_ends_the_service_and_an_older_trajectory_is_kept(
     recording: Path, tmp_path: Path
 ) -> None:
     trajectory = tmp_path / "poses.txt"

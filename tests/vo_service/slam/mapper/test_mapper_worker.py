@@ -67,7 +67,7 @@ def take_in(worker: LoopClosureWorker, ring: RecordRingWriter) -> None:
         worker.process_record(record)
 
 
-def test_the_frame_that_was_asked_about_last_is_answered_once(ring: RecordRingWriter) -> None:
+def test_the_last_queried_frame_gets_one_result(ring: RecordRingWriter) -> None:
     heard: list[MapperMessage] = []
     worker = LoopClosureWorker(WITH_LOOP_CLOSURE, heard.append)
     attachments: list[OdometryConstraint | RelocalizationQuery] = [
@@ -83,7 +83,7 @@ def test_the_frame_that_was_asked_about_last_is_answered_once(ring: RecordRingWr
     assert [message.seq for message in heard if isinstance(message, RelocalizationResult)] == [2]
 
 
-def test_a_surface_is_made_where_the_keyframes_are_in_the_map(
+def test_a_mesh_uses_the_keyframe_poses_of_the_map(
     ring: RecordRingWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
@@ -106,7 +106,7 @@ def test_a_surface_is_made_where_the_keyframes_are_in_the_map(
 
 
 @pytest.mark.parametrize(("is_place", "answers"), [(False, 0), (True, 1)])
-def test_after_a_reset_nothing_is_answered_in_the_odom_of_before(
+def test_after_a_reset_no_result_is_in_the_previous_odom(
     ring: RecordRingWriter, is_place: bool, answers: int
 ) -> None:
     relocalize: list[OdometryUpdate] = []

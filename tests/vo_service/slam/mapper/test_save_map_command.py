@@ -33,7 +33,7 @@ def relocalize(
     return forked_process.run([*forked_process.KINECT_VO, *command])
 
 
-def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> None:
+def test_a_map_is_saved_on_command_while_poses_continue(stage: ServiceRunner) -> None:
     service = stage.start()
     service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
     service.wait_for_status(

@@ -56,7 +56,7 @@ def stage(films: Path, tmp_path: Path) -> Iterator[ServiceRunner]:
 @pytest.mark.parametrize(
     "fault", ENVIRONMENT_FAULTS, ids=lambda fault: fault.name.replace(" ", "-")
 )
-def test_a_fault_around_the_service_is_said_and_costs_no_pose(
+def test_an_environment_fault_is_reported_and_costs_no_pose(
     fault: EnvironmentFault, around: ServiceEnvironment
 ) -> None:
     heard = around.runner.service.heard
@@ -68,7 +68,7 @@ def test_a_fault_around_the_service_is_said_and_costs_no_pose(
     assert {pose.state for pose in poses} == {"tracking"}
 
 
-def test_a_service_that_was_killed_leaves_nothing_behind_and_is_heard_again_once_it_is_started(
+def test_killed_service_leaves_no_process_and_publishes_after_restart(
     stage: ServiceRunner,
 ) -> None:
     service = stage.start()
@@ -84,7 +84,7 @@ def test_a_service_that_was_killed_leaves_nothing_behind_and_is_heard_again_once
     stage.check()
 
 
-def test_a_port_that_is_taken_is_said_and_waited_for(stage: ServiceRunner) -> None:
+def test_a_port_in_use_is_reported_and_retried(stage: ServiceRunner) -> None:
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", stage.port))

@@ -95,7 +95,7 @@ def film() -> ReceivedSequence:
 
 
 @pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_a_subscriber_is_told_of_it_and_the_pose_is_right_again(
+def test_a_subscriber_gets_the_fault_and_the_pose_is_right_again(
     fault: FrameFault, film: ReceivedSequence
 ) -> None:
     span, suffering = film.poses(frame_span(fault)), film.poses(faulty_frames(fault))
@@ -111,7 +111,7 @@ def test_a_subscriber_is_told_of_it_and_the_pose_is_right_again(
 
 
 @pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
-def test_a_clock_that_is_set_begins_an_epoch_in_the_next_pose_and_moves_nothing_else(
+def test_a_clock_that_is_set_starts_an_epoch_and_changes_nothing_else(
     step_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     setter = ClockSetter({GOOD_FRAMES: step_s})
@@ -126,7 +126,7 @@ def test_a_clock_that_is_set_begins_an_epoch_in_the_next_pose_and_moves_nothing_
     check_received(film.heard)
 
 
-def test_nothing_heard_is_wrong_in_itself(film: ReceivedSequence) -> None:
+def test_every_received_message_is_valid(film: ReceivedSequence) -> None:
     check_received(film.heard)
 
 

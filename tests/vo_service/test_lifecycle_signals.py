@@ -19,7 +19,7 @@ CASES = tuple(zip(STAGES, cycle((signal.SIGTERM, signal.SIGINT)), strict=False))
 @pytest.mark.parametrize(
     ("stage", "number"), CASES, ids=[f"{s.name.replace(' ', '-')}-{n.name}" for s, n in CASES]
 )
-def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
+def test_sighup_changes_nothing_and_sigterm_ends_cleanly(
     stage: LifecycleStage, number: signal.Signals, films: Path, tmp_path: Path
 ) -> None:
     with service_runner(tmp_path / "stage", films, stage.config + NO_MAP_CONFIG) as live:

@@ -34,9 +34,7 @@ def inverse_depth_at(depth_m: Array, x: float, y: float) -> float:
 
 @FIRST_CALL_COMPILES
 @given(*INSIDE, st.floats(0.5, 1.5), st.floats(-0.003, 0.003), st.floats(-0.003, 0.003))
-def test_a_plane_is_interpolated_exactly(
-    x: float, y: float, a: float, b: float, c: float
-) -> None:
+def test_a_plane_is_interpolated_exactly(x: float, y: float, a: float, b: float, c: float) -> None:
     x, y = float(np.float32(x)), float(np.float32(y))
     assert inverse_depth_at(plane(a, b, c), x, y) == pytest.approx(a + b * x + c * y, abs=1e-6)
 

@@ -47,9 +47,7 @@ def test_requested_outputs_are_opened_and_closed(
     assert is_free(free_port)
 
 
-def test_an_unwritable_trajectory_leaves_the_port_free(
-    free_port: int, tmp_path: Path
-) -> None:
+def test_an_unwritable_trajectory_leaves_the_port_free(free_port: int, tmp_path: Path) -> None:
     request = OutputsConfig(
         PlaybackMode.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "no" / "file"
     )
@@ -58,9 +56,7 @@ def test_an_unwritable_trajectory_leaves_the_port_free(
     assert is_free(free_port)
 
 
-def test_a_port_in_use_keeps_the_existing_trajectory(
-    free_port: int, tmp_path: Path
-) -> None:
+def test_a_port_in_use_keeps_the_existing_trajectory(free_port: int, tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text("precious")
     request = OutputsConfig(
         PlaybackMode.LOCKSTEP, zenoh_at(free_port), trajectory=tmp_path / "poses.txt"

@@ -83,7 +83,9 @@ def test_gain_and_offset_of_the_brightness_are_estimated(gain: float, offset: fl
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.02, 0.01), (0.03, 0.0), (0.02, -0.012)])
-def test_motion_and_velocity_of_a_rolling_shutter_view_are_estimated(readout_s: float, skew_s: float) -> None:
+def test_motion_and_velocity_of_a_rolling_shutter_view_are_estimated(
+    readout_s: float, skew_s: float
+) -> None:
     found = align_frame(render_view(BRISK, 0.1, readout_s=readout_s, skew_s=skew_s))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.0015, 0.05)
     np.testing.assert_allclose(found.camera_velocity, BRISK.velocity, atol=0.06)

@@ -41,9 +41,7 @@ Spoil = Callable[[RgbdFrame], RgbdFrame]
 
 
 @pytest.mark.parametrize("spoil", [make_empty_frame, make_noise_frame])
-def test_a_failed_frame_keeps_the_pose_and_is_skipped(
-    views: list[RgbdFrame], spoil: Spoil
-) -> None:
+def test_a_failed_frame_keeps_the_pose_and_is_skipped(views: list[RgbdFrame], spoil: Spoil) -> None:
     odometry = DirectOdometry()
     before = estimate_all(odometry, views[:3])[-1]
     failed = odometry.estimate(spoil(views[3]))

@@ -80,9 +80,7 @@ def test_a_constant_twist_over_half_the_time_is_half_the_motion(twist: Array) ->
 
 @FEW
 @given(VECTORS, VECTORS)
-def test_the_derivative_at_zero_is_the_twist(
-    velocity_m_s: Array, turn_rad_s: Array
-) -> None:
+def test_the_derivative_at_zero_is_the_twist(velocity_m_s: Array, turn_rad_s: Array) -> None:
     twist, step_s = np.concatenate([velocity_m_s, turn_rad_s]), 1e-7
     rate = (se3_exp(step_s * twist) - np.eye(4)) / step_s
     np.testing.assert_allclose(rate[:3, :3], skew_matrix(turn_rad_s), atol=1e-5)

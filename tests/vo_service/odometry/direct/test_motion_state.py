@@ -125,7 +125,9 @@ def test_prediction_continues_from_the_next_good_frame() -> None:
         (1.0, 0.95, False),
     ],
 )
-def test_a_degenerate_view_is_extrapolated_for_a_moment(held_s: float, stamp_s: float, is_held: bool) -> None:
+def test_a_degenerate_view_is_extrapolated_for_a_moment(
+    held_s: float, stamp_s: float, is_held: bool
+) -> None:
     assert (
         replace(MOTION_STATE, well_constrained_stamp_s=held_s).is_recently_constrained(stamp_s)
         is is_held

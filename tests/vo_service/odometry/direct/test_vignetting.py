@@ -69,7 +69,9 @@ def view_through_lens(
 
 @pytest.mark.parametrize("true_vignetting", [-0.1, 0.0, 0.2])
 @pytest.mark.parametrize("known", [0.0, 0.15])
-def test_one_rotation_determines_most_of_the_vignetting(true_vignetting: float, known: float) -> None:
+def test_one_rotation_determines_most_of_the_vignetting(
+    true_vignetting: float, known: float
+) -> None:
     first = VignettingEstimate(known, information=1.0)
     assert first.update(*view_through_lens(true_vignetting, known)).value == pytest.approx(
         true_vignetting, abs=0.02

@@ -69,9 +69,7 @@ def slowly(point: Array, velocity: Array, readout_s: float, late_s: float) -> Ar
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.0, 0.0), (0.03, 0.0), (0.02, -0.015)])
-def test_every_point_is_sampled_at_the_time_of_its_row(
-    readout_s: float, skew_s: float
-) -> None:
+def test_every_point_is_sampled_at_the_time_of_its_row(readout_s: float, skew_s: float) -> None:
     frame = replace(render_view(), readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, AWAY, BRISK.motion)
     in_view = samples[:, SAMPLE_U] >= 0
@@ -84,7 +82,9 @@ def test_every_point_is_sampled_at_the_time_of_its_row(
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.0, 0.0), (0.03, 0.0), (0.02, -0.015)])
-def test_a_rolling_shutter_view_samples_the_keyframe_brightness(readout_s: float, skew_s: float) -> None:
+def test_a_rolling_shutter_view_samples_the_keyframe_brightness(
+    readout_s: float, skew_s: float
+) -> None:
     """With the true motion the residuals are small, though every row has its own pose."""
     frame = render_view(BRISK, 0.2, readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, inverse(BRISK.pose_at(0.2)), BRISK.motion)

@@ -122,9 +122,7 @@ def test_a_long_trajectory_uses_several_references() -> None:
 
 
 @pytest.mark.parametrize(("planes", "unknown"), [((WALL,), 3), ((WALL, FLOOR), 1)])
-def test_a_degenerate_view_is_not_a_start(
-    planes: Sequence[Plane], unknown: int
-) -> None:
+def test_a_degenerate_view_is_not_a_start(planes: Sequence[Plane], unknown: int) -> None:
     frame = add_noise(render_view(planes, np.eye(4)), seed=0)
     estimate = IcpOdometry().estimate(frame)
     assert not estimate.ok

@@ -47,7 +47,9 @@ def test_rare_normals_are_kept_in_a_small_selection() -> None:
 
 
 @given(st.lists(st.integers(0, 17), max_size=200), st.integers(1, 100))
-def test_a_selection_has_its_size_and_is_balanced_over_the_bins(bins: list[int], budget: int) -> None:
+def test_a_selection_has_its_size_and_is_balanced_over_the_bins(
+    bins: list[int], budget: int
+) -> None:
     labels = np.array(bins, np.int64)
     chosen = sample_balanced(labels, budget)
     assert np.all(np.diff(chosen) > 0)

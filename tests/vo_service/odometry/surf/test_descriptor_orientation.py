@@ -124,7 +124,9 @@ def test_a_rotation_by_90_degrees_keeps_nearly_all_features() -> None:
     assert share_matched(repeated) > 0.95
 
 
-def test_upright_features_have_the_direction_of_the_image_and_do_not_match_after_a_rotation() -> None:
+def test_upright_features_have_the_direction_of_the_image_and_do_not_match_after_a_rotation() -> (
+    None
+):
     repeated = turned_by(45.0, upright=True)
     assert np.all(repeated.after.direction == [1.0, 0.0])
     assert share_matched(repeated) < 0.2

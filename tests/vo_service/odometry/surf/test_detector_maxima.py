@@ -45,9 +45,7 @@ def hill(x: float, y: float, layer: float) -> Array:
 
 @FIRST_CALL_COMPILES
 @given(OFFSET, OFFSET, OFFSET)
-def test_the_maximum_of_a_quadratic_is_interpolated(
-    dx: float, dy: float, ds: float
-) -> None:
+def test_the_maximum_of_a_quadratic_is_interpolated(dx: float, dy: float, ds: float) -> None:
     found = maxima(hill(20 + dx, 18 + dy, ds), 50.0)
     assert len(found) == 1
     assert found[0, :3] == pytest.approx([20 + dx, 18 + dy, 0.4 * (5 + 2 * ds)], abs=1e-3)

@@ -44,9 +44,7 @@ def off_px(
     return distance
 
 
-def test_a_right_prediction_gives_more_matches(
-    reference: FeatureView, moved: FeatureView
-) -> None:
+def test_a_right_prediction_gives_more_matches(reference: FeatureView, moved: FeatureView) -> None:
     T = hand_held_poses(5)[4]
     guided = match_by_prediction(moved, reference, MotionPrediction(T, SPREAD_RAD))
     plain = select_pairs_with_depth(

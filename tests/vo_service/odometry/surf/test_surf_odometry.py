@@ -113,9 +113,7 @@ def recorded(folder: Path, frames: int) -> list[Estimate]:
     ("name", "frames"),
     [("freiburg1_xyz_head", 10), ("freiburg1_desk_piece", 9), ("redkitchen", 100)],
 )
-def test_a_real_kinect_is_tracked_in_every_frame(
-    recordings: Path, name: str, frames: int
-) -> None:
+def test_a_real_kinect_is_tracked_in_every_frame(recordings: Path, name: str, frames: int) -> None:
     estimates = recorded(recordings / name, frames)
     assert len(estimates) == frames
     assert [e.reason for e in estimates if not e.ok] == []

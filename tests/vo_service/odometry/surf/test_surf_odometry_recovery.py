@@ -71,9 +71,7 @@ def test_the_motion_is_relative_to_the_last_good_frame(
     ) < (4 * np.sqrt(np.trace(found.covariance[:3, :3])))
 
 
-def test_tracking_continues_after_recovery(
-    sweep: list[RgbdFrame], back: list[RgbdFrame]
-) -> None:
+def test_tracking_continues_after_recovery(sweep: list[RgbdFrame], back: list[RgbdFrame]) -> None:
     odometry = SurfOdometry()
     estimate_all(odometry, sweep + back)
     following = odometry.estimate(seen(BACK_RAD + 0.03, 13))

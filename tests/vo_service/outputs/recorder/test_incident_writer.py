@@ -55,9 +55,7 @@ def test_the_oldest_frames_are_omitted_if_time_runs_out(
     assert stamps_s[0] == pytest.approx(make_update(0).stamp_s, abs=1e-6)
 
 
-def test_overwritten_frames_are_counted(
-    tmp_path: Path, frames: RecordRingWriter
-) -> None:
+def test_overwritten_frames_are_counted(tmp_path: Path, frames: RecordRingWriter) -> None:
     reader = RecordRingReader(frames.memory)
     IncidentWriter(
         "command", range(FRAMES), lambda n: reader.read_record(n) if n > 2 else None, [], "{}"

@@ -44,9 +44,7 @@ def test_a_recording_is_complete(tmp_path: Path, make_update: MakeUpdate) -> Non
     assert counted["/depth"] == counted["/world/trajectory/latest"] == 10
 
 
-def test_poses_and_counts_are_recorded_unchanged(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(5)]
     record(path, updates)
@@ -69,7 +67,9 @@ def test_a_long_trajectory_is_not_resent_with_each_point(
     assert [sum(map(len, strips)) for strips in so_far] == [1, 100, 200]
 
 
-def test_the_truth_is_aligned_with_the_first_estimate(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_the_truth_is_aligned_with_the_first_estimate(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(10)]
     T_truth_world = rigid_transform(np.diag([-1.0, -1.0, 1.0]), [5.0, 6.0, 7.0])

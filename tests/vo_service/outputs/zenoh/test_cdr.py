@@ -153,7 +153,9 @@ def test_a_truncated_transform_is_rejected(length: int) -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("where", [(1, 3), (0, 0)])
-def test_a_transform_that_is_not_finite_is_never_encoded(bad: float, where: tuple[int, int]) -> None:
+def test_a_transform_that_is_not_finite_is_never_encoded(
+    bad: float, where: tuple[int, int]
+) -> None:
     T = np.eye(4)
     T[where] = bad
     message = TransformMessage(1.0, "odom", "base_link", T)

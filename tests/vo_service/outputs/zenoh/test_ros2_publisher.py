@@ -45,9 +45,7 @@ def test_a_node_gets_odometry_under_the_key_of_its_type(
     np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6), update.pose_covariance)
 
 
-def test_samples_are_numbered_from_1_per_publisher(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_samples_are_numbered_from_1_per_publisher(free_port: int, make_update: MakeUpdate) -> None:
     before_ns = time.time_ns()
     samples = receive_published(free_port, [make_update(seq) for seq in range(3)], 3, ODOMETRY_KEY)
     attachments = [bytes(sample.attachment.to_bytes()) for sample in samples if sample.attachment]
@@ -105,9 +103,7 @@ def test_without_tf_there_is_no_tf_topic(free_port: int) -> None:
         assert {kind for kind, _ in receive_tokens(node, 0, count=2)} == {"NN", "MP"}
 
 
-def test_a_node_connects_beside_its_own_router(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_node_connects_beside_its_own_router(free_port: int, make_update: MakeUpdate) -> None:
     router_port = ports.free_port()
     router = running_session(ROS_ROUTER | {"listen/endpoints": [f"tcp/127.0.0.1:{router_port}"]})
     with router, publishing_service(free_port) as ours, ros_node(router_port, free_port) as node:

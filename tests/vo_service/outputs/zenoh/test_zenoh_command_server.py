@@ -78,7 +78,9 @@ def test_an_empty_payload_means_no_arguments(queue_and_session: QueueAndSession)
     assert isinstance(future.command, ResetCommand)
 
 
-def test_a_refusal_of_the_loop_is_returned_with_its_code(queue_and_session: QueueAndSession) -> None:
+def test_a_refusal_of_the_loop_is_returned_with_its_code(
+    queue_and_session: QueueAndSession,
+) -> None:
     command_queue, session = queue_and_session
     channel = session.get("kinect/command/tilt", payload=b'{"tilt_deg": 5}', timeout=100)
     next_command(command_queue).set_exception(
@@ -125,9 +127,7 @@ def test_an_oversize_payload_is_discarded_and_the_next_command_works(
 
 
 @pytest.mark.parametrize("key", ["kinect/**", "**", "kinect/command/*", "*/command/reset"])
-def test_a_wildcard_query_executes_nothing(
-    queue_and_session: QueueAndSession, key: str
-) -> None:
+def test_a_wildcard_query_executes_nothing(queue_and_session: QueueAndSession, key: str) -> None:
     command_queue, session = queue_and_session
     assert not [reply for reply in query(session, key) if "command" in str(reply.ok)]
     assert command_queue.take_pending() == []

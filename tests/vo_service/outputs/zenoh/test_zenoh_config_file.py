@@ -75,9 +75,7 @@ def test_a_missing_key_is_reported_with_the_searched_folders(
         ("{modus: 1}", "robot.json5: not a Zenoh configuration: unknown field `modus`"),
     ],
 )
-def test_a_wrong_file_is_reported_with_the_reason(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_a_wrong_file_is_reported_with_the_reason(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "robot.json5"
     file.write_text(text)
     with pytest.raises(InputError) as caught:

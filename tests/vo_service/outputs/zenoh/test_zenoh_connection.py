@@ -240,9 +240,7 @@ def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
         assert output.warning == ""
 
 
-def test_a_client_waits_for_its_router(
-    free_port: int, tmp_path: Path, status: Status
-) -> None:
+def test_a_client_waits_for_its_router(free_port: int, tmp_path: Path, status: Status) -> None:
     file = tmp_path / "client.json5"
     where = f"tcp/127.0.0.1:{free_port}"
     file.write_text(f"{{mode: 'client', connect: {{timeout_ms: -1, endpoints: ['{where}']}}}}")

@@ -83,9 +83,7 @@ def test_a_status_with_all_fields_is_valid(status: Status) -> None:
         ("map", "is_localized", 1),
     ],
 )
-def test_a_wrong_status_is_invalid(
-    status: Status, group: str, key: str, wrong: object
-) -> None:
+def test_a_wrong_status_is_invalid(status: Status, group: str, key: str, wrong: object) -> None:
     content = json.loads(status_payload(status, versions()))
     (content[group] if group else content)[key] = wrong
     assert len(schema_errors(SCHEMAS["status"], content)) == 1

@@ -110,9 +110,7 @@ def test_rosbags_decodes_the_same_numbers(free_port: int, make_update: MakeUpdat
 
 
 @pytest.mark.subprocess
-def test_the_attachment_has_the_state_of_the_pose(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_the_attachment_has_the_state_of_the_pose(free_port: int, make_update: MakeUpdate) -> None:
     samples = read_with_plain_zenoh(free_port, [make_update(0), make_update(1, ok=False)])
     assert [sample["attachment"] for sample in samples] == [
         {"schema": 1, "seq": 0, "state": "tracking", "epoch": 1, "reason": ""},

@@ -33,9 +33,7 @@ def test_before_the_first_pose_a_query_returns_an_error(free_port: int) -> None:
     assert status["message"] == "there is no status yet"
 
 
-def test_the_last_pose_is_the_published_message(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_the_last_pose_is_the_published_message(free_port: int, make_update: MakeUpdate) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_update(make_update(6))
         output.on_update(make_update(7))
@@ -61,9 +59,7 @@ def test_the_last_status_is_the_published_one(free_port: int, status: Status) ->
     assert (answer["schema"], answer["state"], answer["timing"]["fps"]) == (1, "degraded", 29.9)
 
 
-def test_a_blocked_service_still_replies(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_blocked_service_still_replies(free_port: int, make_update: MakeUpdate) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_update(make_update(3))
         wait_until(lambda: latest_seq(session) == 3)

@@ -35,7 +35,7 @@ def test_a_folder_may_have_a_colon_in_its_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("source", "said"),
+    ("source", "message"),
     [
         ("kinekt", "camera 'kinekt' is unknown; use one of: freenect"),
         ("fakenect", "needs the folder of a dump: fakenect:FOLDER"),
@@ -46,8 +46,8 @@ def test_a_folder_may_have_a_colon_in_its_name() -> None:
         ("synthetic:7", "it takes no argument"),
     ],
 )
-def test_an_invalid_source_is_reported_with_the_valid_ones(source: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_an_invalid_source_is_reported_with_the_valid_ones(source: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         open_camera(source)
 
 

@@ -147,13 +147,13 @@ def test_a_wrong_key_is_reported_with_its_line(
 def test_an_invalid_value_is_reported_with_its_table(
     tmp_path: Path, table: str, line: str, why: str
 ) -> None:
-    said = mistake(tmp_path, f"schema = 1\n\n[{table}]\n{line}\n")
-    assert said.startswith(f"kinect.toml:3: key `{table}`: ")
-    assert why in said
+    message = mistake(tmp_path, f"schema = 1\n\n[{table}]\n{line}\n")
+    assert message.startswith(f"kinect.toml:3: key `{table}`: ")
+    assert why in message
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[zeno]\n", "kinect.toml: key `schema`: is missing; put `schema = 1` at the top"),
         ("schema = 1\n[zeno]\n", "kinect.toml:2: key `zeno`: is unknown; did you mean `zenoh`?"),
@@ -162,8 +162,8 @@ def test_an_invalid_value_is_reported_with_its_table(
         ("schema = 1\ncamera = 3\n", "kinect.toml:2: key `camera`: 3 is the wrong type"),
     ],
 )
-def test_an_invalid_file_is_reported(tmp_path: Path, text: str, said: str) -> None:
-    assert mistake(tmp_path, text).startswith(said)
+def test_an_invalid_file_is_reported(tmp_path: Path, text: str, message: str) -> None:
+    assert mistake(tmp_path, text).startswith(message)
 
 
 def test_a_missing_file_is_an_input_error(tmp_path: Path) -> None:

@@ -29,8 +29,8 @@ def test_the_documentation_has_the_reported_messages(fault: Fault) -> None:
 
 @pytest.mark.parametrize("fault", SENSOR_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
 def test_the_documentation_has_the_limits_of_the_benchmark(fault: SensorFault) -> None:
-    told_s, back_s = (float(cell) for cell in row_of(fault.name).split("|")[3:5])
-    assert (told_s, back_s) == (fault.max_report_s, fault.max_recovery_s)
+    report_s, recovery_s = (float(cell) for cell in row_of(fault.name).split("|")[3:5])
+    assert (report_s, recovery_s) == (fault.max_report_s, fault.max_recovery_s)
 
 
 @pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))

@@ -92,8 +92,14 @@ def test_the_reason_is_the_camera_status_until_a_frame_comes() -> None:
     part: list[Event] = [opening, missing, starting, make_frame(1), lost, make_frame(2)]
     source = ReconnectingSource(ScriptedCamera(part))
     reasons = [source.reason for _ in source.frames(InstantStop(1))]
-    told = ["opening", "absent: no Kinect found; plug one in", "starting", "", "lost: unplugged"]
-    assert reasons == [*told, "", "the recording has ended"]
+    expected = [
+        "opening",
+        "absent: no Kinect found; plug one in",
+        "starting",
+        "",
+        "lost: unplugged",
+    ]
+    assert reasons == [*expected, "", "the recording has ended"]
 
 
 def test_a_lost_camera_is_reopened() -> None:

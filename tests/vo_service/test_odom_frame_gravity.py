@@ -67,13 +67,18 @@ def test_a_camera_that_looks_straight_down_or_up_has_a_valid_odom(up_or_down: fl
 @given(turns())
 def test_a_level_start_equals_a_start_without_gravity(R: Array) -> None:
     step = rigid_transform(R, [0.1, -0.2, 0.3])
-    told, untold = OdomFrame(), OdomFrame()
-    for tracker, gravity in ((told, LEVEL), (untold, None)):
+    with_gravity, without_gravity = OdomFrame(), OdomFrame()
+    for tracker, gravity in ((with_gravity, LEVEL), (without_gravity, None)):
         update(tracker, good_estimate(np.eye(4)), 0, gravity)
-    a, b = (update(tracker, good_estimate(step, step), 1) for tracker in (told, untold))
+    a, b = (
+        update(tracker, good_estimate(step, step), 1) for tracker in (with_gravity, without_gravity)
+    )
     np.testing.assert_array_equal(a.T_odom_base, b.T_odom_base)
     np.testing.assert_array_equal(a.pose_covariance, b.pose_covariance)
-    assert (told.level_source, untold.level_source) == (LevelSource.GRAVITY, LevelSource.ASSUMED)
+    assert (with_gravity.level_source, without_gravity.level_source) == (
+        LevelSource.GRAVITY,
+        LevelSource.ASSUMED,
+    )
 
 
 def test_a_tilted_camera_that_moves_forward_gets_lower() -> None:

@@ -92,8 +92,8 @@ def test_a_change_of_state_is_sent_at_once(clock: FakeClock) -> None:
         good_estimate(np.eye(4)),
     ]
     collector = run_loop([make_frame(k) for k in range(4)], estimates, clock)
-    told = [(status.state.value, status.reason) for status in collector.statuses]
-    assert told[1:] == [("tracking", ""), ("lost", "lens covered"), ("tracking", "")]
+    states = [(status.state.value, status.reason) for status in collector.statuses]
+    assert states[1:] == [("tracking", ""), ("lost", "lens covered"), ("tracking", "")]
 
 
 def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: FakeClock) -> None:
@@ -150,8 +150,8 @@ def test_without_a_camera_the_status_has_the_reason_and_continues(clock: FakeClo
     )
     collector = CollectingOutput()
     make_service(ReconnectingSource(camera), [collector]).run(InstantStop(4))
-    told = [(status.state.value, status.reason) for status in collector.statuses]
-    assert told == [
+    states = [(status.state.value, status.reason) for status in collector.statuses]
+    assert states == [
         ("no_camera", "camera not opened yet"),
         ("tracking", ""),
         ("no_camera", "unplugged"),
@@ -265,13 +265,13 @@ def test_lost_packets_are_reported_while_tracking() -> None:
 
 
 def test_warnings_of_outputs_are_in_the_status() -> None:
-    camera, troubled = ScriptedCamera([make_frame(0)]), CollectingOutput()
-    troubled.warning = "the disk is full"
+    camera, faulty_output = ScriptedCamera([make_frame(0)]), CollectingOutput()
+    faulty_output.warning = "the disk is full"
     with camera:
-        make_service(SinglePassSource(camera), [CollectingOutput(), troubled]).run(
+        make_service(SinglePassSource(camera), [CollectingOutput(), faulty_output]).run(
             threading.Event()
         )
-    assert troubled.statuses[-1].warnings == ("the disk is full",)
+    assert faulty_output.statuses[-1].warnings == ("the disk is full",)
 
 
 def test_changed_counts_in_a_reason_do_not_change_the_state(clock: FakeClock) -> None:

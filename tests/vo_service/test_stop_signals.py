@@ -68,9 +68,9 @@ def test_a_block_that_does_not_end_is_force_exited() -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=100)
+        _, output = process.communicate(timeout=100)
     assert process.returncode == 1
-    assert "did not end within 0.2 s of being asked to; ended by force" in said
+    assert "did not end within 0.2 s of being asked to; ended by force" in output
 
 
 def test_a_block_that_ends_in_time_is_not_force_exited() -> None:

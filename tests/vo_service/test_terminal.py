@@ -116,10 +116,10 @@ def test_slow_steps_are_logged_with_their_duration(
 ) -> None:
     monkeypatch.setattr(terminal_module, "SLOW_AFTER_S", 0.01)
     with log_to_stderr(), Terminal().busy("compiling"):
-        told = ""
-        while not told:
-            told = capsys.readouterr().err
-    assert told == "kinect-vo: info: compiling ...\n"
+        output = ""
+        while not output:
+            output = capsys.readouterr().err
+    assert output == "kinect-vo: info: compiling ...\n"
     assert re.fullmatch(
         r"kinect-vo: info: compiling: ended after \d+\.\d s\n", capsys.readouterr().err
     )

@@ -22,7 +22,7 @@ from tests.waiting import wait_until
 SWITCHES = 0x106
 
 
-def film_seq(frame: RgbdFrame) -> int:
+def pattern_seq(frame: RgbdFrame) -> int:
     """Which frame of the film this is, told by its depth at one near pixel."""
     told = [quantize_mm(pattern_frame(seq)[1])[20, 20] for seq in range(FRAME_COUNT)]
     return told.index(frame.depth_raw[20, 20])
@@ -41,7 +41,7 @@ def test_each_model_delivers_exactly_the_transmitted_pixels(
     with make_camera(kinect.serial) as camera:
         frames = [camera.read(3.0) for _ in range(3)]
     for frame in frames:
-        bgr, depth_mm = pattern_frame(film_seq(frame))
+        bgr, depth_mm = pattern_frame(pattern_seq(frame))
         assert np.array_equal(frame.depth_raw, quantize_mm(depth_mm))
         # The mosaic leaves out two of three colors; where brightness wraps, it shows edges.
         off = np.abs(frame.color_bgr.astype(int) - bgr)[2:-2, 2:-2]
@@ -109,7 +109,7 @@ def test_a_mirrored_camera_swaps_left_and_right_after_registration(
     with make_camera(settings=SensorConfig(mirror=True), camera_file=file) as camera:
         frame = camera.read(3.0)
     mirrored = np.ascontiguousarray(frame.depth_raw[:, ::-1])
-    seq = film_seq(replace(frame, depth_raw=mirrored))
+    seq = pattern_seq(replace(frame, depth_raw=mirrored))
     assert np.array_equal(mirrored, quantize_mm(pattern_frame(seq)[1]))
     assert frame.camera.cx == 639 - 300.0
 

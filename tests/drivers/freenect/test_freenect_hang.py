@@ -27,8 +27,8 @@ def started(kinect: KinectSimulator, argument: str) -> "subprocess.Popen[str]":
 def test_a_hang_while_opening_times_out_and_is_reported(kinect: KinectSimulator) -> None:
     kinect.freeze_control()
     with started(kinect, "open") as process:
-        said, _ = process.communicate(timeout=LIMIT_S)
-    assert said.splitlines() == [HANGS, HANGS]
+        output, _ = process.communicate(timeout=LIMIT_S)
+    assert output.splitlines() == [HANGS, HANGS]
     assert process.returncode == 0
 
 
@@ -37,6 +37,6 @@ def test_a_hang_while_closing_does_not_block_the_caller(kinect: KinectSimulator)
         assert process.stdout is not None
         assert process.stdout.readline() == "streams\n"
         kinect.freeze_control()
-        said, _ = process.communicate("go on\n", timeout=LIMIT_S)
-    assert said.splitlines() == [HANGS, HANGS]
+        output, _ = process.communicate("go on\n", timeout=LIMIT_S)
+    assert output.splitlines() == [HANGS, HANGS]
     assert process.returncode == 0

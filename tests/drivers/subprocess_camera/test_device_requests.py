@@ -83,7 +83,9 @@ def test_a_missing_camera_refuses_at_once_and_applies_the_request_when_back(
 ) -> None:
     script.write_text("absent")
     wait_until(lambda: motorized_camera.status.state is CameraState.ABSENT)
-    with pytest.raises(CameraError, match=r"not open now \(absent: no puppet found; plug one in\)"):
+    with pytest.raises(
+        CameraError, match=r"not open now \(absent: no scripted camera found; plug one in\)"
+    ):
         motorized_camera.set_tilt_deg(3.0)
     assert done(script) == []
     script.write_text("")
@@ -94,7 +96,7 @@ def test_a_camera_that_was_never_opened_applies_requests_when_opened(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     camera = make_subprocess_camera(MotorizedCamera)
-    with pytest.raises(CameraError, match="puppet: not open now"):
+    with pytest.raises(CameraError, match="scripted: not open now"):
         camera.set_led(Led.GREEN)
     camera.open()
     wait_for_done(script, "light green")
@@ -105,7 +107,7 @@ def test_a_blocked_tilt_motor_is_logged(
 ) -> None:
     with caplog.at_level(logging.WARNING):
         motorized_camera.set_tilt_deg(STUCK_DEG)
-        wait_until(lambda: "the puppet's neck is stuck" in caplog.text)
+        wait_until(lambda: "the scripted camera's neck is stuck" in caplog.text)
     motorized_camera.set_led(Led.OFF)
     wait_for_done(script, "light off")
     motorized_camera.read(100.0)
@@ -116,9 +118,9 @@ def test_a_camera_without_a_motor_unit_refuses(
 ) -> None:
     with make_subprocess_camera(FileScriptedCamera) as camera:
         wait_until_streaming(camera)
-        with pytest.raises(CameraError, match="puppet: it has no motor"):
+        with pytest.raises(CameraError, match="scripted: it has no motor"):
             camera.set_tilt_deg(1.0)
-        with pytest.raises(CameraError, match="puppet: it has no LED"):
+        with pytest.raises(CameraError, match="scripted: it has no LED"):
             camera.set_led(Led.RED)
 
 

@@ -60,7 +60,7 @@ def test_an_unplugged_camera_is_absent_until_replugged(
     with make_subprocess_camera(limits=LONG_TIMEOUTS) as camera:
         before = frames(camera, 5)[-1]
         script.write_text("absent")
-        missing = CameraStatus(CameraState.ABSENT, "no puppet found; plug one in")
+        missing = CameraStatus(CameraState.ABSENT, "no scripted camera found; plug one in")
         wait_until(lambda: camera.status == missing)
         assert_works_again(camera, script)
         after = camera.read(100.0)
@@ -72,10 +72,12 @@ def test_an_unplugged_camera_is_absent_until_replugged(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("unplugged in read", CameraStatus(CameraState.LOST, "the puppet was unplugged")),
+        ("unplugged in read", CameraStatus(CameraState.LOST, "the scripted camera was unplugged")),
         (
             "busy",
-            CameraStatus(CameraState.OPENING, "the puppet is held by another process; end that"),
+            CameraStatus(
+                CameraState.OPENING, "the scripted camera is held by another process; end that"
+            ),
         ),
     ],
 )
@@ -121,9 +123,9 @@ def test_a_hanging_driver_is_killed_and_restarted(
         (
             "crash in read",
             "the driver crashed (signal 11, Segmentation fault); "
-            "last line: libpuppet: cutting a string",
+            "last line: libscripted: cutting a string",
         ),
-        ("exit in read", "the driver ended (exit code 1); last line: libpuppet: out of strings"),
+        ("exit in read", "the driver ended (exit code 1); last line: libscripted: out of strings"),
         (
             "raise in read",
             "the driver ended (exit code 1); last line: ValueError: strings in a tangle",
@@ -235,7 +237,7 @@ def test_a_process_that_fails_to_start_is_reported_and_retried(
 def test_a_camera_that_is_not_open_is_lost(make_subprocess_camera: MakeSubprocessCamera) -> None:
     camera = make_subprocess_camera()
     camera.close()
-    with pytest.raises(CameraLostError, match="puppet: not open; use `with`"):
+    with pytest.raises(CameraLostError, match="scripted: not open; use `with`"):
         camera.read(1.0)
 
 
@@ -259,11 +261,11 @@ def test_driver_logs_and_prints_reach_the_log(
     script.write_text("say in open")
     with make_subprocess_camera() as camera:
         camera.read(100.0)
-        wait_until(lambda: "libpuppet: mind the strings" in caplog.text)
-    said = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
-    assert ("puppet", "WARNING", "2 strings left") in said
+        wait_until(lambda: "libscripted: mind the strings" in caplog.text)
+    logged = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
+    assert ("scripted", "WARNING", "2 strings left") in logged
     assert (
         "drivers.core.process.worker_process",
         "DEBUG",
-        "driver: libpuppet: mind the strings",
-    ) in said
+        "driver: libscripted: mind the strings",
+    ) in logged

@@ -69,8 +69,8 @@ def test_reopening_restarts_the_recording_and_continues_the_count(
 @pytest.mark.parametrize(
     ("words", "kind", "message"),
     [
-        ("wrong in open", InputError, "puppet.toml: no such file"),
-        ("absent in open", CameraNotFoundError, "no puppet found; plug one in"),
+        ("wrong in open", InputError, "scripted.toml: no such file"),
+        ("absent in open", CameraNotFoundError, "no scripted camera found; plug one in"),
         ("crash in open", CameraLostError, r"the driver crashed \(signal 11, Seg"),
         ("hang in open", CameraLostError, "the driver hung while opening the camera"),
     ],
@@ -96,8 +96,11 @@ def test_a_failed_open_reports_the_error_and_leaks_nothing(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("crash in read", "crashed .* last line: libpuppet: cutting a string; open the recording"),
-        ("unplugged in read", "the puppet was unplugged"),
+        (
+            "crash in read",
+            "crashed .* last line: libscripted: cutting a string; open the recording",
+        ),
+        ("unplugged in read", "the scripted camera was unplugged"),
     ],
 )
 def test_a_truncated_recording_is_not_restarted(

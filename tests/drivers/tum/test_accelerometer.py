@@ -34,11 +34,11 @@ def gravities(folder: Path) -> list[Vector | None]:
 def test_a_recording_replays_with_the_same_gravity_bit_for_bit(
     make_frame: FrameMaker, tmp_path: Path
 ) -> None:
-    told: list[Vector | None] = [(0.1 / 3 + k / 7, 9.7, -1.5 + k / 3) for k in range(4)]
-    told[2] = None
-    frames = [make_frame(k, gravity_m_s2=gravity) for k, gravity in enumerate(told)]
+    measured: list[Vector | None] = [(0.1 / 3 + k / 7, 9.7, -1.5 + k / 3) for k in range(4)]
+    measured[2] = None
+    frames = [make_frame(k, gravity_m_s2=gravity) for k, gravity in enumerate(measured)]
     found = gravities(record(tmp_path / "room", frames))
-    assert (found[0], found[1], found[3]) == (told[0], told[1], told[3])
+    assert (found[0], found[1], found[3]) == (measured[0], measured[1], measured[3])
 
 
 def test_a_camera_without_gravity_leaves_no_file(make_frame: FrameMaker, tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from vo_service.outputs.zenoh import connection
 CopyRecording = Callable[..., Path]
 
 
-def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
+def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
     assert outcome.out == ""
     assert outcome.err.count("\n") == 1, outcome.err
     assert outcome.err.startswith("kinect-vo: error: ")
-    assert said in outcome.err
+    assert message in outcome.err
     assert outcome.code == code
 
 
@@ -123,14 +123,14 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
 def test_an_invalid_folder_is_reported_and_an_existing_trajectory_is_kept(
     fault: str, copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    folder, (break_it, said) = copy_recording(lists=True), BROKEN[fault]
+    folder, (break_it, message) = copy_recording(lists=True), BROKEN[fault]
     break_it(folder)
     kept = tmp_path / "poses.txt"
     kept.write_text("precious\n")
     outcome = run_in_process(
         capfd, "replay", folder, "--no-publish", "--json", "--trajectory", kept
     )
-    assert_one_line(outcome, InputError.exit_code, said)
+    assert_one_line(outcome, InputError.exit_code, message)
     assert kept.read_text() == "precious\n"
 
 
@@ -139,10 +139,10 @@ def test_an_invalid_folder_is_reported_and_an_existing_trajectory_is_kept(
 def test_a_service_reports_the_same_error_and_exits(
     fault: str, copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    folder, (break_it, said) = copy_recording(lists=True), BROKEN[fault]
+    folder, (break_it, message) = copy_recording(lists=True), BROKEN[fault]
     break_it(folder)
     outcome = run_in_process(capfd, "run", "--camera", f"tum:{folder}", "--no-publish")
-    assert_one_line(outcome, InputError.exit_code, said)
+    assert_one_line(outcome, InputError.exit_code, message)
 
 
 @pytest.mark.subprocess
@@ -231,12 +231,12 @@ ARGUMENTS = {
 @pytest.mark.zenoh
 @pytest.mark.parametrize("mistake", ARGUMENTS)
 def test_a_command_line_error_is_one_line(mistake: str, capfd: pytest.CaptureFixture[str]) -> None:
-    arguments, said = ARGUMENTS[mistake]
-    assert_one_line(run_in_process(capfd, *arguments), 2, said)
+    arguments, message = ARGUMENTS[mistake]
+    assert_one_line(run_in_process(capfd, *arguments), 2, message)
 
 
 @pytest.mark.parametrize(
-    ("command", "line", "said"),
+    ("command", "line", "message"),
     [
         (["config", "check"], "[zenoh]\nlisen = []", ":3: key `zenoh.lisen`: is unknown; did you"),
         (["run", "--config"], "[camera]\nsource = 'kinekt'", ":2: key `camera`: source 'kinekt'"),
@@ -244,11 +244,11 @@ def test_a_command_line_error_is_one_line(mistake: str, capfd: pytest.CaptureFix
     ],
 )
 def test_a_typo_in_the_configuration_is_reported_with_its_line(
-    command: list[str], line: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    command: list[str], line: str, message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "kinect.toml"
     file.write_text(f"schema = 1\n{line}\n")
-    assert_one_line(run_in_process(capfd, *command, file), 2, f"{file}{said}")
+    assert_one_line(run_in_process(capfd, *command, file), 2, f"{file}{message}")
 
 
 def test_a_recording_into_a_folder_that_is_not_empty_is_rejected(

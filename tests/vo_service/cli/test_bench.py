@@ -130,7 +130,7 @@ def test_with_an_output_folder_it_resumes(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["gone"], "gone: no such folder; check the path"),
         (["corner", "corner"], "names are equal; rename one folder"),
@@ -148,12 +148,12 @@ def test_invalid_input_is_one_line_before_any_run(
     capfd: Capture,
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
-    told: str,
+    message: str,
 ) -> None:
     copy_recording()
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
     done = run_in_process(capfd, "bench", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert told in done.err
+    assert message in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "file"}

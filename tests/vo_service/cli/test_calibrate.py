@@ -79,9 +79,9 @@ def test_a_folder_gives_a_camera_file_a_table_and_a_figure(
 @pytest.mark.slow
 def test_only_json_is_printed(folder: Path, capfd: Capture) -> None:
     outcome = run_in_process(capfd, *OPTIONS, folder, "--json", "--output", "mine.toml")
-    told = json.loads(outcome.out)
-    assert told["camera_file"] == "mine.toml"
-    assert (told["views"], told["depth"], told["kept"]) == (FOUND, None, None)
+    result = json.loads(outcome.out)
+    assert result["camera_file"] == "mine.toml"
+    assert (result["views"], result["depth"], result["kept"]) == (FOUND, None, None)
     assert_is_the_cameras(read_calibration(Path("mine.toml")))
 
 
@@ -99,8 +99,8 @@ def test_the_configured_file_is_written_and_the_old_one_is_kept(
 
 def test_a_board_to_print_is_written(tmp_path: Path, capfd: Capture) -> None:
     outcome = run_in_process(capfd, *OPTIONS, "--print-board", "board.pdf")
-    said = "board.pdf: chessboard of 9x6 inner corners, to print on A3 at 100 %\n"
-    assert (outcome.code, outcome.out) == (0, said)
+    message = "board.pdf: chessboard of 9x6 inner corners, to print on A3 at 100 %\n"
+    assert (outcome.code, outcome.out) == (0, message)
     assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -170,18 +170,20 @@ def write_gray(folder: Path, names: Sequence[str]) -> Path:
     return folder
 
 
-def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
+def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
     assert (outcome.code, outcome.out) == (code, "")
     assert outcome.err.count("\n") == 1, outcome.err
     assert outcome.err.startswith("kinect-vo: error: ")
-    assert said in outcome.err
+    assert message in outcome.err
 
 
 def test_images_without_the_board_give_advice(tmp_path: Path, capfd: Capture) -> None:
     write_gray(tmp_path / "gray", ["a.png", "b.png"])
     outcome = run_in_process(capfd, *OPTIONS, "gray")
-    said = "gray: none of the 2 images shows a chessboard of 9x6 inner corners; check that --board"
-    assert_one_line(outcome, 2, said)
+    message = (
+        "gray: none of the 2 images shows a chessboard of 9x6 inner corners; check that --board"
+    )
+    assert_one_line(outcome, 2, message)
     assert not (tmp_path / "camera.toml").exists()
 
 
@@ -240,15 +242,15 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
-    arguments, said = MISTAKES[mistake]
-    assert_one_line(run_in_process(capfd, "calibrate", "--square", "0.025", *arguments), 2, said)
+    arguments, message = MISTAKES[mistake]
+    assert_one_line(run_in_process(capfd, "calibrate", "--square", "0.025", *arguments), 2, message)
 
 
-@pytest.mark.parametrize(("square", "said"), [
+@pytest.mark.parametrize(("square", "message"), [
     ([], "--square is missing: measure a square of the printed board"),
     (["--square", "25"], "25 is not a side: give metres, such as 0.025 for 25 mm"),
 ])  # fmt: skip
 def test_the_size_of_a_square_is_required_in_meters(
-    square: list[str], said: str, capfd: Capture
+    square: list[str], message: str, capfd: Capture
 ) -> None:
-    assert_one_line(run_in_process(capfd, "calibrate", ".", *square), 2, said)
+    assert_one_line(run_in_process(capfd, "calibrate", ".", *square), 2, message)

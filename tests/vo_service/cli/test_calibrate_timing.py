@@ -79,11 +79,11 @@ def test_a_live_camera_is_observed_for_a_minute_and_only_json_is_printed(
     file = Path("live.toml")
     file.write_text((recording / CAMERA_FILE_NAME).read_text())
     camera = ("--camera", f"tum:{recording}", "--camera-file", file)
-    told = json.loads(run_in_process(capfd, "calibrate", "--timing", *camera, "--json").out)
-    assert (told["camera_file"], told["kept"]) == ("live.toml", str(file.resolve()) + ".bak")
-    assert (told["frames"], told["pieces"], len(seen)) == (64, 4, 2)
-    assert told["readout_s"] == {"before": 0.0, "now": 0.0203, "sigma": 0.0004}
-    assert told["depth_offset_s"] == {"before": 0.0, "now": -0.0012, "sigma": 0.0003}
+    result = json.loads(run_in_process(capfd, "calibrate", "--timing", *camera, "--json").out)
+    assert (result["camera_file"], result["kept"]) == ("live.toml", str(file.resolve()) + ".bak")
+    assert (result["frames"], result["pieces"], len(seen)) == (64, 4, 2)
+    assert result["readout_s"] == {"before": 0.0, "now": 0.0203, "sigma": 0.0004}
+    assert result["depth_offset_s"] == {"before": 0.0, "now": -0.0012, "sigma": 0.0003}
     assert read_calibration(file).depth_offset_s == -0.0012
 
 
@@ -100,11 +100,11 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
-    arguments, said = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     outcome = run_in_process(capfd, "calibrate", "--timing", *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("\n") == 1
-    assert said in outcome.err
+    assert message in outcome.err
 
 
 def test_an_offset_that_the_stamps_may_contain_is_not_added(

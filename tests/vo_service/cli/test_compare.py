@@ -103,7 +103,7 @@ def test_without_truth_coverage_and_times_are_reported(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["gone"], "gone: no such folder; check the path"),
         (["corner", "empty"], "empty: the folder is empty; name one with rgb.txt and depth.txt"),
@@ -119,7 +119,7 @@ def test_invalid_input_is_one_line_before_any_run(
     capfd: Capture,
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
-    told: str,
+    message: str,
 ) -> None:
     copy_recording()
     (tmp_path / "empty").mkdir()
@@ -127,7 +127,7 @@ def test_invalid_input_is_one_line_before_any_run(
     monkeypatch.chdir(tmp_path)
     done = run_in_process(capfd, "compare", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert told in done.err
+    assert message in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
 
 

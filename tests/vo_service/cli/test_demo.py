@@ -18,14 +18,14 @@ FRAMES = 15
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def render_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cache that keeps the rendered film for the next test."""
-    return tmp_path_factory.mktemp("film")
+    return tmp_path_factory.mktemp("render_cache")
 
 
 @pytest.fixture(autouse=True)
-def short(film: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CACHE_DIRECTORY", str(film))
+def short(render_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CACHE_DIRECTORY", str(render_cache))
     # Painted in a second, not in five.
     monkeypatch.setattr(demo, "SyntheticConfig", partial(SyntheticConfig, texel_m=0.01))
 
@@ -53,9 +53,9 @@ def test_the_terminal_shows_the_results_and_their_files(
     folder = tmp_path / "demo"
     options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
     outcome = run_in_process(capfd, "demo", *options)
-    said = outcome.out + outcome.err
+    output = outcome.out + outcome.err
     for words in ("kinect-vo listen", f"results: {folder}", "ATE, RMSE", "latency"):
-        assert words in said
+        assert words in output
 
 
 def test_an_output_folder_that_cannot_be_created_is_one_line_before_rendering(

@@ -93,13 +93,13 @@ def test_a_primesense_sensor_has_its_openni2_name() -> None:
     assert (found.camera, found.error) == ("openni2:1d27/0609@1/5", "")
 
 
-@pytest.mark.parametrize("trouble", ["", "libOpenNI2.so.0 cannot be loaded"])
-def test_a_primesense_sensor_unknown_to_openni2_is_listed(trouble: str) -> None:
+@pytest.mark.parametrize("error_text", ["", "libOpenNI2.so.0 cannot be loaded"])
+def test_a_primesense_sensor_unknown_to_openni2_is_listed(error_text: str) -> None:
     (found,) = list_available_devices(
-        [make_sensor(SensorModel.CARMINE)], OpenNI2Listing((), trouble)
+        [make_sensor(SensorModel.CARMINE)], OpenNI2Listing((), error_text)
     )
     assert found.camera == "openni2"
-    assert found.error == (trouble or "libOpenNI2 does not see it")
+    assert found.error == (error_text or "libOpenNI2 does not see it")
 
 
 def test_a_kinect_in_use_is_listed_as_in_use() -> None:

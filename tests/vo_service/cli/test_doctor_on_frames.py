@@ -91,10 +91,10 @@ def examined(kinect: KinectSimulator, case: Case) -> Diagnosis:
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as doctor:
         try:
             case.later(kinect)
-            said, _ = doctor.communicate(timeout=DEFAULT_TIMEOUT_S)
+            output, _ = doctor.communicate(timeout=DEFAULT_TIMEOUT_S)
         finally:
             doctor.kill()
-    diagnosis: Diagnosis = json.loads(said)
+    diagnosis: Diagnosis = json.loads(output)
     assert doctor.returncode == (1 if diagnosis["verdict"] == "fail" else 0)
     return diagnosis
 

@@ -101,7 +101,7 @@ def test_a_simulated_kinect_gives_the_poses_of_a_replay_within_its_quantization(
         for name, value in kinect.environment.items():
             monkeypatch.setenv(name, value)
         found = read_trajectory(served("freenect", camera_file, count=COUNT - 2))
-        seqs = film_seqs(found.stamps_s, kinect)
+        seqs = frame_numbers(found.stamps_s, kinect)
     assert seqs[0] >= 0
     assert len(seqs) >= COUNT - 2
     reference = read_trajectory(replayed).T_world_camera[seqs]
@@ -111,7 +111,7 @@ def test_a_simulated_kinect_gives_the_poses_of_a_replay_within_its_quantization(
     assert apart_m.max() <= encoding_costs_m(farthest_mm, motions=seqs[-1] - seqs[0])
 
 
-def film_seqs(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
+def frame_numbers(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
     """Which frames of the film these are, by the instant at which the Kinect sent them.
 
     Stamps are late by what held up the image that came soonest so far. So the last one is nearest
@@ -131,8 +131,8 @@ def encoding_costs_m(farthest_mm: int, motions: int) -> float:
     A reading is rounded to the Kinect's steps of depth: off by step / sqrt(12). A motion is the
     mean over the points of two images. Gray is not changed by the mosaic of colors.
     """
-    told_mm = raw_to_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
-    told_mm = told_mm[told_mm > 0]
-    index = int(np.searchsorted(told_mm, farthest_mm))
-    step_m = 1e-3 * (int(told_mm[index]) - int(told_mm[index - 1]))
+    table_mm = raw_to_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
+    table_mm = table_mm[table_mm > 0]
+    index = int(np.searchsorted(table_mm, farthest_mm))
+    step_m = 1e-3 * (int(table_mm[index]) - int(table_mm[index - 1]))
     return 3 * step_m / math.sqrt(12) * math.sqrt(2 * motions / FEWEST_POINTS)

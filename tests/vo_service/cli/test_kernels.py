@@ -36,17 +36,17 @@ def test_compilation_stops_after_the_current_kernel(
 def test_preparation_of_loop_closure_stops_like_that_of_the_method(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    told: list[str] = []
+    calls: list[str] = []
 
     def interrupted(tell: Callable[[str], None]) -> float:
-        told.append("begun")
+        calls.append("begun")
         signal.raise_signal(signal.SIGINT)
         return 1.0
 
     monkeypatch.setattr(loops_warm_up, "warm_up_loop_closure", interrupted)
     with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
         prepare_loop_closure(Terminal(), stop)
-    assert told == ["begun"]
+    assert calls == ["begun"]
 
 
 def test_finished_preparation_of_loop_closure_is_remembered(

@@ -32,10 +32,10 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in there if path.name != "cache")
 
 
-def assert_one_line(outcome: CommandResult, said: str) -> None:
+def assert_one_line(outcome: CommandResult, message: str) -> None:
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1), outcome
     assert outcome.err.startswith("kinect-vo: error: ")
-    assert said in outcome.err
+    assert message in outcome.err
 
 
 def off_corner_m(points_m: Array) -> Array:
@@ -121,7 +121,7 @@ def test_a_full_map_is_a_warning_and_still_written(
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (("--voxel-m", "0"), "--voxel-m: 0 is not a length: give 0.002 to 0.5"),
         (("--voxel-m", "nan"), "--voxel-m: nan is not a length"),
@@ -136,10 +136,10 @@ def test_a_full_map_is_a_warning_and_still_written(
 )
 def test_command_line_errors_are_one_line(
     recording: Path, capfd: pytest.CaptureFixture[str], tmp_path: Path,
-    given: tuple[str, ...], said: str,
+    given: tuple[str, ...], message: str,
 ) -> None:  # fmt: skip
     output = () if "--output" in given else ("--output", tmp_path / "output")
-    assert_one_line(run_in_process(capfd, "reconstruct", recording, *given, *output), said)
+    assert_one_line(run_in_process(capfd, "reconstruct", recording, *given, *output), message)
     assert set(names(tmp_path)) <= {"output"}
     assert names(tmp_path / "output") == []
 

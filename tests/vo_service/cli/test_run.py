@@ -52,10 +52,10 @@ def test_listen_prints_what_a_service_publishes(
         )
         service.send_signal(signal.SIGTERM)
         assert service.wait(100) == 0
-    said_first = f"listen: listening to kinect at tcp/127.0.0.1:{port}\n"
-    assert (outcome.code, outcome.err) == (0, said_first)
-    said = [json.loads(line) for line in outcome.out.splitlines()]
-    poses = [each for each in said if each["kind"] == "pose"]
+    first_line = f"listen: listening to kinect at tcp/127.0.0.1:{port}\n"
+    assert (outcome.code, outcome.err) == (0, first_line)
+    messages = [json.loads(line) for line in outcome.out.splitlines()]
+    poses = [each for each in messages if each["kind"] == "pose"]
     assert len(poses) == 3
     assert [pose["state"] for pose in poses] == ["tracking"] * 3
     assert [pose["frame_id"] for pose in poses] == ["odom"] * 3

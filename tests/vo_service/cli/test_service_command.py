@@ -119,14 +119,14 @@ def test_a_command_of_another_program_is_kept(tree: Path, service: Service) -> N
 
 
 @pytest.mark.parametrize(
-    ("path", "text", "said"),
+    ("path", "text", "message"),
     [
         (CONFIG, "schema = 1\n[camera]\nsource = 7\n", "kinect.toml:3: key"),
         ("etc/group", "", "groupadd"),
     ],
 )
 def test_an_error_that_would_prevent_the_start_is_reported_before_any_change(
-    tree: Path, service: Service, path: str, text: str, said: str
+    tree: Path, service: Service, path: str, text: str, message: str
 ) -> None:
     (tree / path).parent.mkdir(exist_ok=True)
     (tree / path).write_text(text)
@@ -134,7 +134,7 @@ def test_an_error_that_would_prevent_the_start_is_reported_before_any_change(
     outcome = service("install")
     assert outcome.code in (1, 2)
     assert outcome.err.count("\n") == 1
-    assert said in outcome.err
+    assert message in outcome.err
     assert files(tree) == before
 
 

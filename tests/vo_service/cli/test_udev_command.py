@@ -49,12 +49,12 @@ def test_udev_without_an_action_is_an_error(capfd: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.parametrize(
-    ("complaint", "told"),
+    ("complaint", "message"),
     [("", "unplug the sensor"), ("udevadm is not installed here", "restart the computer")],
 )
 def test_the_advice_after_installing_depends_on_udev(
     complaint: str,
-    told: str,
+    message: str,
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -62,4 +62,4 @@ def test_the_advice_after_installing_depends_on_udev(
     monkeypatch.setattr("vo_service.cli.udev.apply_rules", lambda: complaint)
     outcome = run_in_process(capfd, "udev", "install")
     assert outcome.code == 0
-    assert told in outcome.out + outcome.err
+    assert message in outcome.out + outcome.err

@@ -55,9 +55,7 @@ def test_against_one_reference_covariances_do_not_accumulate() -> None:
         last = T
 
 
-def test_a_step_between_frames_of_one_reference_has_both_covariances_but_not_that_of_the_reference() -> (
-    None
-):
+def test_a_step_between_frames_of_one_reference_excludes_the_reference_covariance() -> None:
     covariance, T, further = CovarianceAccumulator(), moved(0.1), moved(0.2)
     covariance.add(motion(T, is_next_reference=False), T)
     step = inverse(T) @ further

@@ -74,14 +74,14 @@ def test_an_operator_can_command(network: TlsNetwork, robot: TlsRobot) -> None:
 
 def test_a_certificate_without_a_rule_gets_nothing(network: TlsNetwork, robot: TlsRobot) -> None:
     with (
-        network.open_session("reader-tls.json5", "ours/robot1") as nobody,
+        network.open_session("reader-tls.json5", "ours/robot1") as outsider,
         network.open_session("reader-tls.json5", "ours/reader") as reader,
     ):
         received: list[object] = []
-        with nobody.declare_subscriber("kinect/odom", received.append):
-            assert query_replies(nobody, "kinect/latest") == []
-            assert query_replies(nobody, "kinect/map_odom") == []
-            assert query_replies(nobody, "kinect/status") == []
+        with outsider.declare_subscriber("kinect/odom", received.append):
+            assert query_replies(outsider, "kinect/latest") == []
+            assert query_replies(outsider, "kinect/map_odom") == []
+            assert query_replies(outsider, "kinect/status") == []
             with receive_pose_numbers(reader) as others:
                 wait_until(lambda: len(others) > 10)
     assert received == []

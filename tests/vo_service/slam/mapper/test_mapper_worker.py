@@ -68,8 +68,8 @@ def take_in(worker: LoopClosureWorker, ring: RecordRingWriter) -> None:
 
 
 def test_the_last_queried_frame_gets_one_result(ring: RecordRingWriter) -> None:
-    heard: list[MapperMessage] = []
-    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, heard.append)
+    received: list[MapperMessage] = []
+    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, received.append)
     attachments: list[OdometryConstraint | RelocalizationQuery] = [
         CONSTRAINT,
         RelocalizationQuery(),
@@ -80,7 +80,7 @@ def test_the_last_queried_frame_gets_one_result(ring: RecordRingWriter) -> None:
     take_in(worker, ring)
     worker.answer_query()
     worker.answer_query()
-    assert [message.seq for message in heard if isinstance(message, RelocalizationResult)] == [2]
+    assert [message.seq for message in received if isinstance(message, RelocalizationResult)] == [2]
 
 
 def test_a_mesh_uses_the_keyframe_poses_of_the_map(
@@ -111,8 +111,8 @@ def test_after_a_reset_no_result_is_in_the_previous_odom(
 ) -> None:
     relocalize: list[OdometryUpdate] = []
     loops = AsynchronousLoopClosure(lambda update, attachment: relocalize.append(update))
-    heard: list[MapperMessage] = []
-    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, heard.append)
+    received: list[MapperMessage] = []
+    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, received.append)
     shift = rigid_transform(np.eye(3), [0.3, 0.0, 0.0])
     before, after = make_update(0), replace(make_update(1), epoch=1)
     after = replace(after, T_odom_camera=shift @ after.T_odom_camera)
@@ -127,7 +127,7 @@ def test_after_a_reset_no_result_is_in_the_previous_odom(
     write_frame(ring, relocalize[0], pack_depth, RelocalizationQuery())
     take_in(worker, ring)
     worker.answer_query()
-    for message in heard:
+    for message in received:
         if isinstance(message, RelocalizationResult):
             loops.handle_message(message)
     found = loops.poll_results()

@@ -48,13 +48,13 @@ def main() -> int:
             f"{'fault':34} {'report':>8} {'recovery':>8}   seconds, slowest of {rounds}", flush=True
         )
         measure_live_faults(folder, rounds)
-        with service_runner(folder / "own", folder / "films") as stage:
+        with service_runner(folder / "own", folder / "films") as runner:
             report(
                 "killed, until its first pose",
-                [measure_restart_after_kill(stage) for _ in range(rounds)],
+                [measure_restart_after_kill(runner) for _ in range(rounds)],
             )
-            stage.service.stop()
-            report("port taken", [measure_port_in_use(stage) for _ in range(rounds)])
+            runner.service.stop()
+            report("port taken", [measure_port_in_use(runner) for _ in range(rounds)])
     return 0
 
 
@@ -64,34 +64,34 @@ def measure_live_faults(folder: Path, rounds: int) -> None:
     config = f"connect = {json.dumps([endpoint])}\n{CAMERA}"
     with (
         running_router(endpoint) as router,
-        service_runner(folder / "around", folder / "films", config) as stage,
+        service_runner(folder / "around", folder / "films", config) as runner,
     ):
-        stage.start().wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
+        runner.start().wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
         for fault in ENVIRONMENT_FAULTS:
-            environment = ServiceEnvironment(stage, router)
+            environment = ServiceEnvironment(runner, router)
             report(fault.name, [run_fault(fault, environment) for _ in range(rounds)])
-        stage.service.stop()
-        stage.check()
+        runner.service.stop()
+        runner.check()
 
 
-def measure_restart_after_kill(stage: ServiceRunner) -> FaultTiming:
+def measure_restart_after_kill(runner: ServiceRunner) -> FaultTiming:
     """Kill the service; measure from the next start, with kernels and room cached, to poses."""
-    if stage.has_started:
-        stage.service.process.send_signal(signal.SIGKILL)
-        stage.service.process.wait()
+    if runner.has_started:
+        runner.service.process.send_signal(signal.SIGKILL)
+        runner.service.process.wait()
     begin_s = time.monotonic()
-    first_pose_s = stage.start().wait_until_streaming(begin_s, START_TIMEOUT_S)
+    first_pose_s = runner.start().wait_until_streaming(begin_s, START_TIMEOUT_S)
     return FaultTiming(0.0, first_pose_s - begin_s)
 
 
-def measure_port_in_use(stage: ServiceRunner) -> FaultTiming:
+def measure_port_in_use(runner: ServiceRunner) -> FaultTiming:
     """Measure from the start until the log line, and from the free port until poses."""
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(("127.0.0.1", stage.port))
+        listener.bind(("127.0.0.1", runner.port))
         listener.listen()
         begin_s = time.monotonic()
-        service = stage.start()
+        service = runner.start()
         wait_until(lambda: "the port is in use" in service.log)
         report_s = time.monotonic() - begin_s
     free_s = time.monotonic()

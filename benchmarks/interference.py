@@ -144,8 +144,8 @@ CASES = (
     InterferenceCase("viewer never started", missing_viewer),
     InterferenceCase("subscriber frozen", freeze_subscriber),
     InterferenceCase("router killed and back", restart_router),
-    InterferenceCase("maps made", save_maps),
-    InterferenceCase("no places known", disable_loop_closure),
+    InterferenceCase("maps saved", save_maps),
+    InterferenceCase("no loop closure", disable_loop_closure),
 )
 
 

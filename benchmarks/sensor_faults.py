@@ -70,11 +70,11 @@ def measure(folder: Path, kinect: KinectSimulator) -> bool:
 def measure_plug_in(kinect: KinectSimulator, service: ServiceProcess) -> FaultTiming:
     """Measure a service that was started without a Kinect."""
     begin_s = time.monotonic()
-    told_s = service.wait_for_reason(NO_KINECT_REASON, begin_s)
+    reported_s = service.wait_for_reason(NO_KINECT_REASON, begin_s)
     time.sleep(DURATIONS_S[-1])
     end_s = time.monotonic()
     kinect.plug()
-    return FaultTiming(told_s - begin_s, service.wait_until_streaming(end_s) - end_s)
+    return FaultTiming(reported_s - begin_s, service.wait_until_streaming(end_s) - end_s)
 
 
 def slowest_round(rounds: list[FaultTiming]) -> FaultTiming:

@@ -39,7 +39,7 @@ def test_cameras_and_odometry_load_neither_zenoh_nor_rerun() -> None:
 
 
 @pytest.mark.parametrize("package", [drivers, vo_service])
-def test_every_public_name_can_be_imported_and_says_what_it_is(package: ModuleType) -> None:
+def test_every_public_name_can_be_imported_and_has_a_docstring(package: ModuleType) -> None:
     assert sorted(package.__all__) == sorted(package._MODULES) == dir(package)
     for name in package.__all__:
         thing = getattr(package, name)

@@ -74,7 +74,7 @@ depth_tables = st.builds(
         st.none() | depth_tables,
     )
 )
-def test_what_is_written_reads_back_exactly(camera: CameraCalibration) -> None:
+def test_a_written_file_is_read_back_exactly(camera: CameraCalibration) -> None:
     read = parse_toml(format_calibration(camera), "camera.toml", CameraCalibration)
     assert [repr(getattr(read, f.name)) for f in fields(read)] == [
         repr(getattr(camera, f.name)) for f in fields(camera)
@@ -88,7 +88,7 @@ def test_whole_numbers_and_comments_are_read(tmp_path: Path) -> None:
 
 
 @given(poses, st.tuples(*[st.floats(-10.0, 10.0)] * 3))
-def test_a_pose_turns_and_shifts_points_and_keeps_their_distances(
+def test_a_pose_rotates_and_translates_points(
     pose: RigidTransform, point: tuple[float, float, float]
 ) -> None:
     T = pose.matrix
@@ -126,7 +126,7 @@ def test_a_mistake_in_the_depth_table_is_named_by_its_line(old: str, new: str, l
     assert str(caught.value).startswith(line)
 
 
-def test_what_a_depth_table_may_leave_out() -> None:
+def test_optional_keys_of_a_depth_table() -> None:
     kept = [line for line in DEPTH_TEXT.splitlines() if not line.startswith(("scale", "readout"))]
     table = parse_toml("\n".join(kept), "camera.toml", CameraCalibration).depth
     assert table is not None
@@ -179,21 +179,21 @@ def test_the_folder_here_is_known_by_its_real_name(
     assert find_calibration(Path(), None) is TUM_CALIBRATIONS["2"]
 
 
-def test_the_file_in_the_folder_wins_over_its_name(tmp_path: Path) -> None:
+def test_the_file_in_the_folder_overrides_its_name(tmp_path: Path) -> None:
     folder = tmp_path / "freiburg1"
     folder.mkdir()
     (folder / "camera.toml").write_text(MILLIMETERS)
     assert find_calibration(folder, None).depth_factor == 1000.0
 
 
-def test_the_file_given_wins_over_the_one_in_the_folder(tmp_path: Path) -> None:
+def test_the_given_file_overrides_the_one_in_the_folder(tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text(MILLIMETERS)
     given_file = tmp_path / "mine.toml"
     given_file.write_text(TEXT)
     assert find_calibration(tmp_path, given_file).depth_factor == 5000.0
 
 
-def test_a_camera_file_that_cannot_be_read_is_never_passed_over(tmp_path: Path) -> None:
+def test_an_unreadable_camera_file_is_never_skipped(tmp_path: Path) -> None:
     folder = tmp_path / "freiburg1"
     folder.mkdir()
     (folder / "camera.toml").symlink_to(tmp_path / "gone.toml")

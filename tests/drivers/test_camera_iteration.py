@@ -19,13 +19,13 @@ def test_a_loop_ends_after_the_last_frame_of_a_recording(recording: Path) -> Non
         assert list(camera) == []
 
 
-def test_a_loop_that_was_left_goes_on_with_the_next_frame(recording: Path) -> None:
+def test_an_interrupted_loop_continues_with_the_next_frame(recording: Path) -> None:
     with open_camera(f"tum:{recording}") as camera:
         assert [frame.seq for frame in islice(camera, 3)] == [0, 1, 2]
         assert next(iter(camera)).seq == 3
 
 
-def test_a_camera_without_frames_is_waited_for_and_the_log_says_why_once(
+def test_a_camera_without_frames_is_awaited_and_the_reason_is_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     with ScriptedCamera([ABSENT, ABSENT, make_frame(0), ABSENT, make_frame(1)]) as camera:
@@ -45,11 +45,11 @@ def test_a_camera_that_is_lost_ends_the_loop_with_its_error() -> None:
 
 
 @pytest.mark.parametrize("source", ["tum:desk", "synthetic", "freenect", "openni2:desk.oni"])
-def test_a_loop_over_a_camera_that_is_not_open_says_how_to_open_it(source: str) -> None:
+def test_a_loop_over_a_closed_camera_is_an_error_with_instructions(source: str) -> None:
     with pytest.raises(CameraError, match="not open; use `with`"):
         next(iter(open_camera(source)))
 
 
-def test_a_folder_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
+def test_a_missing_folder_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"), open_camera(f"tum:{tmp_path}/desk"):
         pass

@@ -20,7 +20,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
 
 
-def test_a_virtual_kinect_at_its_own_pace_is_on_this_hosts_clock() -> None:
+def test_a_realtime_virtual_kinect_uses_the_host_clock() -> None:
     camera = open_camera("synthetic", playback_mode=PlaybackMode.REALTIME)
     assert (camera.name, camera.clock) == ("synthetic", Clock.MONOTONIC)
 
@@ -35,7 +35,7 @@ def test_a_folder_may_have_a_colon_in_its_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("source", "said"),
+    ("source", "message"),
     [
         ("kinekt", "camera 'kinekt' is unknown; use one of: freenect"),
         ("fakenect", "needs the folder of a dump: fakenect:FOLDER"),
@@ -46,8 +46,8 @@ def test_a_folder_may_have_a_colon_in_its_name() -> None:
         ("synthetic:7", "it takes no argument"),
     ],
 )
-def test_a_source_that_is_none_says_what_to_write(source: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_an_invalid_source_is_reported_with_the_valid_ones(source: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         open_camera(source)
 
 
@@ -68,12 +68,12 @@ def test_a_virtual_kinect_takes_no_camera_file() -> None:
         ("fakenect:desk", Clock.RECORDED),
     ],
 )
-def test_what_runs_on_a_native_library_has_a_process_of_its_own(source: str, clock: Clock) -> None:
+def test_native_libraries_run_in_their_own_process(source: str, clock: Clock) -> None:
     camera = open_camera(source)
     assert isinstance(camera, SubprocessCamera)
     assert (camera.name, camera.clock) == (source, clock)
 
 
-def test_every_backend_says_how_it_is_written() -> None:
+def test_every_backend_has_a_help_text() -> None:
     assert set(CAMERA_USAGES) == set(CAMERA_FACTORIES)
     assert set(SENSORS) < set(CAMERA_FACTORIES)

@@ -83,7 +83,7 @@ small = st.floats(-1.0, 1.0)
     factor=st.sampled_from([1000.0, 5000.0, 10000.0]),
     scale=st.floats(0.9, 1.1),
 )
-def test_plane_gets_the_depth_at_which_the_color_camera_sees_it(
+def test_plane_has_the_depth_seen_by_the_color_camera(
     offset: tuple[float, float, float],
     turn: tuple[float, float, float],
     tilt: tuple[float, float],
@@ -109,7 +109,7 @@ def test_plane_gets_the_depth_at_which_the_color_camera_sees_it(
     assert np.mean(middle == 0) < 0.02
 
 
-def test_what_is_nearer_hides_what_is_behind_it_and_leaves_a_shadow() -> None:
+def test_near_surfaces_occlude_far_ones_and_leave_a_shadow() -> None:
     depth = np.full((COLOR.height, COLOR.width), 3000, np.uint16)
     depth[:, 70:90] = 600
     row = SoftwareRegistration(COLOR, table(COLOR, BESIDE), 1000.0).register(depth)[60]
@@ -135,7 +135,7 @@ def test_coarse_depth_fills_the_finer_color_image() -> None:
     assert np.all(registered[2:-2, 2:-2] == 2000)
 
 
-def test_lens_of_the_depth_camera_is_taken_out() -> None:
+def test_distortion_of_the_depth_camera_is_removed() -> None:
     distortion = (0.4, -0.3, 0.002, -0.002, 0.1)
     plane = np.array([0.3, -0.2, 1.0]) / 1.5
     v, u = np.mgrid[:120, :160].astype(np.float64)
@@ -153,7 +153,7 @@ def test_lens_of_the_depth_camera_is_taken_out() -> None:
     assert has_depth[20:100, 20:140].all()
 
 
-def test_readings_too_near_or_too_far_to_be_placed_are_dropped() -> None:
+def test_readings_out_of_range_are_dropped() -> None:
     back = RigidTransform((0.0, 0.0, -0.05), (0.0, 0.0, 0.0, 1.0))
     forth = RigidTransform((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
     for pose, reading in ((back, 40), (forth, 65500)):
@@ -162,7 +162,7 @@ def test_readings_too_near_or_too_far_to_be_placed_are_dropped() -> None:
         assert not registered.any()
 
 
-def test_depth_camera_that_looks_elsewhere_is_refused() -> None:
+def test_depth_camera_that_looks_away_is_rejected() -> None:
     behind = RigidTransform((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
     with pytest.raises(InputError, match="turns the depth camera away"):
         SoftwareRegistration(COLOR, table(COLOR, behind), 1000.0)
@@ -199,7 +199,7 @@ def error_m(frames: list[RgbdFrame], truth: list[Array]) -> float:
     return float(np.sqrt(np.mean(np.square(away_m))))
 
 
-def test_unregistered_sensor_registered_in_software_tracks_as_the_registered_one() -> None:
+def test_software_registration_tracks_like_hardware_registration() -> None:
     truth, frames = [list(part) for part in zip(*walk(), strict=True)]
     registration = SoftwareRegistration(CAMERA, table(EYE, EYE_POSE), 1000.0)
     in_mm = [

@@ -33,7 +33,7 @@ def irregular() -> st.SearchStrategy[list[float]]:
 
 
 @given(irregular(), irregular(), st.floats(-0.03, 0.03))
-def test_no_depth_image_gets_the_farther_neighbor(
+def test_each_depth_image_gets_the_nearest_color_image(
     colors_s: list[float], depths_s: list[float], late_s: float
 ) -> None:
     for pair in run(colors_s, depths_s, late_s)[0]:
@@ -42,7 +42,7 @@ def test_no_depth_image_gets_the_farther_neighbor(
 
 
 @given(irregular(), irregular())
-def test_every_image_is_used_once_and_in_order_or_counted(
+def test_every_image_is_used_once_in_order_or_counted(
     colors_s: list[float], depths_s: list[float]
 ) -> None:
     pairs, pairing = run(colors_s, depths_s)
@@ -54,7 +54,7 @@ def test_every_image_is_used_once_and_in_order_or_counted(
 
 
 @given(st.floats(-0.0166, 0.0166), st.floats(-0.02, 0.02), st.sets(st.integers(0, 59), max_size=30))
-def test_two_streams_of_30_a_second_pair_up_whatever_their_phase(
+def test_two_streams_of_30_hz_pair_up_at_any_phase(
     phase_s: float, late_s: float, torn: set[int]
 ) -> None:
     colors_s = [k * PERIOD_S for k in range(60)]
@@ -64,7 +64,7 @@ def test_two_streams_of_30_a_second_pair_up_whatever_their_phase(
     assert all(abs(pair.skew_s - phase_s) < 1e-9 for pair in pairs)
 
 
-def test_the_next_color_image_is_waited_for_where_it_is_nearer() -> None:
+def test_a_nearer_next_color_image_is_awaited() -> None:
     pairing: NearestFramePairing[str, str] = NearestFramePairing()
     assert pairing.add_color(0.0, "before") == []
     assert pairing.add_depth(0.021, "depth") == []
@@ -72,19 +72,19 @@ def test_the_next_color_image_is_waited_for_where_it_is_nearer() -> None:
     assert (pair.color, round(pair.skew_s, 4)) == ("after", -0.0123)
 
 
-def test_a_pair_that_cannot_get_better_is_there_at_once() -> None:
+def test_an_optimal_pair_is_available_at_once() -> None:
     pairing: NearestFramePairing[str, str] = NearestFramePairing()
     pairing.add_color(0.0, "color")
     (pair,) = pairing.add_depth(0.012, "depth")
     assert (pair.color, pair.depth, pair.skew_s) == ("color", "depth", 0.012)
 
 
-def test_images_too_far_apart_are_no_pair() -> None:
+def test_images_too_far_apart_are_not_paired() -> None:
     pairs, pairing = run([0.0, 0.1], [0.021, 0.079])
     assert (pairs, pairing.unpaired) == ([], 2)
 
 
-def test_a_stream_that_falls_silent_holds_up_only_a_few_images() -> None:
+def test_a_silent_stream_delays_only_a_few_images() -> None:
     pairing: NearestFramePairing[int, int] = NearestFramePairing()
     pairing.add_color(-1.0, 0)
     for k in range(100):
@@ -92,6 +92,6 @@ def test_a_stream_that_falls_silent_holds_up_only_a_few_images() -> None:
     assert pairing.unpaired == 96
 
 
-def test_depth_from_before_the_first_color_image_is_not_missed() -> None:
+def test_depth_before_the_first_color_image_is_skipped() -> None:
     pairs, pairing = run([0.1, 0.1333], [0.0, 0.0333, 0.0667, 0.1, 0.1333])
     assert (len(pairs), pairing.unpaired) == (2, 0)

@@ -36,7 +36,7 @@ def test_pairs_are_those_of_the_brute_force_greedy(
 
 
 @given(stamps, stamps, st.integers(0, 60))
-def test_the_farther_neighbor_is_never_taken_while_the_nearer_is_free(
+def test_a_further_neighbor_is_never_used_while_the_nearer_is_free(
     color: StampsUs, depth: StampsUs, within: int
 ) -> None:
     pairs = pair_nearest(color, depth, within)
@@ -54,7 +54,7 @@ def test_an_image_has_one_partner_only() -> None:
     assert pair_nearest(rising(0, 10_000), rising(8_000), WITHIN) == [(1, 0)]
 
 
-def test_the_reach_is_inclusive() -> None:
+def test_the_maximum_distance_is_inclusive() -> None:
     assert pair_nearest(rising(0), rising(20_000), WITHIN) == [(0, 0)]
     assert pair_nearest(rising(0), rising(20_001), WITHIN) == []
 
@@ -63,7 +63,7 @@ def test_empty_lists_have_no_pairs() -> None:
     assert pair_nearest(rising(), rising(1), WITHIN) == []
 
 
-def test_an_hour_at_30_hz_is_paired_in_a_moment() -> None:
+def test_an_hour_at_30_hz_is_paired_quickly() -> None:
     """All against all would be 10^10 candidates: hours, and more memory than there is."""
     color = np.arange(108_000, dtype=np.int64) * 33_333
     assert pair_nearest(color, color + 9_000, WITHIN) == [(k, k) for k in range(108_000)]

@@ -20,12 +20,12 @@ def pacer(time: PlayedTime) -> RealtimeScheduler:
     return RealtimeScheduler([0.0, 0.1, 0.2, 0.3], lambda: time.now_s, time.sleep)
 
 
-def test_lockstep_never_waits_and_leaves_nothing_out() -> None:
+def test_lockstep_never_waits_and_skips_nothing() -> None:
     lockstep = make_playback_scheduler(PlaybackMode.LOCKSTEP, [0.0, 1e6])
     assert [lockstep.wait_until_due(seq, 0.0) for seq in (0, 1)] == [0, 1]
 
 
-def test_recording_begins_to_run_when_it_is_first_read() -> None:
+def test_playback_starts_with_the_first_read() -> None:
     time = PlayedTime()
     realtime = pacer(time)
     time.now_s += 5.0
@@ -40,7 +40,7 @@ def test_waits_until_a_pair_is_due() -> None:
     assert time.now_s == pytest.approx(100.3)
 
 
-def test_newest_pair_that_is_due_replaces_older_ones() -> None:
+def test_newest_due_pair_replaces_older_ones() -> None:
     time = PlayedTime()
     realtime = pacer(time)
     realtime.wait_until_due(0, 1.0)
@@ -48,7 +48,7 @@ def test_newest_pair_that_is_due_replaces_older_ones() -> None:
     assert realtime.wait_until_due(1, 1.0) == 2
 
 
-def test_never_waits_longer_than_it_was_told() -> None:
+def test_waiting_never_exceeds_the_timeout() -> None:
     time = PlayedTime()
     realtime = pacer(time)
     realtime.wait_until_due(0, 1.0)

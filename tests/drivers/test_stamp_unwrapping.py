@@ -25,7 +25,7 @@ def test_ticks_are_exact_through_any_number_of_wraps(first: int, increments: lis
 
 
 @given(st.integers(0, 300), st.integers(-TICKS // 10, TICKS // 10), st.booleans())
-def test_two_streams_agree_when_they_come_out_of_order_around_a_wrap(
+def test_two_streams_agree_out_of_order_around_a_wrap(
     before: int, apart: int, depth_first: bool
 ) -> None:
     clock = StampUnwrapper(TICKS, 32)
@@ -53,7 +53,7 @@ def arrivals(count: int, ppm: float, seed: int, late_s: float = 0.03) -> list[tu
 
 
 @pytest.mark.parametrize("ppm", [-100.0, 0.0, 100.0])
-def test_stamps_stay_with_the_true_instants_while_the_clocks_drift(ppm: float) -> None:
+def test_stamps_follow_the_true_times_despite_clock_drift(ppm: float) -> None:
     host = HostClockSync(READOUT_S)
     for device_s, receive_time_s in arrivals(30 * 300, ppm, seed=1):
         error_s = host.to_host_s(device_s, receive_time_s) - (500 + device_s * (1 + ppm * 1e-6))
@@ -61,7 +61,7 @@ def test_stamps_stay_with_the_true_instants_while_the_clocks_drift(ppm: float) -
 
 
 @given(st.lists(st.tuples(st.floats(0.001, 2.0), st.floats(0.0, 0.5)), max_size=80))
-def test_stamps_always_rise_however_late_frames_come(steps: list[tuple[float, float]]) -> None:
+def test_stamps_always_increase_even_for_late_frames(steps: list[tuple[float, float]]) -> None:
     host, device_s, stamps_s = HostClockSync(READOUT_S), 0.0, []
     for step_s, late_s in steps:
         device_s += step_s
@@ -70,7 +70,7 @@ def test_stamps_always_rise_however_late_frames_come(steps: list[tuple[float, fl
 
 
 @given(st.lists(st.tuples(st.floats(0.001, 2.0), st.floats(0.0, 0.5)), max_size=80))
-def test_a_stamp_is_never_earlier_than_its_instant(steps: list[tuple[float, float]]) -> None:
+def test_a_stamp_is_never_earlier_than_its_frame(steps: list[tuple[float, float]]) -> None:
     host, device_s = HostClockSync(READOUT_S), 0.0
     for step_s, late_s in steps:
         device_s += step_s
@@ -78,7 +78,7 @@ def test_a_stamp_is_never_earlier_than_its_instant(steps: list[tuple[float, floa
         assert stamp_s >= 500 + device_s - 1e-6
 
 
-def test_a_first_frame_that_came_late_is_made_good_without_going_back() -> None:
+def test_a_late_first_frame_is_corrected_without_going_back() -> None:
     host = HostClockSync(0.0)
     assert host.to_host_s(0.0, 500.2) == pytest.approx(500.2)
     stamps_s = [host.to_host_s(k * PERIOD_S, 500 + k * PERIOD_S) for k in range(1, 20)]

@@ -35,7 +35,7 @@ def test_without_distortion_images_pass_untouched() -> None:
     assert lens.undistort_depth(depth) is depth
 
 
-def test_depth_is_the_nearest_pixel_s_own_reading_or_none() -> None:
+def test_depth_is_the_reading_of_the_nearest_pixel_or_none() -> None:
     depth = np.random.default_rng(0).integers(1, 65536, (480, 640), dtype=np.uint16)
     for distortion in (FREIBURG1, PINCUSHION):
         undistorted = make_undistorter(CAMERA, distortion).undistort_depth(depth)

@@ -56,8 +56,8 @@ def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
         str(config),
     ]
     surroundings = os.environ | {"XDG_STATE_HOME": str(folder), "STATE_DIRECTORY": str(folder)}
-    with log.open("wb") as said:
-        process = ForkedProcess(command, stdout=said, stderr=said, env=surroundings)
+    with log.open("wb") as output:
+        process = ForkedProcess(command, stdout=output, stderr=output, env=surroundings)
     try:
         with PoseClient(connect=where) as client:
             next(client.poses(timeout_s=110.0))  # kernels that nobody has compiled yet

@@ -111,7 +111,7 @@ def test_the_position_of_the_camera_is_printed_at_every_frame(recording: Path) -
 
 
 @pytest.mark.zenoh
-def test_poses_of_the_maps_own_epoch_are_printed_in_the_map() -> None:
+def test_poses_of_the_map_epoch_are_printed_in_the_map() -> None:
     here = find_free_endpoint()
     with running_fake_service(here) as service:
         service.answers_map_odom(2.0, epoch=4)  # for a pose that overtakes it
@@ -130,7 +130,7 @@ def test_poses_of_the_maps_own_epoch_are_printed_in_the_map() -> None:
 
 
 @pytest.mark.zenoh
-def test_a_service_without_a_map_is_said(endpoint: str) -> None:
+def test_a_service_without_a_map_is_reported(endpoint: str) -> None:
     done = finished("pose_in_map.py", endpoint)
     assert (done.stderr, done.returncode) == ("there is no map yet\n", 1)
 
@@ -142,7 +142,7 @@ def test_poses_are_printed(endpoint: str) -> None:
 
 
 @pytest.mark.zenoh
-def test_a_loop_drives_while_there_are_poses_and_stops_with_the_reason(endpoint: str) -> None:
+def test_a_control_loop_runs_while_there_are_poses_and_stops_with_the_reason(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("drive.py", endpoint) as lines:
         lines.wait_for_line(r"^drive: \d\.\d\d m to go$")
         client.pause()
@@ -152,7 +152,7 @@ def test_a_loop_drives_while_there_are_poses_and_stops_with_the_reason(endpoint:
 
 
 @pytest.mark.zenoh
-def test_changes_of_the_status_are_said(endpoint: str) -> None:
+def test_changes_of_the_status_are_printed(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("watch_status.py", endpoint) as lines:
         lines.wait_for_line(r"^tracking: \d+ poses a second")
         client.pause()
@@ -162,7 +162,7 @@ def test_changes_of_the_status_are_said(endpoint: str) -> None:
 
 
 @pytest.mark.zenoh
-def test_a_command_begins_a_new_epoch_at_the_place_it_names(endpoint: str) -> None:
+def test_a_reset_command_starts_a_new_epoch_at_the_given_pose(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         poses = client.poses(timeout_s=100)
         before = next(poses)
@@ -174,13 +174,13 @@ def test_a_command_begins_a_new_epoch_at_the_place_it_names(endpoint: str) -> No
     assert at_the_charger.quaternion_xyzw[2] == pytest.approx(0.707, abs=0.05)
 
 
-def test_a_command_to_nobody_says_so() -> None:
+def test_a_command_without_a_service_is_an_error() -> None:
     done = finished("send_command.py", "tcp/127.0.0.1:1")
     assert "no reply within 6 s" in done.stderr
     assert done.returncode == 1
 
 
-def test_a_spreadsheet_gets_the_poses(endpoint: str, tmp_path: Path) -> None:
+def test_poses_are_written_to_csv(endpoint: str, tmp_path: Path) -> None:
     done = finished("poses_to_csv.py", tmp_path / "poses.csv", 2.0, endpoint)
     assert (done.stderr, done.returncode) == ("", 0)
     with (tmp_path / "poses.csv").open() as file:
@@ -191,7 +191,7 @@ def test_a_spreadsheet_gets_the_poses(endpoint: str, tmp_path: Path) -> None:
     assert {row["state"] for row in rows} <= {"tracking", "degraded"}
 
 
-def test_a_spreadsheet_without_a_name_is_told_how_to_give_one() -> None:
+def test_a_csv_program_without_a_file_prints_its_usage() -> None:
     done = finished("poses_to_csv.py")
     assert "Usage: python poses_to_csv.py FILE.csv SECONDS" in done.stderr
     assert "Traceback" not in done.stderr
@@ -205,7 +205,7 @@ def test_plain_zenoh_reads_the_same(endpoint: str) -> None:
         lines.wait_for_line("'state': 'tracking'")
 
 
-def test_the_shell_sends_commands_and_hears_why_not(endpoint: str) -> None:
+def test_commands_and_their_errors_work_from_the_shell(endpoint: str) -> None:
     done = kinect_vo("command", "pause", "--connect", endpoint)
     assert (json.loads(done.stdout), done.returncode) == ({"paused": True}, 0)
     assert kinect_vo("command", "resume", "--connect", endpoint).returncode == 0
@@ -218,7 +218,7 @@ def test_the_shell_sends_commands_and_hears_why_not(endpoint: str) -> None:
 
 
 @pytest.mark.zenoh
-def test_all_that_a_running_service_sends_agrees_with_its_schemas(endpoint: str) -> None:
+def test_all_messages_of_a_running_service_match_its_schemas(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         schemas = client.schemas()
         assert schema_errors(schemas["status"], dict(client.status())) == []
@@ -247,7 +247,7 @@ def documented_programs(page: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
-def test_the_programs_with_a_camera_in_the_documentation_run(recording: Path) -> None:
+def test_camera_programs_in_the_documentation_run(recording: Path) -> None:
     programs = [code for code in documented_programs("docs/python.md") if "open_camera" in code]
     assert len(programs) == 2
     for code in programs:
@@ -257,7 +257,7 @@ def test_the_programs_with_a_camera_in_the_documentation_run(recording: Path) ->
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/messages.md", "docs/python.md"])
-def test_a_program_in_the_documentation_runs_as_it_stands(endpoint: str, page: str) -> None:
+def test_service_programs_in_the_documentation_run(endpoint: str, page: str) -> None:
     programs = [code for code in documented_programs(page) if "open_camera" not in code]
     assert programs
     for code in programs:
@@ -276,7 +276,7 @@ def test_a_program_in_the_documentation_runs_as_it_stands(endpoint: str, page: s
 
 
 @pytest.mark.zenoh
-def test_what_this_service_cannot_do_is_a_typed_error(endpoint: str) -> None:
+def test_an_impossible_command_is_a_typed_error(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         with pytest.raises(CommandRefused) as caught:
             client.led("red")
@@ -284,7 +284,9 @@ def test_what_this_service_cannot_do_is_a_typed_error(endpoint: str) -> None:
 
 
 @pytest.mark.zenoh
-def test_after_a_pause_only_poses_under_way_come_and_the_client_says_why(endpoint: str) -> None:
+def test_after_a_pause_only_poses_in_transit_arrive_and_the_client_gives_the_reason(
+    endpoint: str,
+) -> None:
     with PoseClient(connect=endpoint) as client:
         client.pause()
         with pytest.raises(PoseUnavailable):

@@ -115,7 +115,7 @@ def agrees() -> Callable[[str, CommandResult, Path], None]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_mistake_on_the_command_line(
+def test_command_line_errors_are_unchanged(
     command: str,
     place: Path,
     capfd: pytest.CaptureFixture[str],
@@ -125,7 +125,7 @@ def test_a_mistake_on_the_command_line(
 
 
 @pytest.mark.parametrize("fault", BROKEN)
-def test_a_broken_recording(
+def test_errors_of_broken_recordings_are_unchanged(
     fault: str,
     copy_recording: CopyRecording,
     tmp_path: Path,
@@ -137,6 +137,6 @@ def test_a_broken_recording(
     agrees(fault, run_in_process(capfd, "replay", folder, "--no-publish"), tmp_path)
 
 
-def test_the_file_has_nothing_else() -> None:
+def test_the_golden_file_has_no_other_entry() -> None:
     commands = {f"kinect-vo {command}".strip() for command in COMMANDS}
     assert json.loads(FILE.read_text()).keys() == commands | BROKEN.keys()

@@ -38,7 +38,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_method_gives_the_poses_that_it_gave(
+def test_the_poses_of_a_method_are_unchanged(
     case: str, rendered: Path, request: pytest.FixtureRequest
 ) -> None:
     if case.endswith(RECORDINGS):
@@ -51,5 +51,5 @@ def test_a_method_gives_the_poses_that_it_gave(
         assert found == expected
 
 
-def test_every_case_is_in_the_file() -> None:
+def test_every_case_is_in_the_golden_file() -> None:
     assert tuple(json.loads(FILE.read_text())["trajectories"]) == CASES

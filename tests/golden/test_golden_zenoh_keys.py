@@ -69,14 +69,14 @@ def declared(ros2: Ros2Config) -> Declared:
     return spy
 
 
-def test_the_keys_of_a_service_are_those_that_others_know() -> None:
+def test_the_zenoh_keys_are_unchanged() -> None:
     found = declared(Ros2Config())
     assert found.publishers == PUBLISHED
     assert found.queryables == ANSWERED | COMMANDS
     assert found.tokens == TOKENS
 
 
-def test_ros2_finds_its_topics_under_both_of_its_keys() -> None:
+def test_the_ros2_keys_are_unchanged() -> None:
     found = declared(Ros2Config(enabled=True))
     keys = found.publishers - PUBLISHED
     for topic, type_name in ROS2_TYPES.items():

@@ -66,7 +66,7 @@ def is_left_clean(tmp_path: Path) -> bool:
     return list((tmp_path / "roots").iterdir()) == [] and str(tmp_path) not in mounts
 
 
-def test_a_checkout_that_is_no_clone_is_refused(starts: Starts, tmp_path: Path) -> None:
+def test_a_checkout_without_git_is_rejected(starts: Starts, tmp_path: Path) -> None:
     need_root()
     check = starts("test", git="echo fatal: not a git repository >&2\nexit 128")
     out, err = check.communicate(timeout=60)
@@ -88,7 +88,7 @@ def test_an_unknown_argument_is_refused_in_one_line(arguments: list[str], starts
     assert f"{' '.join(arguments)} is unknown: name demo or test" in err
 
 
-def test_somebody_who_is_not_root_is_told_so_in_one_line(starts: Starts, tmp_path: Path) -> None:
+def test_a_user_without_root_gets_one_line(starts: Starts, tmp_path: Path) -> None:
     check = starts(id="echo 1000")
     out, err = check.communicate(timeout=60)
     assert (check.returncode, out, len(err.splitlines())) == (2, "", 1)
@@ -96,7 +96,7 @@ def test_somebody_who_is_not_root_is_told_so_in_one_line(starts: Starts, tmp_pat
     assert is_left_clean(tmp_path)
 
 
-def test_a_debian_that_cannot_be_made_is_reported_and_removed(
+def test_a_debian_that_cannot_be_created_is_reported_and_removed(
     starts: Starts, tmp_path: Path
 ) -> None:
     need_root()
@@ -108,7 +108,7 @@ def test_a_debian_that_cannot_be_made_is_reported_and_removed(
     assert is_left_clean(tmp_path)
 
 
-def test_one_command_that_fails_fails_the_check_and_the_other_is_still_run(
+def test_one_failing_command_fails_the_check_and_the_other_still_runs(
     starts: Starts, tmp_path: Path
 ) -> None:
     need_root()
@@ -124,7 +124,7 @@ def test_one_command_that_fails_fails_the_check_and_the_other_is_still_run(
 
 @pytest.mark.parametrize("where", ["debootstrap", "chroot"])
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_an_interrupted_check_leaves_nothing(
+def test_an_interrupted_check_leaves_nothing_behind(
     signum: signal.Signals, where: str, starts: Starts, tmp_path: Path
 ) -> None:
     need_root()

@@ -38,7 +38,7 @@ def names(packages: list[Table], target: Target = DEBIAN_X86) -> list[object]:
     return [found["name"] for found in needed_packages(packages, target)]
 
 
-def test_the_lock_file_of_this_checkout_is_all_wheels(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_lock_file_of_this_checkout_has_only_wheels(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(CHECKOUT / "uv.lock") == 0
     assert len(capsys.readouterr().out.splitlines()) == len(TARGETS) == 6
 
@@ -74,7 +74,7 @@ def test_a_wheel_for_another_machine_does_not_count(tags: str) -> None:
     assert not has_wheel(wheel(f"a-1-{tags}"), DEBIAN_X86)
 
 
-def test_a_package_without_wheels_has_none() -> None:
+def test_a_package_without_wheels_is_reported() -> None:
     assert not has_wheel({"sdist": {"url": "https://example.org/a-1.tar.gz"}}, DEBIAN_X86)
 
 
@@ -90,14 +90,14 @@ def test_extras_and_groups_of_the_project_are_needed() -> None:
     assert names([root, package("a"), package("b"), package("unused")]) == ["a", "b"]
 
 
-def test_only_the_extras_asked_for_of_a_dependency_are_needed() -> None:
+def test_only_requested_extras_of_a_dependency_are_needed() -> None:
     optional: Table = {"fast": [{"name": "b"}], "slow": [{"name": "c"}]}
     root = project({"name": "a"}, {"name": "a", "extra": ["fast"]})
     a = package("a", **{"optional-dependencies": optional})
     assert names([root, a, package("b"), package("c")]) == ["a", "b"]
 
 
-def test_markers_choose_by_machine_and_python() -> None:
+def test_markers_select_by_machine_and_python() -> None:
     lock = [
         project(
             {"name": "a", "marker": "platform_machine == 'aarch64'"},
@@ -110,13 +110,13 @@ def test_markers_choose_by_machine_and_python() -> None:
     assert names(lock, BOARD) == ["a"]
 
 
-def test_the_version_named_is_the_one_checked() -> None:
+def test_the_locked_version_is_checked() -> None:
     old, new = package("a", version="1"), package("a", version="2")
     lock = [project({"name": "a", "version": "2"}), old, new]
     assert needed_packages(lock, BOARD) == [new]
 
 
-def test_a_package_that_must_be_built_is_named_with_its_target(
+def test_a_package_without_a_wheel_is_reported_with_its_target(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "uv.lock"

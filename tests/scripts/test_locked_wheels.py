@@ -31,7 +31,7 @@ def test_every_wheel_that_fits_is_listed_with_its_hash() -> None:
     assert line == f"a==1 --hash=sha256:py3-none-any --hash=sha256:{tags[0]}"
 
 
-def test_extras_are_listed_where_asked_for_and_tools_for_development_never() -> None:
+def test_requested_extras_are_listed_and_development_tools_never() -> None:
     optional: Table = {"rerun": [{"name": "b"}]}
     groups: Table = {"dev": [{"name": "c"}]}
     root = project("a", **{"optional-dependencies": optional, "dev-dependencies": groups})
@@ -41,7 +41,7 @@ def test_extras_are_listed_where_asked_for_and_tools_for_development_never() -> 
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=str)
-def test_the_lock_file_of_this_checkout_serves_every_robot(
+def test_the_lock_file_of_this_checkout_suits_every_robot(
     target: Target, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(target.machine, target.minor)

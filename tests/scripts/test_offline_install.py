@@ -48,7 +48,7 @@ def run(*command: object) -> "subprocess.CompletedProcess[str]":
         ([SCRIPTS], "exists and was not made by this script"),
     ],
 )
-def test_a_folder_that_cannot_be_made_is_refused_in_one_line(
+def test_a_folder_that_cannot_be_created_is_rejected_in_one_line(
     arguments: list[object], why: str, tmp_path: Path
 ) -> None:
     ended = run("env", "-C", tmp_path, SCRIPTS / "wheels.sh", *arguments)
@@ -114,7 +114,7 @@ def make_folder(
     return folder
 
 
-def test_it_installs_and_a_later_one_that_does_not_start_leaves_it_as_it_was(
+def test_a_later_version_that_does_not_start_leaves_the_old_one(
     tmp_path: Path, uv_wheel: Path
 ) -> None:
     good, target = make_folder(tmp_path / "good", uv_wheel), tmp_path / "installed"
@@ -138,7 +138,7 @@ def test_a_folder_for_another_machine_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "installed").exists()
 
 
-def test_a_damaged_copy_is_noticed_before_anything_is_installed(tmp_path: Path) -> None:
+def test_a_damaged_copy_is_detected_before_the_installation(tmp_path: Path) -> None:
     folder = make_folder(tmp_path / "folder")
     (folder / "wheels" / "kinect_vo-1-py3-none-any.whl").write_bytes(b"half")
     ended = run(folder / "install.sh", tmp_path / "installed")
@@ -147,7 +147,7 @@ def test_a_damaged_copy_is_noticed_before_anything_is_installed(tmp_path: Path) 
     assert not (tmp_path / "installed").exists()
 
 
-def test_what_is_no_kinect_vo_is_not_overwritten(tmp_path: Path) -> None:
+def test_a_folder_without_kinect_vo_is_not_overwritten(tmp_path: Path) -> None:
     folder, target = make_folder(tmp_path / "folder"), tmp_path / "mine"
     target.mkdir()
     (target / "letter.txt").write_text("dear")
@@ -158,6 +158,6 @@ def test_what_is_no_kinect_vo_is_not_overwritten(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("arguments", [["--quick"], ["one", "two"], ["/nowhere/at/all"]])
-def test_nonsense_is_refused_in_one_line(arguments: list[str], tmp_path: Path) -> None:
+def test_invalid_arguments_are_rejected_in_one_line(arguments: list[str], tmp_path: Path) -> None:
     ended = run(make_folder(tmp_path / "folder") / "install.sh", *arguments)
     assert (ended.returncode, len(ended.stderr.splitlines())) == (2, 1)

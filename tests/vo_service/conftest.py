@@ -38,11 +38,11 @@ def forked_runs() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def render_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cache for rendered rooms. The kernels, which all tests share, are compiled afterwards."""
 
     def warm_up(folder: Path) -> None:
         environment = os.environ | {"CACHE_DIRECTORY": str(folder)}
         subprocess.run([KINECT_VO, "warm-up"], env=environment, check=True, timeout=START_TIMEOUT_S)
 
-    return make_once(tmp_path_factory, "films", warm_up)
+    return make_once(tmp_path_factory, "render_cache", warm_up)

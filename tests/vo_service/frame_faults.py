@@ -41,7 +41,7 @@ class FrameFault:
 
 FRAME_FAULTS = (
     FrameFault("black", FaultKind.BLACK, 8, "degraded", "degenerate view"),
-    FrameFault("in the dark", FaultKind.DARK, 8, "degraded", "degenerate view"),
+    FrameFault("darkness", FaultKind.DARK, 8, "degraded", "degenerate view"),
     FrameFault("noise", FaultKind.NOISE, 8, "lost", "the brightness changed too much"),
     FrameFault("frozen", FaultKind.FROZEN, 8, "tracking"),
     FrameFault("torn", FaultKind.TORN, 8, "tracking"),

@@ -56,14 +56,14 @@ def run_fault(
     before_s = time.monotonic()
     fault.begin(kinect, service)
     begin_s = time.monotonic()
-    told_s = service.wait_for_reason(fault.status_text, before_s)
+    reported_s = service.wait_for_reason(fault.status_text, before_s)
     # What ends by itself (a driver that died is started again) began to end when it began.
     if fault.end is do_nothing:
-        return FaultTiming(told_s - begin_s, service.wait_until_streaming(told_s) - begin_s)
+        return FaultTiming(reported_s - begin_s, service.wait_until_streaming(reported_s) - begin_s)
     while_it_lasts()
     end_s = time.monotonic()
     fault.end(kinect, service)
-    return FaultTiming(told_s - begin_s, service.wait_until_streaming(end_s) - end_s)
+    return FaultTiming(reported_s - begin_s, service.wait_until_streaming(end_s) - end_s)
 
 
 def do_nothing(kinect: KinectSimulator, service: ServiceProcess) -> None:
@@ -130,7 +130,7 @@ SENSOR_FAULTS = (
         lambda kinect, _: kinect.remove_bandwidth(False),
     ),
     SensorFault(
-        "all frames torn",
+        "all frames incomplete",
         _make_packet_loss(every=20),
         "losing USB packets",
         _make_packet_loss(every=0),

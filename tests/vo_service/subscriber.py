@@ -80,13 +80,13 @@ class RecordingSubscriber:
             self.unreadable.append(f"{sample.key_expr}: {error!r}")
 
     def _add_pose(self, sample: zenoh.Sample) -> None:
-        heard_s = time.monotonic()
+        received_s = time.monotonic()
         message = decode_odometry(sample.payload.to_bytes())
         attachment = sample.attachment
         assert attachment is not None
         about = parse_strict_json(attachment.to_bytes())
         pose = SubscribedPose(
-            receive_time_s=heard_s,
+            receive_time_s=received_s,
             stamp_s=message.stamp_s,
             seq=about["seq"],
             epoch=about["epoch"],

@@ -50,7 +50,7 @@ def test_a_live_stamp_is_published_as_unix_time(clock: LiveClock) -> None:
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0, 0.06, -0.06])
-def test_a_clock_step_is_seen_once_and_the_offset_taken_again(
+def test_a_clock_step_is_detected_once_and_the_offset_updated(
     clock: LiveClock, wall: WallClock, step_s: float
 ) -> None:
     wall.ahead_s += step_s
@@ -59,7 +59,7 @@ def test_a_clock_step_is_seen_once_and_the_offset_taken_again(
 
 
 @pytest.mark.parametrize("slew_s", [0.049, -0.049])
-def test_a_small_correction_of_the_wall_clock_leaves_stamps_alone(
+def test_a_small_correction_of_the_wall_clock_does_not_change_stamps(
     clock: LiveClock, wall: WallClock, slew_s: float
 ) -> None:
     wall.ahead_s += slew_s
@@ -67,12 +67,12 @@ def test_a_small_correction_of_the_wall_clock_leaves_stamps_alone(
     assert clock.published_s(7.25) == UNIX_S + 7.25
 
 
-def test_time_that_merely_passes_is_no_step(clock: LiveClock, monotonic: FakeClock) -> None:
+def test_passing_time_is_no_step(clock: LiveClock, monotonic: FakeClock) -> None:
     monotonic.now_s += 86_400.0
     assert not clock.has_stepped()
 
 
-def test_a_process_that_is_paused_between_two_readings_sees_no_step(monotonic: FakeClock) -> None:
+def test_a_process_paused_between_two_readings_detects_no_step(monotonic: FakeClock) -> None:
     pauses = iter([0.0, 0.0, 0.0, 0.3, 0.0, 0.0])
 
     def realtime_s() -> float:
@@ -83,22 +83,22 @@ def test_a_process_that_is_paused_between_two_readings_sees_no_step(monotonic: F
     assert not LiveClock(0.0, monotonic, realtime_s).has_stepped()
 
 
-def test_the_known_bias_is_added_on_either_clock(monotonic: FakeClock, wall: WallClock) -> None:
+def test_the_known_bias_is_added_for_both_clocks(monotonic: FakeClock, wall: WallClock) -> None:
     assert LiveClock(-0.5, monotonic, wall).published_s(1.0) == UNIX_S + 0.5
     assert RecordedClock(-0.5).published_s(1.0) == 0.5
 
 
-def test_a_recording_keeps_its_stamps_and_never_steps() -> None:
+def test_a_recording_keeps_its_stamps_and_has_no_steps() -> None:
     clock = make_publish_clock(Clock.RECORDED, 0.0)
     assert clock.published_s(1305031102.175304) == 1305031102.175304
     assert not clock.has_stepped()
 
 
-def test_a_camera_on_the_hosts_clock_gets_the_live_one() -> None:
+def test_a_camera_on_the_host_clock_gets_the_live_clock() -> None:
     assert isinstance(make_publish_clock(Clock.MONOTONIC, 0.0), LiveClock)
 
 
-def test_repeated_and_backward_stamps_are_left_out() -> None:
+def test_repeated_and_backward_stamps_are_skipped() -> None:
     guard = TimestampFilter()
     assert [guard.check(stamp_s).is_accepted for stamp_s in (1.0, 1.0, 0.5, 2.0)] == [
         True,
@@ -108,7 +108,7 @@ def test_repeated_and_backward_stamps_are_left_out() -> None:
     ]
 
 
-def test_a_camera_with_a_new_clock_is_believed_after_15_frames() -> None:
+def test_a_camera_with_a_new_clock_is_accepted_after_15_frames() -> None:
     guard = TimestampFilter()
     guard.check(1000.0)
     verdicts = [guard.check(k / 30) for k in range(MAX_STALE_FRAMES + 1)]
@@ -116,7 +116,7 @@ def test_a_camera_with_a_new_clock_is_believed_after_15_frames() -> None:
     assert [v.is_restart for v in verdicts] == [False] * 14 + [True, False]
 
 
-def test_a_glitch_does_not_count_towards_a_new_clock() -> None:
+def test_a_glitch_does_not_count_for_a_new_clock() -> None:
     guard = TimestampFilter()
     for k in range(100):
         assert guard.check(1000.0 + k).is_accepted
@@ -124,7 +124,9 @@ def test_a_glitch_does_not_count_towards_a_new_clock() -> None:
 
 
 @given(st.lists(st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1.0, 2.0]), max_size=60))
-def test_what_is_let_through_rises_unless_it_says_that_it_began_anew(stamps_s: list[float]) -> None:
+def test_accepted_stamps_increase_except_after_a_restart_of_the_clock(
+    stamps_s: list[float],
+) -> None:
     guard = TimestampFilter()
     last_s = -math.inf
     for stamp_s in stamps_s:

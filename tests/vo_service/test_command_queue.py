@@ -13,7 +13,7 @@ from vo_service.types import (
 )
 
 
-def test_the_loop_takes_all_that_wait_in_order() -> None:
+def test_pending_commands_are_processed_in_order() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     commands: list[Command] = [PauseCommand(), ResumeCommand(), ResetCommand()]
     for command in commands:
@@ -22,14 +22,14 @@ def test_the_loop_takes_all_that_wait_in_order() -> None:
     assert inbox.take_pending() == []
 
 
-def test_an_answer_reaches_who_sent_the_command() -> None:
+def test_a_reply_reaches_the_sender_of_the_command() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     ticket = inbox.submit(ResetCommand())
     inbox.take_pending()[0].set_result({"epoch": 3})
     assert ticket.result(1.0) == {"epoch": 3}
 
 
-def test_an_error_reaches_who_sent_the_command() -> None:
+def test_an_error_reaches_the_sender_of_the_command() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     ticket = inbox.submit(ResetCommand())
     inbox.take_pending()[0].set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "no motor"))
@@ -37,14 +37,14 @@ def test_an_error_reaches_who_sent_the_command() -> None:
         ticket.result(1.0)
 
 
-def test_a_loop_that_does_not_answer_is_not_waited_for() -> None:
+def test_a_blocked_loop_times_out() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     with pytest.raises(CommandError, match="no answer") as raised:
         inbox.submit(ResetCommand()).result(0.01)
     assert raised.value.code is ErrorCode.TIMED_OUT
 
 
-def test_more_than_a_few_are_refused() -> None:
+def test_a_full_queue_refuses_commands() -> None:
     inbox: CommandQueue[Command] = CommandQueue(max_pending=2)
     inbox.submit(PauseCommand())
     inbox.submit(PauseCommand())
@@ -53,7 +53,7 @@ def test_more_than_a_few_are_refused() -> None:
     assert raised.value.code is ErrorCode.BUSY
 
 
-def test_a_closed_inbox_refuses_what_waits_and_what_comes() -> None:
+def test_a_closed_queue_refuses_pending_and_new_commands() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     waiting = inbox.submit(PauseCommand())
     inbox.close()
@@ -63,7 +63,7 @@ def test_a_closed_inbox_refuses_what_waits_and_what_comes() -> None:
         inbox.submit(PauseCommand())
 
 
-def test_the_programs_own_orders_are_taken_however_many_wait() -> None:
+def test_internal_commands_are_accepted_with_a_full_queue() -> None:
     inbox: CommandQueue[Command] = CommandQueue(max_pending=1)
     inbox.submit(PauseCommand())
     inbox.submit_internal(ResetCommand())

@@ -63,11 +63,11 @@ def test_without_a_file_everything_has_its_default() -> None:
     assert (config.zenoh.prefix, config.zenoh.connect, config.rerun.targets) == ("kinect", (), ())
 
 
-def test_an_empty_file_is_the_default_too(tmp_path: Path) -> None:
+def test_an_empty_file_has_all_defaults(tmp_path: Path) -> None:
     assert read(tmp_path, "schema = 1\n") == read_config(None)
 
 
-def test_the_example_that_is_shipped_holds_exactly_the_defaults() -> None:
+def test_the_shipped_example_has_exactly_the_defaults() -> None:
     example = Path(__file__).parents[2] / "config" / "kinect.toml"
     assert read_config(example) == read_config(None)
 
@@ -86,7 +86,7 @@ def test_every_table_is_read(tmp_path: Path) -> None:
     assert config.synthetic.faults[0].first == 5
 
 
-def test_a_mounting_becomes_a_transform(tmp_path: Path) -> None:
+def test_a_camera_mounting_becomes_a_transform(tmp_path: Path) -> None:
     T = read(tmp_path, WHOLE).T_base_camera.T_base_camera
     np.testing.assert_array_equal(T, rigid_transform(np.eye(3), [0.1, 0.0, 0.4]))
 
@@ -126,7 +126,7 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ("synthetic.depth", "shadow = true", "key `synthetic.depth.shadow`: is unknown; did you"),
     ],
 )
-def test_a_bad_key_is_named_with_its_line(
+def test_a_wrong_key_is_reported_with_its_line(
     tmp_path: Path, table: str, line: str, where: str
 ) -> None:
     text = f"schema = 1\n# a comment\n[{table}]\n{line}\n"
@@ -144,16 +144,16 @@ def test_a_bad_key_is_named_with_its_line(
         ("synthetic", "rate_hz = 0.04", "duration_s must hold at least one frame"),
     ],
 )
-def test_a_value_that_makes_no_sense_is_named_with_its_table(
+def test_an_invalid_value_is_reported_with_its_table(
     tmp_path: Path, table: str, line: str, why: str
 ) -> None:
-    said = mistake(tmp_path, f"schema = 1\n\n[{table}]\n{line}\n")
-    assert said.startswith(f"kinect.toml:3: key `{table}`: ")
-    assert why in said
+    message = mistake(tmp_path, f"schema = 1\n\n[{table}]\n{line}\n")
+    assert message.startswith(f"kinect.toml:3: key `{table}`: ")
+    assert why in message
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[zeno]\n", "kinect.toml: key `schema`: is missing; put `schema = 1` at the top"),
         ("schema = 1\n[zeno]\n", "kinect.toml:2: key `zeno`: is unknown; did you mean `zenoh`?"),
@@ -162,10 +162,10 @@ def test_a_value_that_makes_no_sense_is_named_with_its_table(
         ("schema = 1\ncamera = 3\n", "kinect.toml:2: key `camera`: 3 is the wrong type"),
     ],
 )
-def test_a_file_that_is_wrong_as_a_whole_says_so(tmp_path: Path, text: str, said: str) -> None:
-    assert mistake(tmp_path, text).startswith(said)
+def test_an_invalid_file_is_reported(tmp_path: Path, text: str, message: str) -> None:
+    assert mistake(tmp_path, text).startswith(message)
 
 
-def test_a_file_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
+def test_a_missing_file_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.toml: cannot be read: No such file"):
         read_config(tmp_path / "none.toml")

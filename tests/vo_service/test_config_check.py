@@ -25,7 +25,7 @@ def config(folder: Path, text: str) -> Path:
     return file
 
 
-def test_all_defaults_are_right(tmp_path: Path) -> None:
+def test_all_defaults_are_valid(tmp_path: Path) -> None:
     assert check_config(config(tmp_path, "")) == []
 
 
@@ -50,32 +50,32 @@ def test_all_defaults_are_right(tmp_path: Path) -> None:
         ('[zenoh]\nconfig_file = "/none.json5"', "/none.json5: cannot read"),
     ],
 )
-def test_each_mistake_is_one_line_that_names_it(tmp_path: Path, text: str, words: str) -> None:
+def test_each_error_is_one_line_that_names_it(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
         check_config(config(tmp_path, text))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_settings_of_a_link_may_follow_its_port(tmp_path: Path) -> None:
+def test_an_endpoint_may_have_settings_after_its_port(tmp_path: Path) -> None:
     listen = '["tcp/127.0.0.1:7450?rel=1#iface=lo"]'
     assert check_config(config(tmp_path, f"[zenoh]\nlisten = {listen}")) == []
 
 
-def test_a_recorder_folder_that_can_be_made_is_right_and_not_made(tmp_path: Path) -> None:
+def test_a_recorder_folder_that_can_be_created_is_valid_and_not_created(tmp_path: Path) -> None:
     folder = tmp_path / "yet" / "to be made"
     assert check_config(config(tmp_path, f'[recorder]\nfolder = "{folder}"')) == []
     assert not folder.parent.exists()
 
 
-def test_what_anyone_may_connect_to_is_warned_of(tmp_path: Path) -> None:
+def test_an_endpoint_open_to_the_network_is_a_warning(tmp_path: Path) -> None:
     (warning,) = check_config(config(tmp_path, '[zenoh]\nlisten = ["tcp/0.0.0.0:7450"]'))
     assert "anyone in the network may connect to tcp/0.0.0.0:7450" in warning
 
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize("name", sorted(file.name for file in ZENOH_FILES.iterdir()))
-def test_the_ready_made_files_are_right_beside_their_keys(
+def test_the_shipped_zenoh_files_are_valid_with_their_keys(
     tmp_path: Path, keys: Path, name: str
 ) -> None:
     file = make_network(keys, tmp_path).file(name, f"ours/{HOST}")
@@ -94,7 +94,7 @@ def test_the_ready_made_files_are_right_beside_their_keys(
         (lambda text: text.replace("key_exprs", "keys"), "not a Zenoh configuration"),
     ],
 )
-def test_a_mistake_in_the_zenoh_file_is_found(
+def test_an_error_in_the_zenoh_file_is_found(
     tmp_path: Path, keys: Path, change: Callable[[str], str], words: str
 ) -> None:
     network = make_network(keys, tmp_path)
@@ -108,7 +108,7 @@ def test_a_mistake_in_the_zenoh_file_is_found(
     assert str(file) in str(caught.value)
 
 
-def test_nothing_is_opened(tmp_path: Path, keys: Path) -> None:
+def test_checking_opens_nothing(tmp_path: Path, keys: Path) -> None:
     network = make_network(keys, tmp_path)
     file = network.file("robot-tls.json5", network.server_identity)
     configuration = config(tmp_path, f'[zenoh]\nconfig_file = "{file}"')

@@ -38,23 +38,23 @@ def keys(kind: Any, path: str = "") -> set[str]:
     return found
 
 
-def test_the_page_is_what_the_code_says() -> None:
+def test_the_page_matches_the_code() -> None:
     assert PAGE.read_text() == render_reference(), (
         f"run: {REFERENCE_COMMAND} > docs/configuration.md"
     )
 
 
-def test_every_key_is_there() -> None:
+def test_every_key_is_on_the_page() -> None:
     assert keys(Config()) - {"synthetic.faults", "synthetic.movers"} <= rows().keys()
     assert {"synthetic.faults.kind", "synthetic.movers.begin_s"} <= rows().keys()
 
 
 @pytest.mark.parametrize("key", sorted(rows()))
-def test_every_key_has_a_text(key: str) -> None:
+def test_every_key_has_a_description(key: str) -> None:
     assert len(rows()[key][4].split()) >= 2
 
 
-def test_the_defaults_are_read_as_they_are_written(tmp_path: Path) -> None:
+def test_the_defaults_on_the_page_can_be_parsed(tmp_path: Path) -> None:
     lines = ["schema = 1"]
     for key, (_, _, default, *_) in rows().items():
         if default.startswith("`") and not key.startswith("synthetic"):
@@ -65,11 +65,11 @@ def test_the_defaults_are_read_as_they_are_written(tmp_path: Path) -> None:
     assert read_config(file) == Config()
 
 
-def test_what_is_read_again_at_once_is_marked() -> None:
+def test_live_keys_are_marked() -> None:
     assert {key for key, cells in rows().items() if cells[5] == "at once"} == set(RELOADABLE_KEYS)
 
 
-def test_types_and_ranges_are_in_words() -> None:
+def test_types_and_ranges_are_described() -> None:
     assert rows()["sensor.tilt_deg"][1:4] == ["number", "unset", "-31 to 31"]
     assert rows()["rerun.files_kept"][1:4] == ["whole number", "`4`", "at least 1"]
     assert rows()["T_base_camera.translation_m"][1] == "list of 3 × number"

@@ -89,7 +89,7 @@ def carry_out(
     return ticket.result(0.0)
 
 
-def test_the_head_is_tilted_and_lit() -> None:
+def test_tilt_and_led_commands_reach_the_camera() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     camera = ScriptedMotorCamera()
     control = Control(OdomFrame(), camera, inbox)
@@ -109,7 +109,7 @@ def test_the_head_is_tilted_and_lit() -> None:
         (SaveMapCommand("x"), "there is no map"),
     ],
 )
-def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str) -> None:
+def test_impossible_commands_are_refused_with_a_reason(command: Command, words: str) -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox)
     with pytest.raises(CommandError, match=words) as raised:
@@ -117,7 +117,7 @@ def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str
     assert raised.value.code is ErrorCode.NOT_POSSIBLE
 
 
-def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
+def test_recording_commands_reach_the_recorder() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     deck = RecordingRecorder()
     control = Control(OdomFrame(), ScriptedCamera(), inbox, deck)
@@ -127,7 +127,7 @@ def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
     assert carry_out(SaveIncidentCommand(), control, inbox) == {"folder": "incidents/command"}
 
 
-def test_a_map_is_made_by_the_mapper() -> None:
+def test_map_commands_reach_the_mapper() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox, mapper=RecordingMapper())
     expected = {"file": "maps/kitchen.ply", "keyframes": 12}
@@ -135,7 +135,7 @@ def test_a_map_is_made_by_the_mapper() -> None:
     assert control.map_state.saving == "maps/kitchen.ply"
 
 
-def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
+def test_a_reset_returns_the_new_epoch_and_a_pause_the_state() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox)
     assert carry_out(ResetCommand(), control, inbox) == {"epoch": 1}
@@ -143,7 +143,7 @@ def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
     assert carry_out(ResumeCommand(), control, inbox) == {"paused": False}
 
 
-def test_what_changed_in_the_configuration_is_applied_and_a_refusal_logged(
+def test_configuration_changes_are_applied_and_refusals_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     inbox: CommandQueue[Command] = CommandQueue()

@@ -32,67 +32,72 @@ SLOWLY = "rate_hz = 5.0\n"
 
 
 @pytest.fixture(scope="module")
-def around(films: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceEnvironment]:
+def around(
+    render_cache: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServiceEnvironment]:
     """A service on a router; it must live to the end, and then end in order."""
     folder, router_at = tmp_path_factory.mktemp("around"), f"tcp/127.0.0.1:{free_port()}"
     config = f"connect = {json.dumps([router_at])}\n{CAMERA}{SLOWLY}{NO_LOOP_CLOSURE_CONFIG}"
-    with running_router(router_at) as router, service_runner(folder, films, config) as stage:
-        service = stage.start()
+    with (
+        running_router(router_at) as router,
+        service_runner(folder, render_cache, config) as runner,
+    ):
+        service = runner.start()
         service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
-        yield ServiceEnvironment(stage, router)
+        yield ServiceEnvironment(runner, router)
         assert service.stop() == 0
-        stage.check()
+        runner.check()
 
 
 @pytest.fixture
-def stage(films: Path, tmp_path: Path) -> Iterator[ServiceRunner]:
+def runner(render_cache: Path, tmp_path: Path) -> Iterator[ServiceRunner]:
     """A stage of its own."""
     with service_runner(
-        tmp_path / "stage", films, CAMERA + SLOWLY + NO_LOOP_CLOSURE_CONFIG
-    ) as stage:
-        yield stage
+        tmp_path / "runner", render_cache, CAMERA + SLOWLY + NO_LOOP_CLOSURE_CONFIG
+    ) as runner:
+        yield runner
 
 
 @pytest.mark.parametrize(
     "fault", ENVIRONMENT_FAULTS, ids=lambda fault: fault.name.replace(" ", "-")
 )
-def test_a_fault_around_the_service_is_said_and_costs_no_pose(
+def test_an_environment_fault_is_reported_and_costs_no_pose(
     fault: EnvironmentFault, around: ServiceEnvironment
 ) -> None:
-    heard = around.runner.service.heard
-    first = len(heard.poses)
+    received = around.runner.service.heard
+    first = len(received.poses)
     run_fault(fault, around)
-    assert heard.wait_for(lambda: len(heard.poses) > first + 5, DEFAULT_TIMEOUT_S)
-    poses = heard.poses[first:]
+    assert received.wait_for(lambda: len(received.poses) > first + 5, DEFAULT_TIMEOUT_S)
+    poses = received.poses[first:]
     assert all(after.seq == before.seq + 1 for before, after in pairwise(poses))
     assert {pose.state for pose in poses} == {"tracking"}
 
 
-def test_a_service_that_was_killed_leaves_nothing_behind_and_is_heard_again_once_it_is_started(
-    stage: ServiceRunner,
+def test_killed_service_leaves_no_process_and_publishes_after_restart(
+    runner: ServiceRunner,
 ) -> None:
-    service = stage.start()
+    service = runner.start()
     service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
     children = child_pids_of(service.process.pid)
     os.kill(service.process.pid, signal.SIGKILL)
     service.process.wait()
-    again = stage.start()
+    again = runner.start()
     again.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
     wait_until(lambda: not any(is_alive(child) for child in children), "its children to go")
     assert again.heard.poses[0].epoch == 0
     assert again.stop() == 0
-    stage.check()
+    runner.check()
 
 
-def test_a_port_that_is_taken_is_said_and_waited_for(stage: ServiceRunner) -> None:
+def test_a_port_in_use_is_reported_and_retried(runner: ServiceRunner) -> None:
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        taken.bind(("127.0.0.1", stage.port))
+        taken.bind(("127.0.0.1", runner.port))
         taken.listen()
-        service = stage.start()
-        wait_until(lambda: f"cannot listen on tcp/127.0.0.1:{stage.port}" in service.log)
+        service = runner.start()
+        wait_until(lambda: f"cannot listen on tcp/127.0.0.1:{runner.port}" in service.log)
         assert "the port is in use" in service.log
     service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
     service.wait_for_status(lambda status: not status["warnings"])
     assert service.stop() == 0
-    stage.check()
+    runner.check()

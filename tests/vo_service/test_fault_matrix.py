@@ -22,22 +22,22 @@ def row_of(name: str) -> str:
 
 
 @pytest.mark.parametrize("fault", ALL, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_a_user_finds_the_words_that_are_said(fault: Fault) -> None:
+def test_the_documentation_has_the_reported_messages(fault: Fault) -> None:
     words = fault.status_text.split(" (")[0].strip()
     assert words in row_of(fault.name)
 
 
 @pytest.mark.parametrize("fault", SENSOR_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_a_user_finds_the_limits_that_the_benchmark_checks(fault: SensorFault) -> None:
-    told_s, back_s = (float(cell) for cell in row_of(fault.name).split("|")[3:5])
-    assert (told_s, back_s) == (fault.max_report_s, fault.max_recovery_s)
+def test_the_documentation_has_the_limits_of_the_benchmark(fault: SensorFault) -> None:
+    report_s, recovery_s = (float(cell) for cell in row_of(fault.name).split("|")[3:5])
+    assert (report_s, recovery_s) == (fault.max_report_s, fault.max_recovery_s)
 
 
 @pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_a_user_finds_the_state_of_the_poses(fault: FrameFault) -> None:
+def test_the_documentation_has_the_state_of_the_poses(fault: FrameFault) -> None:
     assert f"`{fault.state}`" in row_of(fault.name) or not fault.state
 
 
-def test_a_user_finds_every_stage_at_which_a_signal_may_come() -> None:
+def test_the_documentation_has_every_state_in_which_a_signal_may_come() -> None:
     (heading,) = [line for line in PAGE.splitlines() if line.startswith("| signal")]
     assert all(stage.name in heading for stage in STAGES)

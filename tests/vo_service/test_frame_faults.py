@@ -69,7 +69,7 @@ class ClockSetter(CollectingOutput):
         return time.time() + self._off_s
 
 
-def shown(film: FaultyCamera, collector: CollectingOutput) -> ReceivedSequence:
+def shown(sequence: FaultyCamera, collector: CollectingOutput) -> ReceivedSequence:
     """The film through the loop and over Zenoh, every frame of it."""
     result = ReceivedSequence()
     at = f"tcp/127.0.0.1:{free_port()}"
@@ -79,7 +79,7 @@ def shown(film: FaultyCamera, collector: CollectingOutput) -> ReceivedSequence:
         ours.declare_subscriber("kinect/odom", result.heard.on_pose)
         assert output.wait_for_subscriber(10)
         session.run_replay(
-            Config(), film, SinglePassSource(film), [output, collector], StopSignal()
+            Config(), sequence, SinglePassSource(sequence), [output, collector], StopSignal()
         )
         output.close()
         last = collector.poses[-1].seq
@@ -89,16 +89,16 @@ def shown(film: FaultyCamera, collector: CollectingOutput) -> ReceivedSequence:
 
 
 @pytest.fixture(scope="module")
-def film() -> ReceivedSequence:
+def sequence() -> ReceivedSequence:
     """Every fault, one after another."""
     return shown(FaultyCamera(), CollectingOutput())
 
 
 @pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_a_subscriber_is_told_of_it_and_the_pose_is_right_again(
-    fault: FrameFault, film: ReceivedSequence
+def test_a_subscriber_gets_the_fault_and_the_pose_is_right_again(
+    fault: FrameFault, sequence: ReceivedSequence
 ) -> None:
-    span, suffering = film.poses(frame_span(fault)), film.poses(faulty_frames(fault))
+    span, suffering = sequence.poses(frame_span(fault)), sequence.poses(faulty_frames(fault))
     assert {pose.state for pose in suffering} == ({fault.state} if fault.state else set())
     assert all(fault.status_text in pose.reason for pose in suffering), {
         p.reason for p in suffering
@@ -111,23 +111,23 @@ def test_a_subscriber_is_told_of_it_and_the_pose_is_right_again(
 
 
 @pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
-def test_a_clock_that_is_set_begins_an_epoch_in_the_next_pose_and_moves_nothing_else(
+def test_a_clock_that_is_set_starts_an_epoch_and_changes_nothing_else(
     step_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     setter = ClockSetter({GOOD_FRAMES: step_s})
     clock = LiveClock(realtime_s=setter.now_s)
     monkeypatch.setattr(session, "make_publish_clock", lambda *_: clock)
-    film = shown(FaultyCamera(faults=()), setter)
-    before, after = film.heard.poses[GOOD_FRAMES : GOOD_FRAMES + 2]
+    sequence = shown(FaultyCamera(faults=()), setter)
+    before, after = sequence.heard.poses[GOOD_FRAMES : GOOD_FRAMES + 2]
     assert (after.epoch, after.reason) == (before.epoch + 1, "clock_step")
     assert after.stamp_s - before.stamp_s == pytest.approx(step_s + 1 / 30, abs=0.02)
     assert np.linalg.norm(after.position_m - true_position_m(GOOD_FRAMES + 1)) < DRIFT_M
-    assert len({pose.epoch for pose in film.heard.poses}) == 2
-    check_received(film.heard)
+    assert len({pose.epoch for pose in sequence.heard.poses}) == 2
+    check_received(sequence.heard)
 
 
-def test_nothing_heard_is_wrong_in_itself(film: ReceivedSequence) -> None:
-    check_received(film.heard)
+def test_every_received_message_is_valid(sequence: ReceivedSequence) -> None:
+    check_received(sequence.heard)
 
 
 def true_position_m(frame: int) -> Array:

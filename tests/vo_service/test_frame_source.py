@@ -45,7 +45,7 @@ class ClockStop(threading.Event):
         return False
 
 
-def test_a_steady_pass_is_no_faster_than_the_recording_and_never_hurries_to_make_up(
+def test_a_realtime_pass_is_never_faster_than_the_recording(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = FakeClock(now_s=50.0)
@@ -60,7 +60,9 @@ def test_a_steady_pass_is_no_faster_than_the_recording_and_never_hurries_to_make
     assert taken_s == pytest.approx([50.0, 50.1, 51.1, 51.2, 51.3])
 
 
-def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_short_pause_has_no_reason_and_a_second_without_frames_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     clock = FakeClock()
     monkeypatch.setattr(frame_source, "time", clock)
     pauses = [Delay(0.4, FrameTimeout()) for _ in range(3)]
@@ -71,7 +73,7 @@ def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.Mo
     assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
 
 
-def test_a_camera_that_says_why_frames_are_missing_is_quoted_once_none_comes(
+def test_the_cameras_reason_for_missing_frames_is_used_once_none_comes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = FakeClock()
@@ -83,24 +85,30 @@ def test_a_camera_that_says_why_frames_are_missing_is_quoted_once_none_comes(
     assert [plain.reason for _ in plain.frames(threading.Event())] == ["", "", "", torn.reason]
 
 
-def test_the_reason_is_the_cameras_condition_at_every_tick_until_a_frame_comes() -> None:
+def test_the_reason_is_the_camera_status_until_a_frame_comes() -> None:
     opening, starting = CameraStatus(CameraState.OPENING), CameraStatus(CameraState.STARTING)
     missing = CameraStatus(CameraState.ABSENT, "no Kinect found; plug one in")
     lost = CameraStatus(CameraState.LOST, "unplugged")
     part: list[Event] = [opening, missing, starting, make_frame(1), lost, make_frame(2)]
     source = ReconnectingSource(ScriptedCamera(part))
     reasons = [source.reason for _ in source.frames(InstantStop(1))]
-    told = ["opening", "absent: no Kinect found; plug one in", "starting", "", "lost: unplugged"]
-    assert reasons == [*told, "", "the recording has ended"]
+    expected = [
+        "opening",
+        "absent: no Kinect found; plug one in",
+        "starting",
+        "",
+        "lost: unplugged",
+    ]
+    assert reasons == [*expected, "", "the recording has ended"]
 
 
-def test_a_lost_camera_is_opened_again() -> None:
+def test_a_lost_camera_is_reopened() -> None:
     camera = ScriptedCamera([make_frame(1), LOST], [make_frame(7)])
     assert seqs(InstantStop(2), ReconnectingSource(camera)) == [1, None, 7, None]
     assert camera.opened == 2
 
 
-def test_the_reason_is_what_the_camera_said_and_goes_when_frames_come() -> None:
+def test_the_reason_is_that_of_the_camera_and_ends_with_the_next_frame() -> None:
     source = ReconnectingSource(ScriptedCamera(MISSING, [make_frame(1), LOST]))
     reasons = [source.reason, *(source.reason for _ in source.frames(InstantStop(2)))]
     assert reasons == ["camera not opened yet", str(MISSING), "", str(LOST)]
@@ -111,23 +119,23 @@ def openings(camera: ScriptedCamera, ticks: int) -> list[int]:
     return [camera.opened for _ in ReconnectingSource(camera).frames(InstantStop(ticks))]
 
 
-def test_retries_wait_longer_and_longer_up_to_a_limit() -> None:
+def test_retry_delays_grow_up_to_a_limit() -> None:
     found = openings(ScriptedCamera(*[MISSING] * 9), ticks=19)
     assert found == [1] + [2] * 2 + [3] * 4 + [4] * 6 + [5] * 6
 
 
-def test_a_camera_that_delivered_is_opened_again_quickly() -> None:
+def test_a_camera_that_delivered_frames_is_reopened_quickly() -> None:
     camera = ScriptedCamera(MISSING, MISSING, [make_frame(1), LOST], MISSING)
     assert openings(camera, ticks=6) == [1] + [2] * 2 + [3] * 2 + [4] * 2
 
 
-def test_while_it_waits_the_loop_gets_its_turns() -> None:
+def test_the_loop_gets_idle_ticks_while_waiting() -> None:
     stop = InstantStop(20)
     seqs(stop, ReconnectingSource(ScriptedCamera(*[MISSING] * 9)))
     assert stop.waited_s == [TICK_S] * 20
 
 
-def test_counts_add_up_over_all_openings() -> None:
+def test_counts_accumulate_over_openings() -> None:
     camera = ScriptedCamera(
         [make_frame(1), make_frame(2), LOST], MISSING, [make_frame(7), LOST], [make_frame(9)]
     )
@@ -136,13 +144,13 @@ def test_counts_add_up_over_all_openings() -> None:
     assert camera.counters.delivered == 4
 
 
-def test_a_camera_that_goes_is_closed_before_it_is_opened_again() -> None:
+def test_a_lost_camera_is_closed_before_it_is_reopened() -> None:
     camera = ScriptedCamera(MISSING, [make_frame(1), LOST], [make_frame(2)])
     seqs(InstantStop(3), ReconnectingSource(camera))
     assert camera.closed == camera.opened == 3
 
 
-def test_after_its_end_a_recording_has_no_frames_but_the_loop_goes_on() -> None:
+def test_after_the_end_of_a_recording_the_loop_continues_without_frames() -> None:
     source = ReconnectingSource(ScriptedCamera([make_frame(1)]))
     stop = InstantStop(4)
     assert seqs(stop, source) == [1, None, None, None, None]
@@ -150,7 +158,7 @@ def test_after_its_end_a_recording_has_no_frames_but_the_loop_goes_on() -> None:
     assert stop.waited_s == [TICK_S] * 4
 
 
-def test_what_the_user_named_wrong_reaches_the_caller_and_the_camera_is_closed() -> None:
+def test_an_input_error_reaches_the_caller_and_the_camera_is_closed() -> None:
     camera = ScriptedCamera(InputError("DESK: no such folder"))
     with pytest.raises(InputError, match="no such folder"):
         seqs(InstantStop(3), ReconnectingSource(camera))
@@ -158,7 +166,7 @@ def test_what_the_user_named_wrong_reaches_the_caller_and_the_camera_is_closed()
 
 
 @pytest.mark.parametrize("kind", [SinglePassSource, ReconnectingSource])
-def test_a_stop_ends_it_at_the_next_frame(
+def test_a_stop_ends_the_source_at_the_next_frame(
     kind: type[SinglePassSource] | type[ReconnectingSource],
 ) -> None:
     camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
@@ -171,7 +179,7 @@ def test_a_stop_ends_it_at_the_next_frame(
     assert len(taken) == 1
 
 
-def test_a_stop_ends_it_within_a_tick_while_the_camera_is_silent() -> None:
+def test_a_stop_ends_the_source_within_a_tick_while_the_camera_is_silent() -> None:
     camera = ScriptedCamera([FrameTimeout()] * 10)
     stop = threading.Event()
     given = 0

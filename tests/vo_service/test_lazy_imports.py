@@ -45,7 +45,7 @@ main()
 """
 
 
-def test_ctrl_c_while_everything_is_still_being_loaded_ends_it_quietly() -> None:
+def test_ctrl_c_while_loading_ends_quietly() -> None:
     program = [sys.executable, "-c", INTERRUPTED_EARLY, "--help"]
     ended = subprocess.run(program, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (130, "")

@@ -19,16 +19,16 @@ CASES = tuple(zip(STAGES, cycle((signal.SIGTERM, signal.SIGINT)), strict=False))
 @pytest.mark.parametrize(
     ("stage", "number"), CASES, ids=[f"{s.name.replace(' ', '-')}-{n.name}" for s, n in CASES]
 )
-def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
-    stage: LifecycleStage, number: signal.Signals, films: Path, tmp_path: Path
+def test_sighup_changes_nothing_and_sigterm_ends_cleanly(
+    stage: LifecycleStage, number: signal.Signals, render_cache: Path, tmp_path: Path
 ) -> None:
-    with service_runner(tmp_path / "stage", films, stage.config + NO_MAP_CONFIG) as live:
+    with service_runner(tmp_path / "stage", render_cache, stage.config + NO_MAP_CONFIG) as live:
         service = live.start(popen=stage.popen)
         stage.reach(live)
         service.process.send_signal(signal.SIGHUP)
         if stage.keeps_running:
-            heard = len(service.heard.statuses)
-            service.wait_for_status(lambda _: len(service.heard.statuses) > heard + 1)
+            status_count = len(service.heard.statuses)
+            service.wait_for_status(lambda _: len(service.heard.statuses) > status_count + 1)
         service.process.send_signal(number)
         assert service.process.wait(STOP_TIMEOUT_S) == 0
         assert "ended by force" not in service.log

@@ -43,21 +43,21 @@ def journal_of(code: str, *, is_journal: bool = True) -> list[str]:
         return stream.read().splitlines()
 
 
-def test_a_person_reads_program_and_level(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_terminal_line_has_program_and_level(capsys: pytest.CaptureFixture[str]) -> None:
     with log_to_stderr():
         logger.warning("%s is gone", "the camera")
     assert capsys.readouterr().err == "kinect-vo: warning: the camera is gone\n"
 
 
 @pytest.mark.subprocess
-def test_the_journal_gets_the_level_as_a_number() -> None:
+def test_a_journal_line_has_the_level_as_a_number() -> None:
     code = "set_log_level('debug'); l = logging.getLogger('x'); l.error('e'); l.warning('w'); "
     lines = journal_of(code + "l.info('i'); l.debug('d'); l.critical('c')")
     assert lines == ["<3>e", "<4>w", "<6>i", "<7>d", "<3>c"]
 
 
 @pytest.mark.subprocess
-def test_an_announcement_is_shown_at_the_default_level_and_has_its_own() -> None:
+def test_an_announcement_is_shown_at_the_default_level() -> None:
     code = "from vo_service.terminal import announce; announce('shown'); "
     assert journal_of(code + "set_log_level('error'); announce('hidden')") == ["<6>shown"]
 
@@ -68,13 +68,13 @@ def test_every_line_of_a_long_message_has_its_level() -> None:
 
 
 @pytest.mark.subprocess
-def test_a_child_that_only_inherits_the_variable_writes_for_a_person() -> None:
+def test_a_child_that_only_inherits_the_variable_writes_terminal_lines() -> None:
     lines = journal_of("logging.getLogger('x').error('e')", is_journal=False)
     assert lines == ["kinect-vo: error: e"]
 
 
 @pytest.mark.usefixtures("root_level")
-def test_the_level_decides_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_level_filters_lines(capsys: pytest.CaptureFixture[str]) -> None:
     with log_to_stderr():
         logger.info("hidden")
         set_log_level("info")
@@ -84,7 +84,7 @@ def test_the_level_decides_what_is_shown(capsys: pytest.CaptureFixture[str]) -> 
     assert capsys.readouterr().err == "kinect-vo: info: shown\n"
 
 
-def test_the_same_line_again_and_again_is_shown_a_few_times(
+def test_a_repeated_line_is_limited(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with log_to_stderr():
@@ -97,7 +97,7 @@ def test_the_same_line_again_and_again_is_shown_a_few_times(
     assert lines[-1] == "kinect-vo: warning: another"
 
 
-def test_after_a_while_it_is_shown_again_and_tells_what_was_hidden() -> None:
+def test_after_a_while_a_repeated_line_is_shown_with_the_hidden_count() -> None:
     clock = FakeClock()
     limit = RepeatedLineFilter(clock)
     for _ in range(MAX_REPEATS + 7):
@@ -107,7 +107,7 @@ def test_after_a_while_it_is_shown_again_and_tells_what_was_hidden() -> None:
     assert limit.suffix_or_none("the same") == ""
 
 
-def test_a_line_that_comes_now_and_then_is_always_shown() -> None:
+def test_an_occasional_line_is_always_shown() -> None:
     clock = FakeClock()
     limit = RepeatedLineFilter(clock)
     for _ in range(50):
@@ -115,7 +115,7 @@ def test_a_line_that_comes_now_and_then_is_always_shown() -> None:
         assert limit.suffix_or_none("now and then") == ""
 
 
-def test_endlessly_many_lines_are_not_all_remembered() -> None:
+def test_the_memory_for_repeated_lines_is_limited() -> None:
     limit = RepeatedLineFilter()
     for number in range(10 * MAX_TRACKED_LINES):
         assert limit.suffix_or_none(f"line {number}") == ""

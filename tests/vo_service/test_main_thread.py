@@ -35,11 +35,11 @@ def test_a_signal_ends_the_loop() -> None:
     assert stop.exit_code == 143
 
 
-def test_a_loop_that_ends_by_itself_is_not_waited_for() -> None:
+def test_a_loop_that_ends_by_itself_ends_the_main_thread() -> None:
     run_on_loop_thread(lambda stop: None, StopSignal(), ReloadSignal(), nothing)
 
 
-def test_what_the_loop_raises_is_raised_here() -> None:
+def test_an_exception_of_the_loop_is_raised_in_the_main_thread() -> None:
     def work(stop: threading.Event) -> None:
         raise UserFacingError("no such camera")
 
@@ -47,7 +47,7 @@ def test_what_the_loop_raises_is_raised_here() -> None:
         run_on_loop_thread(work, StopSignal(), ReloadSignal(), nothing)
 
 
-def test_each_hangup_reads_the_configuration_again_while_the_loop_goes_on() -> None:
+def test_each_sighup_reads_the_configuration_while_the_loop_continues() -> None:
     readings = threading.Semaphore(0)
 
     def work(stop: threading.Event) -> None:
@@ -60,7 +60,7 @@ def test_each_hangup_reads_the_configuration_again_while_the_loop_goes_on() -> N
         run_on_loop_thread(work, StopSignal(), hangup, readings.release)
 
 
-def test_a_loop_that_hangs_is_left_behind(
+def test_a_hanging_loop_is_abandoned(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(signals, "LOOP_STOP_TIMEOUT_S", 0.05)

@@ -56,7 +56,7 @@ def test_the_camera_is_in_odom_where_it_is_mounted_on_the_base() -> None:
         (rotation_step(roll=0.5), [0.5, 0.0, 0.0]),
     ],
 )
-def test_turns_follow_the_right_hand_about_odom_axes(
+def test_rotations_follow_the_right_hand_rule_about_odom_axes(
     step: Array, rotation_rad: list[float]
 ) -> None:
     found = run_steps(OdomFrame(), [step])[-1].T_odom_base
@@ -64,19 +64,19 @@ def test_turns_follow_the_right_hand_about_odom_axes(
     np.testing.assert_allclose(found[:3, 3], 0.0, atol=1e-12)
 
 
-def test_the_pose_for_files_stays_the_optical_cameras() -> None:
+def test_the_pose_for_files_is_that_of_the_optical_camera() -> None:
     updates = run_steps(OdomFrame(T_BASE_CAMERA_TILTED), [translation_step(forward_m=1.0)] * 2)
     np.testing.assert_array_equal(updates[0].T_world_camera, np.eye(4))
     np.testing.assert_array_equal(updates[2].T_world_camera, translation_step(forward_m=2.0))
 
 
-def test_the_first_base_is_where_odom_is() -> None:
+def test_the_first_base_pose_is_the_origin_of_odom() -> None:
     np.testing.assert_allclose(
         run_steps(OdomFrame(T_BASE_CAMERA_TILTED), [])[0].T_odom_base, np.eye(4), atol=1e-12
     )
 
 
-def test_a_base_that_turns_on_the_spot_stays_there_though_its_camera_swings() -> None:
+def test_a_base_that_rotates_in_place_stays_though_its_camera_moves() -> None:
     left_90 = rigid_transform(so3_exp([0.0, 0.0, np.pi / 2]), np.zeros(3))
     T_world_camera = inverse(T_BASE_CAMERA_AHEAD) @ left_90 @ T_BASE_CAMERA_AHEAD
     # The camera itself swings 30 cm forward (to where its left was) and turns.
@@ -87,7 +87,7 @@ def test_a_base_that_turns_on_the_spot_stays_there_though_its_camera_swings() ->
     np.testing.assert_allclose(found, left_90, atol=1e-12)
 
 
-def test_a_turning_base_with_a_camera_ahead_has_no_speed_of_its_own() -> None:
+def test_a_rotating_base_with_an_offset_camera_has_no_linear_velocity() -> None:
     small = rigid_transform(so3_exp([0.0, 0.0, 0.01]), np.zeros(3))
     twist = run_steps(
         OdomFrame(T_BASE_CAMERA_AHEAD), [inverse(T_BASE_CAMERA_AHEAD) @ small @ T_BASE_CAMERA_AHEAD]
@@ -115,7 +115,7 @@ def test_the_twist_over_a_gap_takes_the_time_since_the_last_good_frame() -> None
 
 
 @pytest.mark.parametrize("estimate", [good_estimate(np.eye(4)), failed_estimate()])
-def test_an_unknown_speed_is_said_to_be_unknown(estimate: Estimate) -> None:
+def test_an_unknown_velocity_has_a_large_covariance(estimate: Estimate) -> None:
     first = update_frame(OdomFrame(), estimate)
     np.testing.assert_array_equal(first.twist, 0.0)
     assert np.all(np.diag(first.twist_covariance) >= 0.25)
@@ -130,14 +130,14 @@ def test_every_covariance_is_finite_symmetric_and_positive(walked: list[tuple[fl
             assert np.linalg.eigvalsh(covariance)[0] > 0
 
 
-def test_the_pose_gets_less_sure_with_every_step() -> None:
+def test_the_pose_covariance_grows_with_every_step() -> None:
     deviations = [
         pose_sigmas(each) for each in run_steps(OdomFrame(), [translation_step(0.02)] * 20)
     ]
     assert np.all(np.diff(deviations, axis=0) > 0)
 
 
-def test_the_pose_gets_less_sure_while_lost_and_recovers_with_the_next_good_frame() -> None:
+def test_the_pose_covariance_grows_while_lost_and_shrinks_with_the_next_good_frame() -> None:
     tracker = OdomFrame()
     start = update_frame(tracker, good_estimate(np.eye(4)), 0)
     lost = [update_frame(tracker, failed_estimate(), seq) for seq in range(1, 31)]
@@ -147,7 +147,7 @@ def test_the_pose_gets_less_sure_while_lost_and_recovers_with_the_next_good_fram
     assert np.all(pose_sigmas(found) < 0.01)
 
 
-def test_a_camera_that_never_saw_anything_gets_less_sure_too() -> None:
+def test_the_covariance_grows_also_before_the_first_good_frame() -> None:
     tracker = OdomFrame()
     lost = [pose_sigmas(update_frame(tracker, failed_estimate(), seq)) for seq in range(31)]
     np.testing.assert_allclose(lost[-1], [0.5] * 3 + [1.0] * 3, rtol=1e-3)
@@ -197,13 +197,13 @@ def test_few_inliers_degrade_the_pose(inliers: int, state: TrackingState, reason
 
 
 @pytest.mark.parametrize("inliers", [15, 200])
-def test_what_a_method_says_of_itself_is_told_first(inliers: int) -> None:
+def test_the_reason_of_a_method_has_priority(inliers: int) -> None:
     estimate = replace(good_estimate(np.eye(4)), inliers=inliers, reason="by depth alone")
     found = update_frame(OdomFrame(), estimate)
     assert (found.state, found.reason) == (TrackingState.DEGRADED, "by depth alone")
 
 
-def test_a_lost_frame_holds_the_last_pose_and_says_why() -> None:
+def test_a_lost_frame_keeps_the_last_pose_and_has_the_reason() -> None:
     tracker = OdomFrame()
     run_steps(tracker, [translation_step(1.0)])
     found = update_frame(tracker, failed_estimate(translation_step(1.0), "lens covered"), 2)
@@ -211,7 +211,7 @@ def test_a_lost_frame_holds_the_last_pose_and_says_why() -> None:
     np.testing.assert_allclose(found.T_odom_base[:3, 3], [1.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_a_restart_begins_an_epoch_and_says_so_once() -> None:
+def test_a_restart_starts_an_epoch_with_the_reason_once() -> None:
     tracker = OdomFrame()
     estimates = [
         good_estimate(np.eye(4)),
@@ -227,7 +227,7 @@ def test_a_restart_begins_an_epoch_and_says_so_once() -> None:
     "estimate",
     [good_estimate(np.eye(4)), failed_estimate(), replace(good_estimate(np.eye(4)), inliers=9)],
 )
-def test_the_reason_of_an_epoch_is_told_in_whatever_state(estimate: Estimate) -> None:
+def test_the_reason_of_an_epoch_is_reported_in_any_state(estimate: Estimate) -> None:
     tracker = OdomFrame()
     run_steps(tracker, [translation_step(0.1)] * 5)
     tracker.start_epoch("clock_step")
@@ -235,7 +235,7 @@ def test_the_reason_of_an_epoch_is_told_in_whatever_state(estimate: Estimate) ->
     assert "clock_step" not in update_frame(tracker, estimate, 10).reason
 
 
-def test_a_new_epoch_starts_sure_and_does_not_guess_the_speed() -> None:
+def test_a_new_epoch_starts_with_a_small_covariance_and_unknown_velocity() -> None:
     tracker = OdomFrame()
     before = run_steps(tracker, [translation_step(0.1)] * 30)[-1]
     tracker.start_epoch("clock_step")
@@ -244,7 +244,7 @@ def test_a_new_epoch_starts_sure_and_does_not_guess_the_speed() -> None:
     np.testing.assert_array_equal(after.twist, 0.0)
 
 
-def test_results_are_counted_and_carry_what_belongs_to_them() -> None:
+def test_updates_are_numbered_and_complete() -> None:
     tracker = OdomFrame()
     found = [
         update_frame(tracker, estimate, 5)
@@ -255,7 +255,7 @@ def test_results_are_counted_and_carry_what_belongs_to_them() -> None:
     assert (found[0].stage_ms, found[0].latency_s) == ({"surf": 4.0}, 0.01)
 
 
-def test_the_covariance_of_the_twist_is_that_of_the_step_per_second_in_base_axes() -> None:
+def test_the_twist_covariance_is_that_of_the_step_per_second_in_base_axes() -> None:
     found = run_steps(OdomFrame(), [translation_step(0.1)])[-1].twist_covariance
     turned = np.kron(np.eye(2), R_BODY_OPTICAL)
     np.testing.assert_allclose(found, turned @ STEP_COVARIANCE @ turned.T * RATE_HZ**2, atol=1e-15)

@@ -43,7 +43,7 @@ def turns() -> st.SearchStrategy[Array]:
 
 
 @given(turns(), st.sampled_from([T_BODY_CAMERA, AHEAD, AWRY]))
-def test_whichever_way_gravity_pulls_odom_points_the_other_way(R: Array, mounting: Array) -> None:
+def test_odom_points_against_gravity(R: Array, mounting: Array) -> None:
     x, y, z = (9.7 * R[2]).tolist()
     found = update(OdomFrame(mounting), good_estimate(np.eye(4)), 0, (x, y, z)).T_odom_base
     gravity_in_odom = found[:3, :3] @ mounting[:3, :3] @ (x, y, z)
@@ -56,7 +56,7 @@ def test_whichever_way_gravity_pulls_odom_points_the_other_way(R: Array, mountin
 
 
 @pytest.mark.parametrize("up_or_down", [1.0, -1.0])
-def test_a_camera_that_looks_straight_down_or_up_has_an_odom_too(up_or_down: float) -> None:
+def test_a_camera_that_looks_straight_down_or_up_has_a_valid_odom(up_or_down: float) -> None:
     found = update(
         OdomFrame(), good_estimate(np.eye(4)), 0, (0.0, 0.0, 9.8 * up_or_down)
     ).T_odom_base
@@ -65,18 +65,23 @@ def test_a_camera_that_looks_straight_down_or_up_has_an_odom_too(up_or_down: flo
 
 
 @given(turns())
-def test_a_level_start_is_exactly_as_without_gravity(R: Array) -> None:
+def test_a_level_start_equals_a_start_without_gravity(R: Array) -> None:
     step = rigid_transform(R, [0.1, -0.2, 0.3])
-    told, untold = OdomFrame(), OdomFrame()
-    for tracker, gravity in ((told, LEVEL), (untold, None)):
+    with_gravity, without_gravity = OdomFrame(), OdomFrame()
+    for tracker, gravity in ((with_gravity, LEVEL), (without_gravity, None)):
         update(tracker, good_estimate(np.eye(4)), 0, gravity)
-    a, b = (update(tracker, good_estimate(step, step), 1) for tracker in (told, untold))
+    a, b = (
+        update(tracker, good_estimate(step, step), 1) for tracker in (with_gravity, without_gravity)
+    )
     np.testing.assert_array_equal(a.T_odom_base, b.T_odom_base)
     np.testing.assert_array_equal(a.pose_covariance, b.pose_covariance)
-    assert (told.level_source, untold.level_source) == (LevelSource.GRAVITY, LevelSource.ASSUMED)
+    assert (with_gravity.level_source, without_gravity.level_source) == (
+        LevelSource.GRAVITY,
+        LevelSource.ASSUMED,
+    )
 
 
-def test_a_camera_that_looks_down_and_goes_ahead_gets_lower() -> None:
+def test_a_tilted_camera_that_moves_forward_gets_lower() -> None:
     tracker = OdomFrame()
     update(tracker, good_estimate(np.eye(4)), 0, NOSE_DOWN)
     found = update(tracker, good_estimate(ahead(1.0), ahead(1.0)), 1)
@@ -86,7 +91,7 @@ def test_a_camera_that_looks_down_and_goes_ahead_gets_lower() -> None:
     np.testing.assert_allclose(found.twist[:3], [RATE_HZ, 0.0, 0.0], atol=1e-12)  # nor the twist
 
 
-def test_the_covariance_turns_with_odom() -> None:
+def test_the_covariance_is_rotated_with_odom() -> None:
     level, tilted = OdomFrame(), OdomFrame()
     for tracker, gravity in ((level, LEVEL), (tilted, NOSE_DOWN)):
         update(tracker, good_estimate(np.eye(4)), 0, gravity)
@@ -97,7 +102,7 @@ def test_the_covariance_turns_with_odom() -> None:
     np.testing.assert_allclose(b.pose_covariance, turned @ a.pose_covariance @ turned.T, atol=1e-15)
 
 
-def test_later_gravity_changes_nothing_however_tracking_goes_on() -> None:
+def test_later_gravity_changes_nothing() -> None:
     tracker, plain = OdomFrame(), OdomFrame()
     estimates = [
         good_estimate(np.eye(4)),
@@ -115,14 +120,14 @@ def test_later_gravity_changes_nothing_however_tracking_goes_on() -> None:
     assert tracker.level_source is LevelSource.GRAVITY
 
 
-def test_the_first_good_frame_levels_for_it_is_the_world() -> None:
+def test_the_first_good_frame_aligns_odom_with_gravity() -> None:
     tracker = OdomFrame()
     update(tracker, failed_estimate(), 0, LEVEL)
     found = update(tracker, good_estimate(np.eye(4)), 1, NOSE_DOWN).T_odom_base
     np.testing.assert_allclose(found[2, 0], -NOSE_DOWN[2] / np.hypot(*NOSE_DOWN[1:]))
 
 
-def test_a_first_good_frame_without_gravity_counts_as_level_for_good() -> None:
+def test_a_first_good_frame_without_gravity_counts_as_level() -> None:
     tracker = OdomFrame()
     update(tracker, good_estimate(np.eye(4)), 0)
     found = update(tracker, good_estimate(np.eye(4)), 1, NOSE_DOWN)

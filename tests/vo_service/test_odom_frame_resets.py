@@ -15,7 +15,7 @@ from tests.vo_service.odom_frame_steps import (
 from vo_service.odom_frame import OdomFrame
 
 
-def test_a_reset_begins_an_epoch_level_at_the_origin() -> None:
+def test_a_reset_starts_an_epoch_level_at_the_origin() -> None:
     tracker = OdomFrame(T_BASE_CAMERA_TILTED)
     run_steps(tracker, [translation_step(1.0)] * 3)
     tracker.reset(None)
@@ -25,7 +25,7 @@ def test_a_reset_begins_an_epoch_level_at_the_origin() -> None:
     assert np.all(pose_sigmas(found) < 1e-2)
 
 
-def test_a_reset_to_a_pose_goes_on_from_there() -> None:
+def test_a_reset_to_a_pose_continues_from_there() -> None:
     tracker, there = OdomFrame(T_BASE_CAMERA_TILTED), rigid_transform(so3_exp([0, 0, 1]), [5, 6, 0])
     T = run_steps(tracker, [translation_step(1.0), rotation_step(yaw_right=0.3)])[-1].T_world_camera
     tracker.reset(there)
@@ -40,7 +40,7 @@ def test_a_reset_to_a_pose_goes_on_from_there() -> None:
     np.testing.assert_array_equal(found[1].T_world_camera, T @ step)  # files know no reset
 
 
-def test_a_reset_while_lost_says_where_the_camera_is_when_it_sees_again() -> None:
+def test_a_reset_while_lost_sets_the_pose_of_the_next_good_frame() -> None:
     tracker, there = OdomFrame(), rigid_transform(np.eye(3), [5.0, 6.0, 0.0])
     run_steps(tracker, [translation_step(1.0)])
     tracker.reset(there)

@@ -24,13 +24,13 @@ def written(folder: Path, text: str) -> Path:
     return file
 
 
-def test_what_can_change_at_once_does() -> None:
+def test_live_keys_are_applied_at_once() -> None:
     changes = diff_configs(Config(), RED_LIGHT)
     assert (changes.reloaded_keys, changes.pending_keys) == (("sensor.led",), ())
     assert changes.config.sensor.led is Led.RED
 
 
-def test_what_cannot_change_keeps_its_value_and_is_named() -> None:
+def test_other_keys_keep_their_value_and_are_reported() -> None:
     changes = diff_configs(Config(), OTHER_PREFIX)
     assert (changes.reloaded_keys, changes.pending_keys) == ((), ("zenoh.prefix",))
     assert changes.config == Config()
@@ -41,7 +41,7 @@ def test_the_same_configuration_changes_nothing() -> None:
     assert (changes.config, changes.reloaded_keys, changes.pending_keys) == (RED_LIGHT, (), ())
 
 
-def test_every_key_that_may_change_is_a_key_of_the_configuration() -> None:
+def test_every_live_key_is_a_key_of_the_configuration() -> None:
     keys = {
         f"{table.name}.{key.name}"
         for table in fields(Config)
@@ -52,7 +52,7 @@ def test_every_key_that_may_change_is_a_key_of_the_configuration() -> None:
 
 
 @given(st.integers(50, 5000), st.integers(50, 5000), st.text("abc", min_size=1))
-def test_every_difference_is_either_made_or_named(before: int, after: int, prefix: str) -> None:
+def test_every_difference_is_applied_or_reported(before: int, after: int, prefix: str) -> None:
     running = replace(Config(), odometry=replace(Config().odometry, feature_count=before))
     wanted = replace(
         Config(),
@@ -65,7 +65,7 @@ def test_every_difference_is_either_made_or_named(before: int, after: int, prefi
     assert changes.pending_keys == ("zenoh.prefix",)
 
 
-def test_a_change_of_the_file_is_read(tmp_path: Path) -> None:
+def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
     file = written(tmp_path, "")
     reloader = ConfigReloader(read_config(file), partial(read_config, file))
     written(tmp_path, '[log]\nlevel = "info"\n[sensor]\nled = "off"\n')
@@ -74,7 +74,7 @@ def test_a_change_of_the_file_is_read(tmp_path: Path) -> None:
     assert reloader.reload().reloaded_keys == ()
 
 
-def test_a_key_that_waits_is_named_in_one_line_at_every_reload(
+def test_a_pending_key_is_reported_in_one_line_at_every_reload(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     reloader = ConfigReloader(Config(), lambda: OTHER_PREFIX)
@@ -84,7 +84,7 @@ def test_a_key_that_waits_is_named_in_one_line_at_every_reload(
     assert [record.getMessage() for record in caplog.records] == [line, line]
 
 
-def test_a_broken_file_changes_nothing_and_is_told_until_it_is_mended(
+def test_a_broken_file_changes_nothing_and_is_reported_until_it_is_fixed(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = written(tmp_path, "")
@@ -99,13 +99,13 @@ def test_a_broken_file_changes_nothing_and_is_told_until_it_is_mended(
     assert reloader.warning == ""
 
 
-def test_a_file_that_is_gone_is_a_broken_file() -> None:
+def test_a_missing_file_is_a_broken_file() -> None:
     reloader = ConfigReloader(RED_LIGHT, partial(read_config, Path("/nowhere/kinect.toml")))
     assert reloader.reload().config == RED_LIGHT
     assert "/nowhere/kinect.toml" in reloader.warning
 
 
-def test_a_wrong_command_line_is_no_reason_to_stop() -> None:
+def test_a_wrong_command_line_does_not_stop_the_service() -> None:
     def refuse() -> Config:
         raise InputError("the prefix is none")
 

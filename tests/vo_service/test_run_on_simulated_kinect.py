@@ -84,7 +84,7 @@ def late_1473(
 @pytest.mark.subprocess
 @pytest.mark.zenoh
 @pytest.mark.parametrize("fault", SENSOR_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_a_fault_is_named_lived_through_and_leaves_nothing_behind(
+def test_a_sensor_fault_is_reported_and_leaves_nothing_behind(
     fault: SensorFault, kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
     service.wait_until_streaming(time.monotonic())
@@ -94,7 +94,7 @@ def test_a_fault_is_named_lived_through_and_leaves_nothing_behind(
     service.wait_for_status(lambda _: service.resources_in_use() <= before)
 
 
-def test_frames_that_lost_packets_are_counted_and_not_used(
+def test_frames_with_lost_packets_are_counted_and_skipped(
     kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
     service.wait_until_streaming(time.monotonic())
@@ -115,7 +115,7 @@ def test_frames_that_lost_packets_are_counted_and_not_used(
     check_poses(poses)
 
 
-def test_a_kinect_that_sends_fewer_frames_is_followed_at_its_own_pace(
+def test_a_kinect_with_a_lower_rate_is_tracked(
     kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
     service.wait_until_streaming(time.monotonic())
@@ -137,7 +137,7 @@ def plugged_in_again_at(rate: int, kinect: KinectSimulator, service: ServiceProc
     service.wait_until_streaming(time.monotonic())
 
 
-def test_the_wrap_of_the_kinects_clock_is_not_seen(
+def test_the_wrap_of_the_kinect_clock_has_no_effect(
     kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
     service.wait_until_streaming(time.monotonic())
@@ -156,14 +156,14 @@ def test_the_wrap_of_the_kinects_clock_is_not_seen(
 
 @pytest.mark.subprocess
 @pytest.mark.zenoh
-def test_a_service_that_is_there_before_its_kinect_waits_for_it(late_1473: ServiceProcess) -> None:
+def test_a_service_started_before_its_kinect_waits_for_it(late_1473: ServiceProcess) -> None:
     first_pose_s = late_1473.heard.poses[0].receive_time_s
     waited = [status for status in late_1473.heard.statuses if status.receive_time_s < first_pose_s]
     assert any(status.has_camera_reason(NO_KINECT_REASON) for status in waited)
     check_poses(late_1473.heard.poses)
 
 
-def test_a_1473_without_firmware_streams_and_its_status_says_what_it_cannot_do(
+def test_a_1473_without_firmware_streams_and_its_status_has_the_limitation(
     late_1473: ServiceProcess,
 ) -> None:
     late_1473.wait_for_status(lambda status: status["state"] == "tracking")

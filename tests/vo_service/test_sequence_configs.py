@@ -25,14 +25,14 @@ cy = 23.5
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_each_is_a_whole_kinect_with_its_motion(motion: MotionKind) -> None:
+def test_each_sequence_is_a_complete_kinect_with_its_motion(motion: MotionKind) -> None:
     config = read_config(FOLDER / f"{motion}.toml")
     assert config.camera.source == "synthetic"
     assert config.synthetic == SyntheticConfig(motion=motion, duration_s=20.0)
 
 
 @pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda file: file.stem)
-def test_all_are_virtual_kinects_that_end_and_are_told_of(file: Path) -> None:
+def test_all_sequences_are_finite_virtual_kinects_and_documented(file: Path) -> None:
     config = read_config(file)
     assert config.camera.source == "synthetic"
     assert not config.synthetic.loop
@@ -42,7 +42,7 @@ def test_all_are_virtual_kinects_that_end_and_are_told_of(file: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "begin_s", "end_s"), [("dark", 8, 11), ("gap", 10, 11)])
-def test_what_goes_wrong_does_so_in_the_middle(name: str, begin_s: float, end_s: float) -> None:
+def test_faults_are_in_the_middle_of_a_sequence(name: str, begin_s: float, end_s: float) -> None:
     config = read_config(FOLDER / f"{name}.toml").synthetic
     (fault,) = config.faults
     assert fault.first == begin_s * config.rate_hz
@@ -51,7 +51,7 @@ def test_what_goes_wrong_does_so_in_the_middle(name: str, begin_s: float, end_s:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_each_is_recorded_with_its_camera_and_the_exact_ground_truth(
+def test_each_sequence_is_recorded_with_its_camera_and_the_exact_ground_truth(
     motion: MotionKind, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip

@@ -51,22 +51,22 @@ def test_every_frame_goes_to_every_output_in_order() -> None:
         assert [pose.seq for pose in output.poses] == [0, 1, 2, 3, 4]
 
 
-def test_outputs_are_left_open_for_whoever_opened_them() -> None:
+def test_outputs_are_closed_by_their_owner() -> None:
     assert run_loop([make_frame(0)]).closed == 0
 
 
-def test_a_pose_carries_the_frames_stamp_with_the_known_bias_corrected() -> None:
+def test_a_pose_has_the_frame_stamp_with_the_known_bias_corrected() -> None:
     collector = run_loop([make_frame(0, 50.0)], stamps=RecordedClock(-0.25))
     assert collector.poses[0].stamp_s == 49.75
     assert collector.poses[0].frame.stamp_s == 50.0
 
 
-def test_the_latency_runs_from_the_frames_arrival(clock: FakeClock) -> None:
+def test_the_latency_starts_at_the_frames_arrival(clock: FakeClock) -> None:
     clock.now_s = 0.125  # frames of the script arrive at 0
     assert run_loop([make_frame(0)]).poses[0].latency_s == 0.125
 
 
-def test_the_first_status_goes_out_before_the_first_frame() -> None:
+def test_the_first_status_is_sent_before_the_first_frame() -> None:
     first = run_loop([make_frame(0)]).statuses[0]
     assert (first.state, first.reason) == (TrackingState.NO_CAMERA, "no frame yet")
     assert (first.camera.name, first.tracking.method, first.tracking.frames) == (
@@ -76,7 +76,7 @@ def test_the_first_status_goes_out_before_the_first_frame() -> None:
     )
 
 
-def test_the_status_goes_out_twice_a_second(clock: FakeClock) -> None:
+def test_the_status_is_sent_twice_a_second(clock: FakeClock) -> None:
     frames = [Delay(1 / 32, make_frame(k)) for k in range(97)]
     collector = run_loop(frames, clock=clock)
     # Before the first frame, at the first (a change), then twice in each of three seconds.
@@ -84,7 +84,7 @@ def test_the_status_goes_out_twice_a_second(clock: FakeClock) -> None:
     assert [status.tracking.frames for status in collector.statuses[1:4]] == [1, 17, 33]
 
 
-def test_a_change_of_state_goes_out_at_once(clock: FakeClock) -> None:
+def test_a_change_of_state_is_sent_at_once(clock: FakeClock) -> None:
     estimates = [
         good_estimate(np.eye(4)),
         good_estimate(np.eye(4)),
@@ -92,8 +92,8 @@ def test_a_change_of_state_goes_out_at_once(clock: FakeClock) -> None:
         good_estimate(np.eye(4)),
     ]
     collector = run_loop([make_frame(k) for k in range(4)], estimates, clock)
-    told = [(status.state.value, status.reason) for status in collector.statuses]
-    assert told[1:] == [("tracking", ""), ("lost", "lens covered"), ("tracking", "")]
+    states = [(status.state.value, status.reason) for status in collector.statuses]
+    assert states[1:] == [("tracking", ""), ("lost", "lens covered"), ("tracking", "")]
 
 
 def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: FakeClock) -> None:
@@ -108,14 +108,14 @@ def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: Fak
 @pytest.mark.parametrize(
     ("method", "budget_ms"), [("direct", STAGE_BUDGETS_MS["direct"]), ("surf", {})]
 )
-def test_the_status_says_what_stages_may_cost(method: str, budget_ms: Mapping[str, float]) -> None:
+def test_the_status_has_the_stage_budgets(method: str, budget_ms: Mapping[str, float]) -> None:
     camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
     with camera:
         make_service(SinglePassSource(camera), [collector], method=method).run(threading.Event())
     assert collector.statuses[-1].timing.stage_budget_ms == budget_ms
 
 
-def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() -> None:
+def test_every_pose_and_status_has_the_map() -> None:
     camera, collector, the_map = (
         ScriptedCamera([make_frame(0)]),
         CollectingOutput(),
@@ -129,7 +129,7 @@ def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() ->
     assert (last.keyframes, last.loop_closures, last.is_localized) == (4, 1, False)
 
 
-def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies() -> None:
+def test_a_map_of_an_earlier_epoch_is_not_localized() -> None:
     for epoch in (0, 1):
         camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
         with camera:
@@ -139,19 +139,19 @@ def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies(
         assert collector.statuses[-1].map.is_localized == (epoch == 0)
 
 
-def test_where_there_is_no_map_the_status_says_so() -> None:
+def test_without_a_map_the_status_says_so() -> None:
     last = run_loop([make_frame(0)]).statuses[-1].map
     assert (last.keyframes, last.loop_closures, last.is_localized) == (0, 0, True)
 
 
-def test_while_the_camera_is_away_the_status_says_so_and_goes_on(clock: FakeClock) -> None:
+def test_without_a_camera_the_status_has_the_reason_and_continues(clock: FakeClock) -> None:
     camera = ScriptedCamera(
         [make_frame(0), CameraLostError("unplugged")], CameraLostError("not found"), [make_frame(9)]
     )
     collector = CollectingOutput()
     make_service(ReconnectingSource(camera), [collector]).run(InstantStop(4))
-    told = [(status.state.value, status.reason) for status in collector.statuses]
-    assert told == [
+    states = [(status.state.value, status.reason) for status in collector.statuses]
+    assert states == [
         ("no_camera", "camera not opened yet"),
         ("tracking", ""),
         ("no_camera", "unplugged"),
@@ -167,7 +167,7 @@ def test_a_silent_camera_still_gets_two_statuses_a_second(clock: FakeClock) -> N
     assert len(collector.statuses) == 2 + 6
 
 
-def test_frames_whose_stamp_does_not_rise_are_left_out_and_counted_as_skipped(
+def test_frames_whose_stamp_does_not_increase_are_skipped_and_counted(
     clock: FakeClock,
 ) -> None:
     stamps_s = [1.0, 2.0, 2.0, 1.5, 3.0]
@@ -179,7 +179,7 @@ def test_frames_whose_stamp_does_not_rise_are_left_out_and_counted_as_skipped(
     assert [status.tracking.frames for status in collector.statuses] == [0, 1, 2, 2, 2, 3]
 
 
-def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
+def test_a_step_of_the_wall_clock_starts_an_epoch() -> None:
     monotonic, ahead_s = FakeClock(), [5000.0]
     stamps = LiveClock(0.0, monotonic, lambda: monotonic.now_s + ahead_s[0])
 
@@ -198,14 +198,14 @@ def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
     np.testing.assert_allclose(steps_s, [1 / 30, 1 / 30 - 3600, 1 / 30], atol=1e-6)
 
 
-def test_a_camera_whose_own_clock_began_anew_begins_an_epoch() -> None:
+def test_a_restart_of_the_camera_clock_starts_an_epoch() -> None:
     stamps_s = [1000.0, *(k / 30 for k in range(16))]
     collector = run_loop([make_frame(k, stamp_s) for k, stamp_s in enumerate(stamps_s)])
     assert [pose.epoch for pose in collector.poses] == [0, 1, 1]
     assert collector.poses[1].reason == "clock_step"
 
 
-def test_a_stop_ends_the_loop_with_the_frame_at_hand() -> None:
+def test_a_stop_ends_the_loop_after_the_current_frame() -> None:
     stop = threading.Event()
 
     class Stopping(CollectingOutput):
@@ -227,7 +227,7 @@ EVENTS = st.one_of(
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(EVENTS, max_size=30), st.lists(st.booleans(), max_size=30))
 @example([make_frame(0, 0.0), make_frame(1, 3e-307)], [True, True])
-def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
+def test_every_number_is_finite_and_every_missing_pose_has_a_reason(
     events: list[Event], outcomes: list[bool]
 ) -> None:
     collector = run_loop(
@@ -240,7 +240,7 @@ def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
         assert status.reason or status.state is TrackingState.TRACKING
 
 
-def test_the_status_tells_of_the_camera_and_its_intrinsics() -> None:
+def test_the_status_has_the_camera_and_its_intrinsics() -> None:
     collector = run_loop([make_frame(0)])
     camera = collector.statuses[-1].camera
     assert (camera.name, camera.state) == ("scripted", CameraState.STREAMING)
@@ -256,7 +256,7 @@ class LosingCamera(ScriptedCamera):
         return CameraStatus(CameraState.STREAMING, "losing USB packets: 16 of 30 frames torn")
 
 
-def test_a_camera_that_loses_packets_is_told_of_while_tracking() -> None:
+def test_lost_packets_are_reported_while_tracking() -> None:
     camera, collector = LosingCamera([make_frame(0), make_frame(1)]), CollectingOutput()
     with camera:
         make_service(SinglePassSource(camera), [collector], camera=camera).run(threading.Event())
@@ -264,17 +264,17 @@ def test_a_camera_that_loses_packets_is_told_of_while_tracking() -> None:
     assert (status.state, status.reason) == (TrackingState.TRACKING, camera.status.reason)
 
 
-def test_what_outputs_complain_of_is_in_the_status() -> None:
-    camera, troubled = ScriptedCamera([make_frame(0)]), CollectingOutput()
-    troubled.warning = "the disk is full"
+def test_warnings_of_outputs_are_in_the_status() -> None:
+    camera, faulty_output = ScriptedCamera([make_frame(0)]), CollectingOutput()
+    faulty_output.warning = "the disk is full"
     with camera:
-        make_service(SinglePassSource(camera), [CollectingOutput(), troubled]).run(
+        make_service(SinglePassSource(camera), [CollectingOutput(), faulty_output]).run(
             threading.Event()
         )
-    assert troubled.statuses[-1].warnings == ("the disk is full",)
+    assert faulty_output.statuses[-1].warnings == ("the disk is full",)
 
 
-def test_other_counts_are_no_other_reason(clock: FakeClock) -> None:
+def test_changed_counts_in_a_reason_do_not_change_the_state(clock: FakeClock) -> None:
     reasons = [f"{count} of 9 matches agree" for count in range(5)]
     collector = run_loop(
         [make_frame(k) for k in range(5)],

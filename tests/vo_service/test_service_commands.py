@@ -41,7 +41,7 @@ class Commander(CollectingOutput):
             self._inbox.submit(self._script[update.frame.seq])
 
 
-def test_a_reset_counts_from_the_next_frame_on() -> None:
+def test_a_reset_applies_to_the_next_frame() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     collector = Commander(inbox, {1: ResetCommand()})
     camera = ScriptedCamera([make_frame(k) for k in range(4)])
@@ -51,7 +51,7 @@ def test_a_reset_counts_from_the_next_frame_on() -> None:
     assert [pose.reason for pose in collector.poses] == ["", "", "reset", ""]
 
 
-def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
+def test_a_pause_is_a_reason_for_missing_poses(clock: FakeClock) -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     collector = Commander(inbox, {1: PauseCommand()})
     camera = ScriptedCamera([Delay(0.2, make_frame(k)) for k in range(20)], clock=clock)
@@ -63,7 +63,7 @@ def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
     assert len(paused) > 5
 
 
-def test_after_a_pause_the_poses_go_on() -> None:
+def test_after_a_pause_poses_continue() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     inbox.submit(PauseCommand())
     inbox.submit(ResumeCommand())

@@ -41,7 +41,7 @@ def test_before_the_first_frame_everything_is_zero() -> None:
 
 @pytest.mark.parametrize("fps", [5.0, 30.0, 200.0])
 @pytest.mark.parametrize("seconds", [0.5, 10.0])
-def test_the_rate_is_right_from_the_first_frames_on(fps: float, seconds: float) -> None:
+def test_the_rate_is_right_from_the_first_frames(fps: float, seconds: float) -> None:
     statistics, _ = run(round(fps * seconds) + 1, 1 / fps)
     assert statistics.make_timing_report({}).fps == pytest.approx(fps, rel=1e-6)
     assert statistics.mean_fps == pytest.approx(fps, rel=1e-6)
@@ -72,7 +72,7 @@ def test_processor_times_are_medians() -> None:
     assert statistics.stage_ms == {"surf": 3.0}
 
 
-def test_the_means_of_stages_are_of_the_last_hundred_frames_and_add_up() -> None:
+def test_stage_means_are_of_the_last_hundred_frames_and_add_up() -> None:
     statistics = ServiceStatistics(FakeClock())
     of_frames = [{"align": 900.0}] * 50 + [{"align": 2.0}] * 90 + [{"align": 2.0, "new": 4.0}] * 10
     for stage_ms in of_frames:
@@ -108,7 +108,7 @@ def test_skew_is_the_median_of_depth_minus_color() -> None:
     assert statistics.skew_ms == pytest.approx(5.0)
 
 
-def test_even_stamps_have_no_jitter_even_where_frames_are_missing() -> None:
+def test_regular_stamps_have_no_jitter_despite_missing_frames() -> None:
     statistics = statistics_of(make_frame(seq, seq / 30) for seq in (0, 1, 2, 5, 6, 9))
     assert statistics.jitter_ms == pytest.approx(0.0, abs=1e-9)
 
@@ -119,7 +119,7 @@ def test_jitter_is_the_standard_deviation_of_the_interval() -> None:
     assert statistics.jitter_ms == pytest.approx(1.0)
 
 
-def test_the_time_that_the_camera_was_away_is_no_jitter() -> None:
+def test_the_time_without_a_camera_is_no_jitter() -> None:
     stamps_s = [0.0, 1 / 30, 40.0, 40.0 + 1 / 30]
     statistics = statistics_of(make_frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
     assert statistics.jitter_ms == pytest.approx(0.0, abs=1e-9)

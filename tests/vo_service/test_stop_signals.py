@@ -13,7 +13,7 @@ from vo_service.signals import force_exit_after, reload_on_sighup, stop_on_signa
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_sets_the_stop(number: signal.Signals, code: int) -> None:
+def test_a_signal_sets_the_stop_event(number: signal.Signals, code: int) -> None:
     with stop_on_signals() as stop:
         assert not stop.event.is_set()
         os.kill(os.getpid(), number)
@@ -29,14 +29,14 @@ def test_a_second_ctrl_c_interrupts_at_once() -> None:
             signal.raise_signal(signal.SIGINT)
 
 
-def test_afterwards_signals_do_what_they_did() -> None:
+def test_afterwards_the_signal_handlers_are_restored() -> None:
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     with stop_on_signals():
         os.kill(os.getpid(), signal.SIGINT)
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
-def test_a_check_raises_once_a_stop_was_asked_for() -> None:
+def test_a_check_raises_after_a_stop_request() -> None:
     with stop_on_signals() as stop:
         stop.check()
         signal.raise_signal(signal.SIGINT)
@@ -44,7 +44,7 @@ def test_a_check_raises_once_a_stop_was_asked_for() -> None:
             stop.check()
 
 
-def test_a_hangup_is_an_event_for_whoever_heeds_it() -> None:
+def test_sighup_sets_its_event() -> None:
     with reload_on_sighup() as hangup:
         os.kill(os.getpid(), signal.SIGHUP)
         assert hangup.is_set()
@@ -61,25 +61,25 @@ with stop_on_signals() as stop, force_exit_after(stop, 0.2):
 
 
 @pytest.mark.subprocess
-def test_what_does_not_end_is_force_exit_after() -> None:
+def test_a_block_that_does_not_end_is_force_exited() -> None:
     command = [sys.executable, "-c", HANGING]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=100)
+        _, output = process.communicate(timeout=100)
     assert process.returncode == 1
-    assert "did not end within 0.2 s of being asked to; ended by force" in said
+    assert "did not end within 0.2 s of being asked to; ended by force" in output
 
 
-def test_what_ends_in_time_ends_as_it_will() -> None:
+def test_a_block_that_ends_in_time_is_not_force_exited() -> None:
     with stop_on_signals() as stop, force_exit_after(stop, 0.01):
         pass
     assert stop.exit_code == 0
 
 
-def test_signals_that_come_together_do_not_wait_for_each_other() -> None:
+def test_simultaneous_signals_do_not_block_each_other() -> None:
     with stop_on_signals() as stop:
 
         class Interrupted(threading.Event):

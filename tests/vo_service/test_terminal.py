@@ -27,7 +27,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     return clock
 
 
-def test_a_log_gets_no_progress() -> None:
+def test_without_a_terminal_there_is_no_progress() -> None:
     log = io.StringIO()
     terminal = Terminal(log)
     terminal.show("busy")
@@ -36,7 +36,7 @@ def test_a_log_gets_no_progress() -> None:
     assert log.getvalue() == ""
 
 
-def test_what_is_said_is_a_line_of_the_log_where_there_is_no_terminal(
+def test_without_a_terminal_a_message_is_a_log_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with log_to_stderr():
@@ -44,13 +44,13 @@ def test_what_is_said_is_a_line_of_the_log_where_there_is_no_terminal(
     assert capsys.readouterr().err == "kinect-vo: info: Rerun: http://127.0.0.1:9090\n"
 
 
-def test_what_is_said_is_a_plain_line_on_a_terminal() -> None:
+def test_on_a_terminal_a_message_is_a_plain_line() -> None:
     screen = CapturedTerminal()
     Terminal(screen).write_line("Rerun: http://127.0.0.1:9090")
     assert screen.getvalue() == "Rerun: http://127.0.0.1:9090\n"
 
 
-def test_a_line_is_drawn_over_the_one_before_and_taken_away() -> None:
+def test_a_progress_line_is_overwritten_and_cleared() -> None:
     screen = CapturedTerminal()
     terminal = Terminal(screen)
     terminal.show("one")
@@ -59,7 +59,7 @@ def test_a_line_is_drawn_over_the_one_before_and_taken_away() -> None:
     assert screen.getvalue() == "\r\x1b[Kone\r\x1b[Ktwo\r\x1b[K"
 
 
-def test_what_was_never_drawn_is_not_taken_away() -> None:
+def test_a_line_that_was_never_drawn_is_not_cleared() -> None:
     screen = CapturedTerminal()
     terminal = Terminal(screen)
     terminal.clear()
@@ -87,7 +87,7 @@ def test_progress_without_a_total_only_counts(clock: FakeClock) -> None:
     assert screen.getvalue() == "\r\x1b[Kframe 7"
 
 
-def test_it_draws_on_a_real_terminal() -> None:
+def test_progress_is_drawn_on_a_real_terminal() -> None:
     try:
         ours, theirs = pty.openpty()
     except OSError as error:
@@ -98,28 +98,28 @@ def test_it_draws_on_a_real_terminal() -> None:
     os.close(ours)
 
 
-def test_the_line_is_wiped_on_a_terminal_alone() -> None:
+def test_the_line_is_cleared_only_on_a_terminal() -> None:
     screen, log = CapturedTerminal(), io.StringIO()
     clear_line(screen)
     clear_line(log)
     assert (screen.getvalue(), log.getvalue()) == ("\r\x1b[K", "")
 
 
-def test_a_log_tells_of_nothing_that_is_quick(capsys: pytest.CaptureFixture[str]) -> None:
+def test_quick_steps_are_not_logged(capsys: pytest.CaptureFixture[str]) -> None:
     with log_to_stderr(), Terminal().busy("loading") as busy:
         busy.progress_callback("frame")(1, 2)
     assert capsys.readouterr().err == ""
 
 
-def test_a_log_tells_of_work_of_unknown_length_when_it_goes_on_and_when_it_ends(
+def test_slow_steps_are_logged_with_their_duration(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(terminal_module, "SLOW_AFTER_S", 0.01)
     with log_to_stderr(), Terminal().busy("compiling"):
-        told = ""
-        while not told:
-            told = capsys.readouterr().err
-    assert told == "kinect-vo: info: compiling ...\n"
+        output = ""
+        while not output:
+            output = capsys.readouterr().err
+    assert output == "kinect-vo: info: compiling ...\n"
     assert re.fullmatch(
         r"kinect-vo: info: compiling: ended after \d+\.\d s\n", capsys.readouterr().err
     )

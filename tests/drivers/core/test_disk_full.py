@@ -6,7 +6,7 @@ from pathlib import Path
 from drivers.core.files import free_disk_bytes
 
 
-def test_the_disk_says_what_is_free(tmp_path: Path) -> None:
+def test_free_disk_space_is_reported(tmp_path: Path) -> None:
     assert 0 < free_disk_bytes(tmp_path) < shutil.disk_usage(tmp_path).total
 
 

@@ -43,7 +43,7 @@ def twist_step(T: Array, twist: Array) -> Array:
 
 
 @given(unit_quaternions)
-def test_a_quaternion_makes_the_rotation_that_scipy_makes(q: Array) -> None:
+def test_a_quaternion_gives_the_rotation_of_scipy(q: Array) -> None:
     assert np.allclose(rotation_from_quaternion(q), Rotation.from_quat(q).as_matrix(), atol=1e-14)
 
 
@@ -55,14 +55,14 @@ def test_quaternions_are_x_y_z_w() -> None:
 
 
 @given(unit_quaternions)
-def test_a_quaternion_survives_the_way_to_a_matrix_and_back(q: Array) -> None:
+def test_quaternion_to_matrix_and_back_is_exact(q: Array) -> None:
     back = quaternion_from_rotation(rotation_from_quaternion(q))
     assert back[3] >= 0
     assert np.allclose(back, q, atol=1e-12) or np.allclose(back, -q, atol=1e-12)
 
 
 @pytest.mark.parametrize("q", HALF_TURNS)
-def test_half_turns_survive_the_way_to_a_quaternion_and_back(q: list[float]) -> None:
+def test_half_turns_to_quaternion_and_back_are_exact(q: list[float]) -> None:
     R = rotation_from_quaternion(q)
     assert np.allclose(rotation_from_quaternion(quaternion_from_rotation(R)), R, atol=1e-12)
 
@@ -73,7 +73,7 @@ def test_a_quaternion_may_have_any_length(length: float) -> None:
 
 
 @pytest.mark.parametrize("q", [[0, 0, 0, 0], [0, np.nan, 0, 1], [np.inf, 0, 0, 1]])
-def test_a_quaternion_that_is_no_rotation_is_refused(q: list[float]) -> None:
+def test_an_invalid_quaternion_is_rejected(q: list[float]) -> None:
     with pytest.raises(ValueError, match="not a rotation"):
         rotation_from_quaternion(q)
 
@@ -84,7 +84,7 @@ def test_rodrigues_formula_agrees_with_scipy(v: Array) -> None:
 
 
 @given(st.floats(1e-12, np.pi))
-def test_an_angle_is_exact_however_small(angle_rad: float) -> None:
+def test_small_angles_are_exact(angle_rad: float) -> None:
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
     measured = rotation_angle_rad(so3_exp(axis * angle_rad))
     assert measured == pytest.approx(angle_rad, rel=1e-12, abs=1e-15)
@@ -113,7 +113,7 @@ def test_transforms_compose_as_their_names_say(T_a_b: Array, T_b_c: Array, p: Ar
     assert np.allclose(transform_points(T_a_b @ T_b_c, p_c), one_by_one, atol=1e-10)
 
 
-def test_how_far_two_poses_are_apart_does_not_depend_on_where_they_are() -> None:
+def test_pose_distance_does_not_depend_on_the_reference_frame() -> None:
     step = rigid_transform(so3_exp([0.0, 0.2, 0.0]), [0.3, 0.0, 0.4])
     here = rigid_transform(so3_exp([1.0, 0.5, -0.3]), [5.0, -2.0, 7.0])
     np.testing.assert_allclose(pose_distance(here, here @ step), (0.5, 0.2))
@@ -122,14 +122,14 @@ def test_how_far_two_poses_are_apart_does_not_depend_on_where_they_are() -> None
     assert not poses_close(here, here @ step, 0.51, 0.19)
 
 
-def test_points_are_rows_and_each_is_turned_then_moved() -> None:
+def test_points_are_rows_that_are_rotated_then_translated() -> None:
     quarter_turn_about_z = so3_exp([0, 0, np.pi / 2])
     T = rigid_transform(quarter_turn_about_z, [10, 20, 30])
     moved = transform_points(T, np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]]))
     assert np.allclose(moved, [[10, 21, 30], [8, 20, 30], [10, 20, 33]])
 
 
-def test_orthonormal_takes_away_what_rounding_has_added() -> None:
+def test_orthonormalize_removes_rounding_errors() -> None:
     T = rigid_transform(so3_exp([0.4, -0.2, 0.1]), [1.0, 2.0, 3.0])
     rounded = T.copy()
     rounded[:3, :3] += 1e-6 * np.arange(9.0).reshape(3, 3)
@@ -139,7 +139,7 @@ def test_orthonormal_takes_away_what_rounding_has_added() -> None:
 
 
 @given(transforms, arrays(np.float64, 6, elements=st.floats(-1.0, 1.0)))
-def test_the_adjoint_carries_a_small_motion_into_another_frame(T: Array, twist: Array) -> None:
+def test_the_adjoint_transforms_a_small_motion_to_another_frame(T: Array, twist: Array) -> None:
     small = 1e-7 * twist
     in_the_other_frame = twist_step(np.eye(4), adjoint(T) @ small) @ T
     assert np.allclose(in_the_other_frame, T @ twist_step(np.eye(4), small), atol=1e-11)
@@ -151,7 +151,7 @@ def test_adjoints_compose_as_transforms_do(A: Array, B: Array) -> None:
 
 
 @given(transforms)
-def test_what_is_built_from_a_pose_is_rigid(T: Array) -> None:
+def test_transforms_built_from_a_pose_are_rigid(T: Array) -> None:
     assert is_rigid(T)
 
 
@@ -167,5 +167,5 @@ def test_what_is_built_from_a_pose_is_rigid(T: Array) -> None:
         np.full((4, 4), np.nan),
     ],
 )
-def test_what_is_not_rigid_is_told(T: Array) -> None:
+def test_a_transform_that_is_not_rigid_is_rejected(T: Array) -> None:
     assert not is_rigid(T)

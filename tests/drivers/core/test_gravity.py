@@ -22,7 +22,7 @@ NUMBERS = st.floats(-20.0, 20.0)
         ((-3.5, 9.0, 0.0), (-3.5, 9.0, 0.0)),  # turned clockwise: down is to the left
     ],
 )
-def test_gravity_is_where_down_is_for_the_camera(reading: Vector, gravity: Vector) -> None:
+def test_gravity_points_down_in_the_camera_frame(reading: Vector, gravity: Vector) -> None:
     assert gravity_from_accelerometer(reading) == gravity
 
 

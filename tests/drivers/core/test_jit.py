@@ -17,7 +17,7 @@ def stop() -> None:
     raise KeyboardInterrupt
 
 
-def test_a_kernel_is_not_compiled_any_more_once_the_check_raises() -> None:
+def test_no_kernel_is_compiled_after_the_check_raises() -> None:
     double = numba.njit(lambda x: 2 * x)
     with pytest.raises(KeyboardInterrupt), interruptible(stop):
         double(1)
@@ -25,14 +25,14 @@ def test_a_kernel_is_not_compiled_any_more_once_the_check_raises() -> None:
     assert double(1) == 2
 
 
-def test_a_kernel_that_is_compiled_already_is_not_checked() -> None:
+def test_a_compiled_kernel_is_not_checked() -> None:
     double = numba.njit(lambda x: 2 * x)
     double(1)
     with interruptible(stop):
         assert double(2) == 4
 
 
-def test_scipys_linear_algebra_is_loaded_by_those_alone_who_use_it() -> None:
+def test_scipy_linear_algebra_is_loaded_only_by_its_users() -> None:
     code = """if True:
         import sys, numba, numpy
         from drivers.synthetic.depth_sensor import distort
@@ -56,7 +56,7 @@ print(double(3))
 
 
 @pytest.mark.subprocess
-def test_a_program_of_the_user_keeps_kernels_where_the_command_line_keeps_them(
+def test_a_user_program_shares_the_kernel_cache_of_the_command_line(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)

@@ -13,7 +13,7 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def test_kernels_can_still_be_compiled_after_the_compiler_was_given_back() -> None:
+def test_kernels_can_be_compiled_after_the_compiler_was_unloaded() -> None:
     assert numba.njit(lambda x: x + 1)(1) == 2
     before = resident_bytes()
     release_memory()
@@ -21,7 +21,7 @@ def test_kernels_can_still_be_compiled_after_the_compiler_was_given_back() -> No
     assert numba.njit(lambda x: x + 2)(1) == 3
 
 
-def test_a_number_of_arenas_that_the_user_has_set_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_defined_number_of_arenas_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MALLOC_ARENA_MAX", "7")
     limit_malloc_arenas()
     assert os.environ["MALLOC_ARENA_MAX"] == "7"

@@ -19,19 +19,19 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
-def test_it_is_in_the_users_cache(home: Path) -> None:
+def test_the_cache_is_in_the_users_cache_folder(home: Path) -> None:
     assert cache_folder() == home / ".cache" / "kinect-vo"
     assert cache_folder().is_dir()
 
 
-def test_the_users_own_choice_of_a_cache_is_followed(
+def test_the_users_cache_variable_is_respected(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert cache_folder() == tmp_path / "xdg" / "kinect-vo"
 
 
-def test_what_systemd_gives_comes_first_and_of_several_the_first(
+def test_the_first_systemd_folder_takes_precedence(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
@@ -39,7 +39,7 @@ def test_what_systemd_gives_comes_first_and_of_several_the_first(
     assert cache_folder() == tmp_path / "a"
 
 
-def test_a_folder_that_cannot_be_made_is_passed_over(
+def test_a_folder_that_cannot_be_created_is_skipped(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()
@@ -47,7 +47,7 @@ def test_a_folder_that_cannot_be_made_is_passed_over(
     assert cache_folder() == home / ".cache" / "kinect-vo"
 
 
-def test_without_a_home_that_can_be_written_a_temporary_one_serves(
+def test_without_a_writable_home_a_temporary_folder_is_used(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home.touch()  # a file where the home should be: nobody, not even root, can write below it
@@ -90,7 +90,7 @@ def test_a_user_without_a_home_gets_one_too(
     assert cache_folder().parent == tmp_path
 
 
-def test_another_state_of_the_source_has_another_folder_for_kernels(
+def test_other_source_code_has_another_kernel_folder(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = tmp_path / "checkout" / "drivers" / "jit.py"
@@ -103,7 +103,7 @@ def test_another_state_of_the_source_has_another_folder_for_kernels(
     assert kernel_folder() != before
 
 
-def test_kernels_that_set_up_has_compiled_are_where_the_user_s_begin(
+def test_precompiled_kernels_are_copied_to_the_users_cache(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.prefix", str(tmp_path / "venv"))
@@ -129,7 +129,7 @@ def test_only_the_latest_folders_of_kernels_are_kept(home: Path) -> None:
     assert kept == {mine.name, "old5", "old4", "old3"}
 
 
-def test_what_cannot_be_made_again_is_in_the_state_folder_and_private(
+def test_the_state_folder_is_private(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert state_folder() == home / ".local" / "state" / "kinect-vo"
@@ -140,7 +140,7 @@ def test_what_cannot_be_made_again_is_in_the_state_folder_and_private(
     assert state_folder() == tmp_path / "a"
 
 
-def test_no_state_folder_at_all_says_what_to_do(home: Path) -> None:
+def test_a_missing_state_folder_is_reported_with_instructions(home: Path) -> None:
     home.touch()
     with pytest.raises(UserFacingError, match="XDG_STATE_HOME"):
         state_folder()

@@ -61,7 +61,7 @@ def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
     assert worker.dropped == 3
 
 
-def test_wait_makes_the_giver_wait_and_drops_nothing() -> None:
+def test_a_blocking_queue_blocks_the_producer_and_drops_nothing() -> None:
     gate, worker = stuck_worker(BlockingQueue(1))
     giver = threading.Thread(target=put_all, args=(worker, [1, 2, 3]))
     giver.start()
@@ -73,7 +73,7 @@ def test_wait_makes_the_giver_wait_and_drops_nothing() -> None:
     assert (gate.handled, worker.dropped) == ([0, 1, 2, 3], 0)
 
 
-def test_closing_frees_a_giver_that_waits() -> None:
+def test_closing_releases_a_blocked_producer() -> None:
     gate, worker = stuck_worker(BlockingQueue(1))
     giver = threading.Thread(target=put_all, args=(worker, [1, 2]))
     giver.start()
@@ -83,13 +83,13 @@ def test_closing_frees_a_giver_that_waits() -> None:
     gate.open.set()
 
 
-def test_a_stuck_handler_does_not_hold_up_close() -> None:
+def test_a_stuck_handler_does_not_block_close() -> None:
     gate, worker = stuck_worker(DropOldestQueue(1))
     assert not worker.close(timeout_s=0.01)
     gate.open.set()
 
 
-def test_an_error_is_logged_once_and_the_rest_is_still_handled(
+def test_an_error_is_logged_once_and_later_items_are_handled(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     handled: list[int] = []
@@ -109,7 +109,7 @@ def test_an_error_is_logged_once_and_the_rest_is_still_handled(
     ]
 
 
-def test_closing_twice_finishes_once_and_takes_nothing_more() -> None:
+def test_closing_twice_finishes_once_and_accepts_nothing_more() -> None:
     seen: list[object] = []
     worker: WorkerThread[int] = WorkerThread(
         "test", BlockingQueue(2), seen.append, lambda: seen.append("finished")

@@ -42,7 +42,7 @@ def test_a_line_holds_stamp_position_and_quaternion_x_y_z_w(tmp_path: Path) -> N
 
 
 @given(st.floats(0, 2e9), st.tuples(meters, meters, meters), st.tuples(angles, angles, angles))
-def test_what_is_written_reads_back(
+def test_a_written_trajectory_is_read_back(
     tmp_path_factory: pytest.TempPathFactory,
     stamp_s: float,
     position_m: tuple[float, ...],
@@ -58,7 +58,7 @@ def test_what_is_written_reads_back(
     assert rotation_angle_rad(back[:3, :3].T @ T[:3, :3]) < 5e-9
 
 
-def test_comments_blank_lines_commas_and_a_byte_order_mark_are_passed_over(tmp_path: Path) -> None:
+def test_comments_blank_lines_commas_and_a_byte_order_mark_are_skipped(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     path.write_text("\ufeff# a comment\n\n1,2,3,4,0,0,0,1 # the first\r\n  2 2 3 4 0 0 0 1\n")
     assert read_trajectory(path).stamps_s.tolist() == [1.0, 2.0]
@@ -82,13 +82,13 @@ def test_comments_blank_lines_commas_and_a_byte_order_mark_are_passed_over(tmp_p
         (b"\xff\xfe1\x00", "FILE: is not a text file"),
     ],
 )
-def test_what_is_wrong_is_named_by_its_line(
+def test_errors_are_reported_with_their_line(
     tmp_path: Path, text: str | bytes, expected: str
 ) -> None:
     assert complaint(tmp_path, text).startswith(expected)
 
 
-def test_a_missing_file_and_a_folder_are_told(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_folder_are_rejected(tmp_path: Path) -> None:
     for path, cause in ((tmp_path / "gone.txt", "No such file"), (tmp_path, "Is a directory")):
         with pytest.raises(InputError) as caught:
             read_trajectory(path)
@@ -96,7 +96,7 @@ def test_a_missing_file_and_a_folder_are_told(tmp_path: Path) -> None:
 
 
 @given(st.binary(max_size=200))
-def test_no_file_whatever_ends_in_anything_but_poses_or_an_input_error(
+def test_any_file_gives_poses_or_an_input_error(
     tmp_path_factory: pytest.TempPathFactory, data: bytes
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "any_bytes.txt"
@@ -109,7 +109,7 @@ def test_no_file_whatever_ends_in_anything_but_poses_or_an_input_error(
 
 
 @given(st.lists(st.lists(st.floats(), min_size=8, max_size=8), min_size=1, max_size=4))
-def test_any_numbers_give_rising_finite_poses_or_an_input_error(
+def test_any_numbers_give_finite_poses_with_increasing_stamps_or_an_input_error(
     tmp_path_factory: pytest.TempPathFactory, rows: list[list[float]]
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "any_numbers.txt"

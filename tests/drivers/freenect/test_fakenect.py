@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("fakenect")]
 
 
 @pytest.fixture(scope="module")
-def film() -> list[tuple[Any, Any]]:
+def dump_frames() -> list[tuple[Any, Any]]:
     """Frames with depth over 10 m, too, which is no reading."""
     frames = [pattern_frame(seq) for seq in range(FRAMES)]
     for _, depth in frames:
@@ -40,12 +40,12 @@ def played(dump: Path, pace: str = "lockstep") -> Any:
     return np.load(dump / "played.npz")
 
 
-def test_a_dump_comes_back_bit_for_bit_and_twice(
-    film: list[tuple[Any, Any]], tmp_path: Path
+def test_a_dump_is_replayed_bit_for_bit_twice(
+    dump_frames: list[tuple[Any, Any]], tmp_path: Path
 ) -> None:
-    write_fakenect_dump(tmp_path, film, rate_hz=300.0)
+    write_fakenect_dump(tmp_path, dump_frames, rate_hz=300.0)
     frames = played(tmp_path)
-    for seq, (bgr, depth) in enumerate(film):
+    for seq, (bgr, depth) in enumerate(dump_frames):
         assert np.array_equal(frames["color"][seq], bgr)
         assert np.array_equal(frames["depth"][seq], np.where(depth < 10_000, depth, 0))
     assert frames["seq"].tolist() == list(range(FRAMES))
@@ -53,11 +53,11 @@ def test_a_dump_comes_back_bit_for_bit_and_twice(
 
 
 @pytest.mark.parametrize("offset_s", [0.0, 0.009, -0.009])
-def test_stamps_are_the_recorded_ones_and_exact_through_the_wrap(
-    film: list[tuple[Any, Any]], offset_s: float, tmp_path: Path
+def test_stamps_are_the_recorded_ones_across_the_wrap(
+    dump_frames: list[tuple[Any, Any]], offset_s: float, tmp_path: Path
 ) -> None:
     start_ticks = 2**32 - 60_000_000 // 10
-    write_fakenect_dump(tmp_path, film, start_ticks=start_ticks, color_offset_s=offset_s)
+    write_fakenect_dump(tmp_path, dump_frames, start_ticks=start_ticks, color_offset_s=offset_s)
     frames = played(tmp_path)
     expected_s = start_ticks / 60e6 + np.arange(FRAMES) / 30 + offset_s
     np.testing.assert_allclose(frames["device_stamp_s"], expected_s, atol=1e-6)
@@ -65,14 +65,16 @@ def test_stamps_are_the_recorded_ones_and_exact_through_the_wrap(
     np.testing.assert_allclose(frames["skew_s"], -offset_s, atol=1e-6)
 
 
-def test_in_real_time_the_newest_is_read(film: list[tuple[Any, Any]], tmp_path: Path) -> None:
-    write_fakenect_dump(tmp_path, film)
+def test_in_real_time_the_newest_is_read(
+    dump_frames: list[tuple[Any, Any]], tmp_path: Path
+) -> None:
+    write_fakenect_dump(tmp_path, dump_frames)
     seqs = played(tmp_path, "realtime")["seq"].tolist()
     assert seqs == sorted(set(seqs))
     assert seqs[-1] == FRAMES - 1
 
 
-def test_raw_depth_is_refused_for_what_it_is(tmp_path: Path) -> None:
+def test_raw_depth_is_rejected_with_its_format(tmp_path: Path) -> None:
     raw = np.full((480, 640), 800, np.uint16)
     raw[:50] = 2047
     write_fakenect_dump(tmp_path, [(pattern_frame(0)[0], raw)])

@@ -20,7 +20,7 @@ def first(folder: Path, kind: str) -> Path:
     return sorted(folder.glob(f"{kind}-*"))[0]
 
 
-def test_a_dump_as_it_should_be_passes(dump: Path) -> None:
+def test_a_valid_dump_passes(dump: Path) -> None:
     check_dump_folder(dump)
 
 
@@ -42,7 +42,7 @@ def no_line(folder: Path) -> None:
         (lambda folder: first(folder, "a").unlink(), "cannot be read"),
     ],
 )
-def test_what_would_end_the_process_is_said_before(
+def test_a_dump_that_would_crash_fakenect_is_rejected_before(
     breaking: Callable[[Path], object], words: str, dump: Path
 ) -> None:
     breaking(dump)
@@ -50,7 +50,7 @@ def test_what_would_end_the_process_is_said_before(
         check_dump_folder(dump)
 
 
-def test_color_must_be_there(dump: Path) -> None:
+def test_a_dump_without_color_is_rejected(dump: Path) -> None:
     index = dump / "INDEX.txt"
     lines = index.read_text().splitlines()
     index.write_text("\n".join(line for line in lines if not line.startswith("r")))

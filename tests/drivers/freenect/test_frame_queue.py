@@ -28,7 +28,7 @@ def put_pairs(mailbox: FrameQueue, count: int) -> None:
         mailbox.put(pair(seq))
 
 
-def test_the_newest_pair_is_read_and_those_before_are_counted() -> None:
+def test_the_newest_pair_is_read_and_dropped_ones_are_counted() -> None:
     mailbox = LatestFrameQueue()
     put_pairs(mailbox, 3)
     assert mailbox.get(0.0).color.seq == 2
@@ -47,7 +47,7 @@ def test_in_lockstep_each_pair_waits_for_the_reader() -> None:
 
 
 @pytest.mark.parametrize("mailbox", [LatestFrameQueue(), BlockingFrameQueue()])
-def test_the_end_comes_behind_the_last_pair(mailbox: FrameQueue) -> None:
+def test_the_end_follows_the_last_pair(mailbox: FrameQueue) -> None:
     mailbox.put(pair(0))
     mailbox.finish(EndOfStream())
     mailbox.finish(CameraLostError("too late"))
@@ -57,7 +57,7 @@ def test_the_end_comes_behind_the_last_pair(mailbox: FrameQueue) -> None:
 
 
 @pytest.mark.parametrize("mailbox", [LatestFrameQueue(), BlockingFrameQueue()])
-def test_closing_sends_both_sides_away(mailbox: FrameQueue) -> None:
+def test_closing_wakes_both_sides(mailbox: FrameQueue) -> None:
     mailbox.put(pair(0))
     threading.Timer(0.05, mailbox.close).start()
     with pytest.raises(FrameQueueClosedError):

@@ -22,7 +22,7 @@ from tests.waiting import wait_until
 SWITCHES = 0x106
 
 
-def film_seq(frame: RgbdFrame) -> int:
+def pattern_seq(frame: RgbdFrame) -> int:
     """Which frame of the film this is, told by its depth at one near pixel."""
     told = [quantize_mm(pattern_frame(seq)[1])[20, 20] for seq in range(FRAME_COUNT)]
     return told.index(frame.depth_raw[20, 20])
@@ -34,14 +34,14 @@ def cmos(kinect: KinectSimulator) -> Any:
 
 
 @pytest.mark.parametrize("model", list(KinectModel))
-def test_each_model_delivers_exactly_the_pixels_on_the_wire(
+def test_each_model_delivers_exactly_the_transmitted_pixels(
     model: KinectModel, simulate_kinect: SimulateKinect, make_camera: MakeCamera
 ) -> None:
     kinect = plug_in(simulate_kinect, model=model)
     with make_camera(kinect.serial) as camera:
         frames = [camera.read(3.0) for _ in range(3)]
     for frame in frames:
-        bgr, depth_mm = pattern_frame(film_seq(frame))
+        bgr, depth_mm = pattern_frame(pattern_seq(frame))
         assert np.array_equal(frame.depth_raw, quantize_mm(depth_mm))
         # The mosaic leaves out two of three colors; where brightness wraps, it shows edges.
         off = np.abs(frame.color_bgr.astype(int) - bgr)[2:-2, 2:-2]
@@ -72,7 +72,7 @@ def test_frames_are_numbered_stamped_and_described(
         assert (frame.depth_factor, frame.camera.fx, frame.lost_packets) == (1000.0, 525.0, 0)
 
 
-def test_stamps_go_on_through_the_wrap_of_the_devices_clock(
+def test_stamps_increase_across_the_wrap_of_the_device_clock(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     kinect.start_ticks = 2**32 - 60_000_000 // 4
@@ -87,7 +87,7 @@ def test_stamps_go_on_through_the_wrap_of_the_devices_clock(
     assert {round(frame.skew_s, 6) for frame in frames} == {0.001}
 
 
-def test_settings_are_applied_each_time_it_is_opened(
+def test_settings_are_applied_at_each_opening(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera(settings=SensorConfig(auto_exposure=False, auto_white_balance=False))
@@ -109,12 +109,12 @@ def test_a_mirrored_camera_swaps_left_and_right_after_registration(
     with make_camera(settings=SensorConfig(mirror=True), camera_file=file) as camera:
         frame = camera.read(3.0)
     mirrored = np.ascontiguousarray(frame.depth_raw[:, ::-1])
-    seq = film_seq(replace(frame, depth_raw=mirrored))
+    seq = pattern_seq(replace(frame, depth_raw=mirrored))
     assert np.array_equal(mirrored, quantize_mm(pattern_frame(seq)[1]))
     assert frame.camera.cx == 639 - 300.0
 
 
-def test_the_camera_file_gives_the_lens_the_intrinsics_and_the_scale(
+def test_the_camera_file_gives_distortion_intrinsics_and_depth_scale(
     kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
     bent = replace(
@@ -148,7 +148,7 @@ def test_the_camera_file_gives_the_timing(
     assert camera.intrinsics_source == f"camera file {file}"
 
 
-def test_the_newest_frame_is_read_and_the_older_ones_are_counted(
+def test_the_newest_frame_is_read_and_dropped_ones_are_counted(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
@@ -159,7 +159,9 @@ def test_the_newest_frame_is_read_and_the_older_ones_are_counted(
         assert camera.counters.delivered == 2
 
 
-def test_the_kinect_asked_for_is_opened(kinect: KinectSimulator, make_camera: MakeCamera) -> None:
+def test_the_kinect_with_the_requested_serial_is_opened(
+    kinect: KinectSimulator, make_camera: MakeCamera
+) -> None:
     assert list_kinects() == [kinect.serial]
     with make_camera(kinect.serial) as camera:
         camera.read(3.0)
@@ -169,7 +171,7 @@ def test_the_kinect_asked_for_is_opened(kinect: KinectSimulator, make_camera: Ma
         make_camera("B999").open()
 
 
-def test_closing_stops_both_streams_and_can_be_done_at_any_time(
+def test_closing_stops_both_streams_at_any_time(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera()

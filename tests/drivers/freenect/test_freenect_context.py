@@ -19,12 +19,12 @@ def library(**answers: int) -> Any:
 
 
 @pytest.mark.parametrize(("result", "goes_on"), [(0, True), (10, True), (-10, True), (-1, False)])
-def test_only_a_real_error_ends_the_events(result: int, goes_on: bool) -> None:
+def test_only_real_errors_end_the_event_loop(result: int, goes_on: bool) -> None:
     context = FreenectContext(library(process_events_timeout=result), LibfreenectLog())
     assert context.process_events(TimeValue(0, 0)) is goes_on
 
 
-def test_what_a_callback_raises_comes_out_of_the_event_loop() -> None:
+def test_an_exception_in_a_callback_leaves_the_event_loop() -> None:
     context = FreenectContext(library(), LibfreenectLog())
 
     def fails(pixels: int, stamp: int) -> None:

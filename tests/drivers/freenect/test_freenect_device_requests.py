@@ -39,7 +39,9 @@ def wait_for_motor_unit(kinect: KinectSimulator, tilt_deg: int, led: SimulatedLe
     )
 
 
-def test_head_and_led_follow(camera: SubprocessCamera, kinect: KinectSimulator) -> None:
+def test_tilt_and_led_requests_are_applied(
+    camera: SubprocessCamera, kinect: KinectSimulator
+) -> None:
     camera.set_tilt_deg(14.0)
     camera.set_led(Led.BLINK_RED_YELLOW)
     wait_for_motor_unit(kinect, 14, SimulatedLed.BLINK_RED_YELLOW)
@@ -48,7 +50,7 @@ def test_head_and_led_follow(camera: SubprocessCamera, kinect: KinectSimulator) 
     camera.read(DEFAULT_TIMEOUT_S)
 
 
-def test_a_kinect_that_was_unplugged_does_it_again(
+def test_requests_are_applied_again_after_an_unplug(
     camera: SubprocessCamera, kinect: KinectSimulator
 ) -> None:
     camera.set_led(Led.YELLOW)
@@ -62,7 +64,7 @@ def test_a_kinect_that_was_unplugged_does_it_again(
     wait_for_motor_unit(kinect, 9, SimulatedLed.RED)
 
 
-def test_a_driver_that_was_killed_does_it_again(
+def test_requests_are_applied_again_after_the_driver_was_killed(
     camera: SubprocessCamera, kinect: KinectSimulator
 ) -> None:
     camera.set_led(Led.RED)
@@ -84,7 +86,7 @@ def away(camera: FreenectCamera, tilt_deg: float) -> bool:
     return False
 
 
-def test_what_was_asked_for_outlives_the_settings_and_a_motor_unit_that_was_away(
+def test_requests_override_settings_and_survive_a_missing_motor_unit(
     kinect: KinectSimulator, make_camera: MakeCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kinect_motor_unit, "RECONNECT_PERIOD_S", 0.05)
@@ -101,7 +103,7 @@ def test_what_was_asked_for_outlives_the_settings_and_a_motor_unit_that_was_away
         wait_for_motor_unit(kinect, 7, SimulatedLed.GREEN)
 
 
-def test_a_camera_without_a_motor_unit_has_neither(bare_camera: FreenectCamera) -> None:
+def test_a_camera_without_a_motor_unit_refuses_tilt_and_led(bare_camera: FreenectCamera) -> None:
     with pytest.raises(CameraError, match="freenect: it has no motor"):
         bare_camera.set_tilt_deg(1.0)
     with pytest.raises(CameraError, match="freenect: it has no LED"):

@@ -23,7 +23,7 @@ def test_a_kinect_comes_with_its_motor_unit(kinect: KinectSimulator) -> None:
     assert (kinect.led, kinect.open_handles) == (kinect_faults.KinectLed.OFF, 0)
 
 
-def test_a_dump_is_on_its_own_clock_and_checked_when_opened(tmp_path: Path) -> None:
+def test_a_dump_has_its_own_clock_and_is_checked_when_opened(tmp_path: Path) -> None:
     recipe = partial(make_fakenect_camera, tmp_path, None, PlaybackMode.LOCKSTEP)
     camera = pickle.loads(pickle.dumps(recipe))()
     assert (camera.name, camera.clock) == (f"fakenect:{tmp_path}", Clock.RECORDED)
@@ -32,11 +32,11 @@ def test_a_dump_is_on_its_own_clock_and_checked_when_opened(tmp_path: Path) -> N
     camera.close()
 
 
-def test_a_camera_file_of_no_use_is_refused_at_once(tmp_path: Path) -> None:
+def test_an_unusable_camera_file_is_rejected_at_once(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"camera\.toml"):
         make_kinect_camera("", SensorConfig(), tmp_path / "camera.toml")
 
 
 @pytest.mark.subprocess
-def test_waiting_for_the_next_try_has_an_end() -> None:
+def test_waiting_for_the_next_retry_ends() -> None:
     make_kinect_camera("", SensorConfig(), None).wait_for_reconnect(0.05)

@@ -61,7 +61,7 @@ def reopen(camera: FreenectCamera) -> None:
 @pytest.mark.parametrize(
     ("stream", "every"), [(KinectStream.DEPTH, 601), (KinectStream.COLOR, 407)]
 )
-def test_an_image_that_lost_packets_is_never_delivered(
+def test_an_image_with_lost_packets_is_never_delivered(
     stream: KinectStream, every: int, kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
@@ -77,7 +77,7 @@ def test_an_image_that_lost_packets_is_never_delivered(
 
 
 @pytest.mark.parametrize("packets", [1, 4, 7, 300])
-def test_after_a_burst_of_lost_packets_whole_images_come_again(
+def test_after_a_burst_of_lost_packets_complete_images_arrive(
     packets: int, kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
@@ -89,7 +89,7 @@ def test_after_a_burst_of_lost_packets_whole_images_come_again(
     assert all(pixels(frame) in whole for frame in frames)
 
 
-def test_when_most_images_are_torn_the_condition_says_what_to_do(
+def test_when_most_images_are_incomplete_the_status_has_a_remedy(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
@@ -106,7 +106,7 @@ def test_when_most_images_are_torn_the_condition_says_what_to_do(
     assert "a USB 2 controller of its own" in condition.reason
 
 
-def test_unplugged_is_lost_and_plugged_in_again_it_streams(
+def test_an_unplugged_kinect_is_lost_and_streams_after_replugging(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera()
@@ -140,7 +140,7 @@ def test_a_stream_that_stops_is_reported(
     assert f"sent no {stream.name.lower()} image for 1 s" in str(error)
 
 
-def test_a_stream_that_never_begins_is_reported(
+def test_a_stream_that_never_starts_is_reported(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     kinect.stall(True, KinectStream.COLOR)
@@ -159,7 +159,7 @@ def test_a_stream_that_never_begins_is_reported(
         (KinectSimulator.remove_bandwidth, "no USB bandwidth for the Kinect"),
     ],
 )
-def test_what_keeps_it_from_opening_is_named_and_over_when_it_is_gone(
+def test_a_reason_that_prevents_opening_is_reported_until_it_is_gone(
     fault: Callable[[KinectSimulator, bool], None],
     words: str,
     kinect: KinectSimulator,
@@ -176,7 +176,7 @@ def test_what_keeps_it_from_opening_is_named_and_over_when_it_is_gone(
         camera.read(3.0)
 
 
-def test_a_kinect_that_may_not_be_opened_is_not_an_empty_list(kinect: KinectSimulator) -> None:
+def test_a_kinect_without_permission_is_not_an_empty_list(kinect: KinectSimulator) -> None:
     kinect.deny_access(True)
     with pytest.raises(CameraError, match="replug"):
         list_kinects()
@@ -184,7 +184,7 @@ def test_a_kinect_that_may_not_be_opened_is_not_an_empty_list(kinect: KinectSimu
     assert list_kinects() == []
 
 
-def test_the_kernels_driver_is_sent_away(kinect: KinectSimulator, make_camera: MakeCamera) -> None:
+def test_the_kernel_driver_is_detached(kinect: KinectSimulator, make_camera: MakeCamera) -> None:
     kinect.attach_kernel_driver(True)
     with make_camera() as camera:
         camera.read(3.0)
@@ -202,12 +202,12 @@ def test_nothing_is_left_open_after_many_failures(
     assert (kinect.open_handles, kinect.abandoned_transfers) == (0, 0)
 
 
-def test_a_library_that_is_not_installed_is_named_with_its_package() -> None:
+def test_a_missing_library_is_reported_with_its_package() -> None:
     with pytest.raises(Exception, match=r"libfreenect.so.9.* apt install libfreenect0.5"):
         load_library("libfreenect.so.9")
 
 
-def test_nothing_leaks_when_it_comes_and_goes(
+def test_repeated_replugging_leaks_nothing(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera()

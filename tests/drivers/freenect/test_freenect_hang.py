@@ -24,19 +24,19 @@ def started(kinect: KinectSimulator, argument: str) -> "subprocess.Popen[str]":
     )
 
 
-def test_a_hang_while_opening_is_given_up_and_said(kinect: KinectSimulator) -> None:
+def test_a_hang_while_opening_times_out_and_is_reported(kinect: KinectSimulator) -> None:
     kinect.freeze_control()
     with started(kinect, "open") as process:
-        said, _ = process.communicate(timeout=LIMIT_S)
-    assert said.splitlines() == [HANGS, HANGS]
+        output, _ = process.communicate(timeout=LIMIT_S)
+    assert output.splitlines() == [HANGS, HANGS]
     assert process.returncode == 0
 
 
-def test_a_hang_while_closing_holds_nobody_up(kinect: KinectSimulator) -> None:
+def test_a_hang_while_closing_does_not_block_the_caller(kinect: KinectSimulator) -> None:
     with started(kinect, "close") as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "streams\n"
         kinect.freeze_control()
-        said, _ = process.communicate("go on\n", timeout=LIMIT_S)
-    assert said.splitlines() == [HANGS, HANGS]
+        output, _ = process.communicate("go on\n", timeout=LIMIT_S)
+    assert output.splitlines() == [HANGS, HANGS]
     assert process.returncode == 0

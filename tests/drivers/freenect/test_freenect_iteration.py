@@ -8,7 +8,7 @@ from tests.simulators.kinect_simulator import KinectSimulator
 from tests.waiting import wait_until
 
 
-def test_a_loop_goes_on_when_the_kinect_is_plugged_in_again(kinect: KinectSimulator) -> None:
+def test_iteration_continues_after_replugging(kinect: KinectSimulator) -> None:
     with open_camera("freenect") as camera:
         frames = iter(camera)
         next(frames)

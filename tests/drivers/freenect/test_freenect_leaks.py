@@ -25,7 +25,7 @@ def holds_no_more(now: HeldResources, before: HeldResources) -> bool:
 
 
 @pytest.mark.parametrize("model", [KinectModel.K1414, KinectModel.K1473])
-def test_a_kinect_that_comes_and_goes_leaves_nothing_in_either_process(
+def test_repeated_replugging_leaks_nothing_in_either_process(
     model: KinectModel, simulate_kinect: SimulateKinect
 ) -> None:
     kinect = plug_in(simulate_kinect, model=model)

@@ -13,7 +13,7 @@ def image_done(log: LibfreenectLog, packets: int, expected: int = 242) -> None:
     )
 
 
-def test_an_image_is_torn_if_fewer_packets_arrived_than_it_has() -> None:
+def test_an_image_with_missing_packets_is_incomplete() -> None:
     log = LibfreenectLog()
     told = []
     for packets in (242, 241, 242):
@@ -23,7 +23,7 @@ def test_an_image_is_torn_if_fewer_packets_arrived_than_it_has() -> None:
     assert (log.depth.images, log.depth.incomplete) == (3, 1)
 
 
-def test_a_loss_across_two_images_tears_both() -> None:
+def test_a_loss_across_two_images_makes_both_incomplete() -> None:
     log = LibfreenectLog()
     log.add_line(INFO, "[Stream 70] Lost 4 packets\n")
     image_done(log, 240)
@@ -33,7 +33,7 @@ def test_a_loss_across_two_images_tears_both() -> None:
     assert (first, second, log.depth.lost_packets) == (False, False, 4)
 
 
-def test_a_packet_that_is_too_short_tears_its_image() -> None:
+def test_a_short_packet_makes_its_image_incomplete() -> None:
     log = LibfreenectLog()
     log.add_line(WARNING, "[Stream 80] Expected 1908 data bytes, but got 900\n")
     log.add_line(SPEW, "Got video frame of size 307200/307200, 162/162 packets arrived, TS 0001\n")
@@ -41,7 +41,7 @@ def test_a_packet_that_is_too_short_tears_its_image() -> None:
     assert log.color.add_delivered(1.0)
 
 
-def test_an_image_that_is_given_up_counts_though_it_never_comes() -> None:
+def test_a_discarded_image_counts_as_incomplete() -> None:
     log = LibfreenectLog()
     log.add_line(INFO, "[Stream 80] Lost 90 packets\n")
     log.add_line(INFO, "[Stream 80] Lost too many packets, resyncing...\n")
@@ -51,13 +51,13 @@ def test_an_image_that_is_given_up_counts_though_it_never_comes() -> None:
     assert log.depth.last_activity_s == 0
 
 
-def test_a_stream_that_only_tells_its_packet_size_is_not_heard_yet() -> None:
+def test_a_stream_that_only_reports_its_packet_size_has_not_started() -> None:
     log = LibfreenectLog()
     log.add_line(WARNING, "[Stream 70] Negotiated packet size 1760\n")
     assert log.depth.last_activity_s == 0
 
 
-def test_the_last_complaint_is_kept_and_chatter_is_not() -> None:
+def test_the_last_error_line_is_kept_and_debug_lines_are_not() -> None:
     log = LibfreenectLog()
     assert log.last_line == "libfreenect gives no reason"
     log.add_line(ERROR, "Failed to claim camera interface: LIBUSB_ERROR_BUSY\n")
@@ -66,7 +66,7 @@ def test_the_last_complaint_is_kept_and_chatter_is_not() -> None:
     assert log.contains("Failed to claim")
 
 
-def test_what_libfreenect_says_reaches_the_log_but_for_the_line_of_each_image(
+def test_libfreenect_lines_are_logged_except_those_of_each_image(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     log = LibfreenectLog()

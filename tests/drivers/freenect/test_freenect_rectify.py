@@ -30,7 +30,7 @@ def written(camera: CameraCalibration, folder: Path) -> Path:
     return file
 
 
-def test_a_depth_camera_of_its_own_is_registered_here(
+def test_depth_with_its_own_camera_is_registered_in_software(
     kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
     file = written(replace(DEFAULT_CALIBRATION, depth=OWN_CAMERA), tmp_path)
@@ -43,7 +43,7 @@ def test_a_depth_camera_of_its_own_is_registered_here(
     assert frame.depth_factor == pytest.approx(1000.0 / 1.02)
 
 
-def test_what_is_asked_of_libfreenect_depends_on_the_camera_file(tmp_path: Path) -> None:
+def test_the_requested_depth_format_depends_on_the_camera_file(tmp_path: Path) -> None:
     own = written(replace(DEFAULT_CALIBRATION, depth=OWN_CAMERA), tmp_path)
     assert KinectRectifier(own, is_mirrored=False).depth_format is DepthFormat.MM
     assert KinectRectifier(None, is_mirrored=False).depth_format is DepthFormat.REGISTERED_MM
@@ -60,7 +60,7 @@ def test_what_is_asked_of_libfreenect_depends_on_the_camera_file(tmp_path: Path)
         (replace(DEFAULT_CALIBRATION, depth_factor=5000.0), "set depth_factor = 1000.0"),
     ],
 )
-def test_a_file_of_another_camera_is_refused(
+def test_a_file_for_another_image_size_is_rejected(
     camera: CameraCalibration, words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=words):

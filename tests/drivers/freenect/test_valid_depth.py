@@ -20,18 +20,18 @@ def table(*ends: int) -> np.ndarray[tuple[int], np.dtype[np.uint16]]:
     return np.array([*range(400, 5400, 5), *ends], dtype=np.uint16)
 
 
-def test_what_a_wrapped_value_could_also_be_is_no_reading() -> None:
+def test_ambiguous_wrapped_values_are_invalid() -> None:
     measured = find_valid_depths_mm(table(20_000, 61_000, 5000, 7000, 0))
     assert set(measured) == set(range(400, 5400, 5)) - {5000}
 
 
-def test_without_values_too_far_the_table_ends_where_it_falls() -> None:
+def test_without_a_far_range_the_table_ends_where_it_decreases() -> None:
     assert find_valid_depths_mm(table(300, 401, 0)).tolist() == list(range(400, 5400, 5))
 
 
 @pytest.mark.slow
 @given(st.lists(st.integers(0, 65535), max_size=300))
-def test_only_the_rising_part_below_10_m_is_measured(ends: list[int]) -> None:
+def test_only_the_increasing_part_below_10_m_is_valid(ends: list[int]) -> None:
     values = table(*ends)
     measured = set(find_valid_depths_mm(values).tolist())
     for raw, mm in enumerate(values.tolist()):
@@ -40,7 +40,7 @@ def test_only_the_rising_part_below_10_m_is_measured(ends: list[int]) -> None:
             assert (values[: raw + 1] == np.maximum.accumulate(values[: raw + 1])).all()
 
 
-def test_the_filter_keeps_the_measured_and_makes_0_of_all_else() -> None:
+def test_the_filter_sets_invalid_depth_to_0() -> None:
     every = np.arange(65536, dtype=np.uint16).reshape(256, 256)
     kept = ValidDepthMask(find_valid_depths_mm(table(5000)))(every)
     assert set(np.unique(kept)) == {0} | set(range(400, 5400, 5)) - {5000}

@@ -55,7 +55,7 @@ class Monitor:
 
 
 @pytest.mark.parametrize("product", ["45e/2ae/10b", "45e/2bf/210", "1d27/601/1"])
-def test_a_camera_that_is_plugged_in_ends_the_wait(product: str, clock: FakeMonotonicClock) -> None:
+def test_a_plugged_in_camera_ends_the_wait(product: str, clock: FakeMonotonicClock) -> None:
     events = Event("add", "46d/c52b/1200"), Event("remove", product), Event("add", product)
     begin_s = clock.now_s
     assert wait_for_device(NEVER_S, lambda: Monitor(*events, clock=clock))
@@ -72,11 +72,11 @@ def test_a_camera_that_is_plugged_in_ends_the_wait(product: str, clock: FakeMono
         Event("add", ""),
     ],
 )
-def test_everything_else_does_not(event: Event, clock: FakeMonotonicClock) -> None:
+def test_other_events_do_not_end_the_wait(event: Event, clock: FakeMonotonicClock) -> None:
     assert not wait_for_device(0.1, lambda: Monitor(event, clock=clock))
 
 
-def test_without_udev_it_waits_all_the_same(clock: FakeMonotonicClock) -> None:
+def test_without_udev_the_wait_times_out(clock: FakeMonotonicClock) -> None:
     def no_netlink() -> Monitor:
         raise OSError("no netlink here")
 
@@ -86,7 +86,7 @@ def test_without_udev_it_waits_all_the_same(clock: FakeMonotonicClock) -> None:
 
 
 @pytest.mark.subprocess
-def test_the_real_udev_gives_nothing_in_time_and_leaves_nothing_open() -> None:
+def test_real_udev_without_events_times_out_and_leaks_nothing() -> None:
     wait_for_device(0.01)
     before = resources_in_use()
     for _ in range(20):

@@ -20,7 +20,7 @@ def test_a_level_kinect_gives_gravity_straight_down() -> None:
     assert gravity_from_counts(0, 819, 0) == pytest.approx(LEVEL)
 
 
-def test_three_zeros_give_none() -> None:
+def test_three_zeros_give_no_gravity() -> None:
     assert gravity_from_counts(0, 0, 0) is None
 
 
@@ -34,37 +34,39 @@ def test_gravity_is_the_mean_of_the_last_second(across: list[float]) -> None:
     assert found == pytest.approx((sum(across) / len(across), 9.8, 0.0))
 
 
-def test_nothing_measured_is_none(meter: GravityFilter) -> None:
+def test_without_readings_there_is_no_gravity(meter: GravityFilter) -> None:
     assert meter.mean_at(1.0) is None
 
 
-def test_what_is_older_than_a_second_is_none(meter: GravityFilter) -> None:
+def test_readings_older_than_a_second_are_ignored(meter: GravityFilter) -> None:
     meter.add(LEVEL, 5.0, is_moving=False)
     assert meter.mean_at(5.9) == LEVEL
     assert meter.mean_at(6.1) is None
 
 
 @pytest.mark.parametrize("reading", [None, (0.0, 12.0, 0.0), (0.0, 8.0, 0.0)])
-def test_a_push_or_no_data_changes_nothing(meter: GravityFilter, reading: Vector | None) -> None:
+def test_a_push_or_missing_data_does_not_change_gravity(
+    meter: GravityFilter, reading: Vector | None
+) -> None:
     meter.add(LEVEL, 5.0, is_moving=False)
     assert not meter.add(reading, 5.1, is_moving=False)
     assert meter.mean_at(5.2) == LEVEL
 
 
-def test_while_the_head_moves_the_newest_reading_stands_alone(meter: GravityFilter) -> None:
+def test_while_the_head_moves_only_the_newest_reading_counts(meter: GravityFilter) -> None:
     meter.add(LEVEL, 5.0, is_moving=False)
     meter.add(TILTED, 5.1, is_moving=True)
     assert meter.mean_at(5.2) == TILTED
 
 
-def test_after_a_tilt_was_asked_for_the_readings_stand_alone_too(meter: GravityFilter) -> None:
+def test_after_a_tilt_request_only_newer_readings_count(meter: GravityFilter) -> None:
     meter.ignore_until(until_s=6.0)
     for now_s, reading in ((5.0, LEVEL), (5.1, TILTED)):
         meter.add(reading, now_s, is_moving=False)
     assert meter.mean_at(5.2) == TILTED
 
 
-def test_what_is_forgotten_is_none(meter: GravityFilter) -> None:
+def test_after_a_reset_there_is_no_gravity(meter: GravityFilter) -> None:
     meter.add(LEVEL, 5.0, is_moving=False)
     meter.reset()
     assert meter.mean_at(5.1) is None

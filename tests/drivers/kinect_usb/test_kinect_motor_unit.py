@@ -48,7 +48,7 @@ def motor_unit(monkeypatch: pytest.MonkeyPatch, serials: list[str]) -> Iterator[
 
 
 @pytest.mark.parametrize("model", list(KinectModel))
-def test_gravity_is_there_as_soon_as_it_is_open(
+def test_gravity_is_available_after_opening(
     plug_in: PlugIn, motor_unit: KinectMotorUnit, model: KinectModel
 ) -> None:
     plug_in(model=model)
@@ -56,7 +56,7 @@ def test_gravity_is_there_as_soon_as_it_is_open(
     assert motor_unit.gravity_m_s2 == LEVEL
 
 
-def test_gravity_follows_the_head(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
+def test_gravity_follows_the_tilt(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
     motor_unit.open("")
     kinect.set_accelerometer(0, 700, -425)
@@ -64,7 +64,7 @@ def test_gravity_follows_the_head(plug_in: PlugIn, motor_unit: KinectMotorUnit) 
     wait_until(lambda: motor_unit.gravity_m_s2 == looking_down)
 
 
-def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
+def test_gravity_is_mirrored_with_the_image(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     plug_in().set_accelerometer(-200, 790, 0)
     motor_unit.open("")
     to_the_left = motor_unit.gravity_m_s2
@@ -73,16 +73,14 @@ def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, motor_unit: Kinec
     assert motor_unit.gravity_m_s2 == pytest.approx((2.39, 9.46, 0.0), abs=0.01)
 
 
-def test_settings_reach_the_led_and_the_head(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
+def test_settings_are_applied_to_led_and_tilt(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
     motor_unit.open("")
     motor_unit.apply(SETTINGS)
     assert (kinect.led, kinect.tilt_deg) == (SimulatedLed.RED, 10)
 
 
-def test_a_tilt_that_is_not_set_leaves_the_head_alone(
-    plug_in: PlugIn, motor_unit: KinectMotorUnit
-) -> None:
+def test_an_unset_tilt_does_not_move_the_head(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
     motor_unit.open("")
     motor_unit.set_tilt_deg(-8.0)
@@ -90,7 +88,7 @@ def test_a_tilt_that_is_not_set_leaves_the_head_alone(
     assert (kinect.led, kinect.tilt_deg) == (SimulatedLed.GREEN, -8)
 
 
-def test_closing_switches_the_led_off_and_leaves_nothing(
+def test_closing_switches_the_led_off_and_leaks_nothing(
     plug_in: PlugIn, motor_unit: KinectMotorUnit
 ) -> None:
     kinect = plug_in()
@@ -104,9 +102,7 @@ def test_closing_switches_the_led_off_and_leaves_nothing(
     assert motor_unit.gravity_m_s2 is None
 
 
-def test_two_hundred_times_leave_nothing_behind(
-    plug_in: PlugIn, motor_unit: KinectMotorUnit
-) -> None:
+def test_two_hundred_openings_leak_nothing(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     kinect = plug_in()
     motor_unit.open("")
     motor_unit.close()
@@ -120,7 +116,7 @@ def test_two_hundred_times_leave_nothing_behind(
     assert kinect.open_handles == 0
 
 
-def test_a_motor_unit_that_only_measured_leaves_the_led_as_it_was(
+def test_a_motor_unit_that_only_measured_does_not_change_the_led(
     plug_in: PlugIn, motor_unit: KinectMotorUnit
 ) -> None:
     kinect = plug_in()
@@ -130,7 +126,7 @@ def test_a_motor_unit_that_only_measured_leaves_the_led_as_it_was(
 
 
 @pytest.mark.parametrize("model", list(KinectModel))
-def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_configured_again(
+def test_after_replugging_the_motor_unit_is_configured_again(
     plug_in: PlugIn,
     motor_unit: KinectMotorUnit,
     model: KinectModel,
@@ -149,7 +145,9 @@ def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_configured_again(
     assert warning.endswith("unplugged; plug it in again")
 
 
-def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
+def test_a_motor_unit_plugged_in_later_is_used(
+    plug_in: PlugIn, motor_unit: KinectMotorUnit
+) -> None:
     kinect = plug_in()
     kinect.unplug()
     motor_unit.open("")
@@ -160,7 +158,7 @@ def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, motor_unit: Kinec
     assert kinect.led == SimulatedLed.RED
 
 
-def test_without_permission_it_is_quiet_and_says_so_once(
+def test_a_missing_permission_is_logged_once(
     plug_in: PlugIn,
     motor_unit: KinectMotorUnit,
     caplog: pytest.LogCaptureFixture,
@@ -176,7 +174,7 @@ def test_without_permission_it_is_quiet_and_says_so_once(
     ]
 
 
-def test_firmware_that_comes_later_brings_gravity(
+def test_firmware_loaded_later_enables_gravity(
     plug_in: PlugIn, motor_unit: KinectMotorUnit, caplog: pytest.LogCaptureFixture
 ) -> None:
     kinect = plug_in(model=KinectModel.K1473)
@@ -189,7 +187,7 @@ def test_firmware_that_comes_later_brings_gravity(
 
 
 @pytest.mark.parametrize("counts", [(0, 0, 0), (0, 400, 0)])
-def test_readings_that_are_no_gravity_are_none_and_logged_once(
+def test_invalid_gravity_readings_are_ignored_and_logged_once(
     plug_in: PlugIn,
     motor_unit: KinectMotorUnit,
     caplog: pytest.LogCaptureFixture,
@@ -225,14 +223,14 @@ def test_commands_fail_without_a_device(plug_in: PlugIn, motor_unit: KinectMotor
             command()
 
 
-def test_the_tilt_can_be_asked_for(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
+def test_the_tilt_can_be_read(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:
     plug_in(model=KinectModel.K4W).tilt_deg_per_s = 1000
     motor_unit.open("")
     motor_unit.set_tilt_deg(-12.0)
     wait_until(lambda: motor_unit.read().tilt_deg == -12.0)
 
 
-def test_a_machine_without_libusb_has_no_motor_unit_either(
+def test_without_libusb_there_is_no_motor_unit(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     def no_libusb(serial: str) -> None:

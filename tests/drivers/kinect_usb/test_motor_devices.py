@@ -35,7 +35,7 @@ def kinect(request: pytest.FixtureRequest, plug_in: PlugIn) -> KinectSimulator:
 @pytest.mark.parametrize(
     ("asked_deg", "sent_deg"), [(0.0, 0), (12.0, 12), (-7.0, -7), (45.0, 31), (-90.0, -31)]
 )
-def test_the_head_is_tilted_within_what_it_can(
+def test_the_tilt_is_clipped_to_its_range(
     kinect: KinectSimulator, asked_deg: float, sent_deg: int
 ) -> None:
     with opened() as device:
@@ -43,13 +43,13 @@ def test_the_head_is_tilted_within_what_it_can(
     assert kinect.tilt_deg == sent_deg
 
 
-def test_a_tilt_that_is_no_number_never_reaches_the_motor(kinect: KinectSimulator) -> None:
+def test_a_tilt_that_is_not_a_number_is_not_sent_to_the_motor(kinect: KinectSimulator) -> None:
     with opened() as device, pytest.raises(ValueError, match="not a number"):
         device.set_tilt_deg(float("nan"))
 
 
 @pytest.mark.parametrize("led", list(Led))
-def test_the_led_is_as_asked_or_the_nearest_there_is(kinect: KinectSimulator, led: Led) -> None:
+def test_the_led_has_the_requested_or_the_nearest_mode(kinect: KinectSimulator, led: Led) -> None:
     with opened() as device:
         device.set_led(led)
     shown = {
@@ -79,7 +79,7 @@ def test_three_zeros_are_no_data(kinect: KinectSimulator) -> None:
         assert device.read().gravity_m_s2 is None
 
 
-def test_the_tilt_is_reported_when_the_head_has_come_to_rest(kinect: KinectSimulator) -> None:
+def test_the_tilt_is_reported_when_the_head_is_at_rest(kinect: KinectSimulator) -> None:
     kinect.tilt_deg_per_s = 1000
     with opened() as device:
         device.set_tilt_deg(-20.0)
@@ -88,7 +88,7 @@ def test_the_tilt_is_reported_when_the_head_has_come_to_rest(kinect: KinectSimul
     assert (reading.tilt_deg, reading.is_moving) == (-20.0, False)
 
 
-def test_the_1414_tells_that_its_head_moves(plug_in: PlugIn) -> None:
+def test_the_1414_reports_that_its_head_moves(plug_in: PlugIn) -> None:
     kinect = plug_in()
     kinect.tilt_deg_per_s = 1
     with opened() as device:
@@ -97,7 +97,7 @@ def test_the_1414_tells_that_its_head_moves(plug_in: PlugIn) -> None:
     assert reading.is_moving
 
 
-def test_an_unplugged_one_is_lost(kinect: KinectSimulator) -> None:
+def test_an_unplugged_motor_unit_is_lost(kinect: KinectSimulator) -> None:
     with opened() as device:
         device.read()
         kinect.unplug()
@@ -105,7 +105,7 @@ def test_an_unplugged_one_is_lost(kinect: KinectSimulator) -> None:
             device.read()
 
 
-def test_without_permission_the_text_says_where_to_look(kinect: KinectSimulator) -> None:
+def test_a_missing_permission_is_reported_with_the_documentation(kinect: KinectSimulator) -> None:
     kinect.deny_access()
     with opened() as device, pytest.raises(CameraError, match="no permission; kinect-vo doctor"):
         device.set_led(Led.RED)
@@ -118,7 +118,7 @@ def test_without_firmware_there_is_no_motor(plug_in: PlugIn, model: KinectModel)
         open_motor_device("")
 
 
-def test_a_device_that_falls_silent_is_waited_for_in_vain_but_not_for_ever(plug_in: PlugIn) -> None:
+def test_a_silent_device_times_out(plug_in: PlugIn) -> None:
     kinect = plug_in(model=KinectModel.K1473)
     with opened() as device:
         kinect.set_firmware_loaded(False)  # as after its power has failed
@@ -133,12 +133,12 @@ class CutShort:
         return bytes(4)
 
 
-def test_half_an_answer_is_an_error() -> None:
+def test_an_incomplete_reply_is_an_error() -> None:
     with pytest.raises(CameraError, match="answers with 4 bytes"):
         Kinect1414Motor(CutShort(), "motor").read()
 
 
-def test_an_answer_that_nobody_fetched_is_passed_over(plug_in: PlugIn) -> None:
+def test_a_stale_reply_is_skipped(plug_in: PlugIn) -> None:
     kinect = plug_in(model=KinectModel.K1473)
     kinect.set_accelerometer(0, 819, 0)
     handle = find(idProduct=0x02AD)
@@ -149,7 +149,7 @@ def test_an_answer_that_nobody_fetched_is_passed_over(plug_in: PlugIn) -> None:
     assert kinect.led == PlayedLed.RED
 
 
-def test_closing_gives_the_device_back(kinect: KinectSimulator) -> None:
+def test_closing_releases_the_device(kinect: KinectSimulator) -> None:
     with opened() as device:
         device.read()
         assert kinect.open_handles == 1

@@ -33,7 +33,7 @@ def part(vendor: int, product: int, bus: int, *ports: int) -> UsbDevice:
         (KinectModel.K4W, Label.K4W, UsbRole.AUDIO),
     ],
 )
-def test_each_model_is_reported_with_its_place_and_its_parts(
+def test_each_model_is_reported_with_its_port_and_its_devices(
     plug_in: PlugIn, model: KinectModel, label: Label, motor_role: UsbRole
 ) -> None:
     plug_in(model=model, serial="A22598769002345A")
@@ -46,13 +46,13 @@ def test_each_model_is_reported_with_its_place_and_its_parts(
     assert sensor.read_serial() == "A22598769002345A"
 
 
-def test_looking_around_leaves_nothing_open(plug_in: PlugIn) -> None:
+def test_listing_leaves_nothing_open(plug_in: PlugIn) -> None:
     kinect = plug_in()
     find_connected_sensors()[0].read_serial()
     assert kinect.open_handles == 0
 
 
-def test_without_permission_it_is_seen_but_its_serial_number_is_not(plug_in: PlugIn) -> None:
+def test_without_permission_the_serial_number_is_unknown(plug_in: PlugIn) -> None:
     plug_in().deny_access()
     (sensor,) = find_connected_sensors()
     assert (sensor.model, sensor.read_serial()) == (Label.K1414, "")
@@ -70,7 +70,7 @@ def test_an_unplugged_kinect_is_not_found(plug_in: PlugIn) -> None:
         find_kinect("")
 
 
-def test_the_serial_number_chooses_between_two(
+def test_the_serial_number_selects_one_of_two(
     plug_in: PlugIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kinects = [plug_in(serial="A1"), plug_in(serial="B2", model=KinectModel.K1473)]
@@ -85,7 +85,7 @@ def test_the_serial_number_chooses_between_two(
         find_kinect("C3")
 
 
-def test_parts_belong_to_the_camera_on_the_same_hub() -> None:
+def test_devices_on_one_hub_belong_to_one_kinect() -> None:
     here = [part(0x045E, 0x02AE, 1, 2, 1), part(0x045E, 0x02B0, 1, 2, 2)]
     there = [part(0x045E, 0x02AE, 1, 3, 1), part(0x045E, 0x02B0, 1, 3, 2)]
     other_bus = [part(0x045E, 0x02AE, 2, 2, 1), part(0x045E, 0x02B0, 2, 2, 2)]
@@ -100,5 +100,5 @@ def test_an_xtion_has_no_motor_unit_and_a_kinect_v2_is_not_supported() -> None:
     assert (second.name, second.is_supported) == ("Kinect v2 (bus 4 port 1)", False)
 
 
-def test_a_place_is_reported_without_ports_too() -> None:
+def test_the_bus_is_reported_without_ports_too() -> None:
     assert part(0x1D27, 0x0600, 3).location == "bus 3 device 9"

@@ -44,7 +44,7 @@ def test_other_version_of_the_format(small_oni: Path) -> None:
     assert "its format has version 1.0.0.0, only 1.0.1.0 is supported" in complaint(small_oni)
 
 
-def test_recorder_that_was_killed(tmp_path: Path) -> None:
+def test_recording_of_a_killed_recorder(tmp_path: Path) -> None:
     path = tmp_path / "killed.oni"
     write_oni(path, make_images(3), OniSettings(finished=False))
     assert "is unfinished" in complaint(path)
@@ -54,7 +54,7 @@ def test_recorder_that_was_killed(tmp_path: Path) -> None:
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(share=st.floats(0.0, 0.999))
-def test_cut_short_anywhere(share: float, small_oni: Path, tmp_path: Path) -> None:
+def test_truncated_anywhere(share: float, small_oni: Path, tmp_path: Path) -> None:
     content = small_oni.read_bytes()
     path = tmp_path / "short.oni"
     path.write_bytes(content[: int(share * len(content))])
@@ -80,13 +80,13 @@ def test_a_flipped_byte_is_read_or_refused(
 @pytest.mark.parametrize(
     ("only", "lacks"), [(OniSensor.DEPTH, "color"), (OniSensor.COLOR, "depth")]
 )
-def test_one_stream_alone(only: OniSensor, lacks: str, tmp_path: Path) -> None:
+def test_only_one_stream(only: OniSensor, lacks: str, tmp_path: Path) -> None:
     path = tmp_path / "half.oni"
     write_oni(path, [make_image(only, seq * 33_333) for seq in range(3)])
     assert f"holds no {lacks} images; record color and depth together" in complaint(path)
 
 
-def test_streams_that_never_meet(tmp_path: Path) -> None:
+def test_streams_that_never_overlap(tmp_path: Path) -> None:
     path = tmp_path / "apart.oni"
     write_oni(path, [make_image(OniSensor.DEPTH, 0), make_image(OniSensor.COLOR, 500_000)])
     assert "no color image within 20 ms of a depth image" in complaint(path)
@@ -117,7 +117,7 @@ def test_missing_camera_file(small_oni: Path, tmp_path: Path) -> None:
     assert "none.toml" in complaint(small_oni, tmp_path / "none.toml")
 
 
-def test_recording_that_the_player_would_drop(tmp_path: Path, camera_file: Path) -> None:
+def test_recording_that_the_player_would_discard(tmp_path: Path, camera_file: Path) -> None:
     path = tmp_path / "dropped.oni"
     write_oni(path, make_images(2), OniSettings(cropping=False))
     assert "lacks the cropping property" in complaint(path, camera_file)

@@ -83,7 +83,7 @@ turns = st.lists(st.tuples(st.sampled_from(OniSensor), st.integers(1_000, 40_000
     max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(turns=turns)
-def test_no_image_is_lost_in_whatever_order_the_file_has_them(
+def test_every_image_is_played_in_any_order_of_the_file(
     turns: list[tuple[OniSensor, int]], tmp_path: Path, camera_file: Path
 ) -> None:
     stamps_us = dict.fromkeys(OniSensor, 0)
@@ -127,7 +127,7 @@ def test_images_without_a_partner_are_counted(tmp_path: Path, camera_file: Path)
     assert camera.unpaired == 1
 
 
-def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
+def test_realtime_drops_and_counts_late_frames(
     tmp_path: Path, camera_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, now_s = written(tmp_path / "long.oni", make_images(30)), [100.0]
@@ -146,7 +146,7 @@ def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
     assert counters.delivered == 2
 
 
-def test_realtime_gives_the_same_frames_to_a_reader_in_time(
+def test_realtime_gives_the_same_frames_to_a_fast_reader(
     small_oni: Path, camera_file: Path
 ) -> None:
     lockstep = {frame.seq: frame for frame in read_all_frames(OniCamera(small_oni, camera_file))}
@@ -169,7 +169,7 @@ def test_depth_in_tenths_of_a_millimeter_has_its_own_factor(
 
 @pytest.mark.parametrize("recorded", [True, False])
 @pytest.mark.parametrize("wanted", [True, False])
-def test_left_and_right_are_as_asked_for(
+def test_mirroring_follows_the_settings(
     recorded: bool, wanted: bool, tmp_path: Path, camera_file: Path
 ) -> None:
     images = make_images(1)
@@ -191,7 +191,7 @@ def test_depth_camera_of_its_own_is_registered_in_software(
         np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
 
 
-def test_closes_in_the_middle_and_starts_again(small_oni: Path, camera_file: Path) -> None:
+def test_closes_in_the_middle_and_restarts(small_oni: Path, camera_file: Path) -> None:
     camera = OniCamera(small_oni, camera_file)
     for _ in range(2):
         camera.open()
@@ -202,7 +202,7 @@ def test_closes_in_the_middle_and_starts_again(small_oni: Path, camera_file: Pat
         camera.read(0.1)
 
 
-def test_end_is_the_end_however_often_it_is_asked_for(small_oni: Path, camera_file: Path) -> None:
+def test_end_of_stream_is_repeated(small_oni: Path, camera_file: Path) -> None:
     with OniCamera(small_oni, camera_file) as camera:
         for _ in range(8):
             camera.read(5.0)
@@ -211,7 +211,7 @@ def test_end_is_the_end_however_often_it_is_asked_for(small_oni: Path, camera_fi
                 camera.read(5.0)
 
 
-def test_nothing_is_left_behind_by_opening_and_closing(small_oni: Path, camera_file: Path) -> None:
+def test_opening_and_closing_leaks_nothing(small_oni: Path, camera_file: Path) -> None:
     camera = OniCamera(small_oni, camera_file)
 
     def held() -> Counter[str]:
@@ -223,7 +223,7 @@ def test_nothing_is_left_behind_by_opening_and_closing(small_oni: Path, camera_f
     assert all(held() <= before for _ in range(3))
 
 
-def test_says_where_its_intrinsics_come_from(small_oni: Path, camera_file: Path) -> None:
+def test_source_of_the_intrinsics_is_reported(small_oni: Path, camera_file: Path) -> None:
     with OniCamera(small_oni, camera_file) as camera:
         assert camera.intrinsics_source == f"camera file {camera_file}"
         assert (camera.read(5.0).camera.width, camera.read(5.0).camera.height) == SIZE

@@ -80,7 +80,7 @@ def test_the_camera_file_gives_the_timing(tmp_path: Path, depth_camera_file: Pat
     assert frame.skew_s == pytest.approx(0.006)
 
 
-def test_stamps_rise_on_the_hosts_clock(tmp_path: Path, depth_camera_file: Path) -> None:
+def test_stamps_increase_on_the_host_clock(tmp_path: Path, depth_camera_file: Path) -> None:
     before_s = time.monotonic()
     with OpenNI2Camera(sensor(tmp_path / "a.oni", make_images(60)), depth_camera_file) as camera:
         frames = [camera.read(2.0) for _ in range(10)]
@@ -92,7 +92,7 @@ def test_stamps_rise_on_the_hosts_clock(tmp_path: Path, depth_camera_file: Path)
     assert all(frame.stamp_s < frame.receive_time_s for frame in frames)
 
 
-def test_slow_reader_gets_the_newest_and_the_rest_is_counted(
+def test_slow_reader_gets_the_newest_frame_and_dropped_ones_are_counted(
     tmp_path: Path, depth_camera_file: Path
 ) -> None:
     with OpenNI2Camera(sensor(tmp_path / "a.oni", make_images(60)), depth_camera_file) as camera:
@@ -115,7 +115,7 @@ def test_stream_that_stops_is_a_lost_camera(tmp_path: Path, depth_camera_file: P
         assert "color stream stopped" in camera.status.reason
 
 
-def test_stream_that_never_begins_is_a_lost_camera(tmp_path: Path, depth_camera_file: Path) -> None:
+def test_stream_that_never_starts_is_a_lost_camera(tmp_path: Path, depth_camera_file: Path) -> None:
     late = [make_image(OniSensor.COLOR, seq * 33_333) for seq in range(120)]
     uri = sensor(tmp_path / "a.oni", [*late, make_image(OniSensor.DEPTH, 120 * 33_333)])
     with (
@@ -125,7 +125,7 @@ def test_stream_that_never_begins_is_a_lost_camera(tmp_path: Path, depth_camera_
         camera.read(10.0)
 
 
-def test_nothing_within_the_time_given_is_no_frame_yet(
+def test_no_frame_within_the_timeout_is_a_frame_timeout(
     tmp_path: Path, depth_camera_file: Path
 ) -> None:
     apart = [make_image(OniSensor.DEPTH, 0), make_image(OniSensor.COLOR, 900_000)]
@@ -136,7 +136,7 @@ def test_nothing_within_the_time_given_is_no_frame_yet(
         camera.read(0.1)
 
 
-def test_condition_follows_the_camera(tmp_path: Path, depth_camera_file: Path) -> None:
+def test_status_follows_the_camera(tmp_path: Path, depth_camera_file: Path) -> None:
     camera = OpenNI2Camera(sensor(tmp_path / "a.oni", make_images(30)), depth_camera_file)
     seen = [camera.status.state]
     with camera:
@@ -148,7 +148,9 @@ def test_condition_follows_the_camera(tmp_path: Path, depth_camera_file: Path) -
         camera.read(0.1)
 
 
-def test_mirror_is_made_where_the_sensor_does_not(tmp_path: Path, depth_camera_file: Path) -> None:
+def test_image_is_mirrored_in_software_if_the_sensor_cannot(
+    tmp_path: Path, depth_camera_file: Path
+) -> None:
     depth, color = make_images(1)
     later_us = [seq * 33_333 for seq in range(30)]
     images = [replace(view, stamp_us=us) for us in later_us for view in (depth, color)]
@@ -160,7 +162,7 @@ def test_mirror_is_made_where_the_sensor_does_not(tmp_path: Path, depth_camera_f
 
 
 @pytest.mark.parametrize("registered_file", [True, False])
-def test_depth_that_is_not_registered_is_refused(
+def test_unregistered_depth_is_rejected(
     registered_file: bool, tmp_path: Path, camera_file: Path
 ) -> None:
     uri = sensor(tmp_path / "a.oni", make_images(5))
@@ -169,14 +171,14 @@ def test_depth_that_is_not_registered_is_refused(
         camera.open()
 
 
-def test_sensor_that_is_not_there(depth_camera_file: Path) -> None:
+def test_missing_sensor(depth_camera_file: Path) -> None:
     camera = OpenNI2Camera("1d27/0601@1/99", depth_camera_file)
     with pytest.raises(CameraNotFoundError, match="no sensor has this URI or serial number"):
         camera.open()
     assert camera.status.state is CameraState.ABSENT
 
 
-def test_recording_that_plays_is_not_listed_as_plugged_in(
+def test_playing_recording_is_not_listed_as_a_device(
     tmp_path: Path, depth_camera_file: Path
 ) -> None:
     uri = sensor(tmp_path / "a.oni", make_images(30))

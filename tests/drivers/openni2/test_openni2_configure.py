@@ -51,7 +51,7 @@ def file_of(width: int, height: int, depth_factor: float = 1000.0) -> CameraCali
     return CameraCalibration(width, height, 500.0, 500.0, 1.0, 1.0, (0.0,) * 5, depth_factor)
 
 
-def test_depth_counts_as_registered_only_if_the_device_says_so_afterwards() -> None:
+def test_registration_counts_only_if_the_device_confirms_it() -> None:
     assert device().enable_depth_registration(True)
     assert not device(obeys=False).enable_depth_registration(True)
     assert not device(registers=False).enable_depth_registration(True)
@@ -63,37 +63,37 @@ def test_registration_can_be_turned_off() -> None:
     assert not sensor.enable_depth_registration(False)
 
 
-def test_sync_is_what_the_device_says_afterwards() -> None:
+def test_sync_is_read_back_from_the_device() -> None:
     assert device().enable_depth_color_sync()
     assert not device(synchronizes=False).enable_depth_color_sync()
 
 
 @pytest.mark.parametrize("modes", [[QVGA, FAST_VGA, VGA], [VGA_YUV, VGA], [VGA, FAST_VGA]])
-def test_usual_mode_is_640x480_rgb_at_30(modes: list[VideoMode]) -> None:
+def test_default_mode_is_640x480_rgb_at_30(modes: list[VideoMode]) -> None:
     assert bytes(choose_video_mode(SensorType.COLOR, modes, None)) == bytes(VGA)
 
 
-def test_size_of_the_camera_file_is_chosen() -> None:
+def test_mode_has_the_size_of_the_camera_file() -> None:
     chosen = choose_video_mode(SensorType.COLOR, [VGA, QVGA], file_of(320, 240))
     assert (chosen.width, chosen.height) == (320, 240)
 
 
-def test_unit_of_the_camera_file_is_chosen() -> None:
+def test_mode_has_the_depth_unit_of_the_camera_file() -> None:
     modes = [DEPTH_FINE, DEPTH_MM]
     assert choose_video_mode(SensorType.DEPTH, modes, None).format == PixelFormat.DEPTH_1_MM
     fine = choose_video_mode(SensorType.DEPTH, modes, file_of(640, 480, 10000.0))
     assert fine.format == PixelFormat.DEPTH_100_UM
 
 
-def test_size_that_the_sensor_lacks_is_refused_with_those_it_has() -> None:
+def test_unsupported_size_is_rejected_with_the_supported_ones() -> None:
     with pytest.raises(InputError, match=r"no color of 64x48.* it has 320x240, 640x480"):
         choose_video_mode(SensorType.COLOR, [VGA, QVGA], file_of(64, 48))
 
 
-def test_sensor_of_another_size_is_taken_without_a_camera_file() -> None:
+def test_any_size_is_accepted_without_a_camera_file() -> None:
     assert choose_video_mode(SensorType.COLOR, [QVGA], None).width == 320
 
 
-def test_unknown_formats_alone_are_refused() -> None:
+def test_only_unknown_formats_are_rejected() -> None:
     with pytest.raises(InputError, match="no supported format"):
         choose_video_mode(SensorType.COLOR, [VideoMode(204, 640, 480, 30)], None)

@@ -31,7 +31,7 @@ def choice(file: CameraCalibration) -> CalibrationFile:
     return CalibrationFile(Path("c.toml"), file)
 
 
-def test_registered_sensor_tells_its_own_focal_lengths() -> None:
+def test_registered_sensor_reports_its_own_focal_lengths() -> None:
     optics = make_rectifier(SENSOR, NO_FILE)
     camera = optics.camera
     assert (camera.fx, camera.fy) == pytest.approx((570.3, 570.3))
@@ -40,21 +40,21 @@ def test_registered_sensor_tells_its_own_focal_lengths() -> None:
 
 
 @pytest.mark.parametrize(("size", "focal"), [((640, 480), 525.0), ((320, 240), 262.5)])
-def test_sensor_that_does_not_tell_gets_the_usual_ones(size: tuple[int, int], focal: float) -> None:
+def test_sensor_without_intrinsics_gets_the_defaults(size: tuple[int, int], focal: float) -> None:
     silent = replace(SENSOR, color_fov_rad=(0.0, 0.0), color_size=size, depth_size=size)
     optics = make_rectifier(silent, NO_FILE)
     assert (optics.camera.fx, optics.camera.cx) == (focal, (size[0] - 1) / 2)
     assert optics.intrinsics_source == "default"
 
 
-def test_camera_file_wins_over_the_sensor() -> None:
+def test_camera_file_overrides_the_sensor() -> None:
     optics = make_rectifier(SENSOR, choice(PLAIN))
     assert optics.camera == PLAIN.pinhole
     assert optics.intrinsics_source == "camera file c.toml"
 
 
 @pytest.mark.parametrize("registered", [DepthRegistration.YES, DepthRegistration.UNKNOWN])
-def test_file_without_depth_table_says_that_depth_is_registered(
+def test_file_without_depth_table_assumes_registered_depth(
     registered: DepthRegistration,
 ) -> None:
     optics = make_rectifier(replace(SENSOR, registration=registered), choice(PLAIN))
@@ -77,7 +77,7 @@ def test_scale_of_the_depth_table_is_in_the_factor() -> None:
     assert optics.depth_factor == pytest.approx(1000.0 / 1.02)
 
 
-def test_small_correction_of_the_unit_is_taken() -> None:
+def test_small_correction_of_the_unit_is_accepted() -> None:
     assert (
         make_rectifier(SENSOR, choice(replace(PLAIN, depth_factor=1035.0))).depth_factor == 1035.0
     )
@@ -100,7 +100,7 @@ def test_small_correction_of_the_unit_is_taken() -> None:
         (SENSOR, replace(PLAIN, depth_factor=5000.0), "set depth_factor = 1000.0"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(
+def test_mismatching_sizes_are_rejected_in_one_line(
     source: SourceProperties, file: CameraCalibration | None, complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint) as error:

@@ -1,4 +1,4 @@
-"""A puppet's script, and cameras that are closed whatever happens."""
+"""A camera's script, and cameras that are closed whatever happens."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -20,7 +20,7 @@ LONG_TIMEOUTS = Timeouts(launching_s=100.0, opening_s=100.0, heartbeat_s=100.0, 
 
 @pytest.fixture
 def script(tmp_path: Path) -> Path:
-    """What the puppet does; it works until something is written here."""
+    """What the scripted camera does; it works until something is written here."""
     path = tmp_path / "script"
     path.write_text("")
     return path

@@ -1,4 +1,4 @@
-"""What a puppet does when it is told to: be absent, fail, crash, hang."""
+"""What a scripted camera does when it is told to: be absent, fail, crash, hang."""
 
 import ctypes
 import logging
@@ -18,19 +18,19 @@ def pause(duration_s: float) -> None:
 
 
 def _raise_not_found() -> None:
-    raise CameraNotFoundError("no puppet found; plug one in")
+    raise CameraNotFoundError("no scripted camera found; plug one in")
 
 
 def _raise_busy() -> None:
-    raise CameraError("the puppet is held by another process; end that")
+    raise CameraError("the scripted camera is held by another process; end that")
 
 
 def _raise_unplugged() -> None:
-    raise CameraLostError("the puppet was unplugged")
+    raise CameraLostError("the scripted camera was unplugged")
 
 
 def _raise_input_error() -> None:
-    raise InputError("puppet.toml: no such file")
+    raise InputError("scripted.toml: no such file")
 
 
 def _raise_unexpected() -> None:
@@ -42,18 +42,18 @@ def _raise_timeout() -> None:
 
 
 def _exit() -> None:
-    os.write(2, b"libpuppet: out of strings\n")
+    os.write(2, b"libscripted: out of strings\n")
     os._exit(1)
 
 
 def _crash() -> None:
-    os.write(1, b"libpuppet: cutting a string\n")
+    os.write(1, b"libscripted: cutting a string\n")
     ctypes.string_at(0)
 
 
 def _log_messages() -> None:
-    logging.getLogger("puppet").warning("%d strings left", 2)
-    os.write(2, b"libpuppet: mind the strings\n")
+    logging.getLogger("scripted").warning("%d strings left", 2)
+    os.write(2, b"libscripted: mind the strings\n")
 
 
 def _hang() -> None:

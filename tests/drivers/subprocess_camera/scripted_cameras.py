@@ -52,7 +52,7 @@ class FileScriptedCamera(RgbdCamera):
     process's number.
     """
 
-    name = "puppet"
+    name = "scripted"
     clock = Clock.MONOTONIC
 
     def __init__(self, script: Path, period_s: float = 0.002, size: tuple[int, int] = SMALL_SIZE):
@@ -123,7 +123,7 @@ class SingleFrameCamera(FileScriptedCamera):
     def read(self, timeout_s: float) -> RgbdFrame:
         """A frame, then none."""
         if self._seq:
-            raise CameraLostError("puppet: unplugged")
+            raise CameraLostError("scripted: unplugged")
         return super().read(timeout_s)
 
 

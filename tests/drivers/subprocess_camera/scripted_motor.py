@@ -1,4 +1,4 @@
-"""A puppet with a head and a light."""
+"""A scripted camera with a head and a light."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ class MotorizedCamera(FileScriptedCamera):
     def set_tilt_deg(self, tilt_deg: float) -> None:
         """Say so; a head that is told to look at its own feet is stuck."""
         if tilt_deg == STUCK_DEG:
-            raise CameraError("the puppet's neck is stuck")
+            raise CameraError("the scripted camera's neck is stuck")
         self._set("tilt", f"tilt {tilt_deg:g}")
 
     def set_led(self, led: Led) -> None:
@@ -47,7 +47,7 @@ class MotorizedCamera(FileScriptedCamera):
     def _set(self, kind: str, order: str) -> None:
         self._commands[kind] = order
         if not self._is_open:
-            raise CameraError("the puppet is in its box")
+            raise CameraError("the scripted camera is in its box")
         self._record(order)
 
     def _record(self, order: str) -> None:
@@ -56,5 +56,5 @@ class MotorizedCamera(FileScriptedCamera):
 
 
 def action_log(script: Path) -> Path:
-    """Where a nodding puppet writes what it does."""
+    """Where a scripted motor writes what it does."""
     return script.with_name("done")

@@ -46,7 +46,7 @@ def motorized_camera(make_subprocess_camera: MakeSubprocessCamera) -> Subprocess
     return camera
 
 
-def test_a_camera_that_streams_does_as_it_is_told(
+def test_requests_are_applied_to_a_streaming_camera(
     motorized_camera: SubprocessCamera, script: Path
 ) -> None:
     motorized_camera.set_tilt_deg(12.5)
@@ -57,7 +57,7 @@ def test_a_camera_that_streams_does_as_it_is_told(
     motorized_camera.read(100.0)
 
 
-def test_what_was_asked_for_is_done_again_by_the_next_driver(
+def test_requests_are_applied_again_by_the_next_driver_process(
     motorized_camera: SubprocessCamera, script: Path
 ) -> None:
     motorized_camera.set_tilt_deg(5.0)
@@ -68,7 +68,7 @@ def test_what_was_asked_for_is_done_again_by_the_next_driver(
     wait_for_done(script, "tilt 5", "tilt 8", "tilt 8")
 
 
-def test_what_was_asked_for_is_done_again_when_it_is_opened_again(
+def test_requests_are_applied_again_at_the_next_opening(
     motorized_camera: SubprocessCamera, script: Path
 ) -> None:
     motorized_camera.set_led(Led.RED)
@@ -78,49 +78,55 @@ def test_what_was_asked_for_is_done_again_when_it_is_opened_again(
     wait_for_done(script, "light red", "light red")
 
 
-def test_a_camera_that_is_away_says_so_at_once_and_does_it_when_it_is_back(
+def test_a_missing_camera_refuses_at_once_and_applies_the_request_when_back(
     motorized_camera: SubprocessCamera, script: Path
 ) -> None:
     script.write_text("absent")
     wait_until(lambda: motorized_camera.status.state is CameraState.ABSENT)
-    with pytest.raises(CameraError, match=r"not open now \(absent: no puppet found; plug one in\)"):
+    with pytest.raises(
+        CameraError, match=r"not open now \(absent: no scripted camera found; plug one in\)"
+    ):
         motorized_camera.set_tilt_deg(3.0)
     assert done(script) == []
     script.write_text("")
     wait_until(lambda: "tilt 3" in done(script))
 
 
-def test_a_camera_that_was_never_opened_does_it_then(
+def test_a_camera_that_was_never_opened_applies_requests_when_opened(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     camera = make_subprocess_camera(MotorizedCamera)
-    with pytest.raises(CameraError, match="puppet: not open now"):
+    with pytest.raises(CameraError, match="scripted: not open now"):
         camera.set_led(Led.GREEN)
     camera.open()
     wait_for_done(script, "light green")
 
 
-def test_a_head_that_is_stuck_is_said_in_the_log(
+def test_a_blocked_tilt_motor_is_logged(
     motorized_camera: SubprocessCamera, script: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING):
         motorized_camera.set_tilt_deg(STUCK_DEG)
-        wait_until(lambda: "the puppet's neck is stuck" in caplog.text)
+        wait_until(lambda: "the scripted camera's neck is stuck" in caplog.text)
     motorized_camera.set_led(Led.OFF)
     wait_for_done(script, "light off")
     motorized_camera.read(100.0)
 
 
-def test_a_camera_without_a_base_refuses(make_subprocess_camera: MakeSubprocessCamera) -> None:
+def test_a_camera_without_a_motor_unit_refuses(
+    make_subprocess_camera: MakeSubprocessCamera,
+) -> None:
     with make_subprocess_camera(FileScriptedCamera) as camera:
         wait_until_streaming(camera)
-        with pytest.raises(CameraError, match="puppet: it has no motor"):
+        with pytest.raises(CameraError, match="scripted: it has no motor"):
             camera.set_tilt_deg(1.0)
-        with pytest.raises(CameraError, match="puppet: it has no LED"):
+        with pytest.raises(CameraError, match="scripted: it has no LED"):
             camera.set_led(Led.RED)
 
 
-def test_a_thousand_wishes_are_no_trouble(motorized_camera: SubprocessCamera, script: Path) -> None:
+def test_a_thousand_requests_cause_no_fault(
+    motorized_camera: SubprocessCamera, script: Path
+) -> None:
     for n in range(1000):
         motorized_camera.set_tilt_deg(float(n % 20))
     motorized_camera.set_led(Led.YELLOW)

@@ -53,7 +53,7 @@ def take(reader: FrameRingReader) -> int | None:
     return frame.seq
 
 
-def test_every_field_comes_out_as_it_went_in() -> None:
+def test_every_field_is_transferred_unchanged() -> None:
     rng = np.random.default_rng(5)
     frame = RgbdFrame(
         seq=2**40,
@@ -77,14 +77,14 @@ def test_every_field_comes_out_as_it_went_in() -> None:
         assert np.array_equal(getattr(found, field.name), getattr(frame, field.name)), field.name
 
 
-def test_what_a_frame_has_not_it_has_not_on_the_other_side() -> None:
+def test_missing_fields_stay_missing() -> None:
     with ring(PlaybackMode.REALTIME) as (reader, writer):
         put(writer, 3)
         frame = reader.get(0.0)
     assert (frame.device_stamp_s, frame.gravity_m_s2) == (None, None)
 
 
-def test_a_frame_stays_as_it_is_when_its_slot_is_used_again() -> None:
+def test_a_frame_does_not_change_when_its_slot_is_reused() -> None:
     with ring(PlaybackMode.REALTIME) as (reader, writer):
         put(writer, 1)
         first = reader.get(0.0)
@@ -109,7 +109,7 @@ def test_lockstep_keeps_every_frame_and_their_order(puts: list[bool]) -> None:
 
 
 @given(st.lists(st.booleans(), max_size=60))
-def test_realtime_gives_the_newest_frame_once_and_counts_the_others(puts: list[bool]) -> None:
+def test_realtime_returns_the_newest_frame_once_and_counts_the_others(puts: list[bool]) -> None:
     newest, done = None, 0
     with ring(PlaybackMode.REALTIME) as (reader, writer):
         for seq, is_put in enumerate(puts):
@@ -126,7 +126,7 @@ def test_realtime_gives_the_newest_frame_once_and_counts_the_others(puts: list[b
 
 
 @pytest.mark.parametrize("pace", PACES)
-def test_a_writer_that_dies_in_the_middle_of_a_frame_leaves_none_and_takes_no_slot(
+def test_a_writer_that_dies_during_a_write_leaves_no_frame_and_no_used_slot(
     pace: PlaybackMode,
 ) -> None:
     with ring(pace) as (reader, writer):
@@ -139,7 +139,7 @@ def test_a_writer_that_dies_in_the_middle_of_a_frame_leaves_none_and_takes_no_sl
         assert [put(writer, seq) for seq in range(SLOT_COUNT)] == [True] * SLOT_COUNT
 
 
-def test_frames_that_nobody_took_before_the_writer_died_are_counted() -> None:
+def test_unread_frames_of_a_dead_writer_are_counted() -> None:
     with ring(PlaybackMode.REALTIME) as (reader, writer):
         for seq in range(7):
             put(writer, seq)
@@ -148,7 +148,7 @@ def test_frames_that_nobody_took_before_the_writer_died_are_counted() -> None:
 
 
 @pytest.mark.parametrize("pace", PACES)
-def test_the_end_comes_behind_the_last_frame_and_stays(pace: PlaybackMode) -> None:
+def test_the_end_follows_the_last_frame_and_is_repeated(pace: PlaybackMode) -> None:
     with ring(pace) as (reader, writer):
         put(writer, 8)
         reader.finish()
@@ -159,7 +159,7 @@ def test_the_end_comes_behind_the_last_frame_and_stays(pace: PlaybackMode) -> No
                 reader.get(10.0)
 
 
-def test_nothing_is_written_before_somebody_wants_to_read() -> None:
+def test_nothing_is_written_before_the_first_read() -> None:
     reader = FrameRingReader(PlaybackMode.LOCKSTEP)
     reader.open()
     writer = FrameRingWriter(reader.fds, PlaybackMode.LOCKSTEP)
@@ -169,7 +169,7 @@ def test_nothing_is_written_before_somebody_wants_to_read() -> None:
     reader.close()
 
 
-def test_waiting_takes_no_longer_than_allowed_and_no_cpu_time() -> None:
+def test_waiting_respects_the_timeout_and_uses_no_cpu_time() -> None:
     with ring(PlaybackMode.LOCKSTEP) as (reader, writer):
         for seq in range(SLOT_COUNT):
             put(writer, seq)
@@ -183,7 +183,7 @@ def test_waiting_takes_no_longer_than_allowed_and_no_cpu_time() -> None:
             reader.get(0.05)
 
 
-def test_a_frame_too_large_for_the_ring_is_refused_in_words() -> None:
+def test_a_frame_too_large_for_the_ring_is_rejected() -> None:
     huge = replace(make_pattern_frame(1, 1.0), camera=PinholeCamera(8000, 4000, 1.0, 1.0, 0.0, 0.0))
     with ring(PlaybackMode.LOCKSTEP) as (_, writer):
         writer.acquire(0.0)
@@ -191,7 +191,7 @@ def test_a_frame_too_large_for_the_ring_is_refused_in_words() -> None:
             writer.put(huge)
 
 
-def test_a_closed_ring_says_so_and_can_be_opened_again() -> None:
+def test_a_closed_ring_is_reported_and_can_be_opened_again() -> None:
     reader = FrameRingReader(PlaybackMode.REALTIME)
     reader.close()
     for _ in range(2):

@@ -68,7 +68,7 @@ def first_line(process: "subprocess.Popen[str]") -> int:
 
 
 @pytest.mark.parametrize("words", ["", "absent in read", "hang in read", "hang with lock in read"])
-def test_the_driver_ends_when_the_service_is_killed(script: Path, words: str) -> None:
+def test_the_driver_exits_when_the_service_is_killed(script: Path, words: str) -> None:
     with service(script, "read") as process:
         driver = first_line(process)
         script.write_text(words)
@@ -77,7 +77,7 @@ def test_the_driver_ends_when_the_service_is_killed(script: Path, words: str) ->
 
 
 @pytest.mark.parametrize("action", ["read", "close"])
-def test_ctrl_c_in_the_middle_of_it_leaves_nothing(script: Path, action: str) -> None:
+def test_ctrl_c_leaves_no_process(script: Path, action: str) -> None:
     with service(script, action) as process:
         driver = first_line(process)
         if action == "close":
@@ -89,7 +89,7 @@ def test_ctrl_c_in_the_middle_of_it_leaves_nothing(script: Path, action: str) ->
     assert not is_alive(driver)
 
 
-def test_ctrl_c_and_sigterm_for_all_processes_are_for_the_service_alone(script: Path) -> None:
+def test_only_the_service_handles_ctrl_c_and_sigterm_of_the_process_group(script: Path) -> None:
     with service(script, "read") as process:
         driver = first_line(process)
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -100,7 +100,7 @@ def test_ctrl_c_and_sigterm_for_all_processes_are_for_the_service_alone(script: 
     assert not is_alive(driver)
 
 
-def test_a_driver_starts_without_what_only_the_service_needs() -> None:
+def test_the_driver_process_does_not_import_the_service() -> None:
     names = (
         "import json, sys, drivers.subprocess_camera.worker_main; "
         "print(json.dumps(list(sys.modules)))"

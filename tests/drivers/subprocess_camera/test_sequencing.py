@@ -17,7 +17,7 @@ LIVE = Clock.MONOTONIC, PlaybackMode.REALTIME
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.floats(0.0, 100.0))))
-def test_numbers_and_stamps_of_a_live_camera_rise_whatever_it_does(
+def test_numbers_and_stamps_of_a_live_camera_always_increase(
     given_frames: list[tuple[int, float]],
 ) -> None:
     sequencer = make_sequencer(*LIVE)
@@ -27,9 +27,7 @@ def test_numbers_and_stamps_of_a_live_camera_rise_whatever_it_does(
     assert {frame.stamp_s for frame in delivered} <= {stamp_s for _, stamp_s in given_frames}
 
 
-def test_a_gap_stays_a_gap_and_a_camera_that_restarts_its_count_goes_on_from_the_last_number() -> (
-    None
-):
+def test_gaps_are_kept_and_a_restarted_count_continues_from_the_last_number() -> None:
     sequencer = make_sequencer(*LIVE)
     seqs = [4, 5, 9, 0, 1, 5, 0]
     results = [sequencer(replace(FRAME, seq=seq, stamp_s=float(k))) for k, seq in enumerate(seqs)]
@@ -45,7 +43,7 @@ def test_a_recording_keeps_its_numbers_and_stamps() -> None:
             assert (frame.seq, frame.stamp_s) == (seq, stamp_s)
 
 
-def test_the_waits_grow_to_their_limit_and_start_again_after_success() -> None:
+def test_retry_delays_grow_to_their_limit_and_restart_after_success() -> None:
     back_off = ExponentialBackoff(Timeouts().initial_retry_s, Timeouts().max_retry_s)
     assert [back_off.next_s() for _ in range(6)] == [0.2, 0.4, 0.8, 1.5, 1.5, 1.5]
     back_off.reset()

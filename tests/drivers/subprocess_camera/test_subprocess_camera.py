@@ -43,7 +43,7 @@ def assert_works_again(camera: SubprocessCamera, script: Path) -> None:
     assert all(is_intact(frame) for frame in frames(camera, 5))
 
 
-def test_open_returns_at_once_and_frames_come_when_they_can(
+def test_open_returns_at_once_and_frames_follow_later(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     script.write_text("hang in open")
@@ -54,13 +54,13 @@ def test_open_returns_at_once_and_frames_come_when_they_can(
         assert_works_again(camera, script)
 
 
-def test_an_unplugged_camera_is_away_and_then_back(
+def test_an_unplugged_camera_is_absent_until_replugged(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     with make_subprocess_camera(limits=LONG_TIMEOUTS) as camera:
         before = frames(camera, 5)[-1]
         script.write_text("absent")
-        missing = CameraStatus(CameraState.ABSENT, "no puppet found; plug one in")
+        missing = CameraStatus(CameraState.ABSENT, "no scripted camera found; plug one in")
         wait_until(lambda: camera.status == missing)
         assert_works_again(camera, script)
         after = camera.read(100.0)
@@ -72,14 +72,16 @@ def test_an_unplugged_camera_is_away_and_then_back(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("unplugged in read", CameraStatus(CameraState.LOST, "the puppet was unplugged")),
+        ("unplugged in read", CameraStatus(CameraState.LOST, "the scripted camera was unplugged")),
         (
             "busy",
-            CameraStatus(CameraState.OPENING, "the puppet is held by another process; end that"),
+            CameraStatus(
+                CameraState.OPENING, "the scripted camera is held by another process; end that"
+            ),
         ),
     ],
 )
-def test_the_condition_is_what_the_camera_said(
+def test_the_status_is_that_of_the_camera(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, expected: CameraStatus
 ) -> None:
     with make_subprocess_camera() as camera:
@@ -98,7 +100,7 @@ def test_the_condition_is_what_the_camera_said(
         ("hang in close", "closing the camera"),
     ],
 )
-def test_a_hanging_driver_is_killed_and_started_again(
+def test_a_hanging_driver_is_killed_and_restarted(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, doing: str
 ) -> None:
     with make_subprocess_camera(
@@ -121,16 +123,16 @@ def test_a_hanging_driver_is_killed_and_started_again(
         (
             "crash in read",
             "the driver crashed (signal 11, Segmentation fault); "
-            "last line: libpuppet: cutting a string",
+            "last line: libscripted: cutting a string",
         ),
-        ("exit in read", "the driver ended (exit code 1); last line: libpuppet: out of strings"),
+        ("exit in read", "the driver ended (exit code 1); last line: libscripted: out of strings"),
         (
             "raise in read",
             "the driver ended (exit code 1); last line: ValueError: strings in a tangle",
         ),
     ],
 )
-def test_a_driver_that_dies_is_started_again(
+def test_a_dead_driver_is_restarted(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, reason: str
 ) -> None:
     with make_subprocess_camera() as camera:
@@ -140,7 +142,7 @@ def test_a_driver_that_dies_is_started_again(
         assert_works_again(camera, script)
 
 
-def test_a_driver_that_hangs_is_not_given_the_time_to_end_in_order(
+def test_a_hanging_driver_is_killed_without_a_grace_period(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     with make_subprocess_camera(limits=replace(SHORT, closing_s=3600.0)) as camera:
@@ -159,7 +161,7 @@ def test_a_camera_that_opens_and_sends_nothing_counts_as_lost(
         assert_works_again(camera, script)
 
 
-def test_what_a_camera_says_of_its_frames_reaches_the_reader(
+def test_frame_counters_of_the_camera_reach_the_reader(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     complaint = CameraStatus(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
@@ -168,7 +170,7 @@ def test_what_a_camera_says_of_its_frames_reaches_the_reader(
         wait_until(lambda: camera.status == complaint)
 
 
-def test_a_camera_that_sends_nothing_is_asked_why(
+def test_a_camera_without_frames_is_asked_for_the_reason(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     script.write_text("silent in read")
@@ -179,7 +181,7 @@ def test_a_camera_that_sends_nothing_is_asked_why(
         wait_until(lambda: camera.status == complaint)
 
 
-def test_what_is_wrong_for_good_reaches_the_reader(
+def test_permanent_errors_reach_the_reader(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     script.write_text("wrong")
@@ -190,7 +192,7 @@ def test_what_is_wrong_for_good_reaches_the_reader(
         wait_until(lambda: child_pids() == [])
 
 
-def test_counts_go_on_over_openings_and_processes(
+def test_counts_continue_over_openings_and_processes(
     make_subprocess_camera: MakeSubprocessCamera, script: Path
 ) -> None:
     with make_subprocess_camera() as camera:
@@ -206,7 +208,7 @@ def test_counts_go_on_over_openings_and_processes(
     assert camera.counters.lost_packets % LOST_PACKETS == 0
 
 
-def test_in_realtime_frames_that_a_late_reader_missed_are_counted(
+def test_in_realtime_frames_missed_by_a_late_reader_are_counted(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with make_subprocess_camera() as camera:
@@ -218,7 +220,7 @@ def test_in_realtime_frames_that_a_late_reader_missed_are_counted(
         assert camera.counters.dropped >= gaps > 0
 
 
-def test_a_process_that_cannot_be_started_is_reported_and_retried(
+def test_a_process_that_fails_to_start_is_reported_and_retried(
     make_subprocess_camera: MakeSubprocessCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = resources_in_use()
@@ -235,11 +237,11 @@ def test_a_process_that_cannot_be_started_is_reported_and_retried(
 def test_a_camera_that_is_not_open_is_lost(make_subprocess_camera: MakeSubprocessCamera) -> None:
     camera = make_subprocess_camera()
     camera.close()
-    with pytest.raises(CameraLostError, match="puppet: not open; use `with`"):
+    with pytest.raises(CameraLostError, match="scripted: not open; use `with`"):
         camera.read(1.0)
 
 
-def test_numbers_and_stamps_rise_over_close_and_open(
+def test_numbers_and_stamps_increase_over_close_and_open(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     camera = make_subprocess_camera()
@@ -252,18 +254,18 @@ def test_numbers_and_stamps_rise_over_close_and_open(
                 last = (frame.seq, frame.stamp_s)
 
 
-def test_what_the_driver_logs_and_prints_reaches_the_log(
+def test_driver_logs_and_prints_reach_the_log(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG)
     script.write_text("say in open")
     with make_subprocess_camera() as camera:
         camera.read(100.0)
-        wait_until(lambda: "libpuppet: mind the strings" in caplog.text)
-    said = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
-    assert ("puppet", "WARNING", "2 strings left") in said
+        wait_until(lambda: "libscripted: mind the strings" in caplog.text)
+    logged = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
+    assert ("scripted", "WARNING", "2 strings left") in logged
     assert (
         "drivers.core.process.worker_process",
         "DEBUG",
-        "driver: libpuppet: mind the strings",
-    ) in said
+        "driver: libscripted: mind the strings",
+    ) in logged

@@ -33,7 +33,7 @@ def kill(process: int) -> None:
     wait_until(lambda: process not in child_pids())
 
 
-def test_200_times_unplugged_leaks_nothing(make_subprocess_camera: MakeSubprocessCamera) -> None:
+def test_200_unplugs_leak_nothing(make_subprocess_camera: MakeSubprocessCamera) -> None:
     before = resources_in_use()
     with make_subprocess_camera(SingleFrameCamera, limits=LONG_TIMEOUTS, period_s=0.0) as camera:
         plugged_in = [camera.read(100.0) for _ in range(200)]
@@ -50,7 +50,7 @@ def is_under_way(camera: SubprocessCamera, script: Path) -> bool:
 
 
 @pytest.mark.parametrize("words", ["", "absent", "hang in open", "hang with lock in open"])
-def test_closing_leaves_nothing_whatever_the_driver_is_doing(
+def test_closing_leaks_nothing_in_any_driver_state(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str
 ) -> None:
     before = resources_in_use()
@@ -61,7 +61,7 @@ def test_closing_leaves_nothing_whatever_the_driver_is_doing(
         assert resources_in_use() <= before
 
 
-def test_a_camera_that_was_killed_many_times_leaks_nothing(
+def test_a_camera_killed_repeatedly_leaks_nothing(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     before = resources_in_use()
@@ -72,7 +72,7 @@ def test_a_camera_that_was_killed_many_times_leaks_nothing(
     assert resources_in_use() <= before
 
 
-def test_a_driver_killed_at_any_moment_never_leaves_a_torn_frame(
+def test_a_driver_killed_at_any_time_never_leaves_a_partial_frame(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     chance = random.Random(4)

@@ -20,7 +20,7 @@ from tests.resource_leaks import resources_in_use
 pytestmark = pytest.mark.subprocess
 
 
-def test_in_lockstep_every_frame_comes_in_order_and_bit_for_bit(
+def test_in_lockstep_every_frame_arrives_in_order_and_bit_for_bit(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     with make_subprocess_camera(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=100) as camera:
@@ -40,13 +40,13 @@ def test_in_lockstep_every_frame_comes_in_order_and_bit_for_bit(
         assert camera.counters.dropped == 0
 
 
-def test_an_open_recording_is_known(make_subprocess_camera: MakeSubprocessCamera) -> None:
+def test_an_open_recording_is_ready(make_subprocess_camera: MakeSubprocessCamera) -> None:
     with make_subprocess_camera(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=9) as camera:
         assert camera.frame_count == 9
         assert (camera.intrinsics_source, camera.ground_truth) == ("factory", None)
 
 
-def test_it_begins_to_run_when_the_first_frame_is_asked_for(
+def test_the_clock_starts_with_the_first_read(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     with make_subprocess_camera(
@@ -56,7 +56,7 @@ def test_it_begins_to_run_when_the_first_frame_is_asked_for(
         assert camera.read(100.0).seq == 0
 
 
-def test_opened_again_it_starts_from_the_beginning_and_counts_on(
+def test_reopening_restarts_the_recording_and_continues_the_count(
     make_subprocess_camera: MakeSubprocessCamera,
 ) -> None:
     camera = make_subprocess_camera(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=9)
@@ -69,13 +69,13 @@ def test_opened_again_it_starts_from_the_beginning_and_counts_on(
 @pytest.mark.parametrize(
     ("words", "kind", "message"),
     [
-        ("wrong in open", InputError, "puppet.toml: no such file"),
-        ("absent in open", CameraNotFoundError, "no puppet found; plug one in"),
+        ("wrong in open", InputError, "scripted.toml: no such file"),
+        ("absent in open", CameraNotFoundError, "no scripted camera found; plug one in"),
         ("crash in open", CameraLostError, r"the driver crashed \(signal 11, Seg"),
         ("hang in open", CameraLostError, "the driver hung while opening the camera"),
     ],
 )
-def test_open_says_what_is_wrong_and_leaves_nothing(
+def test_a_failed_open_reports_the_error_and_leaks_nothing(
     make_subprocess_camera: MakeSubprocessCamera,
     script: Path,
     words: str,
@@ -96,11 +96,14 @@ def test_open_says_what_is_wrong_and_leaves_nothing(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("crash in read", "crashed .* last line: libpuppet: cutting a string; open the recording"),
-        ("unplugged in read", "the puppet was unplugged"),
+        (
+            "crash in read",
+            "crashed .* last line: libscripted: cutting a string; open the recording",
+        ),
+        ("unplugged in read", "the scripted camera was unplugged"),
     ],
 )
-def test_a_recording_that_breaks_off_is_not_restarted(
+def test_a_truncated_recording_is_not_restarted(
     make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, message: str
 ) -> None:
     with make_subprocess_camera(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=1000) as camera:

@@ -31,14 +31,14 @@ def gravities(folder: Path) -> list[Vector | None]:
         return [camera.read(10).gravity_m_s2 for _ in range(camera.frame_count or 0)]
 
 
-def test_a_recording_replays_with_the_same_gravity_to_the_last_bit(
+def test_a_recording_replays_with_the_same_gravity_bit_for_bit(
     make_frame: FrameMaker, tmp_path: Path
 ) -> None:
-    told: list[Vector | None] = [(0.1 / 3 + k / 7, 9.7, -1.5 + k / 3) for k in range(4)]
-    told[2] = None
-    frames = [make_frame(k, gravity_m_s2=gravity) for k, gravity in enumerate(told)]
+    measured: list[Vector | None] = [(0.1 / 3 + k / 7, 9.7, -1.5 + k / 3) for k in range(4)]
+    measured[2] = None
+    frames = [make_frame(k, gravity_m_s2=gravity) for k, gravity in enumerate(measured)]
     found = gravities(record(tmp_path / "room", frames))
-    assert (found[0], found[1], found[3]) == (told[0], told[1], told[3])
+    assert (found[0], found[1], found[3]) == (measured[0], measured[1], measured[3])
 
 
 def test_a_camera_without_gravity_leaves_no_file(make_frame: FrameMaker, tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_a_camera_without_gravity_leaves_no_file(make_frame: FrameMaker, tmp_pat
     assert gravities(folder) == [None] * 3
 
 
-def test_readings_of_other_stamps_are_averaged_over_the_second_before(tmp_path: Path) -> None:
+def test_readings_of_other_stamps_are_averaged_over_the_previous_second(tmp_path: Path) -> None:
     lines = [
         "# timestamp ax ay az",
         "8.9 0 9.9 3",
@@ -60,13 +60,13 @@ def test_readings_of_other_stamps_are_averaged_over_the_second_before(tmp_path: 
     assert found == pytest.approx((0.3, 9.7, 1.5))  # looking down: gravity is ahead too
 
 
-def test_what_cannot_be_gravity_is_left_out(tmp_path: Path) -> None:
+def test_invalid_gravity_is_skipped(tmp_path: Path) -> None:
     (tmp_path / ACCELEROMETER_FILE).write_text("1.0 0 0 0\n1.1 0 9.8 0\n1.2 0 14 0\n")
     assert read_gravity(tmp_path).mean_at(1.3) == (0.0, 9.8, 0.0)
     assert read_gravity(tmp_path).mean_at(5.0) is None
 
 
-def test_an_empty_list_is_no_gravity(tmp_path: Path) -> None:
+def test_an_empty_list_gives_no_gravity(tmp_path: Path) -> None:
     (tmp_path / ACCELEROMETER_FILE).write_text("# accelerometer data\n")
     assert read_gravity(tmp_path).mean_at(1.0) is None
 
@@ -79,7 +79,7 @@ def test_an_empty_list_is_no_gravity(tmp_path: Path) -> None:
         ("1.0 0 nan 0", r"accelerometer\.txt:2: a number is not finite"),
     ],
 )
-def test_a_broken_list_is_named_with_its_line(tmp_path: Path, line: str, complaint: str) -> None:
+def test_a_broken_list_is_reported_with_its_line(tmp_path: Path, line: str, complaint: str) -> None:
     (tmp_path / ACCELEROMETER_FILE).write_text(f"# timestamp ax ay az\n{line}\n")
     with pytest.raises(InputError, match=complaint):
         read_gravity(tmp_path)

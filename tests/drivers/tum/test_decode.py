@@ -56,9 +56,7 @@ def test_gray_and_transparent_color_become_three_channels(load: Load) -> None:
     np.testing.assert_array_equal(load(encoded(transparent), encoded(DEPTH))[0], COLOR)
 
 
-def test_a_file_cut_short_anywhere_is_refused(
-    load: Load, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_truncated_file_is_rejected(load: Load, capfd: pytest.CaptureFixture[str]) -> None:
     png, jpeg, depth = encoded(COLOR), encoded(COLOR, ".jpg"), encoded(DEPTH)
     for data in (png, jpeg):
         for length in (*range(60), len(data) // 2, len(data) - 5, len(data) - 1):
@@ -78,7 +76,7 @@ def test_a_damaged_png_is_refused_quietly(load: Load, capfd: pytest.CaptureFixtu
     assert capfd.readouterr().err == ""
 
 
-def test_a_jpeg_with_an_embedded_preview_is_judged_by_the_picture_itself(load: Load) -> None:
+def test_a_jpeg_with_an_embedded_preview_is_checked_by_its_main_image(load: Load) -> None:
     jpeg = encoded(COLOR, ".jpg")
     preview = encoded(COLOR[:8, :8], ".jpg")
     segment = b"\xff\xe1" + struct.pack(">H", len(preview) + 2) + preview
@@ -97,7 +95,7 @@ def test_a_jpeg_with_an_embedded_preview_is_judged_by_the_picture_itself(load: L
         (b"\xff\xd8\xff\xd9", "contains no image"),
     ],
 )
-def test_what_is_not_an_image_is_named(load: Load, data: bytes, reason: str) -> None:
+def test_a_file_that_is_no_image_is_reported(load: Load, data: bytes, reason: str) -> None:
     with pytest.raises(UnreadableFrameError, match=reason):
         load(data, encoded(DEPTH))
 

@@ -38,7 +38,7 @@ def test_images_without_a_partner_are_counted(make_folder: FolderMaker) -> None:
     assert (len(frames.pairs), frames.unpaired) == (3, 1)
 
 
-def test_associations_win_over_the_lists(make_folder: FolderMaker) -> None:
+def test_associations_override_the_lists(make_folder: FolderMaker) -> None:
     folder = make_folder(count=3)
     color, depth = first_image(folder, "rgb").name, first_image(folder, "depth").name
     (folder / "associations.txt").write_text(f"1.0 rgb/{color} 1.1 depth/{depth}\n")
@@ -62,7 +62,7 @@ def test_bad_ground_truth_is_refused(make_folder: FolderMaker, text: str) -> Non
     assert re.match(r"DIR/groundtruth\.txt:\d: ", complaint(folder))
 
 
-def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_an_invalid_folder_is_rejected(tmp_path: Path) -> None:
     assert complaint(tmp_path / "gone") == "DIR: no such folder; check the path"
     assert complaint(tmp_path) == ("DIR: the folder is empty; name one with rgb.txt and depth.txt")
     (tmp_path / "archive.tgz").write_bytes(b"")
@@ -90,7 +90,7 @@ def test_a_folder_without_a_camera_is_refused(make_folder: FolderMaker) -> None:
 
 
 @pytest.mark.parametrize("kind", ["rgb", "depth"])
-def test_the_first_frame_s_missing_file_is_named_by_its_line(
+def test_a_missing_first_frame_is_reported_with_its_line(
     make_folder: FolderMaker, kind: str
 ) -> None:
     folder = make_folder()
@@ -102,14 +102,14 @@ def test_the_first_frame_s_missing_file_is_named_by_its_line(
     )
 
 
-def test_a_folder_that_lacks_most_files_is_refused(make_folder: FolderMaker) -> None:
+def test_a_folder_without_most_of_its_files_is_rejected(make_folder: FolderMaker) -> None:
     folder = make_folder()
     for file in sorted((folder / "rgb").iterdir())[2:]:
         file.unlink()
     assert complaint(folder).startswith("DIR/rgb.txt:4: names DIR/rgb/")
 
 
-def test_a_lone_missing_file_in_the_middle_is_not_the_folder_s_end(
+def test_a_single_missing_file_in_the_middle_is_accepted(
     make_folder: FolderMaker,
 ) -> None:
     folder = make_folder()
@@ -117,7 +117,7 @@ def test_a_lone_missing_file_in_the_middle_is_not_the_folder_s_end(
     assert len(open_tum_folder(folder, None).frames.pairs) == 5
 
 
-def test_a_first_frame_of_the_wrong_kind_is_refused_with_its_place(
+def test_a_first_frame_of_a_wrong_type_is_rejected_with_its_line(
     make_folder: FolderMaker,
 ) -> None:
     folder = make_folder()

@@ -54,9 +54,7 @@ def test_associations_become_pairs_with_the_exact_skew(tmp_path: Path) -> None:
         ("1 /etc/passwd\n", r'rgb\.txt:1: "/etc/passwd" leads out of the recording\'s folder'),
     ],
 )
-def test_a_list_that_is_wrong_is_named_by_its_line(
-    tmp_path: Path, text: str, complaint: str
-) -> None:
+def test_a_wrong_list_is_reported_with_its_line(tmp_path: Path, text: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         read_image_list(write(tmp_path, text))
 
@@ -72,7 +70,7 @@ def test_a_list_that_is_wrong_is_named_by_its_line(
         ("1 a 1 ../b\n", r'associations\.txt:1: "\.\./b" leads out of the recording'),
     ],
 )
-def test_associations_that_are_wrong_are_named_by_their_line(
+def test_wrong_associations_are_reported_with_their_line(
     tmp_path: Path, text: str, complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint):
@@ -98,7 +96,7 @@ def test_a_folder_of_images_may_be_a_link_to_another_disk(tmp_path: Path) -> Non
 
 
 @given(parts=st.lists(st.sampled_from(["..", ".", "", "a", "...", "..a", "~"]), min_size=1))
-def test_a_path_that_is_let_through_stays_below_the_folder(
+def test_an_accepted_path_stays_below_the_folder(
     tmp_path_factory: pytest.TempPathFactory, parts: list[str]
 ) -> None:
     folder = tmp_path_factory.mktemp("list")
@@ -113,7 +111,7 @@ def test_a_path_that_is_let_through_stays_below_the_folder(
 
 
 @given(text=st.text(max_size=60) | st.text("0123456789.e-+ \nnaif_#,", max_size=60))
-def test_any_text_is_read_or_refused_in_one_line(
+def test_any_text_is_read_or_rejected_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, text: str
 ) -> None:
     file = tmp_path_factory.mktemp("list") / "rgb.txt"

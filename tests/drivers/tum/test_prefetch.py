@@ -37,7 +37,7 @@ def test_lockstep_delivers_every_frame_in_order(make_frame: FrameMaker) -> None:
     assert buffer.counters == CameraCounters(delivered=3)
 
 
-def test_lockstep_holds_the_decoder_back_until_there_is_room(make_frame: FrameMaker) -> None:
+def test_lockstep_blocks_the_decoder_while_the_buffer_is_full(make_frame: FrameMaker) -> None:
     buffer = LockstepBuffer()
     for seq in range(MAX_BUFFERED_FRAMES - 1):
         buffer.put(make_frame(seq))
@@ -51,7 +51,7 @@ def test_lockstep_holds_the_decoder_back_until_there_is_room(make_frame: FrameMa
 
 
 @pytest.mark.parametrize("buffer", [LockstepBuffer(), RealtimeBuffer(TENTHS)], ids=type)
-def test_a_reader_is_reported_that_there_is_no_frame_yet(
+def test_a_reader_gets_a_timeout_if_there_is_no_frame(
     buffer: LockstepBuffer | RealtimeBuffer,
 ) -> None:
     with pytest.raises(FrameTimeout):
@@ -80,7 +80,7 @@ def test_closing_wakes_both_threads(
         empty.get(30)
 
 
-def test_the_decoder_s_error_reaches_the_reader_behind_the_last_frame(
+def test_the_decoder_error_follows_the_last_frame(
     make_frame: FrameMaker,
 ) -> None:
     buffer = LockstepBuffer()
@@ -115,7 +115,7 @@ def test_realtime_never_delivers_early(make_frame: FrameMaker) -> None:
     assert frame.receive_time_s == pytest.approx(50.1)
 
 
-def test_realtime_gives_a_late_reader_the_newest_and_counts_the_rest(
+def test_realtime_gives_a_late_reader_the_newest_frame_and_counts_dropped_ones(
     make_frame: FrameMaker,
 ) -> None:
     clock = ManualClock()
@@ -129,7 +129,7 @@ def test_realtime_gives_a_late_reader_the_newest_and_counts_the_rest(
     assert buffer.counters == CameraCounters(delivered=2, dropped=1)
 
 
-def test_realtime_does_not_decode_what_is_out_of_date(make_frame: FrameMaker) -> None:
+def test_realtime_does_not_decode_stale_frames(make_frame: FrameMaker) -> None:
     clock = ManualClock()
     buffer = RealtimeBuffer(TENTHS, clock=clock)
     buffer.put(make_frame(0))
@@ -142,7 +142,7 @@ def test_realtime_does_not_decode_what_is_out_of_date(make_frame: FrameMaker) ->
     assert buffer.next_index(20) == 20
 
 
-def test_realtime_decodes_on_while_the_reader_stalls(make_frame: FrameMaker) -> None:
+def test_realtime_decodes_while_the_reader_is_blocked(make_frame: FrameMaker) -> None:
     clock = ManualClock()
     buffer = RealtimeBuffer(TENTHS, clock=clock)
     buffer.put(make_frame(0))

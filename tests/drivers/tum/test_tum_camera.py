@@ -47,7 +47,7 @@ def test_lockstep_gives_every_frame_as_it_is_on_disk(make_folder: FolderMaker) -
         )
 
 
-def test_it_says_what_it_is(make_folder: FolderMaker) -> None:
+def test_it_describes_itself(make_folder: FolderMaker) -> None:
     folder = make_folder()
     camera = TumCamera(folder)
     assert camera.name == f"tum:{folder}"
@@ -57,7 +57,7 @@ def test_it_says_what_it_is(make_folder: FolderMaker) -> None:
         assert (camera.frame_count, camera.unpaired) == (5, 0)
 
 
-def test_the_camera_file_tells_the_sensors_timing(make_folder: FolderMaker) -> None:
+def test_the_camera_file_gives_the_sensor_timing(make_folder: FolderMaker) -> None:
     folder = make_folder(count=3, skew_s=0.005)
     late = replace(read_calibration(folder / "camera.toml"), depth_offset_s=-0.012)
     (folder / "camera.toml").write_text(format_calibration(late))
@@ -67,7 +67,7 @@ def test_the_camera_file_tells_the_sensors_timing(make_folder: FolderMaker) -> N
     assert [frame.skew_s for frame in read] == pytest.approx([0.005 - 0.012] * 3)
 
 
-def test_every_nth_frame_alone_can_be_used(make_folder: FolderMaker) -> None:
+def test_only_every_nth_frame_can_be_used(make_folder: FolderMaker) -> None:
     with TumCamera(make_folder(count=7), every=3) as camera:
         read = list(frames(camera))
         assert camera.frame_count == 3
@@ -134,7 +134,7 @@ def test_realtime_accounts_for_every_frame_of_a_slow_reader(make_folder: FolderM
     assert totals.delivered + totals.dropped + totals.skipped == 40
 
 
-def test_realtime_says_when_no_frame_is_due(make_folder: FolderMaker) -> None:
+def test_realtime_reports_when_no_frame_is_due(make_folder: FolderMaker) -> None:
     with TumCamera(
         make_folder(count=2, period_s=60.0), playback_mode=PlaybackMode.REALTIME
     ) as camera:

@@ -53,7 +53,7 @@ def test_live_stamps_survive_to_the_last_bit(make_frame: FrameMaker, tmp_path: P
     assert_same(read_recording(tmp_path / "live"), frames)
 
 
-def test_an_offset_of_depth_is_in_the_stamps_and_is_not_counted_twice(
+def test_the_depth_offset_is_in_the_stamps_and_counted_once(
     make_folder: FolderMaker, tmp_path: Path
 ) -> None:
     folder = make_folder(skew_s=0.005)
@@ -80,7 +80,7 @@ def test_any_stamp_and_skew_can_be_written_exactly(stamp_s: float, skew_s: float
     assert "e" not in format_stamp(stamps.depth).lower()
 
 
-def test_the_layout_is_the_benchmark_s(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_the_layout_is_that_of_the_benchmark(make_frame: FrameMaker, tmp_path: Path) -> None:
     with TumWriter(tmp_path / "new/place") as writer:
         writer.write(make_frame(0, readout_s=0.02))
         writer.write(make_frame(1, readout_s=0.02, stamp_s=1000.5))
@@ -120,7 +120,7 @@ def test_jpeg_color_is_smaller_and_close(make_frame: FrameMaker, tmp_path: Path)
 
 
 @pytest.mark.parametrize("stamp_s", [1000.0, 1000.0000001, 999.0])
-def test_a_stamp_that_does_not_rise_is_left_out_and_reported(
+def test_a_stamp_that_does_not_increase_is_skipped_and_reported(
     make_frame: FrameMaker, tmp_path: Path, stamp_s: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING), TumWriter(tmp_path / "r") as writer:
@@ -131,7 +131,7 @@ def test_a_stamp_that_does_not_rise_is_left_out_and_reported(
     assert_same(read_recording(tmp_path / "r"), [make_frame(0), make_frame(2)])
 
 
-def test_a_folder_that_holds_something_is_refused(make_folder: FolderMaker) -> None:
+def test_a_folder_that_is_not_empty_is_rejected(make_folder: FolderMaker) -> None:
     folder = make_folder(count=1)
     before = sorted(folder.rglob("*"))
     with pytest.raises(InputError, match="is not empty; name a new folder"):
@@ -139,14 +139,14 @@ def test_a_folder_that_holds_something_is_refused(make_folder: FolderMaker) -> N
     assert sorted(folder.rglob("*")) == before
 
 
-def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file", tmp_path / "file/inside", Path("/proc/recording")):
         with pytest.raises(InputError, match=r"cannot be written: .*; name a folder that you may"):
             TumWriter(place)
 
 
-def test_another_camera_in_the_middle_is_refused(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_a_change_of_the_camera_is_rejected(make_frame: FrameMaker, tmp_path: Path) -> None:
     with TumWriter(tmp_path / "r") as writer:
         writer.write(make_frame(0))
         with pytest.raises(UserFacingError, match="the camera changed during recording"):
@@ -156,7 +156,7 @@ def test_another_camera_in_the_middle_is_refused(make_frame: FrameMaker, tmp_pat
     assert len(read_recording(tmp_path / "r")) == 1
 
 
-def test_a_folder_that_vanishes_is_one_clear_error(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_a_deleted_folder_is_one_clear_error(make_frame: FrameMaker, tmp_path: Path) -> None:
     writer = TumWriter(tmp_path / "r")
     for seq in range(9):
         writer.write(make_frame(seq))

@@ -73,7 +73,7 @@ def record_on_a_small_disk(tmp_path: Path, copy: Path) -> str:
     return done.stdout.removeprefix("ready\n")
 
 
-def test_a_full_disk_is_one_clear_error_and_what_was_written_replays(tmp_path: Path) -> None:
+def test_a_full_disk_is_one_clear_error_and_the_written_part_replays(tmp_path: Path) -> None:
     printed = record_on_a_small_disk(tmp_path, tmp_path / "copy")
     written, message = printed.split(" ", 1)
     assert "recording: the disk is full; the " in message
@@ -82,7 +82,7 @@ def test_a_full_disk_is_one_clear_error_and_what_was_written_replays(tmp_path: P
     assert not list((tmp_path / "copy").rglob(".*"))
 
 
-def test_a_file_size_limit_is_one_clear_error_and_what_was_written_replays(tmp_path: Path) -> None:
+def test_a_file_size_limit_is_one_clear_error_and_the_written_part_replays(tmp_path: Path) -> None:
     """The kernel refuses the lists' next byte in the middle of a line."""
     command = [sys.executable, "-c", RECORD_FOR_EVER, str(tmp_path / "r"), "1000000"]
     limited = ["prlimit", "--fsize=20000", *command]

@@ -34,8 +34,8 @@ def run_in_process(capfd: pytest.CaptureFixture[str], *arguments: object) -> Com
     capfd.readouterr()
     with pytest.raises(SystemExit) as caught:
         cli.main([str(argument) for argument in arguments])
-    said = capfd.readouterr()
-    return CommandResult(caught.value.code, said.out, said.err)
+    captured = capfd.readouterr()
+    return CommandResult(caught.value.code, captured.out, captured.err)
 
 
 def run_subprocess(*arguments: object) -> CommandResult:

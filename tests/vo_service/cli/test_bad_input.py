@@ -16,11 +16,11 @@ from vo_service.outputs.zenoh import connection
 CopyRecording = Callable[..., Path]
 
 
-def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
+def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
     assert outcome.out == ""
     assert outcome.err.count("\n") == 1, outcome.err
     assert outcome.err.startswith("kinect-vo: error: ")
-    assert said in outcome.err
+    assert message in outcome.err
     assert outcome.code == code
 
 
@@ -120,40 +120,40 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("fault", BROKEN)
-def test_a_folder_without_use_is_named_and_a_trajectory_that_is_there_is_kept(
+def test_an_invalid_folder_is_reported_and_an_existing_trajectory_is_kept(
     fault: str, copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    folder, (break_it, said) = copy_recording(lists=True), BROKEN[fault]
+    folder, (break_it, message) = copy_recording(lists=True), BROKEN[fault]
     break_it(folder)
     kept = tmp_path / "poses.txt"
     kept.write_text("precious\n")
     outcome = run_in_process(
         capfd, "replay", folder, "--no-publish", "--json", "--trajectory", kept
     )
-    assert_one_line(outcome, InputError.exit_code, said)
+    assert_one_line(outcome, InputError.exit_code, message)
     assert kept.read_text() == "precious\n"
 
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize("fault", ["no folder", "depth factor 0"])
-def test_a_service_says_the_same_and_ends(
+def test_a_service_reports_the_same_error_and_exits(
     fault: str, copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    folder, (break_it, said) = copy_recording(lists=True), BROKEN[fault]
+    folder, (break_it, message) = copy_recording(lists=True), BROKEN[fault]
     break_it(folder)
     outcome = run_in_process(capfd, "run", "--camera", f"tum:{folder}", "--no-publish")
-    assert_one_line(outcome, InputError.exit_code, said)
+    assert_one_line(outcome, InputError.exit_code, message)
 
 
 @pytest.mark.subprocess
-def test_a_process_of_its_own_shows_no_traceback_either(tmp_path: Path) -> None:
+def test_a_new_process_shows_no_traceback_either(tmp_path: Path) -> None:
     assert_one_line(
         run_subprocess("replay", tmp_path / "none", "--no-publish"), 2, "none: no such folder"
     )
 
 
 @pytest.mark.parametrize("where", ["none/poses.txt", "."])
-def test_a_trajectory_that_cannot_be_written_is_an_error(
+def test_an_unwritable_trajectory_is_an_error(
     where: str, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = run_in_process(
@@ -163,7 +163,7 @@ def test_a_trajectory_that_cannot_be_written_is_an_error(
 
 
 @pytest.mark.zenoh
-def test_a_busy_port_is_named_and_the_trajectory_kept(
+def test_a_port_in_use_is_reported_and_the_trajectory_kept(
     recording: Path, config: Path, port: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     kept = tmp_path / "poses.txt"
@@ -177,7 +177,7 @@ def test_a_busy_port_is_named_and_the_trajectory_kept(
 
 
 @pytest.mark.zenoh
-def test_who_is_waited_for_comes_to_the_agreed_port(
+def test_with_a_subscriber_to_wait_for_the_default_port_is_required(
     recording: Path,
     config: Path,
     port: int,
@@ -192,7 +192,7 @@ def test_who_is_waited_for_comes_to_the_agreed_port(
 
 
 @pytest.mark.subprocess
-def test_a_rerun_recording_that_cannot_be_written_is_an_error_with_its_cause(
+def test_an_unwritable_rerun_recording_is_an_error_with_its_cause(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = run_in_process(capfd, "replay", recording, "--no-publish", "--rerun", "/proc/a.rrd")
@@ -230,30 +230,28 @@ ARGUMENTS = {
 
 @pytest.mark.zenoh
 @pytest.mark.parametrize("mistake", ARGUMENTS)
-def test_a_mistake_on_the_command_line_is_one_line(
-    mistake: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    arguments, said = ARGUMENTS[mistake]
-    assert_one_line(run_in_process(capfd, *arguments), 2, said)
+def test_a_command_line_error_is_one_line(mistake: str, capfd: pytest.CaptureFixture[str]) -> None:
+    arguments, message = ARGUMENTS[mistake]
+    assert_one_line(run_in_process(capfd, *arguments), 2, message)
 
 
 @pytest.mark.parametrize(
-    ("command", "line", "said"),
+    ("command", "line", "message"),
     [
         (["config", "check"], "[zenoh]\nlisen = []", ":3: key `zenoh.lisen`: is unknown; did you"),
         (["run", "--config"], "[camera]\nsource = 'kinekt'", ":2: key `camera`: source 'kinekt'"),
         (["warm-up", "--config"], "[odometry]\nmethod = 'o'", ":2: key `odometry`: method 'o' is"),
     ],
 )
-def test_a_typo_in_the_configuration_is_named_by_its_line(
-    command: list[str], line: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+def test_a_typo_in_the_configuration_is_reported_with_its_line(
+    command: list[str], line: str, message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "kinect.toml"
     file.write_text(f"schema = 1\n{line}\n")
-    assert_one_line(run_in_process(capfd, *command, file), 2, f"{file}{said}")
+    assert_one_line(run_in_process(capfd, *command, file), 2, f"{file}{message}")
 
 
-def test_a_recording_does_not_go_into_a_folder_with_something_in_it(
+def test_a_recording_into_a_folder_that_is_not_empty_is_rejected(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "full").mkdir()

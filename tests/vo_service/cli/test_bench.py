@@ -26,7 +26,7 @@ CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
 
 
-def test_a_peer_is_measured_at_each_rate_and_the_report_has_it_all(
+def test_a_baseline_is_measured_at_each_rate_and_reported(
     recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     output = tmp_path / "out"
@@ -47,7 +47,7 @@ def test_a_peer_is_measured_at_each_rate_and_the_report_has_it_all(
     assert read_toml(output / "config.toml", Config) == Config()
 
 
-def test_for_people_there_are_two_tables_a_sequence_and_a_note_of_what_is_left_out(
+def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_methods(
     recording: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missing = Baseline(
@@ -68,7 +68,7 @@ def test_for_people_there_are_two_tables_a_sequence_and_a_note_of_what_is_left_o
     assert note == "not available: open3d-icp; run: pip install nobodys-odometry"
 
 
-def test_without_truth_the_cost_and_the_coverage_are_told(
+def test_without_truth_cost_and_coverage_are_reported(
     copy_recording: CopyRecording, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bench, "make_method_factories", make_faulty_factories(surf="lose it"))
@@ -82,7 +82,7 @@ def test_without_truth_the_cost_and_the_coverage_are_told(
     assert figures["memory_mb"] > 10
 
 
-def test_with_loops_each_method_has_them_beside_its_own_figures(
+def test_with_loop_closure_each_method_has_additional_figures(
     recording: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
@@ -100,7 +100,7 @@ def test_with_loops_each_method_has_them_beside_its_own_figures(
     assert methods["icp"]["loop_closures"] is None
 
 
-def test_with_an_output_it_goes_on_where_it_was(
+def test_with_an_output_folder_it_resumes(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     options = (copy_recording(), "--output", tmp_path / "out", "--json")
@@ -130,7 +130,7 @@ def test_with_an_output_it_goes_on_where_it_was(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["gone"], "gone: no such folder; check the path"),
         (["corner", "corner"], "names are equal; rename one folder"),
@@ -142,18 +142,18 @@ def test_with_an_output_it_goes_on_where_it_was(
         (["corner", "--output", "file/out"], "name another with --output"),
     ],
 )
-def test_what_is_given_wrong_is_one_line_before_anything_is_run(
+def test_invalid_input_is_one_line_before_any_run(
     copy_recording: CopyRecording,
     tmp_path: Path,
     capfd: Capture,
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
-    told: str,
+    message: str,
 ) -> None:
     copy_recording()
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
     done = run_in_process(capfd, "bench", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert told in done.err
+    assert message in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "file"}

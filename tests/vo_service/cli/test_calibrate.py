@@ -61,7 +61,7 @@ def assert_is_the_cameras(camera: CameraCalibration, within_px: float = 1.0) -> 
 
 
 @pytest.mark.slow
-def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
+def test_a_folder_gives_a_camera_file_a_table_and_a_figure(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     outcome = run_in_process(capfd, *OPTIONS, folder, "--depth", "--picture", "coverage.png")
@@ -77,16 +77,16 @@ def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
 
 
 @pytest.mark.slow
-def test_json_is_all_that_is_printed(folder: Path, capfd: Capture) -> None:
+def test_only_json_is_printed(folder: Path, capfd: Capture) -> None:
     outcome = run_in_process(capfd, *OPTIONS, folder, "--json", "--output", "mine.toml")
-    told = json.loads(outcome.out)
-    assert told["camera_file"] == "mine.toml"
-    assert (told["views"], told["depth"], told["kept"]) == (FOUND, None, None)
+    result = json.loads(outcome.out)
+    assert result["camera_file"] == "mine.toml"
+    assert (result["views"], result["depth"], result["kept"]) == (FOUND, None, None)
     assert_is_the_cameras(read_calibration(Path("mine.toml")))
 
 
 @pytest.mark.slow
-def test_the_file_goes_where_the_configuration_says_and_the_old_one_is_kept(
+def test_the_configured_file_is_written_and_the_old_one_is_kept(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     (tmp_path / "kinect.toml").write_text('schema = 1\n[camera]\nfile = "lens.toml"\n')
@@ -99,8 +99,8 @@ def test_the_file_goes_where_the_configuration_says_and_the_old_one_is_kept(
 
 def test_a_board_to_print_is_written(tmp_path: Path, capfd: Capture) -> None:
     outcome = run_in_process(capfd, *OPTIONS, "--print-board", "board.pdf")
-    said = "board.pdf: chessboard of 9x6 inner corners, to print on A3 at 100 %\n"
-    assert (outcome.code, outcome.out) == (0, said)
+    message = "board.pdf: chessboard of 9x6 inner corners, to print on A3 at 100 %\n"
+    assert (outcome.code, outcome.out) == (0, message)
     assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -170,18 +170,20 @@ def write_gray(folder: Path, names: Sequence[str]) -> Path:
     return folder
 
 
-def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
+def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
     assert (outcome.code, outcome.out) == (code, "")
     assert outcome.err.count("\n") == 1, outcome.err
     assert outcome.err.startswith("kinect-vo: error: ")
-    assert said in outcome.err
+    assert message in outcome.err
 
 
-def test_images_without_the_board_say_what_to_check(tmp_path: Path, capfd: Capture) -> None:
+def test_images_without_the_board_give_advice(tmp_path: Path, capfd: Capture) -> None:
     write_gray(tmp_path / "gray", ["a.png", "b.png"])
     outcome = run_in_process(capfd, *OPTIONS, "gray")
-    said = "gray: none of the 2 images shows a chessboard of 9x6 inner corners; check that --board"
-    assert_one_line(outcome, 2, said)
+    message = (
+        "gray: none of the 2 images shows a chessboard of 9x6 inner corners; check that --board"
+    )
+    assert_one_line(outcome, 2, message)
     assert not (tmp_path / "camera.toml").exists()
 
 
@@ -196,7 +198,7 @@ def few(folder: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
+def test_images_of_another_board_name_it(few: Path, capfd: Capture) -> None:
     outcome = run_in_process(
         capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", few
     )
@@ -204,15 +206,13 @@ def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
 
 
 @pytest.mark.slow
-def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
-    few: Path, capfd: Capture
-) -> None:
+def test_too_few_views_fail_with_the_required_number(few: Path, capfd: Capture) -> None:
     outcome = run_in_process(capfd, *OPTIONS, few)
     assert_one_line(outcome, 1, "only 3 different views of the board; at least 6 are needed")
 
 
 @pytest.mark.slow
-def test_a_wrong_square_is_told_by_the_depth_and_nothing_is_saved(
+def test_a_wrong_square_size_is_detected_by_depth_and_nothing_is_saved(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     outcome = run_in_process(capfd, "calibrate", "--square", "0.025", folder, "--depth")
@@ -242,15 +242,15 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
-    arguments, said = MISTAKES[mistake]
-    assert_one_line(run_in_process(capfd, "calibrate", "--square", "0.025", *arguments), 2, said)
+    arguments, message = MISTAKES[mistake]
+    assert_one_line(run_in_process(capfd, "calibrate", "--square", "0.025", *arguments), 2, message)
 
 
-@pytest.mark.parametrize(("square", "said"), [
+@pytest.mark.parametrize(("square", "message"), [
     ([], "--square is missing: measure a square of the printed board"),
     (["--square", "25"], "25 is not a side: give metres, such as 0.025 for 25 mm"),
 ])  # fmt: skip
-def test_the_squares_size_has_to_be_given_in_metres(
-    square: list[str], said: str, capfd: Capture
+def test_the_size_of_a_square_is_required_in_meters(
+    square: list[str], message: str, capfd: Capture
 ) -> None:
-    assert_one_line(run_in_process(capfd, "calibrate", ".", *square), 2, said)
+    assert_one_line(run_in_process(capfd, "calibrate", ".", *square), 2, message)

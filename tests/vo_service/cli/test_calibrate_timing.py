@@ -33,7 +33,7 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd: Capture) -> None:
+def test_a_shaken_camera_gives_its_readout_and_its_offset(recording: Path, capfd: Capture) -> None:
     camera = replace(read_calibration(recording / CAMERA_FILE_NAME), depth_offset_s=0.002)
     Path("sensor.toml").write_text(f"# mine\n{format_calibration(camera)}")
     outcome = run_in_process(
@@ -49,7 +49,7 @@ def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd:
     assert Path("sensor.toml").read_text().startswith("# mine\n")
 
 
-def test_a_camera_that_is_hardly_shaken_is_refused_and_nothing_is_written(
+def test_slow_motion_is_rejected_and_nothing_is_written(
     recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     piece = render_segment(0.0, 0.0, frames=1) * 32
@@ -64,7 +64,7 @@ def test_a_camera_that_is_hardly_shaken_is_refused_and_nothing_is_written(
     assert not Path("new.toml").exists()
 
 
-def test_of_a_camera_it_sees_a_minute_and_prints_json_alone(
+def test_a_live_camera_is_observed_for_a_minute_and_only_json_is_printed(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     seen: list[MotionSegment] = []
@@ -79,11 +79,11 @@ def test_of_a_camera_it_sees_a_minute_and_prints_json_alone(
     file = Path("live.toml")
     file.write_text((recording / CAMERA_FILE_NAME).read_text())
     camera = ("--camera", f"tum:{recording}", "--camera-file", file)
-    told = json.loads(run_in_process(capfd, "calibrate", "--timing", *camera, "--json").out)
-    assert (told["camera_file"], told["kept"]) == ("live.toml", str(file.resolve()) + ".bak")
-    assert (told["frames"], told["pieces"], len(seen)) == (64, 4, 2)
-    assert told["readout_s"] == {"before": 0.0, "now": 0.0203, "sigma": 0.0004}
-    assert told["depth_offset_s"] == {"before": 0.0, "now": -0.0012, "sigma": 0.0003}
+    result = json.loads(run_in_process(capfd, "calibrate", "--timing", *camera, "--json").out)
+    assert (result["camera_file"], result["kept"]) == ("live.toml", str(file.resolve()) + ".bak")
+    assert (result["frames"], result["pieces"], len(seen)) == (64, 4, 2)
+    assert result["readout_s"] == {"before": 0.0, "now": 0.0203, "sigma": 0.0004}
+    assert result["depth_offset_s"] == {"before": 0.0, "now": -0.0012, "sigma": 0.0003}
     assert read_calibration(file).depth_offset_s == -0.0012
 
 
@@ -100,14 +100,14 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
-    arguments, said = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     outcome = run_in_process(capfd, "calibrate", "--timing", *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("\n") == 1
-    assert said in outcome.err
+    assert message in outcome.err
 
 
-def test_an_offset_that_the_stamps_may_hold_already_is_not_put_on_top(
+def test_an_offset_that_the_stamps_may_contain_is_not_added(
     recording: Path, capfd: Capture
 ) -> None:
     camera = replace(read_calibration(recording / CAMERA_FILE_NAME), depth_offset_s=0.004)

@@ -8,7 +8,9 @@ from tests.vo_service.cli.cli_runner import run_in_process
 
 
 @pytest.mark.subprocess
-def test_it_says_what_goes_where(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_purpose_of_each_file_is_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     names = ("--host", "localhost", "--robot", "robot1", "--reader", "tablet", "--operator", "desk")
     outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)
     assert outcome.code == 0
@@ -31,7 +33,7 @@ def test_it_says_what_goes_where(tmp_path: Path, capfd: pytest.CaptureFixture[st
         (("--host", "bad host"), "is not a valid certificate name"),
     ],
 )
-def test_a_mistake_is_one_line_and_makes_nothing(
+def test_an_error_is_one_line_and_creates_nothing(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], names: tuple[str, ...], words: str
 ) -> None:
     outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)

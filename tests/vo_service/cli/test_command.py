@@ -8,7 +8,7 @@ from tests.vo_service.client.fake_service import find_free_endpoint, running_fak
 pytestmark = pytest.mark.zenoh
 
 
-def test_a_value_that_is_no_json_goes_out_as_text_however_deep(
+def test_a_value_that_is_not_json_is_sent_as_text_at_any_depth(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     endpoint, deep = find_free_endpoint(), "[" * 3000
@@ -21,7 +21,7 @@ def test_a_value_that_is_no_json_goes_out_as_text_however_deep(
     assert sent == [{"position_m": deep}]
 
 
-def test_an_answer_that_cannot_be_read_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_unreadable_reply_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
     endpoint = find_free_endpoint()
     with running_fake_service(endpoint) as service:
         service.answer_with("command/pause", {"schema": 9})

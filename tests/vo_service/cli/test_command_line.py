@@ -39,20 +39,20 @@ def test_the_version_is_the_packages() -> None:
     assert (done.returncode, done.stdout) == (0, f"kinect-vo {version('kinect-vo')}\n")
 
 
-def test_two_calls_in_one_process_say_everything_once(capfd: pytest.CaptureFixture[str]) -> None:
+def test_two_calls_in_one_process_print_everything_once(capfd: pytest.CaptureFixture[str]) -> None:
     for _ in range(2):
         outcome = run_in_process(capfd, "replay", "none", "--no-publish")
         assert outcome.err == "kinect-vo: error: none: no such folder; check the path\n"
 
 
-def test_a_call_leaves_the_log_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_call_restores_the_log(capfd: pytest.CaptureFixture[str]) -> None:
     root = logging.getLogger()
     before = (root.level, list(root.handlers))
     run_in_process(capfd, "config", "check", "none.toml", "--verbose")
     assert (root.level, list(root.handlers)) == before
 
 
-def test_a_call_leaves_the_signals_as_they_were(
+def test_a_call_restores_the_signal_handlers(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     before = (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
@@ -61,21 +61,21 @@ def test_a_call_leaves_the_signals_as_they_were(
 
 
 @pytest.mark.zenoh
-def test_a_good_configuration_is_said_to_be_good(
+def test_a_valid_configuration_is_reported_as_valid(
     config: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = run_in_process(capfd, "config", "check", config)
     assert (outcome.code, outcome.out, outcome.err) == (0, f"{config}: no mistakes\n", "")
 
 
-def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> None:
+def test_warm_up_reports_its_end(capfd: pytest.CaptureFixture[str]) -> None:
     outcome = run_in_process(capfd, "warm-up")
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert outcome.out.startswith("the kernels of direct and of maps are ready (")
 
 
 @pytest.mark.parametrize("enabled", ["true", "false"])
-def test_warming_up_prepares_loops_where_there_is_a_map(
+def test_warm_up_prepares_loop_closure_if_there_is_a_map(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, enabled: str
 ) -> None:
     config, prepared = tmp_path / "kinect.toml", list[str]()
@@ -96,7 +96,7 @@ def test_warming_up_prepares_loops_where_there_is_a_map(
 
 
 @pytest.mark.subprocess
-def test_a_reader_that_has_gone_is_no_error() -> None:
+def test_a_closed_reader_is_no_error() -> None:
     ours, theirs = os.pipe()
     os.close(ours)
     done = subprocess.run(
@@ -135,7 +135,7 @@ def test_without_standard_streams_it_does_the_same(closed: str) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_nowhere_to_keep_anything_is_one_line(
+def test_a_missing_cache_folder_is_one_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_the_way = tmp_path / f"kinect-vo-{os.getuid()}"
@@ -159,7 +159,7 @@ def _in_shell(first: str, *arguments: object) -> "subprocess.CompletedProcess[st
     )  # fmt: skip
 
 
-def test_a_line_of_the_log_takes_the_place_of_the_progress(
+def test_a_log_line_replaces_the_progress(
     copy_recording: Callable[..., Path],
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -174,7 +174,7 @@ def test_a_line_of_the_log_takes_the_place_of_the_progress(
     assert outcome.err.endswith("\r\x1b[K")
 
 
-def test_ctrl_c_before_anything_has_begun_is_no_traceback(
+def test_ctrl_c_during_the_start_prints_no_traceback(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(name: str) -> None:

@@ -26,7 +26,7 @@ Capture = pytest.CaptureFixture[str]
 CHILD = "vo_service.tools.benchmark.worker_main"
 
 
-def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
+def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
     recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     output = tmp_path / "report"
@@ -53,7 +53,7 @@ def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
     assert kept.read_bytes() == replayed.read_bytes()
 
 
-def test_for_people_there_are_two_tables_and_a_crash_is_a_row_a_line_and_an_exit_code(
+def test_the_terminal_shows_two_tables_and_a_crash_is_a_row_and_an_exit_code(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="segfault"))
@@ -71,7 +71,7 @@ def test_for_people_there_are_two_tables_and_a_crash_is_a_row_a_line_and_an_exit
     assert last == f"report: {tmp_path / 'out' / 'report.html'}"
 
 
-def test_with_loops_there_is_a_table_of_what_they_have_gained(
+def test_with_loop_closure_there_is_a_table_of_the_gain(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="go on"))
@@ -103,7 +103,7 @@ def test_without_truth_coverage_and_times_are_reported(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["gone"], "gone: no such folder; check the path"),
         (["corner", "empty"], "empty: the folder is empty; name one with rgb.txt and depth.txt"),
@@ -113,13 +113,13 @@ def test_without_truth_coverage_and_times_are_reported(
         (["corner", "--time-limit", "0"], "0 is not a time: give seconds, more than 0"),
     ],
 )
-def test_what_is_given_wrong_is_one_line_before_anything_is_run(
+def test_invalid_input_is_one_line_before_any_run(
     copy_recording: CopyRecording,
     tmp_path: Path,
     capfd: Capture,
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
-    told: str,
+    message: str,
 ) -> None:
     copy_recording()
     (tmp_path / "empty").mkdir()
@@ -127,7 +127,7 @@ def test_what_is_given_wrong_is_one_line_before_anything_is_run(
     monkeypatch.chdir(tmp_path)
     done = run_in_process(capfd, "compare", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert told in done.err
+    assert message in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
 
 
@@ -142,7 +142,7 @@ def test_a_scale_from_the_truth_needs_a_truth(
     assert f"{folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs" in done.err
 
 
-def test_ctrl_c_leaves_a_report_of_what_was_done(
+def test_ctrl_c_leaves_a_report_of_finished_runs(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
@@ -176,7 +176,7 @@ cli.main(["compare", *sys.argv[2:]])
 """
 
 
-def test_killed_it_leaves_no_process_and_goes_on_where_it_was(
+def test_a_killed_comparison_leaves_no_process_and_resumes(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = copy_recording()

@@ -18,19 +18,19 @@ FRAMES = 15
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def render_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cache that keeps the rendered film for the next test."""
-    return tmp_path_factory.mktemp("film")
+    return tmp_path_factory.mktemp("render_cache")
 
 
 @pytest.fixture(autouse=True)
-def short(film: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CACHE_DIRECTORY", str(film))
+def short(render_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CACHE_DIRECTORY", str(render_cache))
     # Painted in a second, not in five.
     monkeypatch.setattr(demo, "SyntheticConfig", partial(SyntheticConfig, texel_m=0.01))
 
 
-def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(
+def test_every_frame_is_played_and_trajectory_truth_and_figure_are_written(
     config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "demo"
@@ -47,18 +47,18 @@ def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(
     assert (folder / "demo.rrd").stat().st_size > 10_000
 
 
-def test_for_people_it_says_where_to_look_and_how_it_went(
+def test_the_terminal_shows_the_results_and_their_files(
     config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "demo"
     options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
     outcome = run_in_process(capfd, "demo", *options)
-    said = outcome.out + outcome.err
+    output = outcome.out + outcome.err
     for words in ("kinect-vo listen", f"results: {folder}", "ATE, RMSE", "latency"):
-        assert words in said
+        assert words in output
 
 
-def test_an_output_folder_that_cannot_be_made_is_one_line_before_anything_is_rendered(
+def test_an_output_folder_that_cannot_be_created_is_one_line_before_rendering(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()

@@ -47,7 +47,7 @@ def test_each_kinect_is_listed_with_its_camera_argument(
 
 
 @pytest.mark.subprocess
-def test_the_json_has_the_same_with_keys_that_stay(
+def test_the_json_has_the_same_with_stable_keys(
     plug_in: Callable[..., list[KinectSimulator]], capfd: pytest.CaptureFixture[str]
 ) -> None:
     (kinect,) = plug_in(Played.K1414)
@@ -68,7 +68,7 @@ def test_the_json_has_the_same_with_keys_that_stay(
 
 
 @pytest.mark.subprocess
-def test_nothing_there_says_what_to_do(
+def test_without_a_sensor_there_is_advice(
     plug_in: Callable[..., list[KinectSimulator]], capfd: pytest.CaptureFixture[str]
 ) -> None:
     (kinect,) = plug_in(Played.K1414)
@@ -79,30 +79,30 @@ def test_nothing_there_says_what_to_do(
     assert "--camera synthetic" in outcome.out
 
 
-def test_what_cannot_be_driven_is_named_without_a_camera_argument() -> None:
+def test_an_unsupported_sensor_is_listed_without_a_camera_argument() -> None:
     (found,) = list_available_devices(
         [make_sensor(SensorModel.AZURE, is_supported=False)], OpenNI2Listing()
     )
     assert (found.camera, found.name, found.error) == ("", "Azure Kinect", "not supported")
 
 
-def test_a_primesense_sensor_is_named_as_openni2_names_it() -> None:
+def test_a_primesense_sensor_has_its_openni2_name() -> None:
     (found,) = list_available_devices(
         [make_sensor(SensorModel.CARMINE)], OpenNI2Listing((CARMINE,))
     )
     assert (found.camera, found.error) == ("openni2:1d27/0609@1/5", "")
 
 
-@pytest.mark.parametrize("trouble", ["", "libOpenNI2.so.0 cannot be loaded"])
-def test_a_primesense_sensor_that_openni2_does_not_see_is_listed(trouble: str) -> None:
+@pytest.mark.parametrize("error_text", ["", "libOpenNI2.so.0 cannot be loaded"])
+def test_a_primesense_sensor_unknown_to_openni2_is_listed(error_text: str) -> None:
     (found,) = list_available_devices(
-        [make_sensor(SensorModel.CARMINE)], OpenNI2Listing((), trouble)
+        [make_sensor(SensorModel.CARMINE)], OpenNI2Listing((), error_text)
     )
     assert found.camera == "openni2"
-    assert found.error == (trouble or "libOpenNI2 does not see it")
+    assert found.error == (error_text or "libOpenNI2 does not see it")
 
 
-def test_a_kinect_in_use_is_listed_as_that() -> None:
+def test_a_kinect_in_use_is_listed_as_in_use() -> None:
     (found,) = list_available_devices(
         [make_sensor(serial="A1", open_error=OpenError.BUSY)], OpenNI2Listing()
     )

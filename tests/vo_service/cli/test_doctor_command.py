@@ -43,7 +43,7 @@ def kinect(
     ],
     ids=["unplugged", "forbidden", "busy", "slow"],
 )
-def test_what_keeps_the_camera_from_being_opened_is_named(
+def test_each_reason_that_prevents_opening_is_reported(
     fault: Callable[[KinectSimulator], None], check: str, cause: str, kinect: KinectSimulator,
     capfd: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -64,18 +64,18 @@ def assert_named_instead(source: str, cause: str, capfd: pytest.CaptureFixture[s
 
 
 @pytest.mark.usefixtures("kinect", "real_openni2")
-def test_a_sensor_of_another_kind_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_sensor_of_another_kind_is_reported(capfd: pytest.CaptureFixture[str]) -> None:
     cause = "Kinect 1414, bus 1 port 1.2, serial A00123456789012A is another kind"
     assert_named_instead("openni2", cause, capfd)
 
 
 @pytest.mark.usefixtures("kinect")
-def test_a_kinect_with_another_serial_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_kinect_with_another_serial_is_reported(capfd: pytest.CaptureFixture[str]) -> None:
     cause = "no sensor has the serial B1; connected: Kinect 1414, bus 1 port 1.2"
     assert_named_instead("freenect:B1", cause, capfd)
 
 
-def test_a_loader_that_finds_no_library_is_named(
+def test_a_missing_library_is_reported(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "libfreenect.so.0.5").write_text("not a library")
@@ -87,7 +87,7 @@ def test_a_loader_that_finds_no_library_is_named(
     assert "fix: sudo apt install libusb-1.0-0 libfreenect0.5" in outcome.out
 
 
-def test_a_recording_is_checked_for_its_frames_alone(
+def test_only_the_frames_of_a_recording_are_checked(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = run_in_process(capfd, "doctor", "--camera", f"tum:{recording}", "--json")
@@ -98,9 +98,7 @@ def test_a_recording_is_checked_for_its_frames_alone(
     ]  # fmt: skip
 
 
-def test_what_the_user_gave_is_exit_code_two(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_invalid_input_is_exit_code_two(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     outcome = run_in_process(capfd, "doctor", "--camera", f"tum:{tmp_path / 'nowhere'}")
     assert outcome.code == 2
     assert outcome.err.startswith("kinect-vo: error: ")
@@ -131,7 +129,7 @@ def test_a_report_can_be_replayed(
     assert len(open_tum_folder(report / "frames", None).frames.pairs) == int(match[1]) > 0
 
 
-def test_a_report_without_pictures_says_so_and_has_the_log(
+def test_a_report_without_images_says_so_and_has_the_log(
     kinect: KinectSimulator, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     kinect.remove_bandwidth()

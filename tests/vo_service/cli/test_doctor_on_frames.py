@@ -91,10 +91,10 @@ def examined(kinect: KinectSimulator, case: Case) -> Diagnosis:
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as doctor:
         try:
             case.later(kinect)
-            said, _ = doctor.communicate(timeout=DEFAULT_TIMEOUT_S)
+            output, _ = doctor.communicate(timeout=DEFAULT_TIMEOUT_S)
         finally:
             doctor.kill()
-    diagnosis: Diagnosis = json.loads(said)
+    diagnosis: Diagnosis = json.loads(output)
     assert doctor.returncode == (1 if diagnosis["verdict"] == "fail" else 0)
     return diagnosis
 
@@ -119,7 +119,7 @@ def test_a_healthy_kinect_passes(diagnoses: dict[str, Future[Diagnosis]], name: 
         ("stalled", "frame-rate", "image for 1 s"),
     ],
 )
-def test_what_keeps_frames_from_coming_is_named(
+def test_each_reason_that_prevents_frames_is_reported(
     diagnoses: dict[str, Future[Diagnosis]], case: str, check: str, cause: str
 ) -> None:
     diagnosis = diagnoses[case].result()
@@ -136,7 +136,7 @@ def test_what_keeps_frames_from_coming_is_named(
         ("gravity", "no reading"),
     ],
 )
-def test_what_still_works_is_a_warning(
+def test_a_fault_that_does_not_prevent_frames_is_a_warning(
     diagnoses: dict[str, Future[Diagnosis]], check: str, cause: str
 ) -> None:
     diagnosis = diagnoses["lame"].result()
@@ -146,7 +146,7 @@ def test_what_still_works_is_a_warning(
     assert find_check(diagnosis, "first-frames")["verdict"] == "pass"
 
 
-def test_lost_packets_are_counted_while_frames_come(
+def test_lost_packets_are_counted_during_the_stream(
     diagnoses: dict[str, Future[Diagnosis]],
 ) -> None:
     found = find_check(diagnoses["lame"].result(), "lost-packets")

@@ -30,7 +30,7 @@ def half(recording: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.subprocess
-def test_json_is_one_object_with_every_key_and_nothing_else(half: Path, recording: Path) -> None:
+def test_json_is_one_object_with_every_key(half: Path, recording: Path) -> None:
     outcome = run_subprocess("evaluate", half, recording, "--json")
     assert (outcome.code, outcome.error_lines) == (0, "")
     figures = json.loads(outcome.out)
@@ -41,7 +41,7 @@ def test_json_is_one_object_with_every_key_and_nothing_else(half: Path, recordin
     assert figures["rpe_1s_m"] is None
 
 
-def test_the_folder_and_the_file_in_it_are_the_same(
+def test_the_folder_and_its_ground_truth_file_give_the_same_result(
     half: Path, recording: Path, capfd: Capture
 ) -> None:
     of_folder = run_in_process(capfd, "evaluate", half, recording)
@@ -50,7 +50,7 @@ def test_the_folder_and_the_file_in_it_are_the_same(
     assert "coverage                50.0 %" in of_folder.out
 
 
-def test_the_frames_are_those_that_the_recording_lists(
+def test_the_frames_are_those_listed_in_the_recording(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     for name in ("groundtruth.txt", "rgb.txt", "depth.txt"):
@@ -62,7 +62,7 @@ def test_the_frames_are_those_that_the_recording_lists(
     assert figures["coverage"] == 6 / 8
 
 
-def test_a_truth_on_its_own_counts_as_one_a_frame_if_the_stamps_agree(
+def test_a_truth_file_counts_as_frames_if_the_stamps_agree(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     truth = read_trajectory(recording / "groundtruth.txt")
@@ -76,9 +76,7 @@ def test_a_truth_on_its_own_counts_as_one_a_frame_if_the_stamps_agree(
     )
 
 
-def test_a_picture_is_drawn_beside_the_figures(
-    half: Path, recording: Path, tmp_path: Path, capfd: Capture
-) -> None:
+def test_a_figure_is_drawn(half: Path, recording: Path, tmp_path: Path, capfd: Capture) -> None:
     outcome = run_in_process(
         capfd, "evaluate", half, recording, "--json", "--picture", tmp_path / "walk.png"
     )
@@ -86,7 +84,7 @@ def test_a_picture_is_drawn_beside_the_figures(
     assert (tmp_path / "walk.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_poses_of_another_time_are_one_clear_line(
+def test_poses_of_another_time_are_one_line(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     poses = read_trajectory(half)
@@ -98,14 +96,14 @@ def test_poses_of_another_time_are_one_clear_line(
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_a_missing_file_is_one_clear_line(half: Path, capfd: Capture, swapped: bool) -> None:
+def test_a_missing_file_is_one_line(half: Path, capfd: Capture, swapped: bool) -> None:
     files = [half, half.parent / "gone.txt"]
     outcome = run_in_process(capfd, "evaluate", *(reversed(files) if swapped else files))
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.endswith("gone.txt: cannot read the trajectory: No such file or directory\n")
 
 
-def test_a_picture_that_cannot_be_written_is_one_clear_line(
+def test_an_unwritable_figure_is_one_line(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     outcome = run_in_process(

@@ -71,7 +71,7 @@ def images(frames: list[RgbdFrame]) -> Iterator[tuple[ColorBgr, DepthMm]]:
 
 
 @pytest.mark.usefixtures("real_openni2")
-def test_an_oni_recording_gives_the_bytes_of_a_replay(
+def test_an_oni_recording_gives_the_same_bytes_as_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
     write_oni(tmp_path / "frames.oni", frames_to_oni_images(frames))
@@ -80,7 +80,7 @@ def test_an_oni_recording_gives_the_bytes_of_a_replay(
 
 
 @pytest.mark.usefixtures("fakenect")
-def test_a_fakenect_dump_gives_the_bytes_of_a_replay(
+def test_a_fakenect_dump_gives_the_same_bytes_as_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
     write_fakenect_dump(tmp_path / "dump", images(frames))
@@ -88,7 +88,7 @@ def test_a_fakenect_dump_gives_the_bytes_of_a_replay(
     assert trajectory.read_bytes() == replayed.read_bytes()
 
 
-def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
+def test_a_simulated_kinect_gives_the_poses_of_a_replay_within_its_quantization(
     frames: list[RgbdFrame],
     replayed: Path,
     camera_file: Path,
@@ -101,7 +101,7 @@ def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
         for name, value in kinect.environment.items():
             monkeypatch.setenv(name, value)
         found = read_trajectory(served("freenect", camera_file, count=COUNT - 2))
-        seqs = film_seqs(found.stamps_s, kinect)
+        seqs = frame_numbers(found.stamps_s, kinect)
     assert seqs[0] >= 0
     assert len(seqs) >= COUNT - 2
     reference = read_trajectory(replayed).T_world_camera[seqs]
@@ -111,7 +111,7 @@ def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
     assert apart_m.max() <= encoding_costs_m(farthest_mm, motions=seqs[-1] - seqs[0])
 
 
-def film_seqs(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
+def frame_numbers(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
     """Which frames of the film these are, by the instant at which the Kinect sent them.
 
     Stamps are late by what held up the image that came soonest so far. So the last one is nearest
@@ -131,8 +131,8 @@ def encoding_costs_m(farthest_mm: int, motions: int) -> float:
     A reading is rounded to the Kinect's steps of depth: off by step / sqrt(12). A motion is the
     mean over the points of two images. Gray is not changed by the mosaic of colors.
     """
-    told_mm = raw_to_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
-    told_mm = told_mm[told_mm > 0]
-    index = int(np.searchsorted(told_mm, farthest_mm))
-    step_m = 1e-3 * (int(told_mm[index]) - int(told_mm[index - 1]))
+    table_mm = raw_to_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
+    table_mm = table_mm[table_mm > 0]
+    index = int(np.searchsorted(table_mm, farthest_mm))
+    step_m = 1e-3 * (int(table_mm[index]) - int(table_mm[index - 1]))
     return 3 * step_m / math.sqrt(12) * math.sqrt(2 * motions / FEWEST_POINTS)

@@ -18,7 +18,7 @@ from vo_service.terminal import Terminal
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_compiling_ends_with_the_kernel_at_work_when_asked_to_stop(
+def test_compilation_stops_after_the_current_kernel(
     number: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     double = numba.njit(lambda x: 2 * x)
@@ -33,23 +33,23 @@ def test_compiling_ends_with_the_kernel_at_work_when_asked_to_stop(
     assert double.signatures == []
 
 
-def test_preparing_loops_ends_when_asked_to_stop_as_that_of_the_method_does(
+def test_preparation_of_loop_closure_stops_like_that_of_the_method(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    told: list[str] = []
+    calls: list[str] = []
 
     def interrupted(tell: Callable[[str], None]) -> float:
-        told.append("begun")
+        calls.append("begun")
         signal.raise_signal(signal.SIGINT)
         return 1.0
 
     monkeypatch.setattr(loops_warm_up, "warm_up_loop_closure", interrupted)
     with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
         prepare_loop_closure(Terminal(), stop)
-    assert told == ["begun"]
+    assert calls == ["begun"]
 
 
-def test_it_is_known_that_loops_have_been_prepared_once_they_have(
+def test_finished_preparation_of_loop_closure_is_remembered(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(kernels, "kernel_folder", lambda: tmp_path)
@@ -59,7 +59,7 @@ def test_it_is_known_that_loops_have_been_prepared_once_they_have(
     assert loops_are_prepared()
 
 
-def test_kernels_that_do_not_fit_on_the_disk_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_without_disk_space_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def fill(method: str, tell: Callable[[str], None]) -> float:
         raise OSError(errno.ENOSPC, "No space left on device")
 

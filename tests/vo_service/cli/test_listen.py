@@ -55,7 +55,7 @@ def listener(endpoint: str, *options: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def said(process: subprocess.Popen[str]) -> str:
+def read_line(process: subprocess.Popen[str]) -> str:
     """The next line on stderr."""
     assert process.stderr is not None
     return process.stderr.readline()
@@ -122,7 +122,7 @@ def publisher(endpoint: str) -> Iterator[Publisher]:
 
 def test_a_pose_is_one_line(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--count", "2") as process:
-        assert said(process) == f"listen: listening to kinect at {endpoint}\n"
+        assert read_line(process) == f"listen: listening to kinect at {endpoint}\n"
         robot.pose(1.0)
         robot.pose(2.0)
         assert printed(process) == (
@@ -132,9 +132,9 @@ def test_a_pose_is_one_line(endpoint: str) -> None:
         assert process.wait(100) == 0
 
 
-def test_json_gives_one_object_a_line(endpoint: str) -> None:
+def test_json_is_one_object_per_line(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--json", "--count", "1") as process:
-        said(process)
+        read_line(process)
         robot.status("degraded", "few inliers")
         status = json.loads(printed(process))
         robot.pose(1.0)
@@ -149,34 +149,36 @@ def test_json_gives_one_object_a_line(endpoint: str) -> None:
     assert pose["quaternion_xyzw"] == [0.0, 0.0, 0.0, 1.0]
 
 
-def test_only_changes_of_status_are_said(endpoint: str) -> None:
+def test_only_changes_of_status_are_printed(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
-        said(process)
+        read_line(process)
         robot.status("lost", "too few matches")
         robot.status("lost", "too few matches")
         robot.status("tracking", "")
-        assert said(process) == "listen: status lost: too few matches\n"
-        assert said(process) == "listen: status tracking\n"
+        assert read_line(process) == "listen: status lost: too few matches\n"
+        assert read_line(process) == "listen: status tracking\n"
 
 
-def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
+def test_a_correction_of_the_map_is_printed_once(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
-        said(process)
+        read_line(process)
         robot.map_odom(0, loop_closures=0)
         for seq in range(3):
             robot.map_odom(seq)
         robot.map_odom(4, map_keyframes=10)
         robot.map_odom(5, is_localized=False)
-        assert said(process) == (
+        assert read_line(process) == (
             "listen: map: 9 keyframes, 1 loop closures; odom at 0.5000 0.2500 0.0000 "
             "0.00000 0.00000 0.00000 1.00000\n"
         )
-        assert said(process) == ("listen: map: 9 keyframes; its transform to odom is unknown\n")
+        assert read_line(process) == (
+            "listen: map: 9 keyframes; its transform to odom is unknown\n"
+        )
 
 
-def test_json_gives_each_change_of_the_map(endpoint: str) -> None:
+def test_json_has_each_change_of_the_map(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--json") as process:
-        said(process)
+        read_line(process)
         for seq, places in ((0, 9), (1, 9), (2, 10)):
             robot.map_odom(seq, map_keyframes=places)
         found = [json.loads(printed(process)) for _ in range(2)]
@@ -187,16 +189,16 @@ def test_json_gives_each_change_of_the_map(endpoint: str) -> None:
     assert (found[0]["frame_id"], found[0]["child_frame_id"]) == ("map", "odom")
 
 
-def test_it_waits_for_a_publisher_and_for_its_return(endpoint: str) -> None:
+def test_it_waits_for_a_publisher_and_reconnects(endpoint: str) -> None:
     with listener(endpoint, "--count", "2") as process:
-        assert said(process) == f"listen: waiting for kinect at {endpoint} (Ctrl-C ends)\n"
+        assert read_line(process) == f"listen: waiting for kinect at {endpoint} (Ctrl-C ends)\n"
         with publisher(endpoint) as robot:
-            assert "listening to" in said(process)
+            assert "listening to" in read_line(process)
             robot.pose(1.0)
             assert printed(process).endswith("tracking\n")
-        assert "has gone" in said(process)
+        assert "has gone" in read_line(process)
         with publisher(endpoint) as robot:
-            assert "listening to" in said(process)
+            assert "listening to" in read_line(process)
             robot.pose(1.0)
             assert printed(process).endswith("tracking\n")
         assert process.wait(100) == 0
@@ -204,15 +206,15 @@ def test_it_waits_for_a_publisher_and_for_its_return(endpoint: str) -> None:
 
 def test_ctrl_c_ends_it_cleanly(endpoint: str) -> None:
     with listener(endpoint) as process:
-        assert "waiting" in said(process)
+        assert "waiting" in read_line(process)
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=100)
     assert (output, errors, process.returncode) == ("", "", 0)
 
 
-def test_a_reader_that_leaves_ends_it_quietly(endpoint: str) -> None:
+def test_a_closed_reader_ends_it_quietly(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
-        said(process)
+        read_line(process)
         assert process.stdout is not None
         process.stdout.close()
         robot.pose(1.0)
@@ -221,11 +223,11 @@ def test_a_reader_that_leaves_ends_it_quietly(endpoint: str) -> None:
         assert process.stderr.read() == ""
 
 
-def test_a_message_that_cannot_be_read_is_passed_over(endpoint: str) -> None:
+def test_an_unreadable_message_is_skipped(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--count", "1") as process:
-        said(process)
+        read_line(process)
         robot.garbage()
-        assert "kinect/odom: passed over a message that cannot be read" in said(process)
+        assert "kinect/odom: passed over a message that cannot be read" in read_line(process)
         robot.pose(1.0)
         assert process.wait(100) == 0
 
@@ -239,7 +241,7 @@ def test_a_bad_option_is_an_input_error(options: list[str]) -> None:
 
 
 @pytest.mark.parametrize("count", ["0", "-1", "many"])
-def test_a_count_that_is_none_is_refused(count: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_count_is_rejected(count: str, capsys: pytest.CaptureFixture[str]) -> None:
     parser = argparse.ArgumentParser()
     listen.add_arguments(parser)
     with pytest.raises(SystemExit):

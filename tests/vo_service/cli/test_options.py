@@ -11,9 +11,7 @@ from vo_service.cli.options import load_config
 @pytest.mark.parametrize(
     ("pace", "adapts"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
 )
-def test_a_run_in_lockstep_gives_up_nothing_on_a_slow_machine(
-    pace: PlaybackMode, adapts: bool
-) -> None:
+def test_lockstep_has_no_load_shedding(pace: PlaybackMode, adapts: bool) -> None:
     args = argparse.Namespace(config=None, method=None, verbose=False, pace=pace)
     assert load_config(args).load.adapt is adapts
 
@@ -21,6 +19,6 @@ def test_a_run_in_lockstep_gives_up_nothing_on_a_slow_machine(
 @pytest.mark.parametrize(
     ("pace", "knows"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
 )
-def test_a_run_in_lockstep_waits_for_no_other_process(pace: PlaybackMode, knows: bool) -> None:
+def test_lockstep_waits_for_no_other_process(pace: PlaybackMode, knows: bool) -> None:
     args = argparse.Namespace(config=None, pace=pace, verbose=False)
     assert load_config(args).map.loop_closure is knows

@@ -47,7 +47,7 @@ def pose_of(message: Any) -> Array:
     return transform_from_pose([at.x, at.y, at.z], [turned.x, turned.y, turned.z, turned.w])
 
 
-def test_a_stranger_gets_every_pose_in_order_and_the_same_numbers_as_the_file(
+def test_a_separate_subscriber_gets_every_pose_in_order_with_the_numbers_of_the_file(
     received: tuple[list[Any], Trajectory],
 ) -> None:
     samples, trajectory = received

@@ -32,10 +32,10 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in there if path.name != "cache")
 
 
-def assert_one_line(outcome: CommandResult, said: str) -> None:
+def assert_one_line(outcome: CommandResult, message: str) -> None:
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1), outcome
     assert outcome.err.startswith("kinect-vo: error: ")
-    assert said in outcome.err
+    assert message in outcome.err
 
 
 def off_corner_m(points_m: Array) -> Array:
@@ -57,7 +57,7 @@ def likeness(one: Path, other: Path) -> float:
 
 
 @pytest.mark.rerun
-def test_a_given_trajectory_makes_a_map_in_its_own_world(
+def test_a_given_trajectory_gives_a_map_in_its_world(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     output, rerun = tmp_path / "maps" / "corner", tmp_path / "map.rrd"
@@ -78,7 +78,7 @@ def test_a_given_trajectory_makes_a_map_in_its_own_world(
 
 
 @pytest.mark.slow
-def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
+def test_without_a_trajectory_the_odometry_runs_and_its_trajectory_is_written(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = run_in_process(
@@ -96,7 +96,7 @@ def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
     assert len(read_ply(tmp_path / "map.ply").triangles) == figures["triangles"] > 1000
 
 
-def test_loops_cannot_correct_a_given_trajectory(
+def test_loop_closure_with_a_given_trajectory_is_rejected(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     truth, output = recording / "groundtruth.txt", tmp_path / "output"
@@ -108,7 +108,7 @@ def test_loops_cannot_correct_a_given_trajectory(
 
 
 @pytest.mark.slow
-def test_a_full_map_is_one_line_of_warning_and_still_a_map(
+def test_a_full_map_is_a_warning_and_still_written(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     tight = ("--voxel-m", 0.01, "--memory-mb", 20, "--output", tmp_path, "--json")
@@ -121,7 +121,7 @@ def test_a_full_map_is_one_line_of_warning_and_still_a_map(
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (("--voxel-m", "0"), "--voxel-m: 0 is not a length: give 0.002 to 0.5"),
         (("--voxel-m", "nan"), "--voxel-m: nan is not a length"),
@@ -134,12 +134,12 @@ def test_a_full_map_is_one_line_of_warning_and_still_a_map(
         (("nowhere.txt",), "nowhere.txt: cannot read the trajectory"),
     ],
 )
-def test_what_is_wrong_on_the_command_line_is_one_line(
+def test_command_line_errors_are_one_line(
     recording: Path, capfd: pytest.CaptureFixture[str], tmp_path: Path,
-    given: tuple[str, ...], said: str,
+    given: tuple[str, ...], message: str,
 ) -> None:  # fmt: skip
     output = () if "--output" in given else ("--output", tmp_path / "output")
-    assert_one_line(run_in_process(capfd, "reconstruct", recording, *given, *output), said)
+    assert_one_line(run_in_process(capfd, "reconstruct", recording, *given, *output), message)
     assert set(names(tmp_path)) <= {"output"}
     assert names(tmp_path / "output") == []
 
@@ -171,7 +171,7 @@ def test_a_recording_without_depth_is_refused(
     assert names(tmp_path / "output") == []
 
 
-def test_an_empty_folder_is_refused_before_anything_is_made(
+def test_an_empty_folder_is_rejected_before_any_output(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "empty").mkdir()
@@ -182,7 +182,7 @@ def test_an_empty_folder_is_refused_before_anything_is_made(
 
 
 @pytest.mark.slow
-def test_ctrl_c_leaves_the_map_of_the_frames_until_then(
+def test_ctrl_c_writes_the_map_of_the_frames_so_far(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
@@ -201,7 +201,7 @@ def test_ctrl_c_leaves_the_map_of_the_frames_until_then(
     assert names(tmp_path) == FILES
 
 
-def test_a_full_disk_is_one_line_and_leaves_no_half_of_a_file(
+def test_a_full_disk_is_one_line_and_leaves_no_partial_file(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     truth, given = recording / "groundtruth.txt", ("--output", tmp_path / "output", *COARSE)

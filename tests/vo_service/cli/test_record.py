@@ -15,7 +15,7 @@ from vo_service.cli import record
 MISSING = CameraStatus(CameraState.ABSENT, "no Kinect found; plug one in")
 
 
-def test_a_recording_of_a_recording_replays_to_the_same_bytes(
+def test_a_copied_recording_replays_to_the_same_bytes(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     copy = tmp_path / "copy"
@@ -27,7 +27,7 @@ def test_a_recording_of_a_recording_replays_to_the_same_bytes(
     assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
 
 
-def test_the_ground_truth_goes_with_it(
+def test_the_ground_truth_is_copied(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     run_in_process(capfd, "record", "--camera", f"tum:{recording}", tmp_path / "copy")
@@ -35,7 +35,7 @@ def test_the_ground_truth_goes_with_it(
     assert truth == (recording / "groundtruth.txt").read_bytes()
 
 
-def test_it_stops_after_the_seconds_of_the_cameras_time(
+def test_recording_stops_after_the_seconds_of_camera_time(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "short"
@@ -64,7 +64,7 @@ def have_camera(monkeypatch: pytest.MonkeyPatch, *events: Event) -> None:
     monkeypatch.setattr(record, "open_camera", lambda *_, **__: camera)
 
 
-def test_a_camera_that_is_not_there_is_an_error_after_a_while_and_makes_no_folder(
+def test_a_missing_camera_is_an_error_after_a_timeout_without_a_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     have_camera(monkeypatch, MISSING, Delay(9.0, FrameTimeout()), Delay(2.0, FrameTimeout()))
@@ -77,7 +77,7 @@ def test_a_camera_that_is_not_there_is_an_error_after_a_while_and_makes_no_folde
     assert not (tmp_path / "new").exists()
 
 
-def test_an_end_before_the_first_frame_makes_no_folder(
+def test_a_stop_before_the_first_frame_creates_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     have_camera(monkeypatch)
@@ -86,7 +86,7 @@ def test_an_end_before_the_first_frame_makes_no_folder(
     assert not (tmp_path / "new").exists()
 
 
-def test_a_camera_that_comes_late_or_comes_back_is_recorded(
+def test_a_late_or_reconnected_camera_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     pause = Delay(9.0, FrameTimeout())
@@ -95,7 +95,7 @@ def test_a_camera_that_comes_late_or_comes_back_is_recorded(
     assert (outcome.code, outcome.out) == (0, f"2 frames in {tmp_path / 'new'}\n")
 
 
-def test_when_a_camera_stays_away_what_was_recorded_is_complete(
+def test_a_recording_of_a_disconnected_camera_is_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     have_camera(
@@ -112,7 +112,7 @@ def test_when_a_camera_stays_away_what_was_recorded_is_complete(
     assert len((tmp_path / "new" / "associations.txt").read_text().splitlines()) == 1 + 2
 
 
-def test_a_live_camera_is_recorded_under_unix_time(
+def test_a_live_camera_is_recorded_in_unix_time(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     camera = ScriptedCamera([make_frame(k, time.monotonic() + k) for k in range(3)])

@@ -30,7 +30,7 @@ CopyRecording = Callable[..., Path]
 
 
 @pytest.mark.subprocess
-def test_json_is_one_object_on_stdout_and_nothing_else(recording: Path, tmp_path: Path) -> None:
+def test_only_one_json_object_is_printed(recording: Path, tmp_path: Path) -> None:
     outcome = run_subprocess("replay", recording, "--no-publish", "--json")
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert outcome.out.count("\n") == 1
@@ -60,16 +60,14 @@ def test_without_ground_truth_its_figures_are_null(
     assert [figures[key] for key in ("coverage", *judged)] == [None] * 7
 
 
-def test_for_people_the_figures_are_a_table(
-    recording: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_terminal_shows_a_table(recording: Path, capfd: pytest.CaptureFixture[str]) -> None:
     outcome = run_in_process(capfd, "replay", recording, "--no-publish")
     assert (outcome.code, outcome.error_lines) == (0, "")
     for label in ("frames", "failed", "CPU a frame", "ATE, RMSE", "RPE, one second", "coverage"):
         assert f"\n{label}  " in f"\n{outcome.out}"
 
 
-def test_the_trajectory_starts_at_the_identity_and_follows_the_truth(
+def test_the_trajectory_starts_at_identity_and_follows_the_truth(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     written = tmp_path / "poses.txt"
@@ -104,7 +102,7 @@ def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
     assert figures["coverage"] == pytest.approx((FRAMES - 1) / FRAMES)
 
 
-def test_a_camera_file_on_the_command_line_wins(
+def test_a_camera_file_on_the_command_line_takes_precedence(
     copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = copy_recording()
@@ -114,7 +112,7 @@ def test_a_camera_file_on_the_command_line_wins(
 
 
 @pytest.mark.subprocess
-def test_ctrl_c_ends_it_and_keeps_whole_lines(
+def test_ctrl_c_ends_it_and_keeps_complete_lines(
     copy_recording: CopyRecording, tmp_path: Path
 ) -> None:
     folder, written = stretch_timing(copy_recording(lists=True), 0.5), tmp_path / "poses.txt"
@@ -141,9 +139,7 @@ def test_a_recording_is_not_overwritten_by_its_own_trajectory(
 
 
 @pytest.mark.subprocess
-def test_eight_replays_at_once_all_end_well_with_the_same_trajectory(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_eight_replays_at_once_give_the_same_trajectory(recording: Path, tmp_path: Path) -> None:
     files = [tmp_path / f"{number}.txt" for number in range(8)]
     with ThreadPoolExecutor(len(files)) as pool:
         outcomes = list(
@@ -155,7 +151,7 @@ def test_eight_replays_at_once_all_end_well_with_the_same_trajectory(
 
 
 @pytest.mark.zenoh
-def test_a_taken_default_port_is_one_line_of_a_log_and_no_error(
+def test_a_default_port_in_use_is_one_log_line_and_no_error(
     recording: Path,
     config: Path,
     port: int,

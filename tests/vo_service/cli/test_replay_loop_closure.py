@@ -45,7 +45,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Replayed:
     )
 
 
-def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed: Replayed) -> None:
+def test_the_optimized_trajectory_has_every_frame_from_identity_on(replayed: Replayed) -> None:
     assert (replayed.outcome.code, replayed.outcome.error_lines) == (0, "")
     found = read_trajectory(replayed.corrected)
     truth = read_trajectory(replayed.folder / "groundtruth.txt")
@@ -54,7 +54,7 @@ def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed:
     np.testing.assert_allclose(found.T_world_camera[0], np.eye(4), atol=1e-9)
 
 
-def test_loops_bring_the_trajectory_nearer_to_the_truth(replayed: Replayed) -> None:
+def test_loop_closure_reduces_the_trajectory_error(replayed: Replayed) -> None:
     figures = replayed.figures
     assert min(figures["map_keyframes"], figures["loop_closures"]) > 5
     assert figures["optimized_ate_rmse_m"] < figures["ate_rmse_m"]
@@ -62,7 +62,7 @@ def test_loops_bring_the_trajectory_nearer_to_the_truth(replayed: Replayed) -> N
 
 
 @pytest.mark.slow
-def test_what_is_published_and_written_beside_it_knows_nothing_of_loops_without_a_loss(
+def test_without_a_loss_loop_closure_does_not_change_published_and_written_poses(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
     written = tmp_path / "poses.txt"
@@ -74,7 +74,7 @@ def test_what_is_published_and_written_beside_it_knows_nothing_of_loops_without_
 
 
 @pytest.mark.slow
-def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
+def test_with_loop_closure_a_replay_repeats_bit_for_bit_in_another_process(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
     again = tmp_path / "again.txt"
@@ -86,7 +86,7 @@ def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
 
 
 @pytest.mark.slow
-def test_with_loops_a_map_is_made_with_the_corrected_poses(
+def test_with_loop_closure_a_map_is_saved_at_the_optimized_poses(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
     given = ("--method", "surf", "--loop-closure", "--voxel-m", 0.04, "--memory-mb", 100)
@@ -103,7 +103,7 @@ def test_with_loops_a_map_is_made_with_the_corrected_poses(
 
 
 @pytest.mark.parametrize("path", ["", "gone/poses.txt", "file/poses.txt"])
-def test_a_corrected_trajectory_that_cannot_be_written_is_refused_before_anything_runs(
+def test_an_unwritable_optimized_trajectory_is_rejected_before_the_run(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch, path: str
 ) -> None:
     monkeypatch.delattr(replay, "prepare_kernels")
@@ -114,7 +114,7 @@ def test_a_corrected_trajectory_that_cannot_be_written_is_refused_before_anythin
     assert not list(tmp_path.glob("*.txt"))
 
 
-def test_a_recording_is_not_overwritten_by_its_own_corrected_trajectory(
+def test_a_recording_is_not_overwritten_by_its_optimized_trajectory(
     copy_recording: CopyRecording, capfd: Capture
 ) -> None:
     truth = copy_recording() / "groundtruth.txt"

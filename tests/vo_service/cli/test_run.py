@@ -25,7 +25,7 @@ CopyRecording = Callable[..., Path]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_service_in_lockstep_writes_what_a_replay_writes_and_ends_with_0(
+def test_a_service_in_lockstep_writes_the_trajectory_of_a_replay(
     number: signal.Signals, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     served, replayed = tmp_path / "run.txt", tmp_path / "replay.txt"
@@ -52,16 +52,16 @@ def test_listen_prints_what_a_service_publishes(
         )
         service.send_signal(signal.SIGTERM)
         assert service.wait(100) == 0
-    said_first = f"listen: listening to kinect at tcp/127.0.0.1:{port}\n"
-    assert (outcome.code, outcome.err) == (0, said_first)
-    said = [json.loads(line) for line in outcome.out.splitlines()]
-    poses = [each for each in said if each["kind"] == "pose"]
+    first_line = f"listen: listening to kinect at tcp/127.0.0.1:{port}\n"
+    assert (outcome.code, outcome.err) == (0, first_line)
+    messages = [json.loads(line) for line in outcome.out.splitlines()]
+    poses = [each for each in messages if each["kind"] == "pose"]
     assert len(poses) == 3
     assert [pose["state"] for pose in poses] == ["tracking"] * 3
     assert [pose["frame_id"] for pose in poses] == ["odom"] * 3
 
 
-def test_a_closed_terminal_ends_it_and_an_older_trajectory_is_kept(
+def test_a_closed_terminal_ends_the_service_and_an_older_trajectory_is_kept(
     recording: Path, tmp_path: Path
 ) -> None:
     trajectory = tmp_path / "poses.txt"

@@ -35,7 +35,7 @@ def files(root: Path) -> set[str]:
     return {path for path in paths if not path.startswith("opt/")}
 
 
-def test_installing_writes_units_rules_command_and_a_first_configuration(
+def test_installing_writes_units_rules_command_and_a_default_configuration(
     tree: Path, service: Service
 ) -> None:
     before = files(tree)
@@ -59,7 +59,7 @@ def test_installing_again_changes_nothing(tree: Path, service: Service) -> None:
     assert {path: (tree / path).lstat().st_mtime_ns for path in files(tree)} == before
 
 
-def test_the_owners_configuration_stays_and_an_old_unit_does_not(
+def test_the_configuration_is_kept_and_an_old_unit_is_replaced(
     tree: Path, service: Service
 ) -> None:
     service("install")
@@ -71,7 +71,7 @@ def test_the_owners_configuration_stays_and_an_old_unit_does_not(
     assert (tree / "etc/systemd/system" / UNITS[0]).read_text() == read_service_file(UNITS[0])
 
 
-def test_an_enabled_service_starts_with_the_computer_until_it_is_removed(
+def test_an_enabled_service_starts_at_boot_until_it_is_uninstalled(
     tree: Path, service: Service
 ) -> None:
     require_program("systemctl", "systemd")
@@ -83,9 +83,7 @@ def test_an_enabled_service_starts_with_the_computer_until_it_is_removed(
     assert not wanted.is_symlink()
 
 
-def test_the_drop_in_for_the_network_comes_only_when_asked_for(
-    tree: Path, service: Service
-) -> None:
+def test_the_network_drop_in_is_installed_only_on_request(tree: Path, service: Service) -> None:
     service("install")
     drop_in = tree / "etc/systemd/system/kinect-vo.service.d/network-tls.conf"
     assert not drop_in.exists()
@@ -95,7 +93,7 @@ def test_the_drop_in_for_the_network_comes_only_when_asked_for(
     assert not drop_in.parent.exists()
 
 
-def test_uninstalling_keeps_what_is_the_owners(tree: Path, service: Service) -> None:
+def test_uninstalling_keeps_configuration_and_data(tree: Path, service: Service) -> None:
     before = files(tree)
     service("install")
     incident = tree / "var/lib/private/kinect-vo/incidents/one"
@@ -111,7 +109,7 @@ def test_uninstalling_keeps_what_is_the_owners(tree: Path, service: Service) -> 
     assert not incident.exists()
 
 
-def test_a_command_of_another_stays(tree: Path, service: Service) -> None:
+def test_a_command_of_another_program_is_kept(tree: Path, service: Service) -> None:
     command = tree / "usr/local/bin/kinect-vo"
     command.parent.mkdir(parents=True)
     command.write_text("of another\n")
@@ -121,14 +119,14 @@ def test_a_command_of_another_stays(tree: Path, service: Service) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "text", "said"),
+    ("path", "text", "message"),
     [
         (CONFIG, "schema = 1\n[camera]\nsource = 7\n", "kinect.toml:3: key"),
         ("etc/group", "", "groupadd"),
     ],
 )
-def test_what_would_keep_it_from_starting_is_said_before_anything_changes(
-    tree: Path, service: Service, path: str, text: str, said: str
+def test_an_error_that_would_prevent_the_start_is_reported_before_any_change(
+    tree: Path, service: Service, path: str, text: str, message: str
 ) -> None:
     (tree / path).parent.mkdir(exist_ok=True)
     (tree / path).write_text(text)
@@ -136,11 +134,11 @@ def test_what_would_keep_it_from_starting_is_said_before_anything_changes(
     outcome = service("install")
     assert outcome.code in (1, 2)
     assert outcome.err.count("\n") == 1
-    assert said in outcome.err
+    assert message in outcome.err
     assert files(tree) == before
 
 
-def test_what_is_installed_is_for_everybody_to_read(tree: Path, service: Service) -> None:
+def test_installed_files_are_readable_by_all_users(tree: Path, service: Service) -> None:
     before = os.umask(0o077)
     try:
         service("install")
@@ -152,7 +150,7 @@ def test_what_is_installed_is_for_everybody_to_read(tree: Path, service: Service
     assert all(p.stat().st_mode & 0o005 == 0o005 for path in written for p in path.parents[:2])
 
 
-def test_a_user_is_told_the_command_for_root(
+def test_a_user_without_root_gets_the_command_for_root(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
@@ -162,7 +160,7 @@ def test_a_user_is_told_the_command_for_root(
     assert outcome.err.endswith("service install --name front --enable\n")
 
 
-def test_without_systemd_one_line_says_what_else_is_possible(
+def test_without_systemd_one_line_names_the_alternatives(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 0)
@@ -172,6 +170,6 @@ def test_without_systemd_one_line_says_what_else_is_possible(
     assert "systemd does not run here" in outcome.err
 
 
-def test_the_files_can_be_looked_at(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_files_can_be_printed(capfd: pytest.CaptureFixture[str]) -> None:
     for name in (*UNITS, "network-tls.conf", "kinect.toml"):
         assert run_in_process(capfd, "service", "show", name).out == read_service_file(name)

@@ -8,7 +8,7 @@ from tests.vo_service.cli.cli_runner import run_in_process
 from vo_service.tools.install.udev import MODPROBE_FILE, RULES_FILE, list_system_files
 
 
-def test_install_into_a_tree_says_what_it_wrote(
+def test_installing_into_a_tree_prints_the_written_files(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = run_in_process(capfd, "udev", "install", "--root", tmp_path)
@@ -18,14 +18,14 @@ def test_install_into_a_tree_says_what_it_wrote(
     )
 
 
-def test_what_is_there_already_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_existing_files_are_reported(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     run_in_process(capfd, "udev", "install", "--root", tmp_path)
     again = run_in_process(capfd, "udev", "install", "--root", tmp_path)
     assert again.code == 0
     assert again.out.count("was there already") == 2
 
 
-def test_uninstall_takes_both_files_away(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_uninstalling_removes_both_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     run_in_process(capfd, "udev", "install", "--root", tmp_path)
     assert run_in_process(capfd, "udev", "uninstall", "--root", tmp_path).out.count("removed") == 2
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -35,26 +35,26 @@ def test_uninstall_takes_both_files_away(tmp_path: Path, capfd: pytest.CaptureFi
     )
 
 
-def test_show_prints_what_would_be_installed(capfd: pytest.CaptureFixture[str]) -> None:
+def test_show_prints_the_files_to_install(capfd: pytest.CaptureFixture[str]) -> None:
     outcome = run_in_process(capfd, "udev", "show")
     assert outcome.code == 0
     for file in list_system_files():
         assert f"# /{file.path}\n{file.text}" in outcome.out
 
 
-def test_udev_alone_asks_for_an_action(capfd: pytest.CaptureFixture[str]) -> None:
+def test_udev_without_an_action_is_an_error(capfd: pytest.CaptureFixture[str]) -> None:
     outcome = run_in_process(capfd, "udev")
     assert outcome.code == 2
     assert "ACTION" in outcome.err
 
 
 @pytest.mark.parametrize(
-    ("complaint", "told"),
+    ("complaint", "message"),
     [("", "unplug the sensor"), ("udevadm is not installed here", "restart the computer")],
 )
-def test_what_to_do_after_installing_depends_on_udev(
+def test_the_advice_after_installing_depends_on_udev(
     complaint: str,
-    told: str,
+    message: str,
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -62,4 +62,4 @@ def test_what_to_do_after_installing_depends_on_udev(
     monkeypatch.setattr("vo_service.cli.udev.apply_rules", lambda: complaint)
     outcome = run_in_process(capfd, "udev", "install")
     assert outcome.code == 0
-    assert told in outcome.out + outcome.err
+    assert message in outcome.out + outcome.err

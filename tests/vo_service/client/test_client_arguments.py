@@ -38,7 +38,9 @@ def lone_client() -> Iterator[PoseClient]:
         lambda client: client.command("led", {"led": object()}),
     ],
 )
-def test_what_cannot_be_meant_is_refused_in_one_line(lone_client: PoseClient, call: Call) -> None:
+def test_invalid_arguments_are_rejected_in_one_line_by_the_client(
+    lone_client: PoseClient, call: Call
+) -> None:
     with pytest.raises(InputError) as caught:
         call(lone_client)
     assert "\n" not in str(caught.value)
@@ -46,12 +48,12 @@ def test_what_cannot_be_meant_is_refused_in_one_line(lone_client: PoseClient, ca
 
 @pytest.mark.zenoh
 @pytest.mark.parametrize("name", ["", "reset#", "reset$", "a/b", "*", "reset\n", "réset", "a?b"])
-def test_what_is_no_name_of_a_command_is_not_sent(lone_client: PoseClient, name: str) -> None:
+def test_an_invalid_command_name_is_not_sent(lone_client: PoseClient, name: str) -> None:
     with pytest.raises(InputError, match="not a command name"):
         lone_client.command(name)
 
 
-def test_a_place_in_32_bits_is_rigid_enough() -> None:
+def test_a_pose_in_32_bits_is_rigid_enough() -> None:
     T_odom_base = rigid_transform(so3_exp([0.1, -0.2, 2.0]), [1, 2, 3])
     reset_fields = reset_arguments(T_odom_base.astype(np.float32).astype(np.float64))
     assert reset_fields["position_m"] == [1.0, 2.0, 3.0]
@@ -59,7 +61,7 @@ def test_a_place_in_32_bits_is_rigid_enough() -> None:
 
 @pytest.mark.zenoh
 @pytest.mark.parametrize("call", [PoseClient.query_latest, PoseClient.pause, PoseClient.schemas])
-def test_a_closed_client_says_so(call: Call) -> None:
+def test_a_closed_client_raises_an_error(call: Call) -> None:
     client = PoseClient(connect=find_free_endpoint())
     client.close()
     with pytest.raises(ServiceUnavailable, match="kinect: this client is closed; open another"):

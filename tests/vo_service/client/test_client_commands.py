@@ -74,7 +74,7 @@ def test_there_is_a_method_for_every_command() -> None:
 
 
 @pytest.mark.parametrize("name", COMMAND_NAMES)
-def test_a_method_sends_what_the_service_takes_and_gives_back_its_answer(
+def test_each_method_sends_its_command_and_returns_the_reply(
     service_and_client: ServiceAndClient, name: str
 ) -> None:
     _, client = service_and_client
@@ -92,7 +92,7 @@ def test_a_reset_without_a_pose_sends_none(new_service_and_client: ServiceAndCli
     assert sent == [None]
 
 
-def test_a_refusal_has_the_services_words_and_code(
+def test_a_refusal_has_the_message_and_code_of_the_service(
     new_service_and_client: ServiceAndClient,
 ) -> None:
     _, client = new_service_and_client
@@ -106,20 +106,22 @@ def test_a_refusal_has_the_services_words_and_code(
     assert caught.value.code == "not-possible"
 
 
-def test_a_command_that_nobody_takes_is_no_answer(new_service_and_client: ServiceAndClient) -> None:
+def test_a_command_without_a_service_raises_an_error(
+    new_service_and_client: ServiceAndClient,
+) -> None:
     _, client = new_service_and_client
     with pytest.raises(ServiceUnavailable, match="kinect/command/pause: no reply"):
         client.command("pause", timeout_s=0.2)
 
 
-def test_an_answer_of_another_version_is_not_read(new_service_and_client: ServiceAndClient) -> None:
+def test_a_reply_of_another_version_is_rejected(new_service_and_client: ServiceAndClient) -> None:
     _, client = new_service_and_client
     set_reply(new_service_and_client, "schema", {"schema": 9, "schemas": {}})
     with pytest.raises(ValueError, match="version 9"):
         client.schemas()
 
 
-def test_a_status_that_was_not_heard_is_asked_for(new_service_and_client: ServiceAndClient) -> None:
+def test_a_missing_status_is_queried(new_service_and_client: ServiceAndClient) -> None:
     _, client = new_service_and_client
     set_reply(
         new_service_and_client, "status", {"state": "tracking", "reason": "", "paused": False}
@@ -127,7 +129,7 @@ def test_a_status_that_was_not_heard_is_asked_for(new_service_and_client: Servic
     assert client.status()["state"] == "tracking"
 
 
-def test_a_service_that_is_stuck_is_no_answer_in_the_same_words(
+def test_a_blocked_service_raises_the_same_error(
     new_service_and_client: ServiceAndClient,
 ) -> None:
     publisher, client = new_service_and_client
@@ -142,7 +144,7 @@ def test_a_service_that_is_stuck_is_no_answer_in_the_same_words(
 
 
 @pytest.mark.parametrize("reply", [{}, {"epoch": "4"}, {"epoch": True}])
-def test_an_answer_of_another_shape_is_not_read(
+def test_a_reply_of_another_structure_is_rejected(
     new_service_and_client: ServiceAndClient, reply: dict[str, Any]
 ) -> None:
     _, client = new_service_and_client
@@ -151,7 +153,9 @@ def test_an_answer_of_another_shape_is_not_read(
         client.reset()
 
 
-def test_a_refusal_of_another_shape_is_told(new_service_and_client: ServiceAndClient) -> None:
+def test_a_refusal_of_another_structure_is_reported(
+    new_service_and_client: ServiceAndClient,
+) -> None:
     _, client = new_service_and_client
     set_reply(new_service_and_client, "command/pause", {"error": 3, "message": "no"})
     with pytest.raises(

@@ -15,7 +15,7 @@ from vo_service.client import PoseClient, PoseUnavailable, PoseUnavailableReason
 pytestmark = pytest.mark.zenoh
 
 
-def test_a_service_that_is_not_there_yet_is_waited_for() -> None:
+def test_the_client_waits_for_the_service() -> None:
     endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
         assert not client.wait_for_publisher(0.05)
@@ -32,7 +32,7 @@ def test_a_service_that_is_not_there_yet_is_waited_for() -> None:
             assert next(poses).seq == 1
 
 
-def test_a_service_that_goes_and_comes_back_is_read_again_but_not_as_if_nothing_were() -> None:
+def test_after_a_restart_poses_are_read_again_but_not_continuous() -> None:
     endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
         for x_m in (1.0, 2.0):
@@ -56,7 +56,7 @@ def newest_x_m(client: PoseClient) -> float:
     return float(pose.position_m[0])
 
 
-def test_the_same_number_in_another_run_is_not_continuous() -> None:
+def test_the_same_number_after_a_restart_is_not_continuous() -> None:
     endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
         seen = []
@@ -75,7 +75,7 @@ def test_the_same_number_in_another_run_is_not_continuous() -> None:
     assert seen == [False, True, False, True]
 
 
-def test_a_zenoh_configuration_says_where(tmp_path: Path) -> None:
+def test_a_zenoh_configuration_sets_the_endpoint(tmp_path: Path) -> None:
     endpoint, file = find_free_endpoint(), tmp_path / "reader.json5"
     file.write_text(f"{{connect: {{endpoints: ['{endpoint}']}}}}")
     with running_fake_service(endpoint), PoseClient(config_file=file) as client:
@@ -86,12 +86,12 @@ def test_a_zenoh_configuration_says_where(tmp_path: Path) -> None:
     "invalid_argument",
     [{"prefix": "/x"}, {"connect": "nonsense"}, {"config_file": "missing.json5"}],
 )
-def test_what_is_wrong_is_said_at_once(invalid_argument: dict[str, str]) -> None:
+def test_configuration_errors_are_raised_at_once(invalid_argument: dict[str, str]) -> None:
     with pytest.raises(InputError):
         PoseClient(**invalid_argument)
 
 
-def test_nobody_there_is_no_answer() -> None:
+def test_without_a_service_there_is_no_reply() -> None:
     with (
         PoseClient(connect=find_free_endpoint()) as client,
         pytest.raises(ServiceUnavailable, match="no service"),
@@ -100,7 +100,7 @@ def test_nobody_there_is_no_answer() -> None:
 
 
 @pytest.mark.subprocess
-def test_the_client_needs_zenoh_and_numpy_alone() -> None:
+def test_the_client_needs_only_zenoh_and_numpy() -> None:
     program = "import sys, json, vo_service.client; print(json.dumps(list(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
     loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}

@@ -30,7 +30,7 @@ def receive_map_odom(service_and_client: ServiceAndClient, seq: int) -> MapOdom:
     return client.map_odom()
 
 
-def test_it_has_all_that_the_message_says(service_and_client: ServiceAndClient) -> None:
+def test_a_map_odom_has_all_fields_of_the_message(service_and_client: ServiceAndClient) -> None:
     received = receive_map_odom(service_and_client, 7)
     assert (received.stamp_s, received.frame_id, received.child_frame_id) == (12.5, "map", "odom")
     assert (received.seq, received.epoch, received.is_localized) == (7, 1, False)
@@ -39,14 +39,14 @@ def test_it_has_all_that_the_message_says(service_and_client: ServiceAndClient) 
     assert 0 <= received.age_s < 20
 
 
-def test_a_pose_in_the_map_is_one_product(service_and_client: ServiceAndClient) -> None:
+def test_a_pose_in_the_map_is_a_product(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     pose = publish_and_receive(publisher, client.poses(), 8, x_m=1.0)
     T_map_base = receive_map_odom(service_and_client, 8).T_map_odom @ pose.T_odom_base
     np.testing.assert_allclose(T_map_base[:3, 3], [1.0, 2.5, -0.25])
 
 
-def test_a_service_without_a_map_says_so() -> None:
+def test_a_service_without_a_map_raises_an_error() -> None:
     endpoint = find_free_endpoint()
     with running_fake_service(endpoint) as publisher:
         publisher.answer_with(
@@ -76,7 +76,7 @@ def test_a_service_without_a_map_says_so() -> None:
         ),
     ],
 )
-def test_one_that_cannot_be_read_is_passed_over_and_the_next_one_read(
+def test_an_unreadable_message_is_skipped_and_the_next_one_read(
     service_and_client: ServiceAndClient,
     payload: bytes,
     attachment: bytes | None,
@@ -90,7 +90,7 @@ def test_one_that_cannot_be_read_is_passed_over_and_the_next_one_read(
     assert caplog.text.count("ignored a message") == 1
 
 
-def test_what_another_run_of_the_service_said_is_forgotten() -> None:
+def test_a_transform_of_an_earlier_run_is_dropped() -> None:
     endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
         with running_fake_service(endpoint) as publisher:

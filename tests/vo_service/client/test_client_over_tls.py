@@ -28,7 +28,7 @@ __all__ = ["keys", "make_update", "network", "robot"]
 
 
 @pytest.mark.subprocess
-def test_a_reader_gets_poses_but_no_answer_to_a_command(
+def test_a_reader_gets_poses_but_no_reply_to_a_command(
     network: TlsNetwork, robot: TlsRobot
 ) -> None:
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
@@ -40,7 +40,7 @@ def test_a_reader_gets_poses_but_no_answer_to_a_command(
     assert robot.executed == []
 
 
-def test_an_operator_commands(network: TlsNetwork, robot: TlsRobot) -> None:
+def test_an_operator_can_send_commands(network: TlsNetwork, robot: TlsRobot) -> None:
     with PoseClient(config_file=network.file("operator-tls.json5", "ours/operator")) as client:
         client.pause()
     assert robot.executed == [PauseCommand()]
@@ -61,7 +61,7 @@ def running_robot(
         thread.join()
 
 
-def test_a_robot_that_is_not_there_yet_is_waited_for_and_so_is_its_return(
+def test_a_missing_robot_is_awaited_and_reconnected(
     network: TlsNetwork, make_update: Callable[..., OdometryUpdate]
 ) -> None:
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
@@ -73,7 +73,7 @@ def test_a_robot_that_is_not_there_yet_is_waited_for_and_so_is_its_return(
                 assert next(client.poses(timeout_s=100)).state == "tracking"
 
 
-def test_a_key_that_is_away_for_a_while_is_told_of_once_and_waited_for(
+def test_a_missing_key_file_is_logged_once_and_awaited(
     network: TlsNetwork,
     make_update: Callable[..., OdometryUpdate],
     caplog: pytest.LogCaptureFixture,
@@ -109,9 +109,7 @@ def count_attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
     return attempts
 
 
-def test_who_is_refused_hears_nothing_and_that_this_may_be_why(
-    network: TlsNetwork, robot: TlsRobot
-) -> None:
+def test_a_refused_client_gets_nothing_and_a_hint_why(network: TlsNetwork, robot: TlsRobot) -> None:
     file = network.file("operator-tls.json5", "strange/operator")
     with PoseClient(config_file=file) as client, pytest.raises(PoseUnavailable) as caught:
         next(client.poses(timeout_s=1.0))

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.zenoh
         (b"", b'{"schema": 2}', "a message has version 2, but this client reads only 1"),
     ],
 )
-def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
+def test_an_unreadable_pose_is_logged_and_the_next_one_read(
     service_and_client: ServiceAndClient, payload: bytes, attachment: bytes | None, message: str
 ) -> None:
     publisher, client = service_and_client
@@ -41,7 +41,7 @@ def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
         (b"[" * 100_000, "nested too deeply"),
     ],
 )
-def test_a_status_that_cannot_be_read_is_said_until_one_can(
+def test_an_unreadable_status_is_reported_until_the_next_one(
     service_and_client: ServiceAndClient, status: bytes, message: str
 ) -> None:
     publisher, client = service_and_client
@@ -56,7 +56,7 @@ def test_a_status_that_cannot_be_read_is_said_until_one_can(
         client.newest()
 
 
-def test_a_status_says_nothing_about_poses_that_cannot_be_read(
+def test_a_status_does_not_hide_unreadable_poses(
     service_and_client: ServiceAndClient,
 ) -> None:
     publisher, client = service_and_client

@@ -17,7 +17,7 @@ from vo_service.client import Pose, PoseUnavailable, PoseUnavailableReason
 pytestmark = pytest.mark.zenoh
 
 
-def test_a_pose_has_all_that_the_message_says(service_and_client: ServiceAndClient) -> None:
+def test_a_pose_has_all_fields_of_the_message(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     pose = publish_and_receive(
         publisher, client.poses(), 7, x_m=1.5, epoch=2, state="degraded", reason="few"
@@ -30,7 +30,7 @@ def test_a_pose_has_all_that_the_message_says(service_and_client: ServiceAndClie
     assert 0 <= pose.age_s < 20
 
 
-def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(
+def test_a_slow_reader_gets_the_newest_pose_and_the_number_of_missed_ones(
     service_and_client: ServiceAndClient,
 ) -> None:
     publisher, client = service_and_client
@@ -43,7 +43,7 @@ def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(
     assert (pose.seq, pose.missed, pose.is_continuous) == (30, 19, True)
 
 
-def test_each_reader_counts_for_itself(service_and_client: ServiceAndClient) -> None:
+def test_each_reader_has_its_own_count(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     one, other = client.poses(), client.poses()
     publish_and_receive(publisher, one, 1)
@@ -55,7 +55,7 @@ def test_each_reader_counts_for_itself(service_and_client: ServiceAndClient) -> 
 @pytest.mark.parametrize(
     ("seq", "epoch"), [(6, 1), (0, 0)], ids=["another epoch", "numbers from 0 again"]
 )
-def test_a_pose_that_does_not_go_on_from_the_one_before_says_so(
+def test_a_discontinuous_pose_is_marked(
     service_and_client: ServiceAndClient, seq: int, epoch: int
 ) -> None:
     publisher, client = service_and_client
@@ -65,7 +65,7 @@ def test_a_pose_that_does_not_go_on_from_the_one_before_says_so(
     assert not publish_and_receive(publisher, poses, seq, epoch=epoch).is_continuous
 
 
-def test_the_newest_pose_is_had_at_once(service_and_client: ServiceAndClient) -> None:
+def test_the_newest_pose_is_available_at_once(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     publisher.publish_pose(40, x_m=4.0)
     wait_for_pose(client, 40)
@@ -74,7 +74,7 @@ def test_the_newest_pose_is_had_at_once(service_and_client: ServiceAndClient) ->
     assert (again.seq, again.missed, again.is_continuous) == (40, 0, True)
 
 
-def test_an_old_pose_is_not_given_out_as_the_newest(service_and_client: ServiceAndClient) -> None:
+def test_an_old_pose_is_not_returned_as_the_newest(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     publisher.publish_pose(41)
     wait_for_pose(client, 41)
@@ -105,7 +105,7 @@ def test_an_old_pose_is_not_given_out_as_the_newest(service_and_client: ServiceA
         ),
     ],
 )
-def test_the_status_says_why_there_is_no_pose(
+def test_the_status_gives_the_reason_for_missing_poses(
     service_and_client: ServiceAndClient,
     status: dict[str, object],
     why: PoseUnavailableReason,
@@ -119,7 +119,7 @@ def test_the_status_says_why_there_is_no_pose(
     assert (caught.value.reason, caught.value.last) == (why, None)
 
 
-def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(service_and_client: ServiceAndClient) -> None:
+def test_a_lost_pose_is_an_error_that_contains_it(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     pose = publish_and_receive(
         publisher, client.poses(), 50, state="lost", reason="3 of 9 matches agree"
@@ -131,13 +131,13 @@ def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(service_and_client: Servic
     assert caught.value.last is not None
 
 
-def test_before_anything_came_it_is_said_to_be_silent(service_and_client: ServiceAndClient) -> None:
+def test_without_any_message_the_reason_is_silent(service_and_client: ServiceAndClient) -> None:
     _, client = service_and_client
     with pytest.raises(PoseUnavailable, match="is up but publishes nothing"):
         client.newest()
 
 
-def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(
+def test_waiting_for_a_pose_can_time_out(
     service_and_client: ServiceAndClient,
 ) -> None:
     _, client = service_and_client
@@ -146,7 +146,7 @@ def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(
     assert caught.value.reason is PoseUnavailableReason.SILENT
 
 
-def test_each_thread_is_told_of_the_jump_itself(service_and_client: ServiceAndClient) -> None:
+def test_each_thread_gets_the_discontinuity(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
         seen = []
@@ -169,7 +169,7 @@ def test_closing_ends_the_readers(service_and_client: ServiceAndClient) -> None:
     assert ended == [[]]
 
 
-def test_statuses_are_the_newest_too(service_and_client: ServiceAndClient) -> None:
+def test_statuses_also_return_the_newest(service_and_client: ServiceAndClient) -> None:
     publisher, client = service_and_client
     statuses = client.statuses()
     publisher.publish_status(state="degraded")

@@ -31,17 +31,17 @@ SLOPES = st.floats(-2e-3, 2e-3)
 
 @settings(max_examples=30)
 @given(st.floats(0.3, 1.5), SLOPES, SLOPES)
-def test_a_tilted_plane_is_found_exactly(w: float, wu: float, wv: float) -> None:
+def test_a_tilted_plane_is_fitted_exactly(w: float, wu: float, wv: float) -> None:
     found = fitted(plane(w, wu, wv), 20, 15, 0.6)
     np.testing.assert_allclose(found, [w, wu, wv, 0.0], atol=3e-7)
 
 
-def test_away_from_the_middle_of_its_image_it_is_the_same_plane() -> None:
+def test_a_plane_is_the_same_away_from_the_image_center() -> None:
     w, wu, wv, _ = fitted(plane(0.5, 1e-3, -2e-3), 8, 22, 0.6)
     np.testing.assert_allclose([w, wu, wv], [0.5 - 12e-3 - 14e-3, 1e-3, -2e-3], atol=3e-7)
 
 
-def test_what_noise_leaves_over_is_its_mean_square() -> None:
+def test_the_residual_is_the_mean_square_of_the_noise() -> None:
     random = np.random.default_rng(2)
     squares = []
     for _ in range(200):
@@ -51,20 +51,20 @@ def test_what_noise_leaves_over_is_its_mean_square() -> None:
     assert np.mean(squares) == pytest.approx(1e-6 * 46 / 49, rel=0.05)
 
 
-def test_another_surface_behind_it_does_not_bend_a_plane() -> None:
+def test_another_surface_behind_does_not_change_the_plane() -> None:
     image = plane(0.8, 1e-3, 1e-3)
     image[:, 23:] = 0.4
     np.testing.assert_allclose(fitted(image, 20, 15, 0.6), [0.8, 1e-3, 1e-3, 0.0], atol=3e-7)
 
 
-def test_holes_do_not_count() -> None:
+def test_holes_are_ignored() -> None:
     image = plane(0.8, 1e-3, 1e-3)
     image[::3] = 0.0
     np.testing.assert_allclose(fitted(image, 20, 16, 0.6), [0.801, 1e-3, 1e-3, 0.0], atol=3e-7)
 
 
 @pytest.mark.parametrize("column", [10, 30])
-def test_with_too_little_of_one_surface_there_is_no_plane(column: int) -> None:
+def test_too_few_samples_of_one_surface_give_no_plane(column: int) -> None:
     image = plane(0.8, 0.0, 0.0)
     image[:, column:] = 0.0
     # Of seven columns those before the edge are left: four of them, or none.
@@ -73,7 +73,7 @@ def test_with_too_little_of_one_surface_there_is_no_plane(column: int) -> None:
     assert fitted(image, column, 15, 0.0) == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_samples_in_one_line_are_no_plane() -> None:
+def test_collinear_samples_give_no_plane() -> None:
     image = np.zeros((HEIGHT, WIDTH), np.float32)
     image[15] = 0.7
     assert fitted(image, 20, 15, 0.0) == (0.0, 0.0, 0.0, 0.0)

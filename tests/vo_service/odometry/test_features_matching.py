@@ -64,7 +64,7 @@ def test_long_descriptors_are_compared_exactly() -> None:
 
 
 @pytest.mark.parametrize(("second", "ratio", "matches"), [(5, 0.81, 1), (5, 0.79, 0), (4, 1.0, 0)])
-def test_the_second_nearest_must_be_further_by_the_ratio(
+def test_the_second_nearest_must_be_further_by_the_match_ratio(
     second: int, ratio: float, matches: int
 ) -> None:
     query = np.zeros((1, 2), np.float32)
@@ -78,7 +78,7 @@ def test_a_pair_must_be_nearest_both_ways() -> None:
     assert match_descriptors(query, reference, 0.8).tolist() == [[1, 0]]
 
 
-def test_two_equal_references_are_no_match() -> None:
+def test_two_equal_references_give_no_match() -> None:
     query = np.array([[1, 2]], np.float32)
     assert len(match_descriptors(query, np.repeat(query, 2, axis=0), 0.8)) == 0
 

@@ -34,9 +34,7 @@ def inverse_depth_at(depth_m: Array, x: float, y: float) -> float:
 
 @FIRST_CALL_COMPILES
 @given(*INSIDE, st.floats(0.5, 1.5), st.floats(-0.003, 0.003), st.floats(-0.003, 0.003))
-def test_a_plane_is_read_exactly_between_the_pixels(
-    x: float, y: float, a: float, b: float, c: float
-) -> None:
+def test_a_plane_is_interpolated_exactly(x: float, y: float, a: float, b: float, c: float) -> None:
     x, y = float(np.float32(x)), float(np.float32(y))
     assert inverse_depth_at(plane(a, b, c), x, y) == pytest.approx(a + b * x + c * y, abs=1e-6)
 
@@ -52,7 +50,7 @@ def test_noise_is_averaged() -> None:
 
 
 @pytest.mark.parametrize("x", [18.6, 19.4, 20.4])
-def test_a_feature_on_a_depth_edge_is_no_point(x: float) -> None:
+def test_a_feature_on_a_depth_edge_gives_no_point(x: float) -> None:
     depth_m = plane(0.5, 0.0, 0.0)
     depth_m[:, :20] = 1.2
     assert inverse_depth_at(depth_m, x, 30.0) == 0.0
@@ -65,14 +63,14 @@ def test_a_single_jump_counts_only_right_beside_the_feature(away: int, inverse_m
     assert inverse_depth_at(depth_m, 20.0, 30.0) == pytest.approx(inverse_m, abs=1e-6)
 
 
-def test_beside_a_depth_edge_the_surface_under_the_feature_counts_alone() -> None:
+def test_beside_a_depth_edge_only_the_surface_of_the_feature_is_used() -> None:
     depth_m = plane(0.5, 0.001, -0.002)
     expected = 0.5 + 0.001 * 22 - 0.002 * 30
     depth_m[:, :20] = 1.2
     assert inverse_depth_at(depth_m, 22.0, 30.0) == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_hole_under_the_feature_is_no_point() -> None:
+def test_a_hole_under_the_feature_gives_no_point() -> None:
     depth_m = plane(0.5, 0.0, 0.0)
     depth_m[30, 20] = 0.0
     assert inverse_depth_at(depth_m, 20.0, 30.0) == 0.0
@@ -80,7 +78,7 @@ def test_a_hole_under_the_feature_is_no_point() -> None:
 
 
 @pytest.mark.parametrize(("columns", "found"), [(3, True), (4, False)])
-def test_too_few_samples_are_no_point(columns: int, found: bool) -> None:
+def test_too_few_samples_give_no_point(columns: int, found: bool) -> None:
     # Of nine columns, six are two thirds, five are 0.56: less than 0.6.
     depth_m = plane(0.5, 0.0, 0.0)
     depth_m[:, 16 : 16 + columns] = 0.0
@@ -91,11 +89,11 @@ def test_too_few_samples_are_no_point(columns: int, found: bool) -> None:
     ("x", "y"), [(3.4, 30.0), (WIDTH - 4.5, 30.0), (20.0, 3.4), (20.0, HEIGHT - 4.5),
                  (-5.0, 30.0), (20.0, 1e6)],
 )  # fmt: skip
-def test_a_feature_at_the_border_is_no_point(x: float, y: float) -> None:
+def test_a_feature_at_the_border_gives_no_point(x: float, y: float) -> None:
     assert inverse_depth_at(plane(0.5, 0.0, 0.0), x, y) == 0.0
 
 
-def test_an_image_without_depth_has_no_points() -> None:
+def test_an_image_without_depth_gives_no_points() -> None:
     points = backproject_features(features_at((20.0, 30.0)), frame_without_depth())
     assert not points.has_depth.any()
     assert np.all(points.position_m == 0)
@@ -131,7 +129,7 @@ def points_at_depth(depth_m: float) -> FeaturePoints:
     return backproject_features(features_at((100.0, 90.0), (200.0, 50.0)), frame)
 
 
-def test_pairs_hold_the_points_of_both_and_the_noise_of_their_difference() -> None:
+def test_pairs_have_both_points_and_the_noise_of_their_difference() -> None:
     near, far = points_at_depth(1.0), points_at_depth(2.0)
     pairs = pair_points(near, far, np.array([[1, 0]], np.int64))
     assert len(pairs) == 1
@@ -140,6 +138,6 @@ def test_pairs_hold_the_points_of_both_and_the_noise_of_their_difference() -> No
     assert pairs.sigma_along_m[0] == pytest.approx(0.0014 * np.hypot(1.0, 4.0))
 
 
-def test_no_pairs_are_no_points() -> None:
+def test_no_pairs_give_no_points() -> None:
     points = points_at_depth(1.0)
     assert len(pair_points(points, points, np.empty((0, 2), np.int64))) == 0

@@ -29,7 +29,7 @@ def moved(motion: Array, frames: int) -> ConstantVelocityModel:
 
 
 @pytest.mark.parametrize("ahead", [1, 3])
-def test_a_steady_motion_goes_on(ahead: int) -> None:
+def test_a_constant_velocity_is_extrapolated(ahead: int) -> None:
     motion = step([0.0, 0.6, 0.1], [0.2, 0.0, 0.5])
     prediction = moved(motion, 5).predict((5 + ahead) / RATE_HZ)
     assert prediction is not None
@@ -37,7 +37,7 @@ def test_a_steady_motion_goes_on(ahead: int) -> None:
     assert_close(prediction.T_reference_camera, expected, 0.003 * ahead, 0.05)
 
 
-def test_further_ahead_less_is_sure() -> None:
+def test_a_longer_prediction_is_less_certain() -> None:
     model = moved(np.eye(4), 2)
     soon, later = model.predict(3 / RATE_HZ), model.predict(6 / RATE_HZ)
     assert soon is not None
@@ -45,7 +45,7 @@ def test_further_ahead_less_is_sure() -> None:
     assert later.spread_rad > 1.5 * soon.spread_rad
 
 
-def test_nothing_is_reported_before_a_motion_or_long_after_it() -> None:
+def test_nothing_is_predicted_before_a_motion_or_long_after_it() -> None:
     model = ConstantVelocityModel()
     model.reset(0.0)
     assert model.predict(1 / RATE_HZ) is None
@@ -54,13 +54,13 @@ def test_nothing_is_reported_before_a_motion_or_long_after_it() -> None:
     assert model.predict(1 / RATE_HZ + 0.5) is None
 
 
-def test_a_long_step_says_nothing_of_the_speed_now() -> None:
+def test_a_long_step_gives_no_velocity() -> None:
     model = moved(np.eye(4), 5)
     model.add(step([0.0, 0.3, 0.0], [1.0, 0.0, 0.0], 1.0), 5 / RATE_HZ + 1.0)
     assert model.predict(6 / RATE_HZ + 1.0) is None
 
 
-def test_the_start_of_a_chain_forgets_the_velocity() -> None:
+def test_a_restart_resets_the_velocity() -> None:
     model = moved(np.eye(4), 5)
     model.reset(5 / RATE_HZ)
     assert model.predict(6 / RATE_HZ) is None
@@ -79,7 +79,7 @@ vectors = st.lists(numbers, min_size=3, max_size=3)
 
 
 @given(vectors, vectors, st.floats(0.001, 0.199))
-def test_no_prediction_is_faster_than_a_camera_can_be(
+def test_predictions_have_a_maximum_speed(
     turn_rad_s: list[float], speed_m_s: list[float], ahead_s: float
 ) -> None:
     prediction = moved(step(turn_rad_s, speed_m_s), 3).predict(3 / RATE_HZ + ahead_s)

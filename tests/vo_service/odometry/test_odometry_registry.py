@@ -9,7 +9,7 @@ from drivers import InputError, open_camera
 from vo_service import METHODS, make_odometry
 
 
-def test_an_unknown_method_is_an_error_that_lists_the_known_ones() -> None:
+def test_an_unknown_method_is_an_error_with_the_known_ones() -> None:
     with pytest.raises(InputError, match="method 'slam' is unknown; use one of surf, icp, sfm"):
         make_odometry("slam")
 
@@ -29,7 +29,7 @@ def test_the_first_frame_is_the_origin_of_every_method(recording: Path, method: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["direct", "surf"])
-def test_an_odometry_follows_the_camera(recording: Path, method: str) -> None:
+def test_an_odometry_tracks_the_camera(recording: Path, method: str) -> None:
     odometry = make_odometry(method)
     with open_camera(f"tum:{recording}") as camera:
         estimates = [odometry.estimate(frame) for frame in camera]

@@ -23,21 +23,21 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> CpuStageTimer:
     return CpuStageTimer()
 
 
-def test_the_same_stage_adds_up_within_a_frame(clock: CpuStageTimer) -> None:
+def test_repeated_stages_add_up_within_a_frame(clock: CpuStageTimer) -> None:
     for name in ("surf", "match", "match"):
         with clock.stage(name):
             pass
     assert clock.take_stage_ms() == pytest.approx({"surf": 1.0, "match": 2.0})
 
 
-def test_each_frame_begins_at_nothing(clock: CpuStageTimer) -> None:
+def test_each_frame_starts_at_zero(clock: CpuStageTimer) -> None:
     with clock.stage("surf"):
         pass
     clock.take_stage_ms()
     assert clock.take_stage_ms() == {}
 
 
-def test_a_stage_that_fails_is_timed_too(clock: CpuStageTimer) -> None:
+def test_a_failed_stage_is_timed_too(clock: CpuStageTimer) -> None:
     with pytest.raises(ValueError, match="no"), clock.stage("surf"):
         raise ValueError("no")
     assert clock.take_stage_ms() == pytest.approx({"surf": 1.0})

@@ -81,7 +81,7 @@ def test_seeds_choose_other_pairs() -> None:
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])
-def test_fewer_than_three_pairs_are_no_consensus(n: int) -> None:
+def test_fewer_than_three_pairs_give_no_consensus(n: int) -> None:
     P = sample_points(np.random.default_rng(0), n)
     T, inliers = consensus_of(P, P)
     assert (inliers, T.tolist()) == (0, np.eye(4).tolist())
@@ -101,32 +101,32 @@ CLUMP = np.random.default_rng(0).normal((0.0, 0.0, 1.0), 0.004, (30, 3))
 
 @pytest.mark.parametrize("P", [LINE, SAME, CLUMP], ids=["line", "same", "clump"])
 @pytest.mark.parametrize("shift_m", [0.0, 0.1])
-def test_points_that_span_nothing_are_no_consensus(P: Array, shift_m: float) -> None:
+def test_degenerate_points_give_no_consensus(P: Array, shift_m: float) -> None:
     # Not even when they stand still, and so agree with the identity.
     T, inliers = consensus_of(P, P + shift_m)
     assert (inliers, T.tolist()) == (0, np.eye(4).tolist())
 
 
-def test_points_that_did_not_move_rigidly_are_hardly_a_consensus() -> None:
+def test_points_that_moved_non_rigidly_give_hardly_a_consensus() -> None:
     random = np.random.default_rng(0)
     assert consensus_of(sample_points(random, 200), sample_points(random, 200))[1] < 15
 
 
-def test_a_mirror_image_is_no_consensus() -> None:
+def test_a_mirror_image_gives_no_consensus() -> None:
     P = sample_points(np.random.default_rng(0), 100)
     assert consensus_of(P, P * [-1.0, 1.0, 1.0])[1] < 30
 
 
 @FIRST_CALL_COMPILES
 @given(st.lists(st.tuples(*[COORDINATE] * 6), max_size=20))
-def test_no_input_is_an_error_and_every_answer_is_a_motion(rows: list[tuple[float, ...]]) -> None:
+def test_no_input_raises_and_every_result_is_a_motion(rows: list[tuple[float, ...]]) -> None:
     values = np.array(rows).reshape(-1, 6)
     sigma_m = np.full(len(values), 0.005)
     found = find_consensus(PointPairs(values[:, :3], values[:, 3:], sigma_m, sigma_m), 100, 1)
     assert is_rigid(found.T_reference_camera)
 
 
-def test_the_gate_follows_the_noise_of_the_sensor() -> None:
+def test_the_gate_follows_the_sensor_noise() -> None:
     P = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]])
     pairs = make_exact_pairs(P, P)
     largest_m = 1.0 / inverse_gate(pairs)

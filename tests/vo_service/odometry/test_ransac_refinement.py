@@ -37,14 +37,14 @@ def test_refinement_is_much_closer_to_the_truth_than_three_points() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_nearly_all_good_pairs_are_found_among_60_percent_of_bad_ones(seed: int) -> None:
+def test_nearly_all_inliers_are_found_among_60_percent_outliers(seed: int) -> None:
     pairs = make_noisy_pairs(seed, 300, 180)
     motion = refine_rigid_motion(find_consensus(pairs, 500, seed), pairs)
     assert motion.inlier[:120].mean() > 0.9
     assert motion.inlier[120:].sum() <= 5
 
 
-def test_refinement_brings_inliers_back() -> None:
+def test_refinement_recovers_inliers() -> None:
     pairs = make_noisy_pairs(0, 200, 60)
     some = np.zeros(200, np.bool_)
     some[:20] = True
@@ -64,14 +64,14 @@ def test_the_covariance_is_that_of_many_measurements() -> None:
     assert np.std(errors, axis=0) == pytest.approx(predicted, rel=0.25)
 
 
-def test_near_points_weigh_more_than_far_ones() -> None:
+def test_near_points_have_more_weight_than_far_ones() -> None:
     P = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]])
     near, far = pair_weights(make_exact_pairs(P, P))
     assert 9 < near / far < 81
 
 
 @pytest.mark.parametrize("inliers", [0, 1, 2])
-def test_fewer_than_three_inliers_are_no_motion(inliers: int) -> None:
+def test_fewer_than_three_inliers_give_no_motion(inliers: int) -> None:
     pairs = make_noisy_pairs(0, 20, 0)
     motion = refine_rigid_motion(Consensus(T_REFERENCE_CAMERA, np.arange(20) < inliers), pairs)
     assert np.array_equal(motion.T_reference_camera, np.eye(4))
@@ -79,7 +79,7 @@ def test_fewer_than_three_inliers_are_no_motion(inliers: int) -> None:
     assert not motion.covariance.any()
 
 
-def test_inliers_that_the_fit_does_not_hold_together_are_no_error() -> None:
+def test_inliers_that_the_fit_rejects_are_no_error() -> None:
     random = np.random.default_rng(0)
     pairs = make_exact_pairs(sample_points(random, 30), sample_points(random, 30))
     motion = refine_rigid_motion(Consensus(np.eye(4), np.ones(30, np.bool_)), pairs)

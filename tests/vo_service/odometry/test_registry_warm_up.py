@@ -16,7 +16,7 @@ def test_every_stage_of_the_method_is_run_and_reported() -> None:
     assert set(stages) == {"surf", "points", "match", "ransac", "svd", "recovery"}
 
 
-def test_a_warm_method_compiles_nothing_more_for_a_real_frame() -> None:
+def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:
     warm_up("surf", lambda _: None)
     kernels = [
         each

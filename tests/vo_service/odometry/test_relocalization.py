@@ -110,7 +110,7 @@ def first_back(estimates: Sequence[Estimate]) -> int:
     return next(seq for seq, each in enumerate(estimates) if seq >= LOST_AT and each.ok)
 
 
-def test_without_a_loss_nothing_is_changed() -> None:
+def test_without_a_loss_nothing_changes() -> None:
     plain = WalkingOdometry()
     for seq, estimate in enumerate(walk(ScriptedRelocalizer(), frames=range(10))):
         assert np.array_equal(
@@ -118,7 +118,7 @@ def test_without_a_loss_nothing_is_changed() -> None:
         )
 
 
-def test_camera_that_sees_a_known_place_is_back_in_its_world_and_epoch() -> None:
+def test_camera_at_a_known_place_is_relocalized_in_its_world_and_epoch() -> None:
     estimates = walk(ScriptedRelocalizer(), LOST_AT)
     assert not any(estimate.is_reset for estimate in estimates)
     back = [seq for seq, estimate in enumerate(estimates) if seq >= LOST_AT and estimate.ok]
@@ -128,7 +128,7 @@ def test_camera_that_sees_a_known_place_is_back_in_its_world_and_epoch() -> None
         assert np.allclose(estimates[seq].T_world_camera, expected, atol=1e-9)
 
 
-def test_pose_is_held_and_lost_until_two_answers_agree() -> None:
+def test_pose_is_lost_until_two_results_agree() -> None:
     estimates = walk(ScriptedRelocalizer(), LOST_AT)
     held = estimates[LOST_AT - 1].T_world_camera
     assert not estimates[LOST_AT].ok
@@ -139,7 +139,7 @@ def test_pose_is_held_and_lost_until_two_answers_agree() -> None:
 
 @pytest.mark.parametrize("wrong", [LOST_AT, LOST_AT + 3])
 @pytest.mark.parametrize(("off_m", "off_rad"), [(0.2, 0.0), (0.0, 0.2)])
-def test_one_wrong_answer_is_not_accepted(wrong: int, off_m: float, off_rad: float) -> None:
+def test_one_wrong_result_is_rejected(wrong: int, off_m: float, off_rad: float) -> None:
     off = rigid_transform(so3_exp([0.0, 0.0, off_rad]), [off_m, 0.0, 0.0])
     estimates = walk(ScriptedRelocalizer({wrong: off}), LOST_AT)
     back = first_back(estimates)
@@ -148,27 +148,27 @@ def test_one_wrong_answer_is_not_accepted(wrong: int, off_m: float, off_rad: flo
         assert np.allclose(estimates[seq].T_world_camera, ELSEWHERE @ TRUTH[seq], atol=1e-9)
 
 
-def test_first_pose_back_is_as_sure_as_the_answer_and_the_next_as_the_motion() -> None:
+def test_first_relocalized_pose_has_the_covariance_of_the_result() -> None:
     estimates = walk(ScriptedRelocalizer(), LOST_AT)
     back = first_back(estimates)
     assert np.array_equal(estimates[back].covariance, RESULT_COVARIANCE)
     assert np.array_equal(estimates[back + 1].covariance, SURE)
 
 
-def test_poses_stay_rigid_though_answers_are_rounded() -> None:
+def test_poses_stay_rigid_despite_rounded_results() -> None:
     rounded = dict.fromkeys(range(60), np.diag([1.0 + 1e-5, 1.0, 1.0, 1.0]))
     estimates = walk(ScriptedRelocalizer(rounded), LOST_AT)
     assert first_back(estimates) == LOST_AT + 3
     assert all(is_rigid(estimate.T_world_camera, tolerance=1e-9) for estimate in estimates)
 
 
-def test_place_that_the_camera_cannot_have_reached_is_not_accepted() -> None:
+def test_unreachable_place_is_rejected() -> None:
     far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])
     estimates = walk(ScriptedRelocalizer(T_world_true=far), LOST_AT, frames=range(30))
     assert not any(estimate.ok for estimate in estimates[LOST_AT:])
 
 
-def test_camera_that_was_extrapolated_in_the_dark_is_back_where_it_came_to() -> None:
+def test_camera_that_was_extrapolated_in_darkness_is_relocalized() -> None:
     far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])
     estimates = walk(
         ScriptedRelocalizer(T_world_true=far), 40, frames=[*range(LOST_AT), *range(40, 50)]
@@ -176,12 +176,12 @@ def test_camera_that_was_extrapolated_in_the_dark_is_back_where_it_came_to() -> 
     assert first_back(estimates) == LOST_AT + 3
 
 
-def test_answers_to_what_was_not_asked_lead_nowhere() -> None:
+def test_results_of_unknown_queries_are_ignored() -> None:
     estimates = walk(WrongRelocalizer(), LOST_AT)
     assert epochs_begin(estimates) == [LOST_AT + MAX_SEARCH_FRAMES - 1]
 
 
-def test_answers_from_before_it_began_again_once_more_are_not_accepted() -> None:
+def test_results_from_before_another_reset_are_ignored() -> None:
     # Frames 5, 8 and 11 are queried; their results come when the camera is elsewhere.
     frames = [*range(12), *range(30, 60)]
     estimates = walk(DelayedRelocalizer(), LOST_AT, 30, frames=frames)
@@ -190,7 +190,7 @@ def test_answers_from_before_it_began_again_once_more_are_not_accepted() -> None
     assert np.allclose(estimates[back].T_world_camera, ELSEWHERE @ TRUTH[frames[back]], atol=1e-9)
 
 
-def test_place_never_seen_begins_an_epoch_after_a_second() -> None:
+def test_unseen_place_starts_an_epoch_after_a_second() -> None:
     blind = FailingRelocalizer()
     estimates = walk(blind, LOST_AT)
     (begin,) = epochs_begin(estimates)
@@ -199,18 +199,18 @@ def test_place_never_seen_begins_an_epoch_after_a_second() -> None:
     assert blind.queried == list(range(LOST_AT, begin, 3))
 
 
-def test_without_any_place_an_epoch_begins_at_once() -> None:
+def test_without_a_map_an_epoch_starts_at_once() -> None:
     estimates = walk(ScriptedRelocalizer(has_map=False), LOST_AT)
     assert estimates[LOST_AT].is_reset
     assert estimates[LOST_AT].ok
 
 
-def test_beginning_again_once_more_keeps_the_patience() -> None:
+def test_another_reset_does_not_extend_the_search() -> None:
     estimates = walk(FailingRelocalizer(), LOST_AT, LOST_AT + 10)
     assert epochs_begin(estimates) == [LOST_AT + MAX_SEARCH_FRAMES - 1]
 
 
-def test_motions_reported_lead_from_each_reference_to_its_frame() -> None:
+def test_reported_motions_connect_each_reference_to_its_frame() -> None:
     estimates = walk(ScriptedRelocalizer(), LOST_AT)
     T_world_reference = np.eye(4)
     for estimate in estimates:

@@ -98,7 +98,7 @@ def test_the_covariance_is_symmetric_and_positive() -> None:
     assert np.linalg.eigvalsh(covariance).min() > 0
 
 
-def test_points_on_a_line_leave_the_turn_about_it_unknown() -> None:
+def test_points_on_a_line_leave_the_rotation_about_it_unconstrained() -> None:
     P = np.outer(np.linspace(-1.0, 1.0, 20), [1.0, 0.0, 0.0])
     covariance = motion_covariance(P, np.full(20, 1e4), np.full((20, 3), 0.01))
     assert np.sqrt(covariance[3, 3]) == pytest.approx(1.0)

@@ -29,13 +29,13 @@ def motion(T_reference_camera: Array, is_next_reference: bool = True) -> Estimat
     )
 
 
-def test_the_first_pose_is_as_sure_as_any_pose_is() -> None:
+def test_the_first_pose_has_the_smallest_covariance() -> None:
     covariance = CovarianceAccumulator()
     assert 0.0 < covariance.pose.trace() < 1e-6
     np.testing.assert_array_equal(covariance.step, np.zeros((6, 6)))
 
 
-def test_from_frame_to_frame_each_motion_adds_its_own() -> None:
+def test_from_frame_to_frame_covariances_accumulate() -> None:
     covariance, T = CovarianceAccumulator(), moved(0.3)
     expected = covariance.pose
     for _ in range(5):
@@ -45,7 +45,7 @@ def test_from_frame_to_frame_each_motion_adds_its_own() -> None:
         np.testing.assert_allclose(covariance.step, STEP)
 
 
-def test_against_one_reference_nothing_is_added_up() -> None:
+def test_against_one_reference_covariances_do_not_accumulate() -> None:
     covariance, first = CovarianceAccumulator(), CovarianceAccumulator().pose
     last = np.eye(4)
     for k in range(1, 20):
@@ -55,7 +55,7 @@ def test_against_one_reference_nothing_is_added_up() -> None:
         last = T
 
 
-def test_a_step_between_frames_of_one_reference_has_the_errors_of_both_but_not_its_own() -> None:
+def test_a_step_between_frames_of_one_reference_excludes_the_reference_covariance() -> None:
     covariance, T, further = CovarianceAccumulator(), moved(0.1), moved(0.2)
     covariance.add(motion(T, is_next_reference=False), T)
     step = inverse(T) @ further
@@ -66,7 +66,7 @@ def test_a_step_between_frames_of_one_reference_has_the_errors_of_both_but_not_i
     np.testing.assert_allclose(covariance.step, STEP)
 
 
-def test_the_next_reference_is_as_unsure_as_it_was_as_a_pose() -> None:
+def test_a_new_reference_has_its_covariance_as_a_pose() -> None:
     covariance, T = CovarianceAccumulator(), moved(0.4)
     covariance.add(motion(T, is_next_reference=True), T)
     before = covariance.pose
@@ -74,7 +74,7 @@ def test_the_next_reference_is_as_unsure_as_it_was_as_a_pose() -> None:
     np.testing.assert_allclose(covariance.pose, transport_covariance(before, T) + STEP)
 
 
-def test_a_new_beginning_forgets_all() -> None:
+def test_a_reset_drops_everything() -> None:
     covariance, T = CovarianceAccumulator(), moved(0.4)
     for is_next_reference in (True, False):
         covariance.add(motion(T, is_next_reference), T)
@@ -87,7 +87,7 @@ def test_a_new_beginning_forgets_all() -> None:
 
 @settings(max_examples=25)
 @given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.booleans()), min_size=1, max_size=8))
-def test_it_is_always_symmetric_and_a_step_never_surer_than_half_its_last_motion(
+def test_covariances_are_symmetric_and_a_step_has_at_least_half_of_its_last_motion(
     motions: list[tuple[float, bool]],
 ) -> None:
     covariance = CovarianceAccumulator()
@@ -98,7 +98,7 @@ def test_it_is_always_symmetric_and_a_step_never_surer_than_half_its_last_motion
             assert np.linalg.eigvalsh(each - least).min() > -1e-12
 
 
-def test_poses_scatter_as_they_say() -> None:
+def test_pose_errors_match_their_covariance() -> None:
     """Many samples of motions with the given covariance: two keyframes, three frames on each."""
     random, errors = np.random.default_rng(3), []
     reference, covariance = moved(0.3), CovarianceAccumulator()
@@ -115,7 +115,7 @@ def test_poses_scatter_as_they_say() -> None:
     np.testing.assert_allclose(np.cov(np.array(errors).T) / scale, expected / scale, atol=0.12)
 
 
-def test_steps_scatter_as_they_say() -> None:
+def test_step_errors_match_their_covariance() -> None:
     """Two frames with equal parts of own errors and of the keyframe's."""
     random, errors, covariance = np.random.default_rng(3), [], CovarianceAccumulator()
     for _ in range(2):
@@ -135,5 +135,5 @@ def shaken(T: Array, random: np.random.Generator) -> Array:
     return T @ rigid_transform(so3_exp(off[3:]), off[:3])
 
 
-def test_a_diagonal_is_alike_in_all_directions() -> None:
+def test_a_diagonal_covariance_is_isotropic() -> None:
     np.testing.assert_allclose(diagonal_covariance(0.1, 0.2), np.diag([0.01] * 3 + [0.04] * 3))

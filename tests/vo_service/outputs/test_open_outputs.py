@@ -28,12 +28,12 @@ def is_free(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == errno.ECONNREFUSED
 
 
-def test_nothing_asked_for_is_nothing_open() -> None:
+def test_nothing_requested_opens_nothing() -> None:
     with open_outputs(OutputsConfig(PlaybackMode.LOCKSTEP, zenoh=None)) as opened:
         assert opened.outputs == []
 
 
-def test_what_was_asked_for_is_open_and_closed_afterwards(
+def test_requested_outputs_are_opened_and_closed(
     free_port: int, tmp_path: Path, make_update: Callable[..., OdometryUpdate]
 ) -> None:
     request = OutputsConfig(
@@ -47,9 +47,7 @@ def test_what_was_asked_for_is_open_and_closed_afterwards(
     assert is_free(free_port)
 
 
-def test_a_trajectory_that_cannot_be_written_leaves_the_port_free(
-    free_port: int, tmp_path: Path
-) -> None:
+def test_an_unwritable_trajectory_leaves_the_port_free(free_port: int, tmp_path: Path) -> None:
     request = OutputsConfig(
         PlaybackMode.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "no" / "file"
     )
@@ -58,9 +56,7 @@ def test_a_trajectory_that_cannot_be_written_leaves_the_port_free(
     assert is_free(free_port)
 
 
-def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
-    free_port: int, tmp_path: Path
-) -> None:
+def test_a_port_in_use_keeps_the_existing_trajectory(free_port: int, tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text("precious")
     request = OutputsConfig(
         PlaybackMode.LOCKSTEP, zenoh_at(free_port), trajectory=tmp_path / "poses.txt"
@@ -74,7 +70,7 @@ def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
     assert (tmp_path / "poses.txt").read_text() == "precious"
 
 
-def test_where_poses_are_is_told_and_not_where_they_cannot_be(free_port: int) -> None:
+def test_the_log_has_only_the_addresses_of_active_outputs(free_port: int) -> None:
     lines: list[str] = []
     request = OutputsConfig(
         PlaybackMode.REALTIME,
@@ -88,7 +84,7 @@ def test_where_poses_are_is_told_and_not_where_they_cannot_be(free_port: int) ->
         assert lines == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
 
 
-def test_an_endpoint_of_a_file_is_the_one_that_is_told(free_port: int, tmp_path: Path) -> None:
+def test_the_endpoint_of_a_zenoh_file_is_logged(free_port: int, tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text(f"{{listen: {{endpoints: ['tcp/127.0.0.1:{free_port}']}}}}")
     lines: list[str] = []
@@ -99,7 +95,7 @@ def test_an_endpoint_of_a_file_is_the_one_that_is_told(free_port: int, tmp_path:
         assert lines == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
 
 
-def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> None:
+def test_waiting_for_a_subscriber_times_out(free_port: int) -> None:
     request = OutputsConfig(PlaybackMode.LOCKSTEP, zenoh_at(free_port), wait_for_subscriber_s=0.1)
     with open_outputs(request) as opened:
         assert len(opened.outputs) == 1
@@ -109,7 +105,7 @@ def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> Non
     ("one", "other"),
     [("a.rrd", "./a.rrd"), ("serve", "serve"), ("connect", "connect:127.0.0.1:9876")],
 )
-def test_two_rerun_targets_that_are_one_place_are_refused(
+def test_two_equal_rerun_targets_are_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one: str, other: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -16,7 +16,7 @@ class FakeProgressTerminal(io.StringIO):
         return True
 
 
-def test_it_shows_the_frame_the_state_and_the_inliers_and_takes_the_line_away(
+def test_progress_shows_frame_state_and_inliers_and_is_cleared(
     make_update: Callable[..., OdometryUpdate],
 ) -> None:
     screen = FakeProgressTerminal()
@@ -28,7 +28,7 @@ def test_it_shows_the_frame_the_state_and_the_inliers_and_takes_the_line_away(
     ]  # fmt: skip
 
 
-def test_it_shows_why_there_is_no_camera_and_leaves_the_rest_to_the_frames() -> None:
+def test_progress_shows_the_reason_for_a_missing_camera() -> None:
     screen = FakeProgressTerminal()
     progress = ProgressOutput(Terminal(screen), "demo", 40)
     progress.on_status(make_status())

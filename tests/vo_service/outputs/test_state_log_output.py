@@ -32,11 +32,11 @@ def log(status: Status, caplog: pytest.LogCaptureFixture) -> Callable[..., list[
     return run
 
 
-def test_how_things_are_at_the_start_is_no_news(log: Callable[..., list[str]]) -> None:
+def test_the_initial_state_is_not_logged(log: Callable[..., list[str]]) -> None:
     assert log(START, START) == []
 
 
-def test_a_camera_that_takes_long_to_open_is_told_once_and_then_with_the_seconds(
+def test_a_camera_that_opens_slowly_is_logged_once_and_then_with_the_time(
     status: Status, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = FakeClock()
@@ -54,7 +54,7 @@ def test_a_camera_that_takes_long_to_open_is_told_once_and_then_with_the_seconds
     ]
 
 
-def test_losing_is_a_warning_and_so_is_the_all_clear(log: Callable[..., list[str]]) -> None:
+def test_loss_and_recovery_are_warnings(log: Callable[..., list[str]]) -> None:
     assert log(START, (TRACKING, ""), (LOST, "lens covered"), (TRACKING, "")) == [
         "INFO tracking",
         "WARNING lost: lens covered",
@@ -62,12 +62,12 @@ def test_losing_is_a_warning_and_so_is_the_all_clear(log: Callable[..., list[str
     ]
 
 
-def test_a_state_that_lasts_is_told_once(log: Callable[..., list[str]]) -> None:
+def test_a_constant_state_is_logged_once(log: Callable[..., list[str]]) -> None:
     states = [(DEGRADED, f"only {n} of 80 matches agree") for n in range(20, 25)]
     assert log((TRACKING, ""), *states) == ["WARNING degraded: only 20 of 80 matches agree"]
 
 
-def test_a_camera_that_cannot_be_had_is_told_from_the_start_and_when_the_cause_changes(
+def test_a_missing_camera_is_logged_at_the_start_and_when_the_cause_changes(
     log: Callable[..., list[str]],
 ) -> None:
     missing, refused = (NO_CAMERA, "no Kinect found"), (NO_CAMERA, "not allowed to open it")
@@ -77,7 +77,7 @@ def test_a_camera_that_cannot_be_had_is_told_from_the_start_and_when_the_cause_c
     ]
 
 
-def test_a_camera_on_its_way_is_no_trouble_and_does_not_end_any(
+def test_an_opening_camera_is_not_a_fault_and_ends_none(
     log: Callable[..., list[str]],
 ) -> None:
     opening, absent, starting = ((NO_CAMERA, why) for why in ("opening", "absent", "starting"))
@@ -90,7 +90,7 @@ def test_a_camera_on_its_way_is_no_trouble_and_does_not_end_any(
     ]
 
 
-def test_what_a_camera_complains_of_while_it_sends_is_told_once_in_a_state(
+def test_a_fault_of_a_streaming_camera_is_logged_once_per_state(
     log: Callable[..., list[str]],
 ) -> None:
     torn, more = (TRACKING, "31 of 60 frames torn"), (TRACKING, "40 of 60 frames torn")

@@ -47,7 +47,7 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NotifyS
     listener.socket.close()
 
 
-def test_the_first_status_says_ready_and_each_feeds_the_watchdog(systemd: NotifySocket) -> None:
+def test_the_first_status_sends_ready_and_each_triggers_the_watchdog(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     output.on_status(STATUS)
     output.on_status(STATUS)
@@ -56,7 +56,7 @@ def test_the_first_status_says_ready_and_each_feeds_the_watchdog(systemd: Notify
     output.close()
 
 
-def test_the_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
+def test_the_status_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     state, reason = TrackingState.NO_CAMERA, "freenect: no Kinect\nis plugged in"
     output.on_status(
@@ -67,7 +67,7 @@ def test_the_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
     output.close()
 
 
-def test_a_line_stays_one_line_of_bounded_length(systemd: NotifySocket) -> None:
+def test_a_status_line_is_one_line_of_limited_length(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     output.on_status(replace(STATUS, paused=True, warnings=("words\r\nand words",) * 1000))
     lines = systemd.receive()
@@ -77,13 +77,13 @@ def test_a_line_stays_one_line_of_bounded_length(systemd: NotifySocket) -> None:
     output.close()
 
 
-def test_no_pose_feeds_the_watchdog(systemd: NotifySocket) -> None:
+def test_poses_do_not_trigger_the_watchdog(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     assert systemd.is_empty()
     output.close()
 
 
-def test_a_reload_begins_and_ends(systemd: NotifySocket) -> None:
+def test_a_reload_is_reported_from_start_to_end(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     with output.notify_reloading():
         begin = systemd.receive()
@@ -93,7 +93,7 @@ def test_a_reload_begins_and_ends(systemd: NotifySocket) -> None:
     output.close()
 
 
-def test_the_end_is_told_once_and_closing_twice_is_safe(systemd: NotifySocket) -> None:
+def test_stopping_is_sent_once_and_closing_twice_is_safe(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     output.close()
     output.close()
@@ -102,7 +102,7 @@ def test_the_end_is_told_once_and_closing_twice_is_safe(systemd: NotifySocket) -
     assert systemd.is_empty()
 
 
-def test_an_abstract_address_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_abstract_socket_is_supported(monkeypatch: pytest.MonkeyPatch) -> None:
     name = f"kinect-vo-test-{threading.get_native_id()}"
     monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
     listener = NotifySocket(f"\0{name}")
@@ -122,7 +122,7 @@ def test_without_systemd_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> Non
     output.close()
 
 
-def test_a_systemd_that_is_gone_or_does_not_read_costs_nothing(systemd: NotifySocket) -> None:
+def test_a_missing_or_blocked_systemd_blocks_nothing(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     for _ in range(2000):  # more than a socket's buffer holds: a blocking one would stop here
         output.on_status(STATUS)
@@ -131,7 +131,7 @@ def test_a_systemd_that_is_gone_or_does_not_read_costs_nothing(systemd: NotifySo
     output.close()
 
 
-def test_ready_is_said_again_until_it_went_out(
+def test_ready_is_repeated_until_it_was_sent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = str(tmp_path / "late")

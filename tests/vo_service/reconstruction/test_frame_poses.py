@@ -28,9 +28,7 @@ def at(x: float) -> Array:
         (3.0, None),
     ],
 )
-def test_the_nearest_pose_counts_if_it_is_at_most_20_ms_away(
-    stamp_s: float, x: float | None
-) -> None:
+def test_the_nearest_pose_within_20_ms_is_used(stamp_s: float, x: float | None) -> None:
     poses = FramePoses(Trajectory(np.array([1.0, 1.05]), np.array([at(1), at(2)])))
     pose = poses.find(stamp_s)
     assert (None if pose is None else pose[0, 3]) == x
@@ -48,7 +46,7 @@ def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> OdometryUpda
     )  # fmt: skip
 
 
-def test_corrected_poses_take_the_place_of_the_tracked_ones_and_join_their_epochs() -> None:
+def test_optimized_poses_replace_the_tracked_ones_and_connect_their_epochs() -> None:
     recorder = TrackedPoseRecorder()
     for stamp_s, epoch in enumerate([0, 0, 1, 1, 2]):
         recorder.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
@@ -60,7 +58,7 @@ def test_corrected_poses_take_the_place_of_the_tracked_ones_and_join_their_epoch
     assert (recorder.frame_count, recorder.epoch_count) == (5, 2)
 
 
-def test_only_what_was_tracked_without_doubt_is_remembered_under_the_frames_own_stamps() -> None:
+def test_only_tracking_poses_are_recorded_with_the_frame_stamps() -> None:
     recorder = TrackedPoseRecorder()
     states = [TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST]
     for stamp_s, state in enumerate([*states, TrackingState.TRACKING]):
@@ -70,7 +68,7 @@ def test_only_what_was_tracked_without_doubt_is_remembered_under_the_frames_own_
     assert (recorder.frame_count, recorder.epoch_count) == (4, 1)
 
 
-def test_worlds_are_not_mixed_the_longest_counts() -> None:
+def test_only_the_longest_epoch_is_used() -> None:
     recorder = TrackedPoseRecorder()
     for stamp_s, epoch in enumerate([0, 0, 1, 1, 1, 2]):
         recorder.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
@@ -78,7 +76,7 @@ def test_worlds_are_not_mixed_the_longest_counts() -> None:
     assert recorder.epoch_count == 3
 
 
-def test_nothing_tracked_is_no_pose() -> None:
+def test_without_tracking_there_is_no_pose() -> None:
     recorder = TrackedPoseRecorder()
     recorder.on_update(update(1.0, TrackingState.LOST))
     assert len(recorder.longest_trajectory) == 0

@@ -25,7 +25,7 @@ def facing(*normals: Array) -> Mesh:
     return Mesh(every, every, np.zeros((len(every), 3), np.uint8), nothing.triangles)
 
 
-def test_gravity_wins_over_how_the_camera_is_held() -> None:
+def test_gravity_takes_precedence_over_the_camera_orientation() -> None:
     estimator = UpDirectionEstimator()
     R = so3_exp([0.4, -0.2, 0.3])
     gravity = R.T @ (-9.81 * UP)
@@ -34,7 +34,7 @@ def test_gravity_wins_over_how_the_camera_is_held() -> None:
     np.testing.assert_allclose(estimator.up, UP, atol=1e-12)
 
 
-def test_without_gravity_up_is_where_the_cameras_tops_point_on_average() -> None:
+def test_without_gravity_up_is_the_mean_of_the_camera_tops() -> None:
     estimator = UpDirectionEstimator()
     for roll in (-0.5, 0.5):
         estimator.add(rigid_transform(so3_exp([0, 0, roll]), [0, 0, 0]), None)
@@ -42,7 +42,7 @@ def test_without_gravity_up_is_where_the_cameras_tops_point_on_average() -> None
     np.testing.assert_allclose(UpDirectionEstimator().up, [0, -1, 0])
 
 
-def test_the_floor_corrects_a_guess_that_is_off_by_twenty_degrees() -> None:
+def test_the_floor_corrects_a_guess_with_an_error_of_twenty_degrees() -> None:
     tilted_up = so3_exp([np.radians(20), 0, 0]) @ UP
     wall = np.cross(UP, [1.0, 0, 0])
     mesh = facing(UP, UP, -UP, wall, -wall)
@@ -50,12 +50,12 @@ def test_the_floor_corrects_a_guess_that_is_off_by_twenty_degrees() -> None:
 
 
 @pytest.mark.parametrize("mesh", [Mesh.empty(), facing(np.array([1.0, 0, 0]))])
-def test_without_a_floor_the_guess_stands(mesh: Mesh) -> None:
+def test_without_a_floor_the_guess_is_used(mesh: Mesh) -> None:
     np.testing.assert_array_equal(estimate_up(mesh, UP), UP)
 
 
 @given(ANGLES, ANGLES)
-def test_level_axes_are_right_handed_up_is_z_and_the_camera_is_at_the_origin(
+def test_level_axes_are_right_handed_with_z_up_and_the_camera_at_the_origin(
     turn: tuple[float, float, float], place: tuple[float, float, float]
 ) -> None:
     T_world_camera = rigid_transform(so3_exp(turn), place)
@@ -67,7 +67,7 @@ def test_level_axes_are_right_handed_up_is_z_and_the_camera_is_at_the_origin(
     np.testing.assert_allclose(transform_points(T_level_world, np.array([place])), 0, atol=1e-9)
 
 
-def test_forward_is_where_the_camera_looks_or_its_top_where_it_looks_down() -> None:
+def test_forward_is_the_viewing_direction_or_the_camera_top_when_it_looks_down() -> None:
     level = level_transform(np.eye(4), np.array([0.0, -1.0, 0.0]))
     np.testing.assert_allclose(level[:3, :3] @ [0, 0, 1], [0, 1, 0], atol=1e-12)
     down = level_transform(np.eye(4), np.array([0.0, 0.0, -1.0]))

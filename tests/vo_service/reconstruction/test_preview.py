@@ -16,9 +16,7 @@ from vo_service.reconstruction.rerun_preview import ReconstructionScene
 
 @pytest.mark.subprocess
 @pytest.mark.rerun
-def test_each_camera_and_each_new_surface_is_in_the_recording(
-    seen_ball: Mesh, tmp_path: Path
-) -> None:
+def test_the_recording_has_each_camera_and_each_new_mesh(seen_ball: Mesh, tmp_path: Path) -> None:
     recording = tmp_path / "map.rrd"
     lines: list[str] = []
     empty_map = PreviewMap(Mesh.empty(), np.zeros((1, 3)))
@@ -41,7 +39,7 @@ def test_without_a_target_nothing_is_shown() -> None:
         assert not previews
 
 
-def test_one_place_twice_is_refused(tmp_path: Path) -> None:
+def test_two_equal_targets_are_rejected(tmp_path: Path) -> None:
     target = str(tmp_path / "map.rrd")
     with (
         pytest.raises(InputError, match="the same; remove one"),

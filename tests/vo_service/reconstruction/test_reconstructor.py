@@ -79,7 +79,7 @@ def test_true_surfaces_are_what_the_camera_sees() -> None:
     assert np.median(distances_m(moved_m, make_solids(ideal))) > 0.01
 
 
-def test_with_true_poses_the_map_lies_on_the_true_surfaces(
+def test_with_true_poses_the_mesh_is_on_the_true_surfaces(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
     reconstruction = Reconstructor(TsdfVolume(SETTINGS), FramePoses(truth))
@@ -93,7 +93,7 @@ def test_with_true_poses_the_map_lies_on_the_true_surfaces(
     assert reconstruction.result.fused == ROOM.frame_count
 
 
-def test_frames_without_a_pose_or_without_depth_are_left_out_and_counted(
+def test_frames_without_a_pose_or_depth_are_skipped_and_counted(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
     first_poses = Trajectory(truth.stamps_s[:4], truth.T_world_camera[:4])
@@ -108,7 +108,7 @@ def test_frames_without_a_pose_or_without_depth_are_left_out_and_counted(
     np.testing.assert_array_equal(result.poses[0], truth.T_world_camera[0])
 
 
-def test_the_frame_that_found_the_map_full_is_named(
+def test_the_first_frame_after_the_memory_is_full_is_reported(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
     large = TsdfVolume(SETTINGS)
@@ -125,7 +125,7 @@ def test_the_frame_that_found_the_map_full_is_named(
     assert len(reconstruction.finish().triangles) > 0
 
 
-def test_it_ends_when_asked_to_and_what_it_has_is_a_map(
+def test_it_stops_on_request_with_the_mesh_so_far(
     camera: SyntheticCamera, truth: Trajectory
 ) -> None:
     stop = threading.Event()
@@ -142,7 +142,7 @@ def test_it_ends_when_asked_to_and_what_it_has_is_a_map(
     assert len(reconstruction.finish().triangles) > 0
 
 
-def test_who_watches_sees_each_camera_and_a_new_map_only_when_it_has_grown(
+def test_a_preview_gets_each_camera_and_a_new_mesh_only_when_it_has_grown(
     frames: list[RgbdFrame], truth: Trajectory
 ) -> None:
     preview = RecordingPreview()

@@ -52,7 +52,7 @@ def test_a_square_covers_the_pixels_that_it_projects_to() -> None:
     assert np.all(image[:4] == BACKGROUND)
 
 
-def test_the_nearer_of_two_hides_the_other_in_whatever_order() -> None:
+def test_the_nearer_triangle_occludes_the_further_in_any_order() -> None:
     near, far = square(0.25, 1.0, RED, x=0.25), square(0.5, 2.0, GREEN)
     for mesh in (both(near, far), both(far, near)):
         image = render_perspective(mesh, CAMERA, np.eye(4))
@@ -60,13 +60,13 @@ def test_the_nearer_of_two_hides_the_other_in_whatever_order() -> None:
         assert columns_of(image, GREEN) == list(range(10, 20))
 
 
-def test_what_is_seen_from_behind_or_lies_behind_is_not_drawn() -> None:
+def test_triangles_from_behind_or_behind_the_camera_are_not_drawn() -> None:
     T_camera_world = rigid_transform(so3_exp([0, np.pi, 0]), [0, 0, 4.0])
     assert np.all(render_perspective(square(0.5, 2.0, RED), CAMERA, T_camera_world) == BACKGROUND)
     assert np.all(render_perspective(square(0.5, -2.0, RED), CAMERA, np.eye(4)) == BACKGROUND)
 
 
-def test_what_faces_away_is_darker() -> None:
+def test_oblique_surfaces_are_darker() -> None:
     tilted = rigid_transform(so3_exp([0.9, 0, 0]), [0, 0, 2.0])
     straight = rigid_transform(np.eye(3), [0, 0, 2.0])
     bright, dark = (
@@ -76,7 +76,7 @@ def test_what_faces_away_is_darker() -> None:
     assert 0.4 * bright < dark < 0.9 * bright
 
 
-def test_a_sheet_has_no_perspective() -> None:
+def test_an_orthographic_view_has_no_perspective() -> None:
     near_and_far = both(square(0.5, 1.0, RED, x=-0.6), square(0.5, 9.0, GREEN, x=0.6))
     view = OrthographicView(np.eye(4), (-1.45, -0.75), 0.1, 30, 16)
     image = render_orthographic(near_and_far, view)
@@ -86,5 +86,5 @@ def test_a_sheet_has_no_perspective() -> None:
     assert [int(c) for c in np.flatnonzero(np.all(row == GREEN, axis=1))] == list(range(16, 26))
 
 
-def test_a_picture_of_nothing_is_background() -> None:
+def test_an_image_of_nothing_is_background() -> None:
     assert np.all(render_perspective(Mesh.empty(), CAMERA, np.eye(4)) == BACKGROUND)

@@ -12,7 +12,7 @@ def edges_of(mesh: Mesh) -> np.ndarray:
     return np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
 
 
-def test_a_ball_is_closed_every_edge_is_passed_once_each_way(exact_ball: Mesh) -> None:
+def test_a_sphere_is_closed_with_every_edge_used_once_in_each_direction(exact_ball: Mesh) -> None:
     edges = edges_of(exact_ball)
     directed_edges = {tuple(edge) for edge in edges.tolist()}
     assert len(directed_edges) == len(edges)
@@ -21,7 +21,7 @@ def test_a_ball_is_closed_every_edge_is_passed_once_each_way(exact_ball: Mesh) -
     assert len(exact_ball.vertices_m) - len(edges) // 2 + len(exact_ball.triangles) == 2
 
 
-def test_triangles_turn_the_way_their_normals_point(exact_ball: Mesh) -> None:
+def test_triangles_are_oriented_like_their_normals(exact_ball: Mesh) -> None:
     a, b, c = (exact_ball.vertices_m[exact_ball.triangles[:, corner]] for corner in range(3))
     triangle_normals = np.cross(b - a, c - a)
     mean = exact_ball.normals[exact_ball.triangles].mean(axis=1)
@@ -32,7 +32,7 @@ def test_normals_have_length_one(exact_ball: Mesh) -> None:
     np.testing.assert_allclose(np.linalg.norm(exact_ball.normals, axis=1), 1.0, atol=1e-6)
 
 
-def test_a_wall_has_no_hole_where_blocks_meet() -> None:
+def test_a_wall_has_no_hole_between_blocks() -> None:
     mesh = fuse_views(render_wall(2.0)).extract_mesh()
     edges = np.sort(edges_of(mesh), axis=1)
     ends, counts = np.unique(edges, axis=0, return_counts=True)
@@ -62,14 +62,14 @@ def small_component(triangles: int) -> Mesh:
     return Mesh(corners, normals, np.full((count, 3), 7, np.uint8), strip)
 
 
-def test_specks_go_and_the_rest_stays_as_it_was(exact_ball: Mesh) -> None:
+def test_small_components_are_removed_and_the_rest_is_unchanged(exact_ball: Mesh) -> None:
     cleaned = remove_small_components(merge(small_component(9), exact_ball, small_component(5)), 10)
     np.testing.assert_array_equal(cleaned.vertices_m, exact_ball.vertices_m)
     np.testing.assert_array_equal(cleaned.colors_rgb, exact_ball.colors_rgb)
     np.testing.assert_array_equal(cleaned.triangles, exact_ball.triangles)
 
 
-def test_a_part_that_is_just_large_enough_stays(exact_ball: Mesh) -> None:
+def test_a_component_of_the_minimum_size_is_kept(exact_ball: Mesh) -> None:
     cleaned = remove_small_components(merge(exact_ball, small_component(10)), 10)
     assert len(cleaned.triangles) == len(exact_ball.triangles) + 10
     assert len(remove_small_components(small_component(9), 10).vertices_m) == 0

@@ -26,14 +26,14 @@ def assert_at(mesh: Mesh, distance_m: float, within_m: float = 1e-3) -> None:
     np.testing.assert_allclose(mesh.vertices_m[:, 2], distance_m, atol=within_m)
 
 
-def test_a_wall_is_where_it_was_seen_and_faces_the_camera() -> None:
+def test_a_wall_is_at_its_measured_place_and_faces_the_camera() -> None:
     mesh = fuse_views(render_wall(2.03), render_wall(2.03)).extract_mesh()
     assert_at(mesh, 2.03)
     np.testing.assert_allclose(mesh.normals, np.tile([0, 0, -1], (len(mesh.normals), 1)), atol=1e-3)
     np.testing.assert_array_equal(np.unique(mesh.colors_rgb, axis=0), [RED[::-1]])
 
 
-def test_a_wall_is_in_the_world_wherever_the_camera_was() -> None:
+def test_a_wall_is_in_the_world_frame_for_any_camera_pose() -> None:
     volume = TsdfVolume(SETTINGS)
     for turn, x in ((0.0, 0.0), (0.3, -0.4), (-0.25, 0.5)):
         T_world_camera = rigid_transform(so3_exp([0.1, turn, turn]), [x, 0.1, x])
@@ -45,7 +45,7 @@ def test_a_wall_is_in_the_world_wherever_the_camera_was() -> None:
     assert abs(np.median(volume.extract_mesh().vertices_m[:, 2]) - 2.0) < 0.002
 
 
-def test_a_ball_seen_from_all_around_is_round(seen_ball: Mesh) -> None:
+def test_a_sphere_seen_from_all_sides_is_round(seen_ball: Mesh) -> None:
     radius_m = np.linalg.norm(seen_ball.vertices_m, axis=1)
     assert abs(np.median(radius_m) - 0.5) < 0.01
     assert np.mean(np.abs(radius_m - 0.5) < SETTINGS.voxel_m) > 0.98
@@ -54,7 +54,7 @@ def test_a_ball_seen_from_all_around_is_round(seen_ball: Mesh) -> None:
     np.testing.assert_array_equal(np.unique(seen_ball.colors_rgb, axis=0), [BLUE[::-1]])
 
 
-def test_what_is_gone_is_carved_away() -> None:
+def test_a_removed_object_is_carved_away() -> None:
     T_world_camera = rigid_transform(
         np.eye(3), [0.0, 0.0, -1.5]
     )  # the ball is 1.5 m before the camera
@@ -66,7 +66,7 @@ def test_what_is_gone_is_carved_away() -> None:
     assert_at(without, 3.0)
 
 
-def test_near_readings_count_for_more_than_far_ones() -> None:
+def test_near_readings_have_more_weight_than_far_ones() -> None:
     volume = TsdfVolume(SETTINGS)
     near, far = rigid_transform(np.eye(3), [0.0, 0.0, 1.5]), np.eye(4)
     # The same wall: 4 cm too far off from afar, right from nearby.
@@ -79,21 +79,21 @@ def test_near_readings_count_for_more_than_far_ones() -> None:
     assert mesh.colors_rgb[middle, 2].mean() > mesh.colors_rgb[middle, 0].mean()
 
 
-def test_one_doubtful_reading_draws_nothing() -> None:
+def test_one_uncertain_reading_gives_no_surface() -> None:
     assert len(fuse_views(render_wall(3.9)).extract_mesh().triangles) > 0
     finer = replace(SETTINGS, voxel_m=0.01)  # the noise is 21 mm
     assert len(fuse_views(render_wall(3.9), settings=finer).extract_mesh().triangles) == 0
 
 
 @pytest.mark.parametrize("distance_m", [0.0, 4.5])
-def test_no_depth_in_range_is_no_surface(distance_m: float) -> None:
+def test_no_depth_in_range_gives_no_surface(distance_m: float) -> None:
     volume = fuse_views(render_wall(distance_m))
     assert not volume.has_depth_in_range(render_wall(distance_m)[0])
     mesh = volume.extract_mesh()
     assert [len(part) for part in (mesh.vertices_m, mesh.normals, mesh.triangles)] == [0, 0, 0]
 
 
-def test_a_full_map_says_so_and_goes_on_refining_what_it_has() -> None:
+def test_a_full_volume_is_reported_and_still_refined() -> None:
     tight = replace(SETTINGS, memory_mb=3)
     volume = fuse_views(render_wall(1.0), render_wall(1.0), settings=tight)
     before = volume.extract_mesh()
@@ -118,7 +118,7 @@ def test_the_same_frames_give_the_same_bits(seen_ball: Mesh) -> None:
     assert first.triangles.tobytes() == second.triangles.tobytes()
 
 
-def test_a_pose_beyond_all_measure_is_left_out() -> None:
+def test_a_pose_out_of_range_is_skipped() -> None:
     volume = TsdfVolume(SETTINGS)
     far: Array = rigid_transform(np.eye(3), [1e9, 0.0, -1e9])
     volume.integrate(*render_wall(2.0), CAMERA, far)

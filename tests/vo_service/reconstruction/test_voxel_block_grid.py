@@ -16,7 +16,7 @@ def allocate(blocks: VoxelBlockGrid, coordinates: list[tuple[int, int, int]]) ->
 
 @settings(max_examples=40)
 @given(COORDINATE_LISTS, COORDINATE_LISTS)
-def test_each_block_is_there_once_and_no_other(
+def test_each_block_is_allocated_once(
     coordinates: list[tuple[int, int, int]], others: list[tuple[int, int, int]]
 ) -> None:
     blocks = VoxelBlockGrid(64)
@@ -31,7 +31,7 @@ def test_each_block_is_there_once_and_no_other(
 
 @settings(max_examples=40)
 @given(COORDINATE_LISTS)
-def test_beyond_the_bound_the_first_stay(coordinates: list[tuple[int, int, int]]) -> None:
+def test_beyond_the_limit_the_first_blocks_stay(coordinates: list[tuple[int, int, int]]) -> None:
     blocks = VoxelBlockGrid(5)
     allocate(blocks, coordinates)
     first = list(dict.fromkeys(coordinates))[:5]
@@ -39,7 +39,7 @@ def test_beyond_the_bound_the_first_stay(coordinates: list[tuple[int, int, int]]
     assert (blocks.rejected > 0) == (len(set(coordinates)) > 5)
 
 
-def test_what_is_too_far_for_a_key_is_refused() -> None:
+def test_a_block_too_far_away_is_rejected() -> None:
     blocks = VoxelBlockGrid(5)
     allocate(blocks, [(2**20, 0, 0), (0, -(2**20), 0)])
     assert (blocks.count, blocks.rejected) == (0, 2)

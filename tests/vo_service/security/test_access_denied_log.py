@@ -47,7 +47,7 @@ def running_router(network: TlsNetwork, *options: str) -> Iterator[RunningRouter
         process.wait()
 
 
-def test_strangers_are_named_by_what_is_wrong_with_them(network: TlsNetwork) -> None:
+def test_refused_clients_are_logged_with_the_reason(network: TlsNetwork) -> None:
     ours = network.folder / "ours/reader"
     (network.folder / "strange/operator/ca.pem").write_bytes((ours / "ca.pem").read_bytes())
     with running_router(network) as router:
@@ -64,7 +64,7 @@ def test_strangers_are_named_by_what_is_wrong_with_them(network: TlsNetwork) -> 
         assert "TRACE" not in router.log
 
 
-def test_who_lacks_a_rule_is_named_with_what_was_asked(network: TlsNetwork) -> None:
+def test_a_client_without_a_rule_is_logged_with_its_request(network: TlsNetwork) -> None:
     with running_router(network) as router:
         with network.open_session("reader-tls.json5", "ours/reader") as reader:
             reader.declare_subscriber("*/odom", lambda sample: None)
@@ -76,7 +76,7 @@ def test_who_lacks_a_rule_is_named_with_what_was_asked(network: TlsNetwork) -> N
     assert len(denied) == 2  # what it may do is not complained of
 
 
-def test_a_flood_is_a_few_lines(network: TlsNetwork) -> None:
+def test_a_flood_gives_a_few_lines(network: TlsNetwork) -> None:
     with running_router(network) as router:
         with network.open_session("reader-tls.json5", "ours/reader") as reader:
             for number in range(3000):
@@ -88,14 +88,14 @@ def test_a_flood_is_a_few_lines(network: TlsNetwork) -> None:
     assert "Unable to write" not in router.log
 
 
-def test_who_comes_and_goes_is_told_when_asked_for(network: TlsNetwork) -> None:
+def test_connections_are_logged_on_request(network: TlsNetwork) -> None:
     with running_router(network, "--verbose") as router:
         network.open_session("reader-tls.json5", "ours/reader").close()  # type: ignore[no-untyped-call]
         router.wait_for_line("disconnected")
     assert re.search(r"zenoh: reader, tls/127\.0\.0\.1:\d+: connected", router.log)
 
 
-def test_a_file_that_is_no_routers_is_refused(network: TlsNetwork) -> None:
+def test_a_file_of_another_program_is_rejected(network: TlsNetwork) -> None:
     file = network.file("fleet-robot.json5", "ours/robot1")
     done = forked_process.run([*forked_process.KINECT_VO, "router", str(file)])
     assert done.returncode == 2

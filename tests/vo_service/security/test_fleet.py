@@ -70,7 +70,7 @@ def test_a_robot_cannot_publish_below_the_prefix_of_another(
     assert set(received) == {("robot1/odom", b"own")}
 
 
-def test_a_robot_cannot_answer_for_another(network: TlsNetwork, robot1: zenoh.Session) -> None:
+def test_a_robot_cannot_reply_for_another(network: TlsNetwork, robot1: zenoh.Session) -> None:
     with (
         network.open_session("fleet-robot.json5", "ours/robot2") as robot2,
         robot2.declare_queryable(
@@ -92,14 +92,14 @@ def test_operators_command_a_robot_and_readers_do_not(
         wait_until(lambda: query_replies(operator, "robot1/command/reset") == [b"done"])
 
 
-def test_a_robot_commands_no_other(network: TlsNetwork, robot1: zenoh.Session) -> None:
+def test_a_robot_cannot_command_another(network: TlsNetwork, robot1: zenoh.Session) -> None:
     with network.open_session("fleet-robot.json5", "ours/robot2") as robot2:
         wait_until(lambda: bool(robot2.info.links()))
         assert query_replies(robot2, "robot1/command/reset") == []
         assert query_replies(robot2, "robot1/latest") == []
 
 
-def test_readers_see_which_robots_are_there(network: TlsNetwork, robot1: zenoh.Session) -> None:
+def test_readers_see_the_liveliness_of_robots(network: TlsNetwork, robot1: zenoh.Session) -> None:
     def alive() -> list[str]:
         replies = session.liveliness().get("*/alive", timeout=60)
         return [str(reply.ok.key_expr) for reply in replies if reply.ok]
@@ -108,7 +108,7 @@ def test_readers_see_which_robots_are_there(network: TlsNetwork, robot1: zenoh.S
         wait_until(lambda: alive() == ["robot1/alive"])
 
 
-def test_a_robot_of_another_authority_is_not_taken_in(
+def test_a_robot_of_another_authority_is_refused(
     network: TlsNetwork, router: zenoh.Session
 ) -> None:
     strange = network.folder / "strange/operator"

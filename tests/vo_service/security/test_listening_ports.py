@@ -40,7 +40,7 @@ def test_it_listens_on_loopback_alone(
 
 
 @pytest.mark.slow
-def test_it_has_no_udp_socket_and_so_is_in_no_multicast_group(service: ServiceProcess) -> None:
+def test_there_is_no_udp_socket_and_no_multicast(service: ServiceProcess) -> None:
     datagrams = {
         line.split()[9]
         for table in ("udp", "udp6", "raw", "raw6")

@@ -65,31 +65,29 @@ def test_a_reader_reads_but_cannot_command(network: TlsNetwork, robot: TlsRobot)
     assert robot.executed == []
 
 
-def test_an_operator_is_obeyed(network: TlsNetwork, robot: TlsRobot) -> None:
+def test_an_operator_can_command(network: TlsNetwork, robot: TlsRobot) -> None:
     with network.open_session("operator-tls.json5", "ours/operator") as operator:
         (reply,) = query_replies(operator, "kinect/command/reset")
     assert json.loads(reply)["schema"] == 1
     assert len(robot.executed) == 1
 
 
-def test_a_certificate_that_no_rule_names_gets_nothing(
-    network: TlsNetwork, robot: TlsRobot
-) -> None:
+def test_a_certificate_without_a_rule_gets_nothing(network: TlsNetwork, robot: TlsRobot) -> None:
     with (
-        network.open_session("reader-tls.json5", "ours/robot1") as nobody,
+        network.open_session("reader-tls.json5", "ours/robot1") as outsider,
         network.open_session("reader-tls.json5", "ours/reader") as reader,
     ):
         received: list[object] = []
-        with nobody.declare_subscriber("kinect/odom", received.append):
-            assert query_replies(nobody, "kinect/latest") == []
-            assert query_replies(nobody, "kinect/map_odom") == []
-            assert query_replies(nobody, "kinect/status") == []
+        with outsider.declare_subscriber("kinect/odom", received.append):
+            assert query_replies(outsider, "kinect/latest") == []
+            assert query_replies(outsider, "kinect/map_odom") == []
+            assert query_replies(outsider, "kinect/status") == []
             with receive_pose_numbers(reader) as others:
                 wait_until(lambda: len(others) > 10)
     assert received == []
 
 
-def test_nobody_else_can_publish_poses(network: TlsNetwork, robot: TlsRobot) -> None:
+def test_other_clients_cannot_publish_poses(network: TlsNetwork, robot: TlsRobot) -> None:
     with (
         network.open_session("operator-tls.json5", "ours/operator") as operator,
         network.open_session("reader-tls.json5", "ours/reader") as reader,
@@ -112,7 +110,7 @@ def test_programs_on_the_robot_need_no_certificate(network: TlsNetwork, robot: T
 
 
 @pytest.mark.parametrize("payload", [b"{", b"[1]", b'{"T_odom_base": 7}', b"\xff\xfe", b" " * 5000])
-def test_a_command_that_is_malformed_is_answered_with_an_error(
+def test_a_malformed_command_gets_an_error_reply(
     network: TlsNetwork, robot: TlsRobot, payload: bytes
 ) -> None:
     with network.open_session("operator-tls.json5", "ours/operator") as operator:
@@ -121,7 +119,7 @@ def test_a_command_that_is_malformed_is_answered_with_an_error(
     assert robot.executed == []
 
 
-def test_a_command_of_enormous_size_never_reaches_the_service(
+def test_an_oversize_command_never_reaches_the_service(
     network: TlsNetwork, robot: TlsRobot
 ) -> None:
     with network.open_session("operator-tls.json5", "ours/operator") as operator:
@@ -132,7 +130,7 @@ def test_a_command_of_enormous_size_never_reaches_the_service(
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize("flooder", ["operator", "reader"])
-def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
+def test_a_flood_of_commands_costs_a_normal_subscriber_no_pose(
     network: TlsNetwork, robot: TlsRobot, flooder: str
 ) -> None:
     file = network.file(f"{flooder}-tls.json5", f"ours/{flooder}")

@@ -23,13 +23,13 @@ def turned(angle_rad: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]
     return rigid_transform(so3_exp(np.array([0.0, angle_rad, 0.0])), np.zeros(3))
 
 
-def test_a_frame_is_let_through_when_the_camera_has_moved_a_step() -> None:
+def test_a_frame_is_selected_when_the_camera_has_moved_a_step() -> None:
     selector = KeyframeSelector()
     accepted = [selector.accepts(make_wall_update(seq, 0.06 * seq)) for seq in range(7)]
     assert accepted == [True, False, False, True, False, False, True]
 
 
-def test_a_turn_counts_like_a_path() -> None:
+def test_a_rotation_counts_like_a_translation() -> None:
     selector = KeyframeSelector()
     assert selector.accepts(make_wall_update(0))
     assert not selector.accepts(
@@ -39,20 +39,20 @@ def test_a_turn_counts_like_a_path() -> None:
 
 
 @pytest.mark.parametrize("state", [TrackingState.LOST, TrackingState.DEGRADED])
-def test_a_pose_that_is_not_sure_is_none_for_a_map(state: TrackingState) -> None:
+def test_a_pose_that_is_not_tracking_is_not_selected(state: TrackingState) -> None:
     selector = KeyframeSelector()
     assert not selector.accepts(make_wall_update(0, state=state))
     assert selector.accepts(make_wall_update(1))
 
 
-def test_the_first_good_frame_of_an_epoch_is_one() -> None:
+def test_the_first_good_frame_of_an_epoch_is_selected() -> None:
     selector = KeyframeSelector()
     assert selector.accepts(make_wall_update(0))
     assert not selector.accepts(make_wall_update(1, epoch=1, state=TrackingState.LOST))
     assert selector.accepts(make_wall_update(2, epoch=1))
 
 
-def test_what_is_removed_is_taken_again() -> None:
+def test_after_a_removal_the_place_is_selected_again() -> None:
     selector = KeyframeSelector()
     assert selector.accepts(make_wall_update(0))
     selector.reset()
@@ -60,7 +60,7 @@ def test_what_is_removed_is_taken_again() -> None:
 
 
 @given(st.floats(0.0, 5.0), st.floats(0.0, 3.0))
-def test_steps_are_those_of_the_path_or_of_the_turn(path_m: float, angle_rad: float) -> None:
+def test_steps_are_the_larger_of_distance_and_rotation(path_m: float, angle_rad: float) -> None:
     there = turned(angle_rad)
     there[0, 3] = path_m
     expected = max(path_m / STEP_M, angle_rad / STEP_RAD)

@@ -28,28 +28,28 @@ def packed(depth: Depth) -> bytes:
 
 @compiles
 @given(shapes.flatmap(lambda shape: arrays(np.uint16, shape)))
-def test_any_image_comes_back(depth: Depth) -> None:
+def test_any_image_is_restored(depth: Depth) -> None:
     np.testing.assert_array_equal(unpack_depth(packed(depth), *depth.shape), depth)
 
 
 @compiles
 @given(shapes.flatmap(lambda shape: arrays(np.uint16, shape, elements=near_values)))
-def test_steps_at_the_edge_of_a_byte_and_holes_come_back(depth: Depth) -> None:
+def test_depth_steps_and_holes_are_restored(depth: Depth) -> None:
     np.testing.assert_array_equal(unpack_depth(packed(depth), *depth.shape), depth)
 
 
-def test_a_smooth_wall_with_a_hole_takes_a_byte_a_pixel_and_little_more() -> None:
+def test_a_smooth_wall_takes_about_a_byte_per_pixel() -> None:
     depth = np.tile(np.arange(2000, 2640, dtype=np.uint16), (480, 1))
     depth[100:200, 100:300] = 0
     assert len(packed(depth)) <= 1.01 * depth.size
 
 
-def test_pure_noise_is_copied() -> None:
+def test_pure_noise_is_stored_uncompressed() -> None:
     depth = np.random.default_rng(0).integers(1, 65535, (48, 64), np.uint16)
     assert packed(depth) == depth.tobytes()
 
 
 @pytest.mark.parametrize("view", [np.s_[::2, ::2], np.s_[::-1, :]])
-def test_an_image_that_is_part_of_another_comes_back(view: tuple[slice, slice]) -> None:
+def test_a_non_contiguous_image_is_restored(view: tuple[slice, slice]) -> None:
     depth = np.random.default_rng(0).integers(900, 1000, (48, 64), np.uint16)[view]
     np.testing.assert_array_equal(unpack_depth(packed(depth), *depth.shape), depth)

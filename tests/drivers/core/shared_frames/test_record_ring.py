@@ -58,7 +58,7 @@ def held(reader: RecordRingReader, last: int = 1000) -> list[int]:
 
 
 @given(st.lists(st.integers(0, 900), min_size=1, max_size=60))
-def test_the_newest_records_are_held_in_one_run(lengths: list[int]) -> None:
+def test_the_newest_records_are_contiguous(lengths: list[int]) -> None:
     with ring() as (writer, reader):
         for number, length in enumerate(lengths):
             put(writer, number, length, 0.0)
@@ -66,7 +66,7 @@ def test_the_newest_records_are_held_in_one_run(lengths: list[int]) -> None:
             assert numbers == list(range(numbers[0], number + 1))
 
 
-def test_it_holds_what_was_written_in_the_time_given_and_takes_no_more_memory() -> None:
+def test_the_ring_holds_the_configured_time_in_constant_memory() -> None:
     with ring(seconds=1.0, most_bytes=1 << 26) as (writer, reader):
         for number in range(300):
             put(writer, number, 100_000, number / 30)
@@ -75,7 +75,7 @@ def test_it_holds_what_was_written_in_the_time_given_and_takes_no_more_memory() 
         assert writer.used_bytes < 45 * 100_000
 
 
-def test_of_too_little_memory_it_makes_the_most_and_says_so() -> None:
+def test_a_memory_limit_shortens_the_record_and_is_reported() -> None:
     with ring(seconds=10.0) as (writer, reader):
         for number in range(100):
             put(writer, number, 500, number / 30)
@@ -84,14 +84,14 @@ def test_of_too_little_memory_it_makes_the_most_and_says_so() -> None:
         assert writer.used_bytes == MOST
 
 
-def test_memory_is_taken_only_as_it_is_filled() -> None:
+def test_memory_is_allocated_only_as_the_ring_is_filled() -> None:
     with ring(seconds=10.0, most_bytes=1 << 26) as (writer, _):
         assert writer.used_bytes == 0
         put(writer, 0, 1000, 0.0)
         assert writer.used_bytes == 1 << 20
 
 
-def test_a_record_that_can_never_fit_is_refused_and_harms_nothing() -> None:
+def test_a_record_larger_than_the_ring_is_refused_without_damage() -> None:
     with ring() as (writer, reader):
         put(writer, 0, 100, 0.0)
         with pytest.raises(OSError, match="memory"):
@@ -100,7 +100,7 @@ def test_a_record_that_can_never_fit_is_refused_and_harms_nothing() -> None:
         assert 1 in held(reader)
 
 
-def test_records_before_the_clock_was_set_do_not_keep_newer_ones_from_room() -> None:
+def test_records_from_before_a_clock_step_make_room_for_newer_ones() -> None:
     with ring(seconds=1.0, most_bytes=1 << 22) as (writer, reader):
         for number in range(40):
             put(writer, number, 1000, 5000.0 + number / 30)
@@ -109,13 +109,13 @@ def test_records_before_the_clock_was_set_do_not_keep_newer_ones_from_room() -> 
         assert set(range(52, 80)) <= set(held(reader))
 
 
-def test_memory_that_cannot_be_had_is_an_error_at_once() -> None:
+def test_unavailable_memory_is_an_error_at_once() -> None:
     with limit_file_size(1000), pytest.raises(OSError, match="File too large"):
         RecordRingWriter("trial", 1.0, MOST)
 
 
 @pytest.mark.slow
-def test_a_reader_beside_a_hurried_writer_never_sees_half_a_record() -> None:
+def test_a_reader_beside_a_fast_writer_never_reads_a_partial_record() -> None:
     random = np.random.default_rng(1)
     stop = threading.Event()
     with ring(seconds=100.0, most_bytes=200_000) as (writer, reader):

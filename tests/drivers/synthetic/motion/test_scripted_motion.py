@@ -20,7 +20,7 @@ def poses(motion: MotionKind) -> Array:
     return make_motion(replace(CONFIG, motion=motion), 2.7).poses(TIMES_S)
 
 
-def test_it_faces_the_wall_for_a_third_of_the_time_and_begins_and_ends_aside() -> None:
+def test_it_faces_the_wall_for_a_third_of_the_time_and_starts_and_ends_beside_it() -> None:
     T = poses(MotionKind.WALL)
     aside_rad = np.arctan2(-T[:, 0, 2], T[:, 1, 2])
     assert 0.3 < np.mean(np.abs(aside_rad) < 0.25) < 0.45

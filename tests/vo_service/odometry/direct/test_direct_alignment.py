@@ -48,7 +48,7 @@ def align_frame(
 
 
 @pytest.mark.parametrize("time_s", [0.0, 0.03, 0.12, -0.12])
-def test_a_known_motion_is_found_to_a_fraction_of_a_millimeter(time_s: float) -> None:
+def test_a_known_motion_is_estimated_to_a_fraction_of_a_millimeter(time_s: float) -> None:
     found = align_frame(render_view(BRISK, time_s))
     assert is_rigid(found.T_camera_keyframe, 1e-9)
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(time_s), 0.0005, 0.01)
@@ -61,12 +61,12 @@ def test_a_frame_aligned_with_itself_has_not_moved() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_noise_does_little(seed: int) -> None:
+def test_noise_changes_the_motion_little(seed: int) -> None:
     found = align_frame(add_noise(render_view(BRISK, 0.1), seed))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.001, 0.03)
 
 
-def test_the_start_that_fits_best_is_taken() -> None:
+def test_the_initial_guess_that_fits_best_is_used() -> None:
     far = MovingCamera(4.0 * BRISK.velocity)
     wrong, right = np.eye(4), inverse(far.pose_at(0.09))
     for initial_guesses in ((wrong, right), (right, wrong)):
@@ -75,7 +75,7 @@ def test_the_start_that_fits_best_is_taken() -> None:
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 20.0), (0.7, 0.0), (1.2, -15.0)])
-def test_gain_and_offset_of_the_light_are_found(gain: float, offset: float) -> None:
+def test_gain_and_offset_of_the_brightness_are_estimated(gain: float, offset: float) -> None:
     found = align_frame(change_lighting(render_view(BRISK, 0.05), gain, offset))
     assert found.affine_brightness[0] == pytest.approx(gain, abs=0.05)
     assert found.affine_brightness[1] == pytest.approx(offset, abs=6.0)
@@ -83,14 +83,16 @@ def test_gain_and_offset_of_the_light_are_found(gain: float, offset: float) -> N
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.02, 0.01), (0.03, 0.0), (0.02, -0.012)])
-def test_a_rolling_views_motion_and_velocity_are_found(readout_s: float, skew_s: float) -> None:
+def test_motion_and_velocity_of_a_rolling_shutter_view_are_estimated(
+    readout_s: float, skew_s: float
+) -> None:
     found = align_frame(render_view(BRISK, 0.1, readout_s=readout_s, skew_s=skew_s))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.0015, 0.05)
     np.testing.assert_allclose(found.camera_velocity, BRISK.velocity, atol=0.06)
 
 
 @pytest.mark.parametrize("skew_s", [-0.012, 0.0, 0.012])
-def test_a_tremor_while_rows_are_read_is_found_and_bends_no_motion(skew_s: float) -> None:
+def test_an_angular_acceleration_during_the_readout_is_estimated(skew_s: float) -> None:
     frame = render_view(SHAKING, readout_s=0.02, skew_s=skew_s)
     filter_pose = LOOSE.information.copy()
     filter_pose[ACCELERATION_START:] = 1e6
@@ -106,7 +108,7 @@ def off_rad(found: DirectAlignment) -> float:
     return float(np.linalg.norm(so3_log(found.T_camera_keyframe[:3, :3])))
 
 
-def test_depth_that_is_late_shows_no_velocity_but_the_motion_of_the_color() -> None:
+def test_late_depth_gives_no_velocity_but_the_motion_of_the_color() -> None:
     late = render_view(BRISK, 0.1, skew_s=0.012)
     with_skew, without_skew = (
         align_frame(late, moving()),
@@ -128,7 +130,7 @@ def moving() -> MotionPrior:
     )
 
 
-def test_an_instant_shutter_is_a_shutter_of_no_time() -> None:
+def test_a_global_shutter_is_a_readout_of_zero() -> None:
     """With very short times the result is nearly that of an instant shutter."""
     frame = add_noise(render_view(BRISK, 0.1), 1)
     instant = align_frame(frame, moving())
@@ -137,7 +139,7 @@ def test_an_instant_shutter_is_a_shutter_of_no_time() -> None:
     np.testing.assert_allclose(nearly.motion, instant.motion, atol=1e-4)
 
 
-def test_depth_alone_is_enough_in_a_corner() -> None:
+def test_depth_alone_suffices_in_a_corner() -> None:
     for frame, weights in (
         (remove_color(render_view(BRISK, 0.1)), depth_only_weights()),
         (render_view(BRISK, 0.1), depth_only_weights()),
@@ -148,7 +150,7 @@ def test_depth_alone_is_enough_in_a_corner() -> None:
         assert degradation_reason(found).startswith("depth only")
 
 
-def test_brightness_alone_is_enough_where_there_is_paint() -> None:
+def test_brightness_alone_suffices_with_texture() -> None:
     found = align_frame(remove_depth(render_view(BRISK, 0.1)))
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.004, 0.1)
     assert degradation_reason(found).startswith("brightness only")
@@ -159,14 +161,14 @@ def test_a_frame_of_another_place_is_rejected() -> None:
     assert rejection_reason(align_frame(render_view(away, 0.6))) != ""
 
 
-def test_a_frame_that_shows_nothing_is_rejected() -> None:
+def test_an_empty_frame_is_rejected() -> None:
     nothing = align_frame(
         remove_depth(remove_color(render_view(STILL))), weights=depth_only_weights()
     )
     assert rejection_reason(nothing) == "only 0 samples in view"
 
 
-def test_a_keyframe_of_fewer_sizes_is_aligned_with_a_larger_image() -> None:
+def test_a_keyframe_with_fewer_levels_is_aligned_with_a_larger_image() -> None:
     images = build_image_pyramid(render_view(BRISK, 0.02))
     found = align(POINTS[:2], images, [np.eye(4)], LOOSE, (1.0, 0.0), uniform_weights())
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.02), 0.001, 0.03)

@@ -78,12 +78,12 @@ def test_bare_planes_without_noise_leave_directions_unconstrained_too(
 
 
 @pytest.mark.parametrize("planes", [(WALL,), (WALL, FLOOR), CORNER])
-def test_paint_or_a_corner_constrain_all_directions(planes: Sequence[Plane]) -> None:
+def test_texture_or_a_corner_constrain_all_directions(planes: Sequence[Plane]) -> None:
     assert self_uncertainty(add_noise(render_view(planes=planes), 1)).rejection_reason == ""
     assert self_uncertainty(add_noise(render_view(paint=0.0), 1)).rejection_reason == ""
 
 
-def test_paint_constrains_all_directions_without_depth_in_the_frame() -> None:
+def test_texture_constrains_all_directions_without_depth_in_the_frame() -> None:
     keyframe = keyframe_of(add_noise(render_view(planes=(WALL,)), 1))
     assert (
         align_frame(keyframe, remove_depth(add_noise(render_view(planes=(WALL,)), 2)))[
@@ -105,13 +105,13 @@ def sigma_m(frame: RgbdFrame, keyframe: DirectKeyframe) -> float:
     return float(np.sqrt(np.trace(align_frame(keyframe, frame)[0].covariance[:3, :3])))
 
 
-def test_more_noise_makes_it_less_sure() -> None:
+def test_more_noise_increases_the_covariance() -> None:
     keyframe, frame = keyframe_of(add_noise(render_view(), 0)), render_view(BRISK, 0.03)
     sigmas = [sigma_m(add_noise(frame, 1, times), keyframe) for times in (1.0, 3.0, 9.0)]
     assert sigmas[0] < sigmas[1] < sigmas[2]
 
 
-def test_less_to_see_makes_it_less_sure() -> None:
+def test_fewer_points_increase_the_covariance() -> None:
     keyframe, frame = (
         keyframe_of(add_noise(render_view(), 0)),
         add_noise(render_view(BRISK, 0.03), 1),
@@ -119,7 +119,7 @@ def test_less_to_see_makes_it_less_sure() -> None:
     assert sigma_m(frame, keyframe) < sigma_m(remove_depth(frame), keyframe)
 
 
-def test_a_wall_of_weak_paint_constrains_the_camera_least_along_itself() -> None:
+def test_a_wall_with_weak_texture_constrains_motion_along_it_least() -> None:
     keyframe = keyframe_of(add_noise(render_view(planes=(WALL,), paint=0.25), 0))
     uncertainty, _ = align_frame(keyframe, add_noise(render_view(planes=(WALL,), paint=0.25), 1))
     across = np.array(WALL[0]) / np.linalg.norm(WALL[0])
@@ -128,7 +128,7 @@ def test_a_wall_of_weak_paint_constrains_the_camera_least_along_itself() -> None
     assert along @ in_metres @ along > 2 * across @ in_metres @ across
 
 
-def test_it_is_reported_in_the_axes_of_the_camera() -> None:
+def test_the_covariance_is_in_the_camera_axes() -> None:
     """Two planes without texture leave the direction of their edge unconstrained."""
     planes, turned = (
         (WALL, FLOOR),
@@ -151,7 +151,7 @@ def test_it_is_reported_in_the_axes_of_the_camera() -> None:
 
 
 @pytest.mark.parametrize("how", ["velocity not known", "agitated"])
-def test_with_a_rolling_shutter_it_is_less_sure_of_what_it_did_meanwhile(how: str) -> None:
+def test_a_rolling_shutter_increases_the_covariance(how: str) -> None:
     keyframe = keyframe_of(add_noise(render_view(), 0))
     for readout_s in (0.0, 0.02):
         frame = add_noise(render_view(readout_s=readout_s), 1)
@@ -165,7 +165,7 @@ def test_with_a_rolling_shutter_it_is_less_sure_of_what_it_did_meanwhile(how: st
         assert (other > 1.1 * calm) == (readout_s > 0)
 
 
-def test_a_shaking_camera_strays_about_as_far_as_in_one_row() -> None:
+def test_a_shaking_camera_has_the_covariance_of_one_row() -> None:
     keyframe, frame = (
         keyframe_of(add_noise(render_view(), 0)),
         add_noise(render_view(readout_s=0.02), 1),
@@ -181,7 +181,7 @@ def test_a_shaking_camera_strays_about_as_far_as_in_one_row() -> None:
     assert in_a_row / (2 * NUM_ROW_BANDS) < agitated - calm < 4.0 * in_a_row
 
 
-def test_over_many_noises_the_error_is_of_the_size_that_it_says() -> None:
+def test_the_covariance_matches_the_error_over_many_noise_samples() -> None:
     """The covariance is right within a factor, though not exactly."""
     frame, truth, distances = render_view(BRISK, 0.03), BRISK.pose_at(0.03), []
     blank = render_view()

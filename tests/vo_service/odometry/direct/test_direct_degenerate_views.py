@@ -23,7 +23,7 @@ CHI_SQUARED_99 = 16.8
 
 
 @pytest.mark.parametrize("times", [0.0, 1.0])
-def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times: float) -> None:
+def test_a_bare_wall_is_not_a_start_and_causes_no_sliding(times: float) -> None:
     odometry = DirectOdometry()
     bare = [add_noise(render_view(BRISK, k / 30, (WALL,), paint=0.0), k, times) for k in range(4)]
     first = odometry.estimate(bare[0])
@@ -38,7 +38,7 @@ def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times:
 
 
 @pytest.mark.slow
-def test_a_degenerate_view_is_followed_for_a_moment_and_reported_and_then_lost() -> None:
+def test_a_degenerate_view_is_degraded_for_a_moment_then_lost() -> None:
     """A textured wall in the dark: depth constrains three degrees of freedom."""
     odometry = DirectOdometry()
     wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(18)]
@@ -54,7 +54,7 @@ def test_a_degenerate_view_is_followed_for_a_moment_and_reported_and_then_lost()
 
 
 @pytest.mark.slow
-def test_the_jump_from_where_it_was_extrapolated_to_is_no_velocity_to_carry_on_with() -> None:
+def test_the_jump_after_extrapolation_does_not_change_the_velocity() -> None:
     """The light goes out, is seen for one frame, and goes out again."""
     odometry = DirectOdometry()
     wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(18)]
@@ -67,7 +67,7 @@ def test_the_jump_from_where_it_was_extrapolated_to_is_no_velocity_to_carry_on_w
 
 
 @pytest.mark.slow
-def test_where_a_keyframe_begins_in_a_degenerate_view_is_reported_by_the_path_there() -> None:
+def test_a_keyframe_started_in_a_degenerate_view_has_the_covariance_of_the_extrapolation() -> None:
     """Aligned with other keyframes as well, the pose would rotate in front of the wall."""
     odometry, hand = DirectOdometry(), MovingCamera(3.0 * BRISK.velocity)
     wall = [add_noise(render_view(hand, k / 30, (WALL,)), k) for k in range(16)]

@@ -41,9 +41,7 @@ Spoil = Callable[[RgbdFrame], RgbdFrame]
 
 
 @pytest.mark.parametrize("spoil", [make_empty_frame, make_noise_frame])
-def test_a_failed_frame_holds_the_pose_and_is_left_out(
-    views: list[RgbdFrame], spoil: Spoil
-) -> None:
+def test_a_failed_frame_keeps_the_pose_and_is_skipped(views: list[RgbdFrame], spoil: Spoil) -> None:
     odometry = DirectOdometry()
     before = estimate_all(odometry, views[:3])[-1]
     failed = odometry.estimate(spoil(views[3]))
@@ -67,7 +65,7 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out(
         (lambda frame: change_lighting(frame, 0.6), "", 0.002),
     ],
 )
-def test_half_of_what_it_sees_is_enough_and_reports_it(
+def test_half_of_the_view_suffices_and_is_reported(
     views: list[RgbdFrame], spoil: Spoil, reason: str, error_m: float
 ) -> None:
     odometry = DirectOdometry()
@@ -84,7 +82,7 @@ def test_half_of_what_it_sees_is_enough_and_reports_it(
     assert back.reason == ""
 
 
-def test_without_texture_the_shape_of_the_room_is_enough() -> None:
+def test_without_texture_the_shape_suffices() -> None:
     frames = [add_noise(render_view(BRISK, k / 30, paint=0.0), k) for k in range(4)]
     first, *others = estimate_all(DirectOdometry(), frames)
     assert first.ok
@@ -94,7 +92,7 @@ def test_without_texture_the_shape_of_the_room_is_enough() -> None:
         assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.004, 0.1)
 
 
-def test_depth_alone_is_not_accepted_when_the_camera_may_be_anywhere(
+def test_depth_alone_is_rejected_when_the_prediction_is_too_old(
     views: list[RgbdFrame],
 ) -> None:
     for later_s, is_believed in ((1 / 30, True), (3.0, False)):
@@ -105,7 +103,7 @@ def test_depth_alone_is_not_accepted_when_the_camera_may_be_anywhere(
 
 
 @pytest.mark.parametrize(("later_s", "is_believed"), [(0.0, True), (1.0, False)])
-def test_what_fits_badly_is_not_accepted_when_the_camera_may_be_anywhere(
+def test_a_bad_fit_is_rejected_when_the_prediction_is_too_old(
     views: list[RgbdFrame], later_s: float, is_believed: bool
 ) -> None:
     odometry = DirectOdometry()
@@ -118,7 +116,7 @@ def test_what_fits_badly_is_not_accepted_when_the_camera_may_be_anywhere(
     assert ("may be elsewhere" in estimate.reason) is not is_believed
 
 
-def test_it_starts_in_the_dark_and_goes_on_in_the_light(views: list[RgbdFrame]) -> None:
+def test_a_start_in_darkness_continues_in_light(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     for k, frame in enumerate([remove_color(views[0]), remove_color(views[1]), *views[2:]]):
         estimate = odometry.estimate(frame)
@@ -139,7 +137,7 @@ def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame])
 
 
 @pytest.mark.parametrize("spoil", [make_empty_frame, make_noise_frame, remove_depth])
-def test_a_start_without_points_is_an_answer_and_the_next_good_frame_begins(
+def test_a_start_without_points_fails_and_the_next_good_frame_starts(
     views: list[RgbdFrame], spoil: Spoil
 ) -> None:
     odometry = DirectOdometry()
@@ -162,7 +160,7 @@ def elsewhere(k: int) -> RgbdFrame:
     return add_noise(render_view(MovingCamera(BRISK.velocity, start), k / 30, corner), k)
 
 
-def test_after_too_many_failures_it_begins_again(views: list[RgbdFrame]) -> None:
+def test_after_too_many_failures_tracking_restarts(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     before = estimate_all(odometry, views[:2])[-1]
     black = [
@@ -183,14 +181,14 @@ def test_after_too_many_failures_it_begins_again(views: list[RgbdFrame]) -> None
     )
 
 
-def test_a_first_keyframe_that_nothing_fits_is_soon_dropped(views: list[RgbdFrame]) -> None:
+def test_a_first_keyframe_without_a_match_is_dropped_soon(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     estimates = estimate_all(odometry, [views[0], *(elsewhere(40 + k) for k in range(6))])
     assert [e.ok for e in estimates] == [True, *[False] * MAX_INITIAL_FAILURES, True, True, True]
     assert [e.is_reset for e in estimates].index(True) == 1 + MAX_INITIAL_FAILURES
 
 
-def test_with_nothing_to_begin_again_from_the_old_keyframes_are_kept(
+def test_without_a_usable_frame_the_old_keyframes_are_kept(
     views: list[RgbdFrame],
 ) -> None:
     odometry = DirectOdometry()
@@ -207,7 +205,7 @@ def test_with_nothing_to_begin_again_from_the_old_keyframes_are_kept(
 
 
 @pytest.mark.slow
-def test_one_failure_does_not_count_towards_the_next(views: list[RgbdFrame]) -> None:
+def test_one_failure_does_not_count_for_the_next(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     frames = [views[0], *[views[1], make_empty_frame(views[2])] * (MAX_FAILURES + 2)]
     estimates = [odometry.estimate(replace(f, stamp_s=k / 30)) for k, f in enumerate(frames)]

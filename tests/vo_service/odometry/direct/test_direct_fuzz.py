@@ -28,7 +28,7 @@ SHAPE = (CAMERA.height, CAMERA.width)
 
 @pytest.mark.parametrize("stamps_s", [(0.0, 0.0, 0.0), (0.0, -1.0, -2.0), (0.0, 50.0, 1e6)])
 @pytest.mark.parametrize("readout_s", [0.0, 0.02])
-def test_stamps_that_stand_still_go_back_or_jump_are_no_error(
+def test_repeated_backward_or_jumping_stamps_are_no_error(
     stamps_s: tuple[float, ...], readout_s: float
 ) -> None:
     frames = render_sequence(BRISK, 3, readout_s)
@@ -41,7 +41,7 @@ def test_stamps_that_stand_still_go_back_or_jump_are_no_error(
 
 
 @pytest.mark.parametrize("size", [(64, 48), (32, 32), (20, 20), (7, 5), (2, 2), (200, 3)])
-def test_an_image_of_a_few_pixels_is_an_answer(size: tuple[int, int]) -> None:
+def test_an_image_of_a_few_pixels_gives_an_estimate(size: tuple[int, int]) -> None:
     width, height = size
     camera = PinholeCamera(width, height, width, width, width / 2 - 0.5, height / 2 - 0.5)
     for estimate in estimate_all(
@@ -51,7 +51,7 @@ def test_an_image_of_a_few_pixels_is_an_answer(size: tuple[int, int]) -> None:
         assert not estimate.ok
 
 
-def test_a_camera_whose_images_change_their_size_is_followed() -> None:
+def test_a_change_of_the_image_size_is_tracked() -> None:
     smaller = PinholeCamera(240, 180, 217.5, 217.5, 119.5, 89.5)
     cameras = [smaller, CAMERA, smaller, CAMERA]
     frames = [render_view(BRISK, k / 30, camera=camera) for k, camera in enumerate(cameras)]
@@ -65,7 +65,7 @@ KINDS = st.tuples(st.integers(0, 2**32 - 1), st.integers(0, 6))
 
 @settings(deadline=None, max_examples=25)
 @given(st.lists(KINDS, min_size=2, max_size=5), st.sampled_from([0.0, 0.02]))
-def test_no_frame_is_an_error_and_every_answer_is_sound(
+def test_no_frame_raises_and_every_estimate_is_valid(
     kinds: list[tuple[int, int]], readout_s: float
 ) -> None:
     odometry = DirectOdometry()

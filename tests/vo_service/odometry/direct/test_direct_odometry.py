@@ -40,7 +40,7 @@ def views() -> list[RgbdFrame]:
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), TIMINGS)
-def test_a_camera_in_a_corner_is_followed(readout_s: float, skew_s: float) -> None:
+def test_a_camera_in_a_corner_is_tracked(readout_s: float, skew_s: float) -> None:
     frames = render_sequence(BRISK, 6, readout_s, skew_s)
     for k, estimate in enumerate(estimate_all(DirectOdometry(), frames)):
         assert estimate.ok
@@ -48,12 +48,12 @@ def test_a_camera_in_a_corner_is_followed(readout_s: float, skew_s: float) -> No
         assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.0006, 0.02)
 
 
-def test_noise_does_little_and_does_not_add_up(views: list[RgbdFrame]) -> None:
+def test_noise_changes_poses_little_and_does_not_accumulate(views: list[RgbdFrame]) -> None:
     for k, estimate in enumerate(estimate_all(DirectOdometry(), views)):
         assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.0015, 0.05)
 
 
-def test_rows_of_other_times_taken_as_of_one_do_harm() -> None:
+def test_ignoring_the_rolling_shutter_increases_the_error() -> None:
     """A camera at rest that starts to move is tracked less accurately without its timing."""
     still = [render_view(stamp_s=k / 30 - 1.0, readout_s=0.03, skew_s=0.015) for k in range(28, 30)]
     rolling = still + render_sequence(BRISK, 5, 0.03, 0.015)
@@ -68,13 +68,13 @@ def test_rows_of_other_times_taken_as_of_one_do_harm() -> None:
     assert without_timing > 3 * with_motion
 
 
-def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
+def test_the_first_frame_is_the_world_frame(views: list[RgbdFrame]) -> None:
     first = DirectOdometry().estimate(views[0])
     assert_starts_at_origin(first)
     assert first.features == len(first.debug.keypoints_px) > 100
 
 
-def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
+def test_an_estimate_has_its_numbers_of_points(views: list[RgbdFrame]) -> None:
     estimate = estimate_all(DirectOdometry(), views[:2])[1]
     assert_counts_consistent(estimate, 100)
     pixels = estimate.debug.keypoints_px
@@ -82,7 +82,7 @@ def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
     assert (pixels.max(axis=0) < (CAMERA.width, CAMERA.height)).all()
 
 
-def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame]) -> None:
+def test_the_error_has_the_size_of_the_covariance(views: list[RgbdFrame]) -> None:
     for k, estimate in enumerate(estimate_all(DirectOdometry(), views)[1:], 1):
         error = inverse(estimate.T_reference_camera) @ BRISK.pose_at(k / 30)
         sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
@@ -109,7 +109,7 @@ def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:
 
 
 @pytest.mark.parametrize("readout_s", [0.0, 0.02])
-def test_standing_still_does_not_creep_and_needs_no_other_keyframe(readout_s: float) -> None:
+def test_a_camera_at_rest_does_not_drift_and_needs_no_new_keyframe(readout_s: float) -> None:
     frame = render_view(readout_s=readout_s)
     still = [replace(add_noise(frame, k), stamp_s=k / 30) for k in range(60)]
     estimates = estimate_all(DirectOdometry(), still)
@@ -124,7 +124,7 @@ def test_standing_still_does_not_creep_and_needs_no_other_keyframe(readout_s: fl
 
 
 @pytest.mark.slow
-def test_a_start_from_rest_is_followed_at_once() -> None:
+def test_a_start_from_rest_is_tracked_at_once() -> None:
     going = MovingCamera(np.array([0.012, 0.0, 0.016, 0.0, 0.0, 0.0]))
     rest = [render_view(readout_s=0.02) for _ in range(20)]
     frames = [*rest, *render_sequence(going, 10, 0.02)]
@@ -137,7 +137,7 @@ def test_a_start_from_rest_is_followed_at_once() -> None:
 
 
 @pytest.mark.slow
-def test_slow_motion_is_not_swallowed() -> None:
+def test_slow_motion_is_tracked() -> None:
     slow = MovingCamera(np.array([0.9e-3, 0.0, 1.2e-3, 0.0, 0.0, 0.0]))
     frames = [add_noise(frame, k) for k, frame in enumerate(render_sequence(slow, 50))]
     positions = positions_of(estimate_all(DirectOdometry(), frames))
@@ -166,21 +166,21 @@ def swept() -> list[Estimate]:
     return estimate_all(DirectOdometry(), [looking(a, k) for k, a in enumerate(sweep())])
 
 
-def test_a_long_trajectory_passes_from_keyframe_to_keyframe(swept: list[Estimate]) -> None:
+def test_a_long_trajectory_uses_several_keyframes(swept: list[Estimate]) -> None:
     assert all(e.ok for e in swept)
     assert sum(e.is_next_reference for e in swept[:9]) >= 3
     for angle_rad, estimate in zip(sweep(), swept, strict=True):
         assert_close(estimate.T_world_camera, turned(angle_rad), 0.003, 0.08)
 
 
-def test_a_view_that_returns_is_aligned_with_the_keyframe_that_it_had(
+def test_a_returning_view_reuses_its_old_keyframe(
     swept: list[Estimate],
 ) -> None:
     """So the error does not accumulate on the way there and back."""
     assert_close(swept[-1].T_world_camera, np.eye(4), 0.0012, 0.04)
 
 
-def test_motions_are_counted_from_the_last_frame_that_said_so(swept: list[Estimate]) -> None:
+def test_motions_are_relative_to_the_last_reference_frame(swept: list[Estimate]) -> None:
     reference = swept[0]
     for estimate in swept[1:]:
         T = reference.T_world_camera @ estimate.T_reference_camera
@@ -189,7 +189,7 @@ def test_motions_are_counted_from_the_last_frame_that_said_so(swept: list[Estima
             reference = estimate
 
 
-def test_fast_motion_and_a_low_rate_are_followed() -> None:
+def test_fast_motion_at_a_low_rate_is_tracked() -> None:
     fast = MovingCamera(np.array([0.5, -0.3, 0.4, -0.5, 0.8, 0.6]))
     frames = [add_noise(render_view(fast, k / 10), k) for k in range(4)]
     estimates = estimate_all(DirectOdometry(), frames)
@@ -197,7 +197,7 @@ def test_fast_motion_and_a_low_rate_are_followed() -> None:
     assert_close(estimates[-1].T_world_camera, fast.pose_at(0.3), 0.003, 0.1)
 
 
-def test_after_frames_that_did_not_come_it_goes_on() -> None:
+def test_tracking_continues_after_missing_frames() -> None:
     times_s = [0.0, 1 / 30, 2 / 30, 0.6, 0.6 + 1 / 30, 0.2 + 1.0]
     frames = [add_noise(render_view(BRISK, t), k) for k, t in enumerate(times_s)]
     for t, estimate in zip(times_s, estimate_all(DirectOdometry(), frames), strict=True):
@@ -205,13 +205,13 @@ def test_after_frames_that_did_not_come_it_goes_on() -> None:
         assert_close(estimate.T_world_camera, BRISK.pose_at(t), 0.003, 0.1)
 
 
-def test_poses_stay_rigid_to_the_last_digits(swept: list[Estimate]) -> None:
+def test_poses_stay_rigid_to_rounding(swept: list[Estimate]) -> None:
     for before, after in pairwise(swept):
         for T in (after.T_world_camera, inverse(before.T_world_camera) @ after.T_world_camera):
             np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
 
 
-def test_a_camera_that_stands_still_from_the_start_has_no_velocity() -> None:
+def test_a_camera_at_rest_from_the_start_has_no_velocity() -> None:
     frames = [
         replace(add_noise(render_view(STILL, readout_s=0.02), k), stamp_s=k / 30) for k in range(3)
     ]
@@ -240,7 +240,7 @@ def drift_of(frames: list[RgbdFrame]) -> float:
 
 
 @pytest.mark.slow
-def test_a_trembling_hand_bends_no_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_trembling_hand_does_not_distort_keyframes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keyframes are corrected by the poses around them, not by distorted keyframes before."""
     frames = [add_noise(f, k) for k, f in enumerate(render_sequence(Trembling(), 36, 0.02, 0.012))]
     with_motion = drift_of(frames)

@@ -53,7 +53,7 @@ def off_paint(points: Array) -> float:
     return float(np.abs(points[:, POINT_BRIGHTNESS] - texture_at(points[:, :3])).mean())
 
 
-def test_every_level_has_points_over_all_of_the_view() -> None:
+def test_every_level_has_points_over_the_whole_view() -> None:
     for points in select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC):
         u = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
         v = CAMERA.fy * points[:, 1] / points[:, 2] + CAMERA.cy
@@ -75,7 +75,7 @@ def test_points_lie_on_the_surfaces_and_noise_is_averaged() -> None:
     assert np.median(errors[points[:, HAS_SHAPE] > 0]) < 0.25
 
 
-def test_brightness_and_its_change_with_the_place_are_those_of_the_paint() -> None:
+def test_brightness_and_its_gradient_are_those_of_the_texture() -> None:
     points = select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC)[0]
     places = points[:, :3]
     assert np.abs(points[:, POINT_BRIGHTNESS] - texture_at(places)).mean() < 2.0
@@ -89,7 +89,7 @@ def test_brightness_and_its_change_with_the_place_are_those_of_the_paint() -> No
     assert np.corrcoef(predicted[strong], true[strong])[0, 1] > 0.95
 
 
-def test_depth_changes_with_the_place_as_the_plane_lies() -> None:
+def test_the_depth_gradient_is_that_of_the_plane() -> None:
     points = select_points(build_image_pyramid(render_view(planes=(WALL,))), STANDING, ALL_STATIC)[
         0
     ]
@@ -123,7 +123,7 @@ def test_no_points_are_taken_from_cells_that_move() -> None:
         assert np.all(points[:, 0] > -0.02 * points[:, 2])
 
 
-def test_without_texture_points_are_there_for_their_shape_alone() -> None:
+def test_without_texture_points_are_selected_by_shape() -> None:
     for points in select_points(build_image_pyramid(render_view(paint=0.0)), STANDING, ALL_STATIC):
         assert len(points) > 50
         assert not points[:, HAS_TEXTURE].any()
@@ -132,7 +132,7 @@ def test_without_texture_points_are_there_for_their_shape_alone() -> None:
 
 @pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.03, 0.0), (0.0, 0.015), (0.025, -0.012)])
-def test_rows_taken_at_other_times_are_brought_to_the_stamp(
+def test_rows_of_a_rolling_shutter_are_moved_to_the_stamp(
     level: int, readout_s: float, skew_s: float
 ) -> None:
     frame = render_view(BRISK, planes=(WALL,), readout_s=readout_s, skew_s=skew_s)
@@ -147,7 +147,7 @@ def test_rows_taken_at_other_times_are_brought_to_the_stamp(
 
 
 @pytest.mark.parametrize("skew_s", [-0.012, 0.0, 0.012])
-def test_rows_that_a_tremor_has_bent_are_straightened(skew_s: float) -> None:
+def test_rows_distorted_by_a_tremor_are_corrected(skew_s: float) -> None:
     images = build_image_pyramid(
         render_view(SHAKING, planes=(WALL,), readout_s=0.03, skew_s=skew_s)
     )
@@ -157,7 +157,7 @@ def test_rows_that_a_tremor_has_bent_are_straightened(skew_s: float) -> None:
     assert off_paint(straight) < 0.8 * off_paint(bent)
 
 
-def test_the_points_of_a_rolled_image_are_in_the_axes_of_the_camera_at_its_stamp() -> None:
+def test_the_points_of_a_rolling_shutter_image_are_in_the_camera_axes_at_its_stamp() -> None:
     stamp_s = 0.4
     frame = render_view(BRISK, stamp_s, readout_s=0.03, skew_s=0.01)
     points = select_points(build_image_pyramid(frame), BRISK.motion, ALL_STATIC)[0]
@@ -165,7 +165,7 @@ def test_the_points_of_a_rolled_image_are_in_the_axes_of_the_camera_at_its_stamp
     assert np.percentile(off_planes_m(places), 80) < 3e-4
 
 
-def test_for_an_instant_shutter_the_velocity_does_not_matter() -> None:
+def test_with_a_global_shutter_the_velocity_does_not_matter() -> None:
     images = build_image_pyramid(render_view())
     for standing, moving in zip(
         select_points(images, STANDING, ALL_STATIC),

@@ -53,7 +53,7 @@ def fitted(**fit: float) -> DirectAlignment:
     return replace(GOOD, residual_model=changed)
 
 
-def test_a_good_alignment_is_accepted_and_lacks_nothing() -> None:
+def test_a_good_alignment_is_accepted_without_a_reason() -> None:
     assert rejection_reason(GOOD) == degradation_reason(GOOD) == ""
     assert is_consistent(GOOD.counts)
     assert outlier_score(GOOD) < 1.0
@@ -75,17 +75,17 @@ def test_a_good_alignment_is_accepted_and_lacks_nothing() -> None:
         (fitted(GAIN=9.0), "the brightness changed too much against the keyframe"),
     ],
 )
-def test_what_does_not_fit_is_rejected_and_reported(found: DirectAlignment, reason: str) -> None:
+def test_a_bad_fit_is_rejected_and_reported(found: DirectAlignment, reason: str) -> None:
     assert reason in rejection_reason(found)
 
 
-def test_brightness_that_does_not_count_is_not_rejected() -> None:
+def test_brightness_without_weight_does_not_reject() -> None:
     dark = replace(fitted(SIGMA_BRIGHTNESS=100.0, GAIN=9.0), cell_weights=depth_only_weights())
     assert rejection_reason(dark) == ""
     assert outlier_score(dark) < 1.0 < outlier_score(fitted(SIGMA_BRIGHTNESS=100.0))
 
 
-def test_what_it_has_to_do_without_is_reported() -> None:
+def test_missing_information_is_reported() -> None:
     assert "depth only" in degradation_reason(counted(WITH_BRIGHTNESS=0))
     assert "brightness only" in degradation_reason(counted(WITH_DEPTH=0))
 
@@ -94,7 +94,7 @@ def count_of(readings: Array) -> Array:
     return residuals.count_residuals(POINTS[0], readings, GOOD.residual_model, uniform_weights())
 
 
-def test_samples_are_counted_by_what_they_say() -> None:
+def test_samples_are_counted_by_their_state() -> None:
     counts = count_of(GOOD.samples)
     assert counts[residuals.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, columns.SAMPLE_CELL] >= 0)
     assert 0.9 * counts[residuals.WITH_DEPTH] < counts[residuals.DEPTH_AGREES]
@@ -102,7 +102,7 @@ def test_samples_are_counted_by_what_they_say() -> None:
     assert counts[residuals.DISREGARDED] == 0
 
 
-def test_a_hidden_point_is_not_counted_and_one_seen_through_disagrees() -> None:
+def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> None:
     before, within = count_of(GOOD.samples), GOOD.samples[:, columns.SAMPLE_CELL] < 16
     hidden, through = GOOD.samples.copy(), GOOD.samples.copy()
     for readings, sign in ((hidden, columns.OCCLUDED), (through, -columns.OCCLUDED)):
@@ -118,7 +118,7 @@ def test_a_hidden_point_is_not_counted_and_one_seen_through_disagrees() -> None:
     assert count_of(through)[residuals.COST] > before[residuals.COST]
 
 
-def test_points_agree_if_both_their_brightness_and_their_depth_do() -> None:
+def test_points_agree_if_both_brightness_and_depth_do() -> None:
     agreeing = residuals.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
     assert agreeing.mean() > 0.85
     for column, by in ((columns.SAMPLE_BRIGHTNESS, 200.0), (columns.SAMPLE_DEPTH_RESIDUAL, 0.05)):
@@ -135,7 +135,7 @@ def occluded(share: float) -> DirectAlignment:
     return replace(GOOD, samples=readings, counts=count_of(readings))
 
 
-def test_a_view_that_something_covers_is_not_accepted_however_well_the_rest_fits() -> None:
+def test_a_mostly_occluded_view_is_rejected_however_well_the_rest_fits() -> None:
     assert occlusion_reason(GOOD) == occlusion_reason(occluded(0.4)) == ""
     assert "of the view is occluded" in occlusion_reason(occluded(0.7))
     assert rejection_reason(occluded(0.7)) == ""
@@ -143,12 +143,12 @@ def test_a_view_that_something_covers_is_not_accepted_however_well_the_rest_fits
     assert occlusion_reason(unfit) == "70 % of the view is occluded"
 
 
-def test_a_view_that_is_covered_in_part_is_reported() -> None:
+def test_a_partly_occluded_view_is_reported() -> None:
     assert degradation_reason(occluded(0.1)) == ""
     assert "of the view is occluded" in degradation_reason(occluded(0.4))
 
 
-def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:
+def test_a_bad_fit_everywhere_scores_worse_than_a_good_fit_except_for_a_corner() -> None:
     in_image = GOOD.counts[residuals.IN_IMAGE]
     all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.residual_model[residuals.SIGMA_BRIGHTNESS])
     but_for_a_corner = counted(DISREGARDED=0.15 * in_image)
@@ -156,7 +156,7 @@ def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> 
     assert residual_score(GOOD) < residual_score(but_for_a_corner) < residual_score(all_over)
 
 
-def test_what_disregards_half_of_the_view_does_not_fit_better_for_it() -> None:
+def test_ignoring_half_of_the_view_does_not_improve_the_score() -> None:
     half = counted(DISREGARDED=0.5 * GOOD.counts[residuals.IN_IMAGE])
     better = 0.6 * GOOD.residual_model[[residuals.SIGMA_BRIGHTNESS, residuals.SIGMA_DEPTH]]
     assert residual_score(

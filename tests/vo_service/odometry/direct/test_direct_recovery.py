@@ -94,7 +94,7 @@ def T_world_of(found: TrackingResult) -> Array:
     return found.keyframe.T_world_keyframe @ inverse(found.alignment.T_camera_keyframe)
 
 
-def test_features_find_the_keyframes_that_are_in_view() -> None:
+def test_features_match_the_keyframes_in_view() -> None:
     observations = list(SEARCH.find_matches(looking(0.1, 1), [ASIDE, AHEAD]))
     assert AHEAD in [each.keyframe for each in observations]
     for each in observations:
@@ -102,7 +102,7 @@ def test_features_find_the_keyframes_that_are_in_view() -> None:
         assert_close(T_world_camera, turned(0.1), 0.02, 0.5)
 
 
-def test_features_find_nothing_where_nothing_was_seen() -> None:
+def test_features_match_nothing_in_an_unseen_view() -> None:
     random = np.random.default_rng(1)
     frame = looking(0.0)
     noise = replace(frame, color_bgr=random.integers(0, 256, frame.color_bgr.shape, np.uint8))
@@ -111,7 +111,7 @@ def test_features_find_nothing_where_nothing_was_seen() -> None:
 
 
 @pytest.mark.parametrize(("angle_rad", "keyframe"), [(-0.3, AHEAD), (0.85, ASIDE)])
-def test_a_camera_that_jumped_is_found_again(angle_rad: float, keyframe: DirectKeyframe) -> None:
+def test_a_camera_that_jumped_is_recovered(angle_rad: float, keyframe: DirectKeyframe) -> None:
     frame = looking(angle_rad, 1)
     assert first_try(frame).needs_recovery
     found = recovered(frame)
@@ -121,7 +121,7 @@ def test_a_camera_that_jumped_is_found_again(angle_rad: float, keyframe: DirectK
     assert found.keyframe is keyframe
 
 
-def test_a_motion_that_fits_well_enough_gives_way_to_one_that_fits_clearly_better() -> None:
+def test_a_good_motion_is_replaced_by_a_clearly_better_one() -> None:
     """Several similar places may fit after a while."""
     frame = looking(-0.3, 5)
     wrong = plausible(first_try(frame))
@@ -130,12 +130,12 @@ def test_a_motion_that_fits_well_enough_gives_way_to_one_that_fits_clearly_bette
     assert_close(T_world_of(searched(frame, wrong)), turned(-0.3), 0.003, 0.08)
 
 
-def test_a_motion_that_features_confirm_is_kept() -> None:
+def test_a_motion_confirmed_by_features_is_kept() -> None:
     right = at_home()
     assert searched(looking(0.0, 1), right) is right
 
 
-def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken() -> None:
+def test_of_two_matching_keyframes_the_one_with_the_valid_alignment_is_used() -> None:
     frame = looking(0.85, 1)
     in_use, other = SEARCH.find_matches(frame, [AHEAD, ASIDE])
     assert (in_use.keyframe, other.keyframe) == (AHEAD, ASIDE)
@@ -146,20 +146,20 @@ def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken()
     assert recovered(frame).keyframe is ASIDE
 
 
-def test_in_the_dark_depth_alone_is_tried() -> None:
+def test_in_darkness_depth_alone_is_tried() -> None:
     found = recovered(remove_color(looking(0.02, 1)))
     assert found.degradation.startswith("depth only: ")
     assert not found.alignment.uses_brightness
     assert_close(T_world_of(found), turned(0.02), 0.003, 0.1)
 
 
-def test_what_is_found_nowhere_stays_invalid() -> None:
+def test_a_failed_recovery_stays_invalid() -> None:
     found = recovered(looking(np.pi, 1))
     assert rejection_reason(found.alignment) != ""
     assert found.needs_recovery
 
 
-def test_a_jump_is_followed_without_a_restart() -> None:
+def test_a_jump_is_tracked_without_a_restart() -> None:
     angles_rad = [0.0, 0.02, 0.04, 0.4, 0.42, 0.0, 0.02]
     frames = [looking(a, k) for k, a in enumerate(angles_rad)]
     for angle_rad, estimate in zip(angles_rad, estimate_all(DirectOdometry(), frames), strict=True):
@@ -186,7 +186,7 @@ def test_a_first_keyframe_is_made_again_once_the_velocity_is_known() -> None:
     assert_close(T_world_of(found), BRISK.pose_at(1 / 30), 0.0007, 0.03)
 
 
-def test_what_is_drawn_lies_in_both_images() -> None:
+def test_debug_points_are_in_both_images() -> None:
     found = first_try(looking(0.01, 1))
     debug = make_tracking_debug(AHEAD, found.alignment)
     assert len(project_keyframe_points(AHEAD)) == -(-len(AHEAD.points[0]) // POINT_STRIDE)

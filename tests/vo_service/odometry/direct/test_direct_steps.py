@@ -27,12 +27,12 @@ def stages_of(frame: RgbdFrame, *before: RgbdFrame) -> list[str]:
     return stages.names
 
 
-def test_a_frame_that_fits_is_aligned_with_the_keyframe_and_no_more() -> None:
+def test_a_good_frame_is_aligned_only_with_the_keyframe() -> None:
     *before, frame = views(0.0, 1 / 30, 2 / 30)
     assert stages_of(frame, *before) == ["images", "align", "covariance"]
 
 
-def test_after_a_gap_features_are_asked_as_well_though_all_fits() -> None:
+def test_after_a_gap_features_are_also_matched() -> None:
     *before, frame = views(0.0, 1 / 30, 1 / 30 + 0.2)
     assert stages_of(frame, *before) == ["images", "align", "recovery", "covariance"]
 
@@ -45,7 +45,7 @@ def occluded(frame: RgbdFrame, share: float) -> RgbdFrame:
     return replace(frame, color_bgr=color, depth_raw=depth)
 
 
-def test_a_frame_of_which_most_is_covered_is_not_accepted_though_the_rest_fits() -> None:
+def test_a_mostly_occluded_frame_is_rejected_though_the_rest_fits() -> None:
     odometry, (*before, frame, after) = DirectOdometry(), views(0.0, 1 / 30, 2 / 30, 3 / 30)
     held = estimate_all(odometry, before)[-1].T_world_camera
     estimate = odometry.estimate(occluded(frame, 0.7))

@@ -13,12 +13,12 @@ FOUND = make_result(np.zeros(6), np.zeros(6))
 SURE = MotionUncertainty(np.eye(6), DegeneracyAnalysis(np.arange(4.0, 10.0), np.eye(6)))
 
 
-def test_the_observability_at_first_is_that_of_the_keyframes_first_view() -> None:
+def test_the_initial_observability_is_that_of_the_keyframes_first_view() -> None:
     track = DirectTrack(KEYFRAME, MOTION, np.eye(4))
     assert track.observability_at_start(FOUND, SURE) == SURE.observability == 4.0
     assert replace(track, initial_observability=9.0).observability_at_start(FOUND, SURE) == 9.0
 
 
-def test_a_keyframe_that_was_found_again_is_seen_for_the_first_time() -> None:
+def test_a_recovered_keyframe_has_a_new_first_view() -> None:
     track = DirectTrack(replace(KEYFRAME), MOTION, np.eye(4), initial_observability=9.0)
     assert track.observability_at_start(FOUND, SURE) == SURE.observability

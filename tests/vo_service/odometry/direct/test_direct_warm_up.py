@@ -36,7 +36,7 @@ KERNELS = [
 ]
 
 
-def test_every_stage_of_the_method_is_run_and_reported_and_has_a_budget() -> None:
+def test_every_stage_of_the_method_is_run_and_has_a_budget() -> None:
     stages: list[str] = []
     assert warm_up("direct", stages.append) > 0
     assert set(stages) == set(STAGE_BUDGETS_MS["direct"])
@@ -64,7 +64,7 @@ def all_that_may_happen() -> list[RgbdFrame]:
     ]
 
 
-def test_a_warm_method_compiles_nothing_more_for_real_frames() -> None:
+def test_a_warm_method_compiles_nothing_for_real_frames() -> None:
     warm_up("direct", lambda _: None)
     stages: list[str] = []
     before = compiled()

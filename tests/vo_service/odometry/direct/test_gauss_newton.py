@@ -13,20 +13,20 @@ MOTIONS = arrays(np.float64, 9, elements=st.floats(-1.0, 1.0, allow_subnormal=Fa
 
 @FEW
 @given(st.integers(0, 2**32 - 1), st.sampled_from([6, 15]))
-def test_a_positive_system_is_solved(seed: int, size: int) -> None:
+def test_a_positive_definite_system_is_solved(seed: int, size: int) -> None:
     random = np.random.default_rng(seed)
     A = random.normal(size=(size, 2 * size))
     A, b = A @ A.T, random.normal(size=size)
     np.testing.assert_allclose(solve_cholesky(A, b), np.linalg.solve(A, b), rtol=1e-6, atol=1e-9)
 
 
-def test_a_system_that_says_nothing_has_an_answer() -> None:
+def test_an_empty_system_has_a_solution() -> None:
     assert np.all(np.isfinite(solve_cholesky(np.zeros((6, 6)), np.zeros(6))))
 
 
 @FEW
 @given(MOTIONS, st.floats(1.0, 60.0), st.integers(0, 1000))
-def test_the_prior_is_the_square_of_how_far_motion_and_path_are_apart(
+def test_the_prior_is_the_squared_difference_of_motion_and_prediction(
     off: Array, rate_hz: float, seed: int
 ) -> None:
     """Its value is sum P (off + e - rate d)^2 for a step d of the pose and e of the motion.

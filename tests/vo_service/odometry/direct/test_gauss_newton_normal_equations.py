@@ -64,7 +64,7 @@ def change(column: int, direction: Array) -> Array:
 
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
-def test_depth_changes_as_its_jacobian_says(direction: Array) -> None:
+def test_depth_changes_as_its_jacobian_predicts(direction: Array) -> None:
     rows, counts = jacobians(POINT_DEPTH_GRADIENT, HAS_SHAPE)
     predicted, true = rows @ direction, change(SAMPLE_DEPTH_RESIDUAL, direction)
     counts = counts & np.isfinite(true)
@@ -73,7 +73,7 @@ def test_depth_changes_as_its_jacobian_says(direction: Array) -> None:
 
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
-def test_brightness_changes_as_its_jacobian_says(direction: Array) -> None:
+def test_brightness_changes_as_its_jacobian_predicts(direction: Array) -> None:
     rows, counts = jacobians(POINT_BRIGHTNESS_GRADIENT, HAS_TEXTURE)
     predicted, true = rows @ direction, change(SAMPLE_BRIGHTNESS, direction)
     counts = counts & np.isfinite(true)
@@ -121,7 +121,7 @@ def assert_alike(predicted: Array, true: Array, H: Array) -> None:
     assert off < 0.25 * np.linalg.norm(predicted / known)
 
 
-def test_with_an_instant_shutter_the_velocity_has_no_effect() -> None:
+def test_with_a_global_shutter_the_velocity_has_no_effect() -> None:
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
     H, g = expand_rolling_shutter(
         accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model()), 0.0, 0.0
@@ -131,7 +131,7 @@ def test_with_an_instant_shutter_the_velocity_has_no_effect() -> None:
     assert not g[6:].any()
 
 
-def test_cells_of_no_weight_have_no_effect() -> None:
+def test_cells_without_weight_have_no_effect() -> None:
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
     nothing = accumulate(POINTS[0], samples, 0.0 * uniform_weights(), initial_residual_model())
     by_depth, by_brightness = uniform_weights(), uniform_weights()
@@ -146,7 +146,7 @@ def test_cells_of_no_weight_have_no_effect() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_brightness_and_sigmas_are_found(seed: int) -> None:
+def test_brightness_and_sigmas_are_estimated(seed: int) -> None:
     random = np.random.default_rng(seed)
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
     n = len(samples)

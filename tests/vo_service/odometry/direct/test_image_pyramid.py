@@ -29,7 +29,7 @@ def test_a_pixel_of_a_smaller_image_is_the_mean_of_four() -> None:
     assert np.abs(build_image_pyramid(frame).gray[0] - mean).max() <= 0.5
 
 
-def test_a_place_has_the_same_ray_in_every_size() -> None:
+def test_a_pixel_has_the_same_ray_at_every_level() -> None:
     whole = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
     fx, fy, cx, cy = scale_intrinsics(whole, 2)
     # The first pixel of a quarter covers the first four, whose middle is 1.5.
@@ -40,7 +40,7 @@ def test_a_place_has_the_same_ray_in_every_size() -> None:
     np.testing.assert_array_equal(intrinsics[2], [fx, fy, cx, cy])
 
 
-def test_inverse_depth_is_zero_where_there_is_no_reading() -> None:
+def test_inverse_depth_is_zero_without_a_reading() -> None:
     frame = render_view()
     depth_raw = frame.depth_raw.copy()
     depth_raw[10:20] = 0
@@ -49,7 +49,7 @@ def test_inverse_depth_is_zero_where_there_is_no_reading() -> None:
     np.testing.assert_allclose(inverse_depth[30:] * frame.depth_m[30:], 1.0, rtol=1e-6)
 
 
-def test_images_whose_size_is_odd_lose_their_last_line() -> None:
+def test_images_of_odd_size_lose_their_last_row_and_column() -> None:
     frame = render_view()
     odd = replace(frame, color_bgr=frame.color_bgr[:-1, :-1], depth_raw=frame.depth_raw[:-1, :-1])
     images = build_image_pyramid(odd)
@@ -57,13 +57,13 @@ def test_images_whose_size_is_odd_lose_their_last_line() -> None:
     np.testing.assert_array_equal(images.gray[0], build_image_pyramid(frame).gray[0][:-1, :-1])
 
 
-def test_a_shutter_is_instant_only_if_both_images_are_of_one_instant() -> None:
+def test_a_shutter_is_global_only_if_both_images_have_one_time() -> None:
     assert build_image_pyramid(render_view()).shutter.is_instant
     assert not ImageTiming(0.02, 0.0).is_instant
     assert not ImageTiming(0.0, -0.01).is_instant
 
 
-def test_light_is_compared_within_what_is_accepted_of_it() -> None:
+def test_brightness_is_compared_only_within_its_valid_range() -> None:
     frame, brighter = render_sequence(STILL, 2)
     bright = build_image_pyramid(change_lighting(brighter, 1.4))
     assert bright.brightness_ratio(build_image_pyramid(frame)) == pytest.approx(1.4, rel=0.03)

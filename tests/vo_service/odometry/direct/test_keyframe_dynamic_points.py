@@ -68,19 +68,19 @@ EMPTY = keyframe_at(np.eye(4))
 
 
 @pytest.mark.parametrize("T", [np.eye(4), aside(ASIDE_M), turned(0.1)])
-def test_what_came_before_a_wall_that_was_seen_is_left_out(T: Array) -> None:
+def test_an_object_in_front_of_a_seen_wall_is_removed(T: Array) -> None:
     of_thing, of_room = parts_kept(keyframe_at(T, (150, 230), 1), [EMPTY])
     assert of_thing == 0.0
     assert of_room > 0.8
 
 
 @pytest.mark.parametrize("T", [np.eye(4), aside(0.2), turned(0.2), turned(-0.2)])
-def test_a_room_in_which_nothing_moves_is_kept(T: Array) -> None:
+def test_a_static_room_is_kept(T: Array) -> None:
     _, of_room = parts_kept(keyframe_at(T, seed=1), [EMPTY])
     assert of_room > 0.97
 
 
-def test_an_object_that_stays_is_kept_though_it_hides_other_parts_of_the_wall() -> None:
+def test_a_static_object_is_kept_though_it_occludes_other_parts_of_the_wall() -> None:
     before = keyframe_at(np.eye(4), (150, 230))
     moved_on = keyframe_at(aside(ASIDE_M), (150 - PARALLAX_PX, 230 - PARALLAX_PX), 1)
     of_thing, of_room = parts_kept(moved_on, [before])
@@ -88,7 +88,7 @@ def test_an_object_that_stays_is_kept_though_it_hides_other_parts_of_the_wall() 
     assert of_room > 0.9
 
 
-def test_what_comes_from_outside_has_to_be_seen_by_another_first() -> None:
+def test_an_object_from_outside_must_first_be_seen_by_another_keyframe() -> None:
     coming = keyframe_at(turned(0.2), (270, 320), 1)
     assert parts_kept(coming, [EMPTY])[0] == 0.0
     of_thing, of_room = parts_kept(keyframe_at(turned(0.2), (270, 320), 2), [EMPTY, coming])
@@ -96,26 +96,26 @@ def test_what_comes_from_outside_has_to_be_seen_by_another_first() -> None:
     assert of_room > 0.95
 
 
-def test_who_was_there_first_is_accepted() -> None:
+def test_an_object_that_was_there_first_is_accepted() -> None:
     came, still_there = (keyframe_at(np.eye(4), (150, 230), seed) for seed in (1, 2))
     assert parts_kept(still_there, [EMPTY, came])[0] == 0.0
     assert parts_kept(still_there, [came])[0] > 0.9
 
 
-def test_all_is_kept_where_others_know_little_of_the_view() -> None:
+def test_all_points_are_kept_if_other_keyframes_see_little_of_the_view() -> None:
     elsewhere = keyframe_at(turned(2.0))
     assert remove_dynamic_points(EMPTY, [elsewhere]) is EMPTY
     assert remove_dynamic_points(EMPTY, []) is EMPTY
 
 
-def test_a_camera_that_came_back_with_smaller_images_is_compared_all_the_same() -> None:
+def test_a_camera_with_smaller_images_after_reconnecting_is_compared() -> None:
     small = PinholeCamera(160, 120, 145.0, 145.0, 79.5, 59.5)
     frame = add_noise(render_view(camera=small), 1)
     half = make_keyframe(frame, build_image_pyramid(frame), np.eye(4), zero_motion(), ALL_STATIC)
     assert parts_kept(half, [EMPTY])[1] > 0.9
 
 
-def test_a_frame_that_becomes_the_next_keyframe_has_no_points_of_what_came() -> None:
+def test_a_new_keyframe_has_no_points_on_the_dynamic_object() -> None:
     frame = add_noise(with_object(render_view(), 150, 230), 1)
     images, local_map = build_image_pyramid(frame), LocalMap()
     local_map.reset(EMPTY)

@@ -81,13 +81,13 @@ def tracked_at(angle_rad: float) -> TrackedFrame:
     return TrackedFrame(frame, images, found, way, is_well_constrained=True)
 
 
-def test_a_camera_that_has_not_moved_sees_all_of_its_keyframe() -> None:
+def test_an_unmoved_camera_sees_all_of_its_keyframe() -> None:
     seen_all = compute_overlap(AHEAD, np.eye(4))
     assert seen_all.share == 1.0
     assert seen_all.flow_px == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_turned_camera_sees_the_part_that_it_still_points_at() -> None:
+def test_a_rotated_camera_sees_the_remaining_part() -> None:
     half = compute_overlap(AHEAD, inverse(turned(0.5)))
     assert half.share == pytest.approx(0.5, abs=0.12)
     small = compute_overlap(AHEAD, inverse(turned(0.02)))
@@ -95,7 +95,7 @@ def test_a_turned_camera_sees_the_part_that_it_still_points_at() -> None:
     assert compute_overlap(AHEAD, inverse(turned(np.pi))).share == 0.0
 
 
-def test_the_map_shows_first_what_is_seen_most_of() -> None:
+def test_the_map_returns_the_keyframe_with_the_largest_overlap_first() -> None:
     local_map, aside = LocalMap(), keyframe_at(0.4)
     local_map.reset(AHEAD)
     local_map.add(aside)
@@ -103,7 +103,7 @@ def test_the_map_shows_first_what_is_seen_most_of() -> None:
     assert [k for k, _ in local_map.rank_by_overlap(turned(0.45))] == [aside, AHEAD]
 
 
-def test_the_map_forgets_what_was_longest_out_of_use() -> None:
+def test_the_map_drops_the_least_recently_used_keyframe() -> None:
     local_map = LocalMap()
     many = [replace(AHEAD) for _ in range(MAX_KEYFRAMES + 1)]
     local_map.reset(many[0])
@@ -116,7 +116,7 @@ def test_the_map_forgets_what_was_longest_out_of_use() -> None:
     assert local_map.keyframes == [many[3]]
 
 
-def test_the_next_keyframe_is_due_when_the_last_goes_out_of_view() -> None:
+def test_a_new_keyframe_is_needed_when_the_last_goes_out_of_view() -> None:
     assert not needs_keyframe(tracked_at(0.03), *CLEAR)
     assert needs_keyframe(tracked_at(0.35), *CLEAR)
 
@@ -125,7 +125,7 @@ def test_the_next_keyframe_is_due_when_the_last_goes_out_of_view() -> None:
     ("turn_rad", "after_s", "expected"),
     [(0.17, 1 / 30, False), (0.17, 0.3, True), (0.14, 0.3, False)],
 )
-def test_where_frames_come_rarely_the_next_keyframe_is_due_sooner(
+def test_at_a_low_rate_a_new_keyframe_is_needed_sooner(
     turn_rad: float, after_s: float, expected: bool
 ) -> None:
     """The flow is 53 of 70 pixels, or 44: the next frame may be far away."""
@@ -139,13 +139,13 @@ def test_where_frames_come_rarely_the_next_keyframe_is_due_sooner(
     [(4.0, 9.0, True), (5.0, 9.0, False), (6.1, 20.0, False), (2.9, 9.0, False)],
     ids=["half as clear", "nearly as clear", "clear enough", "too plain to stand on"],
 )
-def test_the_next_keyframe_is_due_while_the_view_is_still_clear(
+def test_a_new_keyframe_is_needed_while_the_view_is_still_unoccluded(
     observability: float, at_first: float, expected: bool
 ) -> None:
     assert needs_keyframe(tracked_at(0.03), observability, at_first) is expected
 
 
-def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:
+def test_a_frame_far_from_all_keyframes_becomes_a_keyframe() -> None:
     tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
     chosen = select(tracked, local_map)
@@ -156,7 +156,7 @@ def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:
 
 # The flow is 31 and 53 pixels; the next keyframe is due at a flow of 70.
 @pytest.mark.parametrize(("beside_rad", "is_near"), [(0.1, True), (0.17, False)])
-def test_an_older_keyframe_that_is_near_is_used_again(beside_rad: float, is_near: bool) -> None:
+def test_a_near_older_keyframe_is_reused(beside_rad: float, is_near: bool) -> None:
     local_map, aside = LocalMap(), keyframe_at(0.35 - beside_rad, 7)
     local_map.reset(aside)
     local_map.add(AHEAD)
@@ -165,7 +165,7 @@ def test_an_older_keyframe_that_is_near_is_used_again(beside_rad: float, is_near
     assert local_map.keyframes == ([AHEAD, aside] if is_near else [aside, AHEAD, chosen])
 
 
-def test_a_frame_without_depth_is_no_keyframe() -> None:
+def test_a_frame_without_depth_becomes_no_keyframe() -> None:
     tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
     blind = remove_depth(tracked.frame)
@@ -175,7 +175,7 @@ def test_a_frame_without_depth_is_no_keyframe() -> None:
     assert local_map.keyframes == [AHEAD]
 
 
-def test_no_keyframe_is_made_while_much_of_the_view_is_covered() -> None:
+def test_no_keyframe_is_made_while_the_view_is_mostly_occluded() -> None:
     tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
     readings = tracked.result.alignment.samples.copy()
@@ -186,7 +186,7 @@ def test_no_keyframe_is_made_while_much_of_the_view_is_covered() -> None:
     assert local_map.keyframes == [AHEAD]
 
 
-def test_several_keyframes_settle_a_frame_better_than_a_wrong_start() -> None:
+def test_several_keyframes_correct_a_wrong_initial_pose() -> None:
     """All keyframes agree on the truth, which a slightly wrong pose converges to."""
     found, images = align_at(0.2)
     wrong = rigid_transform(so3_exp([0.002, -0.001, 0.001]), [3e-3, -2e-3, 2e-3])
@@ -195,7 +195,7 @@ def test_several_keyframes_settle_a_frame_better_than_a_wrong_start() -> None:
     assert_close(inverse(T), turned(0.2), 0.0015, 0.04)
 
 
-def test_a_keyframe_that_does_not_agree_has_no_effect() -> None:
+def test_an_inconsistent_keyframe_has_no_effect() -> None:
     found, images = align_at(0.2)
     misplaced = replace(keyframe_at(0.3, 3), T_world_keyframe=turned(0.1))
     T = align_jointly(AHEAD, [misplaced], images, found.alignment)
@@ -204,7 +204,7 @@ def test_a_keyframe_that_does_not_agree_has_no_effect() -> None:
     assert_close(inverse(T), turned(0.2), 0.002, 0.05)
 
 
-def test_before_the_next_keyframe_those_in_view_are_used() -> None:
+def test_before_a_new_keyframe_those_in_view_are_used() -> None:
     tracked, local_map = tracked_at(0.3), LocalMap()
     local_map.reset(keyframe_at(0.25, 3))
     local_map.add(AHEAD)
@@ -217,13 +217,13 @@ def test_before_the_next_keyframe_those_in_view_are_used() -> None:
     assert not np.array_equal(alone.result.T_world_camera, refined.result.T_world_camera)
 
 
-def test_a_degenerate_view_is_left_where_it_was_extrapolated_to() -> None:
+def test_a_degenerate_view_keeps_its_extrapolated_pose() -> None:
     plain, local_map = replace(tracked_at(0.3), is_well_constrained=False), LocalMap()
     local_map.reset(keyframe_at(0.25, 3))
     assert refine(None, plain, local_map) == (plain, plain)
 
 
-def test_a_rolling_frame_is_aligned_with_several_keyframes_too() -> None:
+def test_a_rolling_shutter_frame_is_aligned_with_several_keyframes() -> None:
     hand = MovingCamera(BRISK.velocity, turned(0.2))
     images = build_image_pyramid(render_view(hand, readout_s=0.02, skew_s=0.01, planes=CORNER))
     prior = STATIC_PRIOR._replace(information=np.full(9, 1e-3))

@@ -81,7 +81,7 @@ def now() -> TrackedFrame:
     return good_frame(FRAME_S)
 
 
-def test_poses_around_a_frame_show_its_motion_better_than_its_own_rows(
+def test_neighboring_poses_give_a_better_motion_than_the_frames_own_rows(
     before: TrackedFrame, now: TrackedFrame
 ) -> None:
     estimated = estimate_previous_motion(before, now)
@@ -92,7 +92,7 @@ def test_poses_around_a_frame_show_its_motion_better_than_its_own_rows(
         assert np.linalg.norm(off[part]) < 0.5 * np.linalg.norm(off_alone[part])
 
 
-def test_the_next_keyframe_is_the_frame_before_and_this_one_goes_with_it(
+def test_the_previous_frame_becomes_the_keyframe_and_the_current_one_is_aligned_with_it(
     before: TrackedFrame, now: TrackedFrame
 ) -> None:
     estimated, local_map = estimate_previous_motion(before, now), LocalMap()
@@ -116,11 +116,11 @@ def test_the_next_keyframe_is_the_frame_before_and_this_one_goes_with_it(
     )
 
 
-def test_an_instant_shutter_needs_no_motion() -> None:
+def test_a_global_shutter_needs_no_motion() -> None:
     assert estimate_previous_motion(good_frame(0.0, 0.0), good_frame(FRAME_S, 0.0)) is None
 
 
-def test_a_frame_with_none_before_it_has_no_motion(now: TrackedFrame) -> None:
+def test_the_first_frame_has_no_motion(now: TrackedFrame) -> None:
     assert estimate_previous_motion(None, now) is None
 
 
@@ -137,7 +137,7 @@ def test_a_frame_with_none_before_it_has_no_motion(now: TrackedFrame) -> None:
         "at once now",
     ],
 )
-def test_poses_that_are_not_alike_show_nothing(
+def test_poses_with_different_covariance_give_no_motion(
     before: TrackedFrame, now: TrackedFrame, odd: str
 ) -> None:
     state = before.motion_state
@@ -165,6 +165,6 @@ def test_poses_that_are_not_alike_show_nothing(
     assert estimate_previous_motion(befores.get(odd, before), nows.get(odd, now)) is None
 
 
-def test_what_is_known_of_the_lens_is_taken_along(now: TrackedFrame) -> None:
+def test_the_vignetting_estimate_is_kept(now: TrackedFrame) -> None:
     assert now.with_vignetting(0.2).images.vignetting == 0.2
     assert now.with_vignetting(0.2).result is now.result

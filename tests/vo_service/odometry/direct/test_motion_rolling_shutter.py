@@ -28,7 +28,7 @@ X, Y, Z = POINT = np.array([0.4, -0.3, 1.7])
 
 @FEW
 @given(TWISTS, TWISTS)
-def test_the_cameras_velocity_is_minus_that_of_the_motion_in_its_own_axes(
+def test_the_camera_velocity_is_the_negative_of_the_motion_in_its_axes(
     twist: Array, velocity: Array
 ) -> None:
     T_camera_keyframe = series_exponential(twist)
@@ -39,7 +39,7 @@ def test_the_cameras_velocity_is_minus_that_of_the_motion_in_its_own_axes(
 
 @FEW
 @given(TWISTS, MOTIONS)
-def test_a_motion_is_the_same_in_other_axes_and_back(twist: Array, motion_9: Array) -> None:
+def test_a_motion_changes_frame_and_back_unchanged(twist: Array, motion_9: Array) -> None:
     T = series_exponential(twist)
     there = change_frame(motion_9, inverse(T))
     np.testing.assert_allclose(body_motion(T, -there), motion_9, atol=1e-12)
@@ -47,7 +47,7 @@ def test_a_motion_is_the_same_in_other_axes_and_back(twist: Array, motion_9: Arr
     assert np.linalg.norm(acceleration) == pytest.approx(np.linalg.norm(motion_9[6:]))
 
 
-def test_the_velocity_is_that_of_the_camera_that_moves() -> None:
+def test_the_velocity_is_that_of_the_moving_camera() -> None:
     """T_camera_keyframe(t) = T exp(t velocity): its own twist is a difference in time."""
     T, velocity, step_s = (
         inverse(BRISK.pose_at(0.7)),
@@ -62,7 +62,7 @@ def test_the_velocity_is_that_of_the_camera_that_moves() -> None:
 
 
 @pytest.mark.parametrize("delay_s", [-0.012, -0.005, 0.006, 0.012])
-def test_a_point_is_where_a_trembling_camera_sees_it_later(delay_s: float) -> None:
+def test_a_point_is_warped_by_an_accelerated_motion(delay_s: float) -> None:
     (exact,) = transform_points(inverse(SHAKING.pose_at(delay_s)), POINT[None])
     there = propagate_point(SHAKING.motion, X, Y, Z, delay_s)
     without = propagate_point(constant_velocity_motion(SHAKING.velocity), X, Y, Z, delay_s)
@@ -71,7 +71,7 @@ def test_a_point_is_where_a_trembling_camera_sees_it_later(delay_s: float) -> No
 
 
 @pytest.mark.parametrize("early_s", [-0.012, 0.012])
-def test_what_was_seen_at_another_time_is_brought_back(early_s: float) -> None:
+def test_a_later_row_is_transformed_back(early_s: float) -> None:
     ((x, y, z),) = transform_points(inverse(SHAKING.pose_at(early_s)), POINT[None])
     back = propagate_point(propagate_motion(SHAKING.motion, early_s), x, y, z, -early_s)
     np.testing.assert_allclose(back, POINT, atol=3e-5)
@@ -81,7 +81,7 @@ def test_what_was_seen_at_another_time_is_brought_back(early_s: float) -> None:
 
 @FEW
 @given(TWISTS, TWISTS)
-def test_three_poses_on_the_path_of_a_constant_twist_show_it(start: Array, velocity: Array) -> None:
+def test_three_poses_with_a_constant_twist_give_it(start: Array, velocity: Array) -> None:
     stamps_s = (10.0, 10.03, 10.07)
     T = series_exponential(start)
     before, now, after = (T @ series_exponential(t * velocity) for t in stamps_s)
@@ -90,7 +90,7 @@ def test_three_poses_on_the_path_of_a_constant_twist_show_it(start: Array, veloc
 
 
 @pytest.mark.parametrize("until_s", [0.03, 0.05])
-def test_three_poses_of_a_hand_that_turns_ever_faster_show_its_acceleration(until_s: float) -> None:
+def test_three_poses_with_an_angular_acceleration_give_it(until_s: float) -> None:
     turning = np.array([0.3, -0.4, 0.5])
     hand = MovingCamera(np.concatenate([np.zeros(3), turning]), acceleration_rad_s2=20.0 * turning)
     stamps_s = (-0.03, 0.0, until_s)

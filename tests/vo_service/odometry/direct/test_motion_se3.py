@@ -29,7 +29,7 @@ def twists(draw: st.DrawFn) -> Array:
 
 @FEW
 @given(twists())
-def test_the_exponential_is_that_of_the_matrix(twist: Array) -> None:
+def test_the_exponential_is_the_matrix_exponential(twist: Array) -> None:
     T = se3_exp(twist)
     assert is_rigid(T)
     np.testing.assert_allclose(T, series_exponential(twist), atol=1e-12)
@@ -37,14 +37,14 @@ def test_the_exponential_is_that_of_the_matrix(twist: Array) -> None:
 
 @FEW
 @given(twists())
-def test_a_twist_turns_as_its_rotation_vector_does(twist: Array) -> None:
+def test_a_twist_rotates_by_its_rotation_vector(twist: Array) -> None:
     R = so3_exp(twist[3:])
     np.testing.assert_allclose(se3_exp(twist)[:3, :3], R, atol=1e-14)
 
 
 @FEW
 @given(twists())
-def test_the_logarithm_undoes_the_exponential(twist: Array) -> None:
+def test_the_logarithm_inverts_the_exponential(twist: Array) -> None:
     # Near half a turn the axis is known from a difference that vanishes.
     left_rad = np.pi - float(np.linalg.norm(twist[3:]))
     np.testing.assert_allclose(se3_log(se3_exp(twist)), twist, atol=1e-9 / left_rad)
@@ -52,37 +52,35 @@ def test_the_logarithm_undoes_the_exponential(twist: Array) -> None:
 
 @FEW
 @given(VECTORS)
-def test_without_a_turn_a_twist_is_the_path(translation_m: Array) -> None:
+def test_a_twist_without_rotation_is_a_translation(translation_m: Array) -> None:
     T = rigid_transform(np.eye(3), translation_m)
     np.testing.assert_array_equal(se3_exp(np.concatenate([translation_m, np.zeros(3)])), T)
     np.testing.assert_array_equal(se3_log(T), np.concatenate([translation_m, np.zeros(3)]))
 
 
 @pytest.mark.parametrize("angle_rad", [np.pi - 1e-6, np.pi - 1e-9])
-def test_nearly_half_a_turn_is_still_one(angle_rad: float) -> None:
+def test_a_rotation_near_half_a_turn_is_exact(angle_rad: float) -> None:
     twist = np.array([0.3, -0.2, 0.5, 0.6 * angle_rad, 0.0, 0.8 * angle_rad])
     np.testing.assert_allclose(se3_exp(se3_log(se3_exp(twist))), se3_exp(twist), atol=1e-6)
 
 
 @FEW
 @given(twists(), twists())
-def test_the_product_is_that_of_the_matrices(a: Array, b: Array) -> None:
+def test_the_product_is_the_matrix_product(a: Array, b: Array) -> None:
     A, B = se3_exp(a), se3_exp(b)
     np.testing.assert_allclose(compose(A, B), A @ B, atol=1e-13)
 
 
 @FEW
 @given(twists())
-def test_a_constant_twist_over_half_the_time_is_half_the_path(twist: Array) -> None:
+def test_a_constant_twist_over_half_the_time_is_half_the_motion(twist: Array) -> None:
     half = se3_exp(0.5 * twist)
     np.testing.assert_allclose(compose(half, half), se3_exp(twist), atol=1e-12)
 
 
 @FEW
 @given(VECTORS, VECTORS)
-def test_the_first_instant_of_a_twist_is_its_velocity(
-    velocity_m_s: Array, turn_rad_s: Array
-) -> None:
+def test_the_derivative_at_zero_is_the_twist(velocity_m_s: Array, turn_rad_s: Array) -> None:
     twist, step_s = np.concatenate([velocity_m_s, turn_rad_s]), 1e-7
     rate = (se3_exp(step_s * twist) - np.eye(4)) / step_s
     np.testing.assert_allclose(rate[:3, :3], skew_matrix(turn_rad_s), atol=1e-5)
@@ -91,7 +89,7 @@ def test_the_first_instant_of_a_twist_is_its_velocity(
 
 @FEW
 @given(twists(), VECTORS)
-def test_a_point_is_carried_as_by_the_matrix(twist: Array, point: Array) -> None:
+def test_a_point_is_transformed_as_by_the_matrix(twist: Array, point: Array) -> None:
     T = se3_exp(twist)
     expected = T[:3, :3] @ point + T[:3, 3]
     np.testing.assert_allclose(transform_point(T, *point), expected, atol=1e-12)

@@ -20,14 +20,14 @@ T_WORLD_KEYFRAME = BRISK.pose_at(-0.3)
 MOTION_STATE = MotionState(BRISK.pose_at(1.0), BRISK.velocity, 1.0, (1.1, -5.0), 120.0)
 
 
-def test_it_begins_where_the_motion_goes_on_and_where_it_stops() -> None:
+def test_initial_guesses_are_constant_velocity_and_rest() -> None:
     moving, standing = MOTION_STATE.initial_guesses(T_WORLD_KEYFRAME, 1.1)
     np.testing.assert_allclose(moving, inverse(BRISK.pose_at(1.1)) @ T_WORLD_KEYFRAME, atol=1e-12)
     np.testing.assert_allclose(standing, inverse(BRISK.pose_at(1.0)) @ T_WORLD_KEYFRAME, atol=1e-12)
 
 
 @pytest.mark.parametrize("stamp_s", [5.0, 1.0, 0.2])
-def test_after_a_long_time_or_none_nothing_is_predicted(stamp_s: float) -> None:
+def test_after_a_long_time_nothing_is_predicted(stamp_s: float) -> None:
     (only,) = MOTION_STATE.initial_guesses(T_WORLD_KEYFRAME, stamp_s)
     np.testing.assert_allclose(only, inverse(BRISK.pose_at(1.0)) @ T_WORLD_KEYFRAME, atol=1e-12)
     prior = MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, stamp_s)
@@ -35,12 +35,12 @@ def test_after_a_long_time_or_none_nothing_is_predicted(stamp_s: float) -> None:
     assert np.all(prior.information < MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, 1.03).information)
 
 
-def test_after_a_few_frames_without_a_pose_the_camera_may_be_elsewhere() -> None:
+def test_after_a_few_frames_without_a_pose_the_prediction_is_uncertain() -> None:
     assert not MOTION_STATE.is_stale(1.0 + 2 / 30)
     assert MOTION_STATE.is_stale(1.0 + 1 / 6)
 
 
-def test_the_velocity_is_expected_to_stay_in_the_keyframes_axes() -> None:
+def test_the_velocity_is_predicted_in_the_keyframe_axes() -> None:
     prior = MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, 1.05)
     T_keyframe_last = inverse(T_WORLD_KEYFRAME) @ BRISK.pose_at(1.0)
     np.testing.assert_allclose(prior.T_keyframe_last, T_keyframe_last, atol=1e-12)
@@ -50,7 +50,7 @@ def test_the_velocity_is_expected_to_stay_in_the_keyframes_axes() -> None:
     )
 
 
-def test_a_camera_whose_velocity_changes_is_shaking_and_calms_down_again() -> None:
+def test_velocity_changes_increase_the_velocity_noise_and_it_decays() -> None:
     calm = replace(MOTION_STATE, velocity_noise=np.zeros(2))
     np.testing.assert_array_equal(calm.update_velocity_noise(MOTION_STATE.velocity), [0.0, 0.0])
     jolted = calm.update_velocity_noise(
@@ -61,7 +61,7 @@ def test_a_camera_whose_velocity_changes_is_shaking_and_calms_down_again() -> No
     assert 0.0 < after[0] < jolted[0]
 
 
-def test_the_first_change_is_no_velocity_noise_beyond_the_usual() -> None:
+def test_the_first_change_is_not_velocity_noise() -> None:
     assert np.isinf(MOTION_STATE.velocity_noise).all()
     standing = MOTION_STATE.update_velocity_noise(MOTION_STATE.velocity)
     np.testing.assert_array_equal(standing, [0.0, 0.0])
@@ -70,7 +70,7 @@ def test_the_first_change_is_no_velocity_noise_beyond_the_usual() -> None:
     assert np.all(moving > np.array(VELOCITY_SIGMA))
 
 
-def test_innovation_is_reported_at_once_and_fades() -> None:
+def test_innovation_increases_at_once_and_decays() -> None:
     jolted = replace(
         MOTION_STATE, normalized_innovation=MOTION_STATE.update_normalized_innovation(9.0)
     )
@@ -86,7 +86,7 @@ def known_velocity(noise: float) -> Array:
     )
 
 
-def test_the_velocity_of_a_calm_camera_is_better_known_but_never_for_certain() -> None:
+def test_a_calm_camera_has_a_smaller_but_limited_velocity_covariance() -> None:
     usual, calm, dead = known_velocity(10.0), known_velocity(0.01), known_velocity(0.0)
     np.testing.assert_allclose(usual[:6], np.repeat(np.array(VELOCITY_SIGMA) ** -2, 3))
     assert np.all(usual < calm)
@@ -94,7 +94,7 @@ def test_the_velocity_of_a_calm_camera_is_better_known_but_never_for_certain() -
     assert np.isfinite(dead).all()
 
 
-def test_calm_says_nothing_of_the_velocity_after_a_long_time() -> None:
+def test_calm_is_ignored_after_a_long_time() -> None:
     calm = replace(MOTION_STATE, velocity_noise=np.zeros(2))
     after = calm.motion_prior(T_WORLD_KEYFRAME, 5.0).information
     np.testing.assert_array_equal(
@@ -102,7 +102,7 @@ def test_calm_says_nothing_of_the_velocity_after_a_long_time() -> None:
     )
 
 
-def test_it_goes_on_from_the_next_good_frame() -> None:
+def test_prediction_continues_from_the_next_good_frame() -> None:
     images = build_image_pyramid(render_view())
     there = MOTION_STATE.advance(BRISK.pose_at(1.1), BRISK.velocity, images, (1.2, 0.0), 0.7, 1.05)
     assert there.stamp_s == images.stamp_s
@@ -125,14 +125,16 @@ def test_it_goes_on_from_the_next_good_frame() -> None:
         (1.0, 0.95, False),
     ],
 )
-def test_a_view_is_held_for_a_moment(held_s: float, stamp_s: float, is_held: bool) -> None:
+def test_a_degenerate_view_is_extrapolated_for_a_moment(
+    held_s: float, stamp_s: float, is_held: bool
+) -> None:
     assert (
         replace(MOTION_STATE, well_constrained_stamp_s=held_s).is_recently_constrained(stamp_s)
         is is_held
     )
 
 
-def test_it_was_extrapolated_if_the_last_good_frame_did_not_hold_it() -> None:
+def test_a_pose_is_extrapolated_if_the_last_good_frame_was_degenerate() -> None:
     assert not replace(MOTION_STATE, well_constrained_stamp_s=1.0).is_extrapolated
     assert replace(MOTION_STATE, well_constrained_stamp_s=0.9).is_extrapolated
 
@@ -143,14 +145,14 @@ def expected_light(gain: float) -> Array:
     return np.array(way.predict_affine_brightness(images))
 
 
-def test_light_stays_as_it_was_unless_it_changed_at_once() -> None:
+def test_affine_brightness_is_kept_unless_it_changed_at_once() -> None:
     np.testing.assert_array_equal(expected_light(1.02), MOTION_STATE.affine_brightness)
     np.testing.assert_allclose(
         expected_light(0.5), 0.5 * np.array(MOTION_STATE.affine_brightness), rtol=0.05
     )
 
 
-def test_a_velocity_surprises_by_how_much_more_than_of_late_it_has_changed() -> None:
+def test_the_innovation_ratio_is_relative_to_recent_changes() -> None:
     agitated = replace(MOTION_STATE, velocity_noise=np.array([0.1, 0.1]))
     faster = MOTION_STATE.velocity + np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
     assert MOTION_STATE.innovation_ratio(MOTION_STATE.velocity, 1.03) == 0.0
@@ -160,5 +162,5 @@ def test_a_velocity_surprises_by_how_much_more_than_of_late_it_has_changed() -> 
     )
 
 
-def test_after_a_long_time_no_velocity_surprises() -> None:
+def test_after_a_long_time_there_is_no_innovation_ratio() -> None:
     assert MOTION_STATE.innovation_ratio(MOTION_STATE.velocity + 1.0, 2.0) == 0.0

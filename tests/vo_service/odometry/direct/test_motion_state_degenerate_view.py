@@ -37,7 +37,7 @@ def fuse(
     return fuse_with_prediction(make_result(OFF, FASTER), uncertainty, way, STAMP_S)
 
 
-def test_what_is_open_goes_on_as_before_and_the_rest_is_as_found() -> None:
+def test_unconstrained_directions_are_predicted_and_the_others_measured() -> None:
     found, _ = fuse(np.where(OPEN, UNSURE, SURE))
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(np.where(OPEN, 0.0, OFF))
     np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-5)
@@ -45,7 +45,7 @@ def test_what_is_open_goes_on_as_before_and_the_rest_is_as_found() -> None:
     np.testing.assert_allclose(found.alignment.camera_velocity, velocity, atol=1e-5)
 
 
-def test_what_is_but_noise_goes_on_as_before_and_is_reported() -> None:
+def test_directions_with_only_noise_are_predicted_and_reported() -> None:
     found, uncertainty = fuse(np.full(6, SURE), np.where(OPEN, 1.0, 1e12))
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(np.where(OPEN, 0.0, OFF))
     np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-5)
@@ -58,14 +58,14 @@ def test_what_is_but_noise_goes_on_as_before_and_is_reported() -> None:
     )
 
 
-def test_what_is_as_sure_as_what_was_expected_goes_halfway() -> None:
+def test_equal_uncertainties_are_averaged() -> None:
     found, uncertainty = fuse(STRAYED)
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(0.5 * OFF)
     np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-9)
     np.testing.assert_allclose(uncertainty.covariance, np.diag(0.5 * STRAYED**2), atol=1e-12)
 
 
-def test_the_longer_ago_the_camera_was_held_the_more_counts_what_is_found() -> None:
+def test_the_older_the_last_constrained_view_the_more_weight_has_the_measurement() -> None:
     held_of_late, _ = fuse(STRAYED)
     held_long_ago, _ = fuse(
         STRAYED, way=replace(MOTION, well_constrained_stamp_s=MOTION.well_constrained_stamp_s - 0.3)
@@ -79,7 +79,7 @@ def test_the_longer_ago_the_camera_was_held_the_more_counts_what_is_found() -> N
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32 - 1))
-def test_it_is_as_sure_as_both_together(seed: int) -> None:
+def test_the_information_is_the_sum_of_both(seed: int) -> None:
     A = np.random.default_rng(seed).normal(scale=0.01, size=(6, 6))
     covariance = A @ A.T + 1e-8 * np.eye(6)
     uncertainty = MotionUncertainty(covariance, DegeneracyAnalysis(CLEAR, np.eye(6)))

@@ -25,7 +25,7 @@ def filter_pose(
     return found, *alpha_beta_filter(found, SIGMA**2 * np.eye(6), way, stamp_s)
 
 
-def test_what_lies_within_its_noise_hardly_moves_a_calm_camera() -> None:
+def test_a_calm_camera_is_hardly_moved_by_noise() -> None:
     _, calm, innovation = filter_pose(1.0)
     assert innovation == pytest.approx(np.mean((OFF / SIGMA) ** 2))
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(MIN_POSE_GAIN * OFF)
@@ -35,23 +35,23 @@ def test_what_lies_within_its_noise_hardly_moves_a_calm_camera() -> None:
     assert 0.0 < filter_gains(innovation)[1] < MIN_POSE_GAIN
 
 
-def test_what_is_beyond_its_noise_is_taken_as_it_was_found() -> None:
+def test_an_innovation_beyond_the_noise_is_used_fully() -> None:
     found, taken, _ = filter_pose(6.0)
     assert taken is found
 
 
-def test_a_camera_that_was_shaking_of_late_is_not_calm_yet() -> None:
+def test_a_recently_shaking_camera_is_not_calm() -> None:
     found, taken, innovation = filter_pose(1.0, replace(MOTION, normalized_innovation=4.0))
     assert taken is found
     assert 1.0 < innovation < 4.0
 
 
-def test_after_a_long_time_nothing_is_expected() -> None:
+def test_after_a_long_time_the_filter_has_no_prediction() -> None:
     found, taken, _ = filter_pose(1.0, replace(MOTION, stamp_s=0.5))
     assert taken is found
 
 
-def test_the_shares_of_a_frame_grow_with_the_innovation() -> None:
+def test_the_weight_of_a_frame_grows_with_the_innovation() -> None:
     pose_gain, velocity_gain = np.array(
         [filter_gains(innovation) for innovation in (0.0, 1.3, 1.6, 2.0, 9.0)]
     ).T

@@ -88,7 +88,7 @@ def align_the_left(
     return align(points, images, initial_guesses, prior, affine_brightness, of_the_left())
 
 
-def test_a_motion_that_follows_an_object_is_dropped_for_that_of_the_room() -> None:
+def test_a_motion_that_follows_an_object_is_replaced_by_that_of_the_room() -> None:
     images = build_image_pyramid(
         add_noise(with_object(render_view(), render_view(OTHER_WAY, STEP_S)), 1)
     )
@@ -101,7 +101,7 @@ def test_a_motion_that_follows_an_object_is_dropped_for_that_of_the_room() -> No
     assert_close(inverse(again.alignment.T_camera_keyframe), np.eye(4), 0.002, 0.05)
 
 
-def test_a_jolt_of_the_camera_is_accepted() -> None:
+def test_a_real_jolt_of_the_camera_is_accepted() -> None:
     images = build_image_pyramid(add_noise(render_view(JOLT, STEP_S), 1))
     again = retry_without_half(align_with_weights(images, uniform_weights()), images, MOTION_STATE)
     assert_close(inverse(again.alignment.T_camera_keyframe), JOLT.pose_at(STEP_S), 0.002, 0.05)
@@ -111,19 +111,19 @@ def test_a_jolt_of_the_camera_is_accepted() -> None:
     "way",
     [replace(MOTION_STATE, velocity_noise=np.full(2, 1.0)), replace(MOTION_STATE, stamp_s=-1)],
 )
-def test_what_does_not_surprise_is_not_retried(way: MotionState) -> None:
+def test_an_expected_motion_is_not_retried(way: MotionState) -> None:
     images = build_image_pyramid(add_noise(render_view(JOLT, STEP_S), 1))
     found = align_with_weights(images, uniform_weights())
     assert retry_without_half(found, images, way) is found
 
 
-def test_a_camera_that_goes_on_standing_does_not_surprise() -> None:
+def test_a_camera_at_rest_is_not_retried() -> None:
     images = replace(build_image_pyramid(add_noise(render_view(STILL), 1)), stamp_s=STEP_S)
     found = align_with_weights(images, uniform_weights())
     assert retry_without_half(found, images, MOTION_STATE) is found
 
 
-def test_the_odometry_looks_again_where_its_first_answer_follows_an_object(
+def test_the_odometry_retries_when_it_follows_an_object(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # Too few features for these to find the room.

@@ -75,7 +75,7 @@ def in_patch(weights: Array) -> tuple[Array, Array]:
     return grid[patch], grid[~patch]
 
 
-def test_a_patch_that_moves_by_itself_counts_little_and_the_motion_stays_right() -> None:
+def test_a_moving_patch_gets_little_weight_and_the_motion_stays_right() -> None:
     here, there = render_view(BRISK, 0.1), render_view(OTHER_WAY, 0.1)
     found = align_frame(add_noise(with_moving_patch(here, there), 1), uniform_weights())
     inside, outside = in_patch(found.cell_weights)
@@ -86,13 +86,13 @@ def test_a_patch_that_moves_by_itself_counts_little_and_the_motion_stays_right()
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.002, 0.05)
 
 
-def test_where_nothing_moves_by_itself_all_regions_count() -> None:
+def test_without_moving_objects_all_regions_have_full_weight() -> None:
     found = align_frame(add_noise(render_view(BRISK, 0.1), 1), uniform_weights())
     assert found.is_static.mean() > 0.95
     assert found.cell_weights.mean() > 0.95
 
 
-def test_what_does_not_count_from_the_start_still_does_not() -> None:
+def test_samples_without_weight_stay_without_weight() -> None:
     found = align_frame(add_noise(render_view(BRISK, 0.1), 1), depth_only_weights())
     assert not found.cell_weights[0].any()
     assert found.cell_weights[1].mean() > 0.95
@@ -108,7 +108,7 @@ def samples_at_rest() -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("worse_by", [15.0, 60.0, 120.0])
-def test_a_cell_counts_the_less_the_worse_it_fits(worse_by: float) -> None:
+def test_a_cell_with_a_larger_error_has_less_weight(worse_by: float) -> None:
     samples, residual_model = samples_at_rest()
     before = weigh_regions(POINTS[0], samples, residual_model, uniform_weights())
     odd = samples[:, SAMPLE_CELL] == 20
@@ -120,7 +120,7 @@ def test_a_cell_counts_the_less_the_worse_it_fits(worse_by: float) -> None:
 
 
 @pytest.mark.parametrize(("sign", "is_lowered"), [(-OCCLUDED, True), (OCCLUDED, False)])
-def test_a_cell_that_is_seen_through_counts_less_one_that_is_hidden_a_little_does_not(
+def test_a_cell_that_is_seen_through_loses_weight_a_slightly_occluded_one_does_not(
     sign: float, is_lowered: bool
 ) -> None:
     samples, residual_model = samples_at_rest()
@@ -132,7 +132,7 @@ def test_a_cell_that_is_seen_through_counts_less_one_that_is_hidden_a_little_doe
     assert (weights[1, 20] < 0.9) == is_lowered
 
 
-def test_with_nothing_to_judge_by_all_weights_stay() -> None:
+def test_without_samples_all_weights_stay() -> None:
     samples, residual_model = samples_at_rest()
     samples[:, SAMPLE_CELL] = -1.0
     np.testing.assert_array_equal(

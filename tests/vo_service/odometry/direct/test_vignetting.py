@@ -69,14 +69,16 @@ def view_through_lens(
 
 @pytest.mark.parametrize("true_vignetting", [-0.1, 0.0, 0.2])
 @pytest.mark.parametrize("known", [0.0, 0.15])
-def test_one_turn_shows_most_of_it_whatever_was_known(true_vignetting: float, known: float) -> None:
+def test_one_rotation_determines_most_of_the_vignetting(
+    true_vignetting: float, known: float
+) -> None:
     first = VignettingEstimate(known, information=1.0)
     assert first.update(*view_through_lens(true_vignetting, known)).value == pytest.approx(
         true_vignetting, abs=0.02
     )
 
 
-def test_it_is_accepted_gradually() -> None:
+def test_the_estimate_is_updated_gradually() -> None:
     view = view_through_lens(0.2)
     once = VignettingEstimate().update(*view)
     twice = once.update(*view)
@@ -84,7 +86,7 @@ def test_it_is_accepted_gradually() -> None:
     assert VignettingEstimate().information < once.information < twice.information
 
 
-def test_a_view_that_has_not_moved_shows_nothing() -> None:
+def test_a_view_at_rest_gives_no_estimate() -> None:
     keyframe = keyframe_of(through_a_lens(add_noise(render_view(), 0), 0.2))
     images = build_image_pyramid(through_a_lens(add_noise(render_view(), 1), 0.2))
     known = VignettingEstimate(0.1, information=400.0)
@@ -93,7 +95,7 @@ def test_a_view_that_has_not_moved_shows_nothing() -> None:
     assert after.information < 1.05 * known.information
 
 
-def test_the_dark_shows_nothing() -> None:
+def test_darkness_gives_no_estimate() -> None:
     keyframe, images = (
         keyframe_of(remove_color(render_view())),
         build_image_pyramid(remove_color(render_view())),
@@ -103,20 +105,20 @@ def test_the_dark_shows_nothing() -> None:
     ) == VignettingEstimate(0.1)
 
 
-def test_it_is_never_more_than_a_lens_may_lose() -> None:
+def test_the_estimate_has_a_maximum() -> None:
     keyframe, images, found = view_through_lens(0.2)
     absurd = replace(images, vignetting=9.0)
     assert VignettingEstimate().update(keyframe, absurd, found).value == MAX_VIGNETTING
 
 
-def test_views_fit_better_where_it_is_known() -> None:
+def test_correction_reduces_the_residuals() -> None:
     def spread(known: float) -> float:
         return float(view_through_lens(0.2, known)[2].residual_model[SIGMA_BRIGHTNESS])
 
     assert spread(0.2) < 0.8 * spread(0.0)
 
 
-def test_the_odometry_learns_it_as_it_goes() -> None:
+def test_the_odometry_estimates_vignetting_during_tracking() -> None:
     odometry = DirectOdometry()
     for k in range(16):
         frame = through_a_lens(add_noise(render_view(TURN, k / 8), k), 0.25)
@@ -124,7 +126,7 @@ def test_the_odometry_learns_it_as_it_goes() -> None:
     assert odometry.vignetting == pytest.approx(0.25, abs=0.07)
 
 
-def test_what_the_first_path_shows_of_it_counts_in_the_next_keyframe_already(
+def test_the_first_estimate_applies_to_the_next_keyframe(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def off_m() -> float:

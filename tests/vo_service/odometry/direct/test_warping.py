@@ -69,9 +69,7 @@ def slowly(point: Array, velocity: Array, readout_s: float, late_s: float) -> Ar
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.0, 0.0), (0.03, 0.0), (0.02, -0.015)])
-def test_every_point_is_looked_for_where_it_is_when_its_row_is_taken(
-    readout_s: float, skew_s: float
-) -> None:
+def test_every_point_is_sampled_at_the_time_of_its_row(readout_s: float, skew_s: float) -> None:
     frame = replace(render_view(), readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, AWAY, BRISK.motion)
     in_view = samples[:, SAMPLE_U] >= 0
@@ -84,7 +82,9 @@ def test_every_point_is_looked_for_where_it_is_when_its_row_is_taken(
 
 
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.0, 0.0), (0.03, 0.0), (0.02, -0.015)])
-def test_a_rolling_view_reads_as_the_keyframe_does(readout_s: float, skew_s: float) -> None:
+def test_a_rolling_shutter_view_samples_the_keyframe_brightness(
+    readout_s: float, skew_s: float
+) -> None:
     """With the true motion the residuals are small, though every row has its own pose."""
     frame = render_view(BRISK, 0.2, readout_s=readout_s, skew_s=skew_s)
     samples = sample_view(frame, inverse(BRISK.pose_at(0.2)), BRISK.motion)
@@ -97,7 +97,7 @@ def test_a_rolling_view_reads_as_the_keyframe_does(readout_s: float, skew_s: flo
         assert np.nanmedian(np.abs(without[:, SAMPLE_DEPTH_RESIDUAL])) > 1e-4
 
 
-def test_a_trembling_view_reads_as_the_keyframe_does() -> None:
+def test_a_trembling_view_samples_the_keyframe_brightness() -> None:
     frame = render_view(SHAKING, readout_s=0.03, skew_s=0.01)
     with_timing, without_timing = (
         sample_view(frame, np.eye(4), hand.motion)[:, SAMPLE_DEPTH_RESIDUAL]
@@ -107,7 +107,7 @@ def test_a_trembling_view_reads_as_the_keyframe_does() -> None:
     assert np.nanmedian(np.abs(without_timing)) > 3 * np.nanmedian(np.abs(with_timing))
 
 
-def test_depth_is_late_by_the_skew() -> None:
+def test_depth_is_sampled_later_by_the_skew() -> None:
     """A camera that moves forward: later depth is smaller."""
     forward = MovingCamera(np.array([0.0, 0.0, 0.6, 0.0, 0.0, 0.0]))
     points = select_points(build_image_pyramid(render_view(planes=(WALL,))), STANDING, ALL_STATIC)[
@@ -123,7 +123,7 @@ def test_depth_is_late_by_the_skew() -> None:
     )
 
 
-def test_each_sample_says_in_which_cell_and_band_it_is() -> None:
+def test_each_sample_has_its_cell_and_band() -> None:
     samples = sample_view(render_view(), np.eye(4), STANDING)
     is_read = samples[:, SAMPLE_CELL] >= 0
     rows = samples[is_read, SAMPLE_V] / CAMERA.height
@@ -136,7 +136,7 @@ def test_each_sample_says_in_which_cell_and_band_it_is() -> None:
     )
 
 
-def test_points_outside_of_the_image_or_behind_the_camera_have_no_reading() -> None:
+def test_points_outside_the_image_or_behind_the_camera_have_no_sample() -> None:
     aside = series_exponential(np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     samples = sample_view(render_view(), aside, STANDING)
     gone = samples[:, SAMPLE_CELL] < 0
@@ -152,7 +152,7 @@ def test_points_outside_of_the_image_or_behind_the_camera_have_no_reading() -> N
 
 
 @pytest.mark.parametrize(("times", "sign"), [(0.7, OCCLUDED), (1.6, -OCCLUDED)])
-def test_another_surface_hides_a_point_or_is_seen_through_it(times: float, sign: float) -> None:
+def test_another_surface_occludes_a_point_or_is_behind_it(times: float, sign: float) -> None:
     frame = render_view(planes=(WALL,))
     depth_raw = frame.depth_raw.copy()
     depth_raw[60:180, 80:240] = (depth_raw[60:180, 80:240] * times).astype(np.uint16)
@@ -170,7 +170,7 @@ def test_another_surface_hides_a_point_or_is_seen_through_it(times: float, sign:
     assert not samples[beyond, SAMPLE_OCCLUSION].any()
 
 
-def test_without_depth_brightness_is_still_read() -> None:
+def test_without_depth_brightness_is_still_sampled() -> None:
     frame = render_view()
     samples = sample_view(replace(frame, depth_raw=0 * frame.depth_raw), np.eye(4), STANDING)
     is_read = samples[:, SAMPLE_CELL] >= 0
@@ -180,7 +180,7 @@ def test_without_depth_brightness_is_still_read() -> None:
     assert not samples[:, SAMPLE_OCCLUSION].any()
 
 
-def test_what_comes_nearer_to_the_corner_is_reported_as_bright_as_before() -> None:
+def test_vignetting_is_corrected_towards_the_corner() -> None:
     plain = sample_view(render_view(), AWAY, STANDING)
     with_timing = sample_view(render_view(), AWAY, STANDING, vignetting=0.2)
     is_visible = ~np.isnan(plain[:, SAMPLE_BRIGHTNESS])

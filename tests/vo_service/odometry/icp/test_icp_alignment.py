@@ -33,7 +33,7 @@ small = st.floats(-1.0, 1.0)
 
 @settings(deadline=None, max_examples=15)
 @given(st.tuples(small, small, small), st.tuples(small, small, small))
-def test_a_small_motion_is_found(turn: tuple[float, ...], shift: tuple[float, ...]) -> None:
+def test_a_small_motion_is_estimated(turn: tuple[float, ...], shift: tuple[float, ...]) -> None:
     T = rigid_transform(so3_exp(0.015 * np.array(turn)), 0.02 * np.array(shift))
     found = align(
         REFERENCE.planes, build_depth_pyramid(render_view(ROOM, T)), [np.eye(4)], COARSE_TO_FINE
@@ -42,7 +42,7 @@ def test_a_small_motion_is_found(turn: tuple[float, ...], shift: tuple[float, ..
     assert_close(inverse(found.T_camera_reference), T, 0.003, 0.12)
 
 
-def test_it_begins_where_it_fits_best() -> None:
+def test_the_initial_guess_that_fits_best_is_used_by_icp() -> None:
     T = hand_held_pose(8)
     view = build_depth_pyramid(render_view(ROOM, T))
     found = align(
@@ -51,7 +51,7 @@ def test_it_begins_where_it_fits_best() -> None:
     assert_close(inverse(found.T_camera_reference), T, 0.003, 0.1)
 
 
-def test_what_is_found_far_from_the_start_is_not_accepted() -> None:
+def test_a_result_far_from_the_initial_guess_is_rejected() -> None:
     there = rigid_transform(so3_exp([0.0, 0.0, 0.6]), np.zeros(3))
     found = align(
         REFERENCE.planes, build_depth_pyramid(render_view(ROOM, there)), [np.eye(4)], COARSE_TO_FINE
@@ -59,7 +59,7 @@ def test_what_is_found_far_from_the_start_is_not_accepted() -> None:
     assert not found.has_converged
 
 
-def test_along_a_wall_nothing_moves() -> None:
+def test_along_a_wall_the_pose_does_not_move() -> None:
     wall = start_track(build_depth_pyramid(add_noise(render_view((WALL,), np.eye(4)), 0)), 4000)
     nearer = rigid_transform(np.eye(3), [0.05, 0.03, 0.04])
     found = align(
@@ -75,7 +75,7 @@ def test_along_a_wall_nothing_moves() -> None:
     assert np.linalg.norm(along) < 0.002
 
 
-def test_a_wall_leaves_three_directions_open_and_two_leave_one() -> None:
+def test_a_wall_leaves_three_directions_unconstrained_and_two_leave_one() -> None:
     for planes, known in (((WALL,), 3), ((WALL, FLOOR), 5), (ROOM, 6)):
         view = build_depth_pyramid(add_noise(render_view(planes, np.eye(4)), 3))
         self_uncertainty = evaluate_alignment(start_track(view, 4000).planes, view, np.eye(4))
@@ -84,7 +84,7 @@ def test_a_wall_leaves_three_directions_open_and_two_leave_one() -> None:
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
-def test_what_is_known_depends_neither_on_units_nor_on_the_origin(seed: int, unit: float) -> None:
+def test_observability_depends_neither_on_units_nor_on_the_origin(seed: int, unit: float) -> None:
     random = np.random.default_rng(seed)
     p, n = random.normal(size=(20, 3)), random.normal(size=(20, 3))
     n /= np.linalg.norm(n, axis=1)[:, None]
@@ -97,7 +97,7 @@ def test_what_is_known_depends_neither_on_units_nor_on_the_origin(seed: int, uni
 
 
 @pytest.mark.parametrize(("clarity", "share"), [(0.5, 0.0), (1.0, 0.0), (4.0, 0.75), (1e9, 1.0)])
-def test_information_without_noise_is_what_is_beyond_it(clarity: float, share: float) -> None:
+def test_information_of_noise_is_subtracted(clarity: float, share: float) -> None:
     axes = np.random.default_rng(3).normal(size=(6, 6))
     observabilities = np.array([clarity, *[1e9] * 5])
     W = DegeneracyAnalysis(observabilities, axes).noise_suppression
@@ -107,7 +107,7 @@ def test_information_without_noise_is_what_is_beyond_it(clarity: float, share: f
     np.testing.assert_allclose(np.diag(left)[1:], observabilities[1:], rtol=1e-5)
 
 
-def test_no_information_is_no_knowledge() -> None:
+def test_zero_information_constrains_nothing() -> None:
     nothing = analyze_degeneracy(np.zeros((6, 6)), np.zeros((6, 6)))
     assert not nothing.observability.any()
     assert nothing.observable_axes.shape == (6, 0)

@@ -39,7 +39,7 @@ def views() -> list[RgbdFrame]:
     return [add_noise(render_view(ROOM, hand_held_pose(k), k), seed=k) for k in range(8)]
 
 
-def test_a_camera_in_a_corner_of_a_room_is_followed_by_depth_alone(views: list[RgbdFrame]) -> None:
+def test_a_camera_in_a_corner_of_a_room_is_tracked_by_depth_only(views: list[RgbdFrame]) -> None:
     for k, estimate in enumerate(estimate_all(IcpOdometry(), views)):
         assert estimate.ok, estimate.reason
         assert_close(estimate.T_world_camera, hand_held_pose(k), 0.004, 0.2)
@@ -52,13 +52,13 @@ def test_poses_are_the_product_of_the_motions(views: list[RgbdFrame]) -> None:
         assert np.array_equal(estimate.T_world_camera, T)
 
 
-def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
+def test_the_first_frame_is_the_world_frame(views: list[RgbdFrame]) -> None:
     first = IcpOdometry().estimate(views[0])
     assert_starts_at_origin(first)
     assert first.features == len(first.debug.keypoints_px) > 200
 
 
-def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
+def test_an_estimate_has_its_numbers_of_points(views: list[RgbdFrame]) -> None:
     estimate = estimate_all(IcpOdometry(), views[:2])[1]
     evidence = estimate.debug
     assert_counts_consistent(estimate, 201)
@@ -66,7 +66,7 @@ def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
     assert (evidence.keypoints_px.max(axis=0) < (CAMERA.width, CAMERA.height)).all()
 
 
-def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame]) -> None:
+def test_the_error_has_the_size_of_the_covariance(views: list[RgbdFrame]) -> None:
     for k, estimate in enumerate(estimate_all(IcpOdometry(), views)[1:], 1):
         error = (
             inverse(estimate.T_reference_camera)
@@ -85,7 +85,7 @@ def test_the_same_frames_twice_give_the_same_bits(views: list[RgbdFrame]) -> Non
         assert np.array_equal(a.covariance, b.covariance)
 
 
-def test_standing_still_does_not_drift() -> None:
+def test_a_camera_at_rest_does_not_drift() -> None:
     still = [add_noise(render_view(ROOM, np.eye(4), k), seed=k) for k in range(30)]
     for estimate in estimate_all(IcpOdometry(), still)[1:]:
         assert_close(estimate.T_world_camera, np.eye(4), 0.003, 0.12)
@@ -98,7 +98,7 @@ def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:
     assert_close(estimates[-1].T_world_camera, estimates[2].T_world_camera, 0.0002, 0.01)
 
 
-def test_fast_motion_is_followed() -> None:
+def test_fast_motion_is_tracked() -> None:
     frames = [render_view(ROOM, hand_held_pose(3 * k), k) for k in range(5)]
     estimates = estimate_all(IcpOdometry(), frames)
     assert all(e.ok for e in estimates)
@@ -111,7 +111,7 @@ def test_half_of_the_depth_may_be_missing(views: list[RgbdFrame]) -> None:
     assert_close(estimates[-1].T_world_camera, hand_held_pose(7), 0.01, 0.4)
 
 
-def test_a_long_trajectory_passes_from_reference_to_reference() -> None:
+def test_a_long_trajectory_uses_several_references() -> None:
     stages = RecordingStageTimer()
     estimates = estimate_all(
         IcpOdometry(timer=stages), [render_view(ROOM, hand_held_pose(2 * k), k) for k in range(18)]
@@ -122,9 +122,7 @@ def test_a_long_trajectory_passes_from_reference_to_reference() -> None:
 
 
 @pytest.mark.parametrize(("planes", "unknown"), [((WALL,), 3), ((WALL, FLOOR), 1)])
-def test_a_view_that_leaves_directions_unconstrained_is_no_place_to_start(
-    planes: Sequence[Plane], unknown: int
-) -> None:
+def test_a_degenerate_view_is_not_a_start(planes: Sequence[Plane], unknown: int) -> None:
     frame = add_noise(render_view(planes, np.eye(4)), seed=0)
     estimate = IcpOdometry().estimate(frame)
     assert not estimate.ok
@@ -144,7 +142,7 @@ def test_it_does_not_slide_along_a_single_wall(views: list[RgbdFrame]) -> None:
     assert_close(after.T_world_camera, hand_held_pose(4), 0.004, 0.2)
 
 
-def test_a_direction_that_stays_unconstrained_for_a_while_does_not_make_it_creep() -> None:
+def test_a_temporarily_unconstrained_direction_does_not_drift() -> None:
     odometry = IcpOdometry()
     sure = estimate_all(
         odometry, [add_noise(render_view(ROOM, hand_held_pose(k), k), k) for k in range(4)]
@@ -167,7 +165,7 @@ def without_the_right(frame: RgbdFrame) -> RgbdFrame:
     return make_frame(depth_m, frame.seq)
 
 
-def test_no_depth_is_an_answer_and_is_left_out_of_the_chain(views: list[RgbdFrame]) -> None:
+def test_a_frame_without_depth_fails_and_is_skipped(views: list[RgbdFrame]) -> None:
     odometry = IcpOdometry()
     assert odometry.estimate(NO_DEPTH).reason.startswith("cannot start: only 0 of 0 surface points")
     first, failed, after = estimate_all(odometry, [views[0], NO_DEPTH, views[2]])
@@ -179,7 +177,7 @@ def test_no_depth_is_an_answer_and_is_left_out_of_the_chain(views: list[RgbdFram
     assert_close(after.T_reference_camera, hand_held_pose(2), 0.004, 0.2)
 
 
-def test_after_too_many_failures_tracking_starts_again(views: list[RgbdFrame]) -> None:
+def test_after_too_many_failures_tracking_restarts(views: list[RgbdFrame]) -> None:
     odometry = IcpOdometry(IcpParameters(max_failures=2))
     before = estimate_all(odometry, views[:2])[1]
     away = rigid_transform(so3_exp([0.0, 0.0, 3.0]), np.zeros(3))
@@ -193,7 +191,7 @@ def test_after_too_many_failures_tracking_starts_again(views: list[RgbdFrame]) -
 
 @settings(deadline=None, max_examples=20)
 @given(st.lists(st.tuples(st.integers(0, 2**32 - 1), st.integers(0, 4)), min_size=2, max_size=4))
-def test_no_frame_is_an_error_and_every_pose_is_rigid(kinds: list[tuple[int, int]]) -> None:
+def test_no_frame_raises_and_every_pose_is_rigid(kinds: list[tuple[int, int]]) -> None:
     odometry = IcpOdometry(IcpParameters(max_failures=1))
     for seed, kind in kinds:
         estimate = odometry.estimate(garbage(seed, kind))

@@ -21,7 +21,7 @@ def test_every_stage_is_run_and_reported() -> None:
     assert set(stages) == {"pyramid", "planes", "align", "retry"}
 
 
-def test_a_warm_icp_compiles_nothing_more_for_a_real_frame() -> None:
+def test_a_warm_icp_compiles_nothing_for_a_real_frame() -> None:
     warm_up("icp", lambda _: None)
     before = [list(kernel.signatures) for kernel in KERNELS]
     odometry = METHODS["icp"](FeatureConfig(), NullStageTimer())

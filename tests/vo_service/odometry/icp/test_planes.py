@@ -31,7 +31,7 @@ def test_planes_lie_on_the_surface_and_face_as_it_does() -> None:
         np.testing.assert_allclose((planes[:, :3] * planes[:, 3:6]).sum(axis=1), planes[:, 6])
 
 
-def test_no_plane_bridges_a_jump_of_depth() -> None:
+def test_no_plane_spans_a_depth_edge() -> None:
     depth_m = np.full((240, 320), 1.0)
     depth_m[:, 160:] = 2.0
     z = find_planes(build_depth_pyramid(make_frame(depth_m)).levels[0], 4000)[:, 2]
@@ -39,7 +39,7 @@ def test_no_plane_bridges_a_jump_of_depth() -> None:
     assert 0.3 < np.mean(z < 1.5) < 0.7
 
 
-def test_a_rare_direction_is_kept_when_few_may_be_chosen() -> None:
+def test_rare_normals_are_kept_in_a_small_selection() -> None:
     level = build_depth_pyramid(render_view(ROOM, np.eye(4))).levels[0]
     floor = np.array(FLOOR[0]) / np.linalg.norm(FLOOR[0])
     on_floor = [np.mean(find_planes(level, n)[:, 3:6] @ floor > 0.9) for n in (4000, 300)]
@@ -47,7 +47,9 @@ def test_a_rare_direction_is_kept_when_few_may_be_chosen() -> None:
 
 
 @given(st.lists(st.integers(0, 17), max_size=200), st.integers(1, 100))
-def test_a_choice_is_within_its_budget_and_unfair_to_no_bin(bins: list[int], budget: int) -> None:
+def test_a_selection_has_its_size_and_is_balanced_over_the_bins(
+    bins: list[int], budget: int
+) -> None:
     labels = np.array(bins, np.int64)
     chosen = sample_balanced(labels, budget)
     assert np.all(np.diff(chosen) > 0)

@@ -44,19 +44,19 @@ def shape(adjusted: BundleResult) -> Array:
 
 
 @pytest.mark.slow
-def test_poses_and_points_are_led_to_where_they_are_seen_from() -> None:
+def test_poses_and_points_converge_to_the_observations() -> None:
     adjusted = adjusted_from_afar(observations())
     truth = np.array([T[:3, 3] for T in POSES])
     np.testing.assert_allclose(shape(adjusted), truth / np.linalg.norm(truth[-1]), atol=2e-3)
     assert adjusted.squared_error.max() < 0.1
 
 
-def test_the_first_pose_stays() -> None:
+def test_the_first_pose_is_fixed() -> None:
     adjusted = adjusted_from_afar(observations(noise=SIGMA))
     assert np.array_equal(adjusted.T_view_world[0], inverse(POSES[0]))
 
 
-def test_an_observation_of_something_else_stands_out_and_does_no_harm() -> None:
+def test_an_outlier_has_a_large_error_and_no_effect() -> None:
     seen = observations()
     seen.ray[::40] += 40 * SIGMA
     adjusted = adjusted_from_afar(seen)
@@ -66,7 +66,7 @@ def test_an_observation_of_something_else_stands_out_and_does_no_harm() -> None:
     assert np.median(adjusted.squared_error[~is_wrong]) < 0.5
 
 
-def test_rounding_in_the_poses_does_not_live_on() -> None:
+def test_rounding_errors_of_poses_are_removed() -> None:
     T = np.array([inverse(pose) for pose in POSES])
     T[1:, :3, :3] += 1e-6
     adjusted = adjust_bundle(T, make_cloud(POINTS), observations())

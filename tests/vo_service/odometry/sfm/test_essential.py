@@ -25,7 +25,7 @@ def angle_deg(a: Array, b: Array) -> float:
 
 @settings(max_examples=20)
 @given(small_vectors(0.3), small_vectors(0.2))
-def test_the_direction_of_any_motion_with_parallax_is_found(turn: Array, shift: Array) -> None:
+def test_the_direction_of_any_motion_with_parallax_is_estimated(turn: Array, shift: Array) -> None:
     assume(np.linalg.norm(shift) > 0.05)
     T_reference_camera = rigid_transform(turn_by(turn), shift)
     T = inverse(T_reference_camera)
@@ -36,7 +36,7 @@ def test_the_direction_of_any_motion_with_parallax_is_found(turn: Array, shift: 
     assert np.linalg.norm(direction.t) == pytest.approx(1.0)
 
 
-def test_pairs_that_do_not_belong_together_are_left_out() -> None:
+def test_wrong_pairs_are_outliers() -> None:
     pairs = make_pairs(MOTION, noise=0.3 * SIGMA)
     swapped = pairs.ray.copy()
     swapped[:50] = np.roll(swapped[:50], 1, axis=0)
@@ -47,19 +47,19 @@ def test_pairs_that_do_not_belong_together_are_left_out() -> None:
     assert angle_deg(direction.t, inverse(MOTION)[:3, 3]) < 3.0
 
 
-def test_a_turn_on_the_spot_is_known_though_there_is_no_direction() -> None:
+def test_a_pure_rotation_is_estimated_without_a_direction() -> None:
     T_reference_camera = rigid_transform(turn_by([0.05, 0.1, -0.04]), np.zeros(3))
     direction = find_unscaled_motion(make_pairs(T_reference_camera, noise=0.2 * SIGMA), seed=1)
     assert direction is not None
     assert np.degrees(rotation_angle_rad(direction.R @ T_reference_camera[:3, :3])) < 0.3
 
 
-def test_a_camera_that_stands_still_has_not_turned() -> None:
+def test_a_camera_at_rest_has_not_rotated() -> None:
     direction = find_unscaled_motion(make_pairs(np.eye(4)), seed=1)
     assert direction is None or np.degrees(rotation_angle_rad(direction.R)) < 0.1
 
 
-def test_of_the_four_motions_the_points_are_before_both_cameras() -> None:
+def test_of_the_four_motions_the_one_with_points_in_front_is_chosen() -> None:
     pairs = make_pairs(MOTION)
     essential = find_essential(pairs, seed=1)
     assert essential is not None
@@ -70,11 +70,11 @@ def test_of_the_four_motions_the_points_are_before_both_cameras() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 7])
-def test_too_few_pairs_say_nothing(count: int) -> None:
+def test_too_few_pairs_give_no_motion(count: int) -> None:
     assert find_unscaled_motion(make_pairs(MOTION, count=count), seed=1) is None
 
 
-def test_pairs_that_are_all_one_are_no_error() -> None:
+def test_identical_pairs_are_no_error() -> None:
     one = np.tile([0.1, 0.2, 1.0], (20, 1))
     pairs = RayPairs(one, one, np.ones(20), np.zeros(20), SIGMA)
     direction = find_unscaled_motion(pairs, seed=1)

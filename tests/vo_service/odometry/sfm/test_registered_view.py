@@ -29,7 +29,7 @@ def placed(count: int = 150) -> RegisteredView:
     return RegisteredView(matched, refine_two_view(inverse(MOTION), pairs))
 
 
-def test_where_fewer_of_the_matches_agree_those_that_do_are_accepted_less() -> None:
+def test_fewer_inliers_increase_the_covariance_of_the_motion() -> None:
     good = placed()
     inlier = good.two_view.inlier.copy()
     inlier[75:] = False
@@ -48,5 +48,5 @@ def test_no_number_of_points_makes_a_motion_exact() -> None:
     assert exact.max_sigma_rad > 0.99 * shift_rad
 
 
-def test_fewer_points_leave_more_uncertainty() -> None:
+def test_fewer_points_increase_the_uncertainty() -> None:
     assert placed(10).max_sigma_rad > 2.0 * placed(150).max_sigma_rad

@@ -18,7 +18,7 @@ def test_known_points_give_the_motion_its_length() -> None:
         assert length_m == pytest.approx(np.linalg.norm(MOTION[:3, 3]), rel=0.05)
 
 
-def test_a_turn_on_the_spot_has_no_length_though_the_direction_is_any() -> None:
+def test_a_pure_rotation_has_length_zero_for_any_direction() -> None:
     turn = rigid_transform(so3_exp([0.02, 0.08, 0.0]), np.zeros(3))
     pairs = make_pairs(turn, known_to=0.05, noise=0.2 * SIGMA)
     found = find_unscaled_motion(pairs, seed=1)
@@ -28,7 +28,7 @@ def test_a_turn_on_the_spot_has_no_length_though_the_direction_is_any() -> None:
     assert np.linalg.norm(T_camera_reference[:3, 3]) < 0.002
 
 
-def test_a_motion_much_shorter_than_any_parallax_is_still_measured() -> None:
+def test_a_motion_shorter_than_any_parallax_is_measured() -> None:
     step = rigid_transform(np.eye(3), [0.004, 0.0, 0.0])
     pairs = make_pairs(step, known_to=0.05)
     still = UnscaledMotion(np.eye(3), np.array([0.0, 1.0, 0.0]), np.ones(len(pairs), np.bool_))
@@ -36,7 +36,7 @@ def test_a_motion_much_shorter_than_any_parallax_is_still_measured() -> None:
     np.testing.assert_allclose(T_camera_reference[:3, 3], [-0.004, 0.0, 0.0], atol=2e-4)
 
 
-def test_points_of_unknown_depth_carry_no_scale() -> None:
+def test_points_of_unknown_depth_give_no_scale() -> None:
     pairs = make_pairs(MOTION)
     assert propose_scaled_motions(find_unscaled_motion(pairs, seed=1), pairs) == []
     assert propose_scaled_motions(None, make_pairs(MOTION, known_to=0.05)) == []

@@ -30,7 +30,7 @@ def placed(estimates: list[Estimate]) -> list[int]:
     return [k for k, estimate in enumerate(estimates) if estimate.ok and k > 0]
 
 
-def test_the_first_frame_is_the_world(estimates: list[Estimate]) -> None:
+def test_the_first_frame_is_the_world_frame(estimates: list[Estimate]) -> None:
     first = estimates[0]
     assert first.ok
     assert not first.is_reset
@@ -38,7 +38,7 @@ def test_the_first_frame_is_the_world(estimates: list[Estimate]) -> None:
     assert not first.covariance.any()
 
 
-def test_there_is_no_pose_before_there_is_parallax(estimates: list[Estimate]) -> None:
+def test_there_is_no_pose_before_parallax(estimates: list[Estimate]) -> None:
     begin = placed(estimates)[0]
     assert 2 <= begin <= 6
     for estimate in estimates[1:begin]:
@@ -47,7 +47,7 @@ def test_there_is_no_pose_before_there_is_parallax(estimates: list[Estimate]) ->
         assert np.array_equal(estimate.T_world_camera, np.eye(4))
 
 
-def test_from_then_on_every_frame_has_its_place_in_meters(estimates: list[Estimate]) -> None:
+def test_after_initialization_every_frame_has_a_metric_pose(estimates: list[Estimate]) -> None:
     begin = placed(estimates)[0]
     assert placed(estimates) == list(range(begin, FRAMES))
     for k in range(begin, FRAMES):
@@ -61,13 +61,13 @@ def test_poses_are_the_product_of_the_motions(estimates: list[Estimate]) -> None
         np.testing.assert_allclose(estimate.T_world_camera, T, atol=1e-12)
 
 
-def test_an_estimate_says_what_it_rests_on(estimates: list[Estimate]) -> None:
+def test_an_estimate_has_its_numbers_of_points(estimates: list[Estimate]) -> None:
     estimate = estimates[-1]
     assert_counts_consistent(estimate, 15)
     assert estimate.features <= 1000
 
 
-def test_the_error_of_a_step_is_of_the_size_that_the_covariance_says(
+def test_the_error_of_a_step_has_the_size_of_the_covariance(
     estimates: list[Estimate],
 ) -> None:
     for k in placed(estimates)[1:]:
@@ -78,7 +78,7 @@ def test_the_error_of_a_step_is_of_the_size_that_the_covariance_says(
         assert sigma_m < 0.05
 
 
-def test_after_the_first_frame_no_depth_is_looked_at(estimates: list[Estimate]) -> None:
+def test_depth_is_used_only_in_the_first_frame(estimates: list[Estimate]) -> None:
     blind = estimate_all(SfmOdometry(), [render_view(0), *map(remove_depth, render_views()[1:])])
     for a, b in zip(estimates, blind, strict=True):
         assert np.array_equal(a.T_world_camera, b.T_world_camera)
@@ -92,7 +92,7 @@ def test_the_same_frames_twice_give_the_same_bits(estimates: list[Estimate]) -> 
         assert a.reason == b.reason
 
 
-def test_a_baseline_that_is_given_takes_the_place_of_the_depth() -> None:
+def test_a_given_baseline_replaces_the_depth() -> None:
     source = GivenBaselineScale(
         lambda from_s, to_s: float(
             np.linalg.norm(2.0 * sideways_pose(round(30 * (to_s - from_s)))[:3, 3])
@@ -104,7 +104,7 @@ def test_a_baseline_that_is_given_takes_the_place_of_the_depth() -> None:
     assert length_m == pytest.approx(2.0 * np.linalg.norm(sideways_pose(6)[:3, 3]), rel=0.05)
 
 
-def test_an_unsure_scale_makes_the_length_of_every_step_unsure(
+def test_an_uncertain_scale_makes_every_step_length_uncertain(
     estimates: list[Estimate],
 ) -> None:
     class Unsure:
@@ -126,7 +126,7 @@ def turning(k: int) -> RgbdFrame:
     return render_corner(sideways_pose(FRAMES - 1) @ turn, FRAMES + k)
 
 
-def test_a_turn_on_the_spot_moves_nothing() -> None:
+def test_a_pure_rotation_translates_nothing() -> None:
     odometry = SfmOdometry()
     last = estimate_all(odometry, render_views())[-1]
     for k, estimate in enumerate(estimate_all(odometry, map(turning, range(1, 4))), 1):
@@ -140,7 +140,7 @@ def test_a_turn_on_the_spot_moves_nothing() -> None:
         )
 
 
-def test_standing_still_is_no_motion() -> None:
+def test_a_camera_at_rest_has_no_motion() -> None:
     odometry = SfmOdometry()
     moved = estimate_all(odometry, render_views())[-1]
     for estimate in estimate_all(odometry, [render_view(FRAMES - 1)] * 3):

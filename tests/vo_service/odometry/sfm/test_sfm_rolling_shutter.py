@@ -51,7 +51,7 @@ def rolled(k: int) -> RgbdFrame:
 
 
 @given(small_vectors(2.0), small_vectors(1.0))
-def test_rays_are_brought_to_where_the_camera_was_at_the_frames_instant(
+def test_rays_are_transformed_to_the_time_of_the_frame(
     turn_rad_s: Array, velocity_m_s: Array
 ) -> None:
     points = DEPTH_M * np.array([[-0.5, -0.4, 1.0], [0.5, 0.4, 1.0], [0.1, 0.3, 1.0]])
@@ -67,14 +67,14 @@ def test_rays_are_brought_to_where_the_camera_was_at_the_frames_instant(
     )
 
 
-def test_a_sweep_is_the_velocity_over_the_distance() -> None:
+def test_the_shutter_motion_is_the_velocity_over_the_distance() -> None:
     T = rigid_transform(so3_exp([0.0, 0.02, 0.0]), [0.03, 0.0, 0.0])
     sweep = ShutterMotion.from_motion(T, 0.1, 1.0 / DEPTH_M)
     np.testing.assert_allclose(sweep.translation_per_s, [0.15, 0.0, 0.0], atol=0.004)
     np.testing.assert_allclose(sweep.angular_velocity_rad_s, [0.0, 0.2, 0.0])
 
 
-def test_a_motion_backwards_in_time_is_the_same_sweep() -> None:
+def test_a_motion_backwards_in_time_has_the_same_velocity() -> None:
     T = rigid_transform(so3_exp([0.01, 0.02, 0.0]), [0.03, 0.0, 0.01])
     begin, end = (
         ShutterMotion.from_motion(inverse(T), -0.1, 0.5),
@@ -86,13 +86,13 @@ def test_a_motion_backwards_in_time_is_the_same_sweep() -> None:
     )
 
 
-def test_what_took_no_time_shows_no_velocity() -> None:
+def test_a_motion_without_duration_has_no_velocity() -> None:
     sweep = ShutterMotion.from_motion(rigid_transform(np.eye(3), [1.0, 0.0, 0.0]), 0.0, 0.5)
     assert not sweep.translation_per_s.any()
     assert not sweep.angular_velocity_rad_s.any()
 
 
-def test_a_global_shutter_is_left_alone() -> None:
+def test_a_global_shutter_is_not_compensated() -> None:
     still = MonoFrame.from_features(SurfExtractor(50).extract(render_view(0).gray), render_view(0))
     assert not still.has_rolling_shutter
     assert still.compensate_rolling_shutter(ShutterMotion(np.ones(3), np.ones(3))) is still
@@ -106,7 +106,7 @@ def step_error_deg(estimates: list[Estimate]) -> float:
 
 
 @pytest.mark.slow
-def test_a_rolling_shutter_that_is_reported_of_costs_little() -> None:
+def test_a_known_rolling_shutter_costs_little() -> None:
     frames = [rolled(k) for k in range(10)]
     error_with_timing_deg = step_error_deg(estimate_all(SfmOdometry(), frames))
     error_without_timing_deg = step_error_deg(

@@ -31,14 +31,14 @@ def spoilt(pair: InitialPair) -> Array:
     return inverse_depth
 
 
-def test_the_first_depth_says_how_long_a_unit_is() -> None:
+def test_the_first_depth_gives_the_scale() -> None:
     scale = FirstDepthScale().estimate_scale(first_pair())
     assert scale is not None
     assert scale.metres_per_unit == pytest.approx(0.25, rel=1e-6)
     assert scale.log_sigma < 1e-6
 
 
-def test_points_that_are_wrong_do_not_change_it_much() -> None:
+def test_outliers_change_the_scale_little() -> None:
     pair = first_pair()
     worse = InitialPair(pair.frame, pair.features, pair.stamp_s, pair.index, spoilt(pair))
     scale = FirstDepthScale().estimate_scale(worse)
@@ -46,11 +46,11 @@ def test_points_that_are_wrong_do_not_change_it_much() -> None:
     assert scale.metres_per_unit == pytest.approx(0.25, rel=0.01)
 
 
-def test_without_depth_it_cannot_be_reported() -> None:
+def test_without_depth_there_is_no_scale() -> None:
     assert FirstDepthScale().estimate_scale(first_pair(with_depth=False)) is None
 
 
-def test_a_given_baseline_is_asked_for_the_two_stamps() -> None:
+def test_a_baseline_is_requested_for_the_two_stamps() -> None:
     asked: list[tuple[float, float]] = []
 
     def distance_m(from_s: float, to_s: float) -> float:
@@ -64,11 +64,11 @@ def test_a_given_baseline_is_asked_for_the_two_stamps() -> None:
 
 
 @pytest.mark.parametrize("distance_m", [0.0, 1e-4, float("nan"), float("inf")])
-def test_two_stamps_of_one_place_say_nothing(distance_m: float) -> None:
+def test_two_stamps_of_one_position_give_no_scale(distance_m: float) -> None:
     assert GivenBaselineScale(lambda _from, _to: distance_m).estimate_scale(first_pair()) is None
 
 
-def test_the_median_of_many_is_surer_than_that_of_few() -> None:
+def test_the_median_of_many_points_has_a_smaller_sigma() -> None:
     values = np.random.default_rng(0).normal(0.0, 0.1, 10000)
     assert median_sigma(values) == pytest.approx(1.2533 * 0.1 / 100, rel=0.1)
     assert median_sigma(values[:100]) > 5 * median_sigma(values)

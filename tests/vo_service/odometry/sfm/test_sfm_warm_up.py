@@ -21,7 +21,7 @@ def test_every_stage_is_run_and_reported() -> None:
     assert set(stages) == {"surf", "match", "ransac", "scale", "refine", "points"}
 
 
-def test_a_warm_method_compiles_nothing_more_for_a_real_frame() -> None:
+def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:
     warm_up("sfm", lambda _: None)
     before = [list(kernel.signatures) for kernel in KERNELS]
     estimates = estimate_all(METHODS["sfm"](FeatureConfig(), NullStageTimer()), render_views(6))

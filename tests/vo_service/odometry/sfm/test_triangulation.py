@@ -10,14 +10,14 @@ from vo_service.odometry.sfm.triangulation import triangulate
 
 
 @given(small_vectors(0.2), small_vectors(0.3), st.integers(0, 9))
-def test_points_are_as_far_as_they_are(turn: Array, shift: Array, n: int) -> None:
+def test_triangulated_depths_are_correct(turn: Array, shift: Array, n: int) -> None:
     T_reference_camera = rigid_transform(so3_exp(turn), shift + np.array([0.4, 0.0, 0.0]))
     T = inverse(T_reference_camera)
     found = triangulate(T[:3, :3], T[:3, 3], make_pairs(T_reference_camera, count=10))
     np.testing.assert_allclose(found.inverse_depth[n], 1.0 / make_cloud(10)[n, 2], rtol=1e-6)
 
 
-def test_a_motion_the_other_path_round_puts_all_points_behind() -> None:
+def test_the_opposite_motion_puts_all_points_behind() -> None:
     T = inverse(MOTION)
     found = triangulate(T[:3, :3], -T[:3, 3], make_pairs(MOTION))
     assert (found.inverse_depth < 0.0).all()

@@ -20,7 +20,7 @@ from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refin
 
 @settings(max_examples=15)
 @given(small_vectors(0.03), small_vectors(0.05))
-def test_a_wrong_guess_is_led_to_the_motion(turn: Array, shift: Array) -> None:
+def test_a_wrong_guess_converges_to_the_motion(turn: Array, shift: Array) -> None:
     guess = inverse(MOTION @ rigid_transform(turn_by(turn), shift))
     refined = refine_two_view(guess, make_pairs(MOTION, known_to=0.02))
     error = refined.T_camera_reference @ MOTION
@@ -28,7 +28,7 @@ def test_a_wrong_guess_is_led_to_the_motion(turn: Array, shift: Array) -> None:
     assert refined.inlier.all()
 
 
-def test_pairs_that_are_wrong_are_left_out_and_do_no_harm() -> None:
+def test_wrong_pairs_are_removed_and_have_no_effect() -> None:
     pairs = make_pairs(MOTION, known_to=0.02, noise=0.5 * SIGMA)
     ray = pairs.ray.copy()
     ray[:40, 0] += 30 * SIGMA
@@ -39,7 +39,7 @@ def test_pairs_that_are_wrong_are_left_out_and_do_no_harm() -> None:
     assert refined.inlier[40:].mean() > 0.9
 
 
-def test_points_of_unknown_depth_are_found_with_the_motion() -> None:
+def test_points_of_unknown_depth_are_estimated_with_the_motion() -> None:
     pairs = make_pairs(MOTION, known_to=0.01)
     is_new = np.arange(len(pairs)) % 2 == 0
     information = np.where(is_new, 0.0, pairs.information)
@@ -50,7 +50,7 @@ def test_points_of_unknown_depth_are_found_with_the_motion() -> None:
     assert (refined.information[is_new] > 0.0).all()
 
 
-def test_the_error_is_of_the_size_that_the_covariance_says() -> None:
+def test_the_error_has_the_size_of_the_covariance() -> None:
     refined = refine_two_view(
         inverse(MOTION), make_pairs(MOTION, known_to=0.005, noise=SIGMA / np.sqrt(2))
     )
@@ -62,7 +62,7 @@ def test_the_error_is_of_the_size_that_the_covariance_says() -> None:
     assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
-def test_what_nothing_is_known_of_is_off_by_a_metre_not_by_infinity() -> None:
+def test_an_unconstrained_parameter_has_a_finite_error() -> None:
     nothing = make_pairs(np.eye(4), count=0)
     refined = refine_two_view(np.eye(4), make_pairs(np.eye(4)))
     assert np.isfinite(refined.covariance).all()
@@ -70,7 +70,7 @@ def test_what_nothing_is_known_of_is_off_by_a_metre_not_by_infinity() -> None:
     assert len(nothing) == 0
 
 
-def test_a_length_that_is_given_scales_all_but_the_turn() -> None:
+def test_a_given_length_scales_everything_except_the_rotation() -> None:
     unit = refine_two_view(inverse(MOTION), make_pairs(MOTION, known_to=0.02))
     metres = apply_scale(unit, 2.0)
     np.testing.assert_allclose(

@@ -47,7 +47,7 @@ def expected_descriptor(patch: Array) -> Array:
 
 @pytest.mark.parametrize("upright", [True, False])
 @pytest.mark.parametrize("shape", [(240, 320), (233, 307)])
-def test_descriptors_are_those_of_a_slow_sample_of_the_paper(
+def test_descriptors_are_those_of_a_reference_implementation(
     upright: bool, shape: tuple[int, int]
 ) -> None:
     image = make_textured_image(*shape, seed=5)
@@ -59,7 +59,7 @@ def test_descriptors_are_those_of_a_slow_sample_of_the_paper(
         assert np.mean(np.abs(features.descriptor[n] - expected)) < 0.35  # rounding alone: 0.25
 
 
-def test_a_turn_of_the_image_leaves_keypoints_beyond_its_edge_described() -> None:
+def test_keypoints_near_the_edge_of_a_rotated_image_are_described() -> None:
     # The window of a keypoint near the border reaches outside: the border's pixels are repeated.
     image = make_blob_image(60, 60, (20.0, 18.0), 4.0)
     features = SurfExtractor().extract(image)
@@ -67,7 +67,7 @@ def test_a_turn_of_the_image_leaves_keypoints_beyond_its_edge_described() -> Non
     assert np.all(np.isfinite(features.descriptor))
 
 
-def test_descriptors_are_whole_numbers_of_one_length() -> None:
+def test_descriptors_are_integers_of_one_length() -> None:
     descriptor = SurfExtractor().extract(make_textured_image(240, 320)).descriptor
     assert descriptor.shape[1] == DESCRIPTOR_SIZE
     assert np.array_equal(descriptor, np.rint(descriptor))

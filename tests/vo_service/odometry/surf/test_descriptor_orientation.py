@@ -42,20 +42,20 @@ def slope(angle_deg: float, steepness: float) -> Array:
 @pytest.mark.slow
 @FIRST_CALL_COMPILES
 @given(ANGLE_DEG, st.floats(0.5, 15.0))
-def test_a_slope_has_the_direction_in_which_it_rises(angle_deg: float, steepness: float) -> None:
+def test_a_gradient_has_its_direction(angle_deg: float, steepness: float) -> None:
     assert turn_deg(direction_deg(128 + slope(angle_deg, steepness)), angle_deg) < 0.1
 
 
 @FIRST_CALL_COMPILES
 @given(ANGLE_DEG, st.integers(0, 1000))
-def test_noise_on_a_slope_hardly_turns_it(angle_deg: float, seed: int) -> None:
+def test_noise_hardly_changes_the_direction_of_a_gradient(angle_deg: float, seed: int) -> None:
     noise = np.random.default_rng(seed).normal(0.0, 1.0, (GRID_SIDE, GRID_SIDE))
     assert turn_deg(direction_deg(128 + slope(angle_deg, 8.0) + noise), angle_deg) < 3.0
 
 
 @FIRST_CALL_COMPILES
 @given(ANGLE_DEG, st.floats(80.0, 180.0))
-def test_of_two_slopes_the_steeper_one_decides_alone(angle_deg: float, turn: float) -> None:
+def test_of_two_gradients_the_steeper_one_decides(angle_deg: float, turn: float) -> None:
     # The valley between the halves runs through the middle: each half has its own slope, and a
     # window of 60 degrees never holds both.
     y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - GRID_SIDE // 2
@@ -65,7 +65,7 @@ def test_of_two_slopes_the_steeper_one_decides_alone(angle_deg: float, turn: flo
     assert turn_deg(direction_deg(128 + gray), angle_deg) < 20.0
 
 
-def test_flat_ground_has_the_direction_of_the_image() -> None:
+def test_a_constant_image_has_the_direction_of_the_image() -> None:
     assert direction_deg(np.full((GRID_SIDE, GRID_SIDE), 77.0)) == 0.0
 
 
@@ -109,7 +109,7 @@ def share_matched(repeated: Repeated) -> float:
 
 
 @pytest.mark.parametrize("angle_deg", [30.0, 45.0, 90.0, 137.0, 180.0, 270.0])
-def test_directions_and_descriptors_turn_with_the_image(angle_deg: float) -> None:
+def test_directions_and_descriptors_rotate_with_the_image(angle_deg: float) -> None:
     repeated = turned_by(angle_deg)
     assert len(repeated.i) > 100
     turns = degrees(repeated.after)[repeated.j] - degrees(repeated.before)[repeated.i]
@@ -119,12 +119,14 @@ def test_directions_and_descriptors_turn_with_the_image(angle_deg: float) -> Non
     assert share_matched(repeated) > 0.75
 
 
-def test_a_quarter_turn_of_the_pixels_loses_nearly_nothing() -> None:
+def test_a_rotation_by_90_degrees_keeps_nearly_all_features() -> None:
     repeated = turned_by(90.0)
     assert share_matched(repeated) > 0.95
 
 
-def test_upright_features_have_the_direction_of_the_image_and_do_not_survive_a_turn() -> None:
+def test_upright_features_have_the_direction_of_the_image_and_do_not_match_after_a_rotation() -> (
+    None
+):
     repeated = turned_by(45.0, upright=True)
     assert np.all(repeated.after.direction == [1.0, 0.0])
     assert share_matched(repeated) < 0.2

@@ -61,7 +61,7 @@ def test_every_fourth_response_is_the_same_as_of_all(shape: tuple[int, int], lob
 
 
 @pytest.mark.parametrize("lobe", [3, 5, 7])
-def test_a_bowl_has_the_response_worked_out_by_hand(lobe: int) -> None:
+def test_a_bowl_has_the_analytic_response(lobe: int) -> None:
     # Of x^2 the outer lobes' means are l^2 above the middle one's: Dxx = Dyy = 2 l^2.
     y, x = np.mgrid[-11:12, -11:12]
     found = responses((x**2 + y**2).clip(max=255).astype(np.uint8), lobe)
@@ -69,7 +69,7 @@ def test_a_bowl_has_the_response_worked_out_by_hand(lobe: int) -> None:
 
 
 @pytest.mark.parametrize("lobe", [3, 5, 7])
-def test_a_saddle_has_the_response_worked_out_by_hand(lobe: int) -> None:
+def test_a_saddle_has_the_analytic_response(lobe: int) -> None:
     # Of x y the lobes' means are +-((l + 1) / 2)^2, four lobes of l^2 pixels.
     y, x = np.mgrid[-11:12, -11:12]
     found = responses((128 + x * y).astype(np.uint8), lobe)
@@ -77,7 +77,7 @@ def test_a_saddle_has_the_response_worked_out_by_hand(lobe: int) -> None:
     assert found[11, 11] == pytest.approx(-1.2 * cross**2)
 
 
-def test_a_slope_has_no_response() -> None:
+def test_a_gradient_has_no_response() -> None:
     y, x = np.mgrid[:60, :70]
     assert np.all(responses((10 + x + 2 * y).astype(np.uint8), 9) == 0)
 

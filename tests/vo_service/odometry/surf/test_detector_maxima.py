@@ -45,9 +45,7 @@ def hill(x: float, y: float, layer: float) -> Array:
 
 @FIRST_CALL_COMPILES
 @given(OFFSET, OFFSET, OFFSET)
-def test_the_top_of_a_quadratic_is_found_between_pixels_and_scales(
-    dx: float, dy: float, ds: float
-) -> None:
+def test_the_maximum_of_a_quadratic_is_interpolated(dx: float, dy: float, ds: float) -> None:
     found = maxima(hill(20 + dx, 18 + dy, ds), 50.0)
     assert len(found) == 1
     assert found[0, :3] == pytest.approx([20 + dx, 18 + dy, 0.4 * (5 + 2 * ds)], abs=1e-3)
@@ -63,7 +61,7 @@ def test_the_response_is_that_of_the_highest_sample() -> None:
     assert maxima(layers, 50.0)[0, RESPONSE] == np.float32(layers.max())
 
 
-def test_only_what_is_above_the_threshold_is_found() -> None:
+def test_only_maxima_above_the_threshold_are_found() -> None:
     top = np.float32(hill(20.2, 18.1, 0.1).max())
     assert len(maxima(hill(20.2, 18.1, 0.1), float(np.nextafter(top, np.float32(0))))) == 1
     assert len(maxima(hill(20.2, 18.1, 0.1), float(top))) == 0
@@ -112,7 +110,7 @@ def test_the_maxima_of_noise_are_those_of_a_brute_force_search(
 @pytest.mark.parametrize(
     "cells", [[(1, 0, 1)], [(1, 1, 0)], [(1, 1, 1)], [(1, 1, -1)], [(2, 0, 0)]]
 )
-def test_of_two_equal_neighbors_one_is_found(cells: list[tuple[int, int, int]]) -> None:
+def test_of_two_equal_neighbors_one_is_the_maximum(cells: list[tuple[int, int, int]]) -> None:
     layers = hill(20.0, 18.0, 0.0) - 20.0
     layers[1, 18, 20] = 99.0
     for layer, row, column in cells:
@@ -126,7 +124,7 @@ def test_of_two_equal_layers_the_lower_one_has_the_maximum() -> None:
     assert len(maxima(layers, 50.0)) == 0
 
 
-def test_nothing_is_found_where_a_filter_of_the_layer_above_does_not_fit() -> None:
+def test_no_maximum_where_the_filter_of_the_next_layer_does_not_fit() -> None:
     assert len(maxima(hill(FIRST, 18.0, 0.0), 50.0)) == 1
     assert len(maxima(hill(FIRST - 1, 18.0, 0.0), 50.0)) == 0
     assert len(maxima(hill(20.0, SIZE - 1 - FIRST, 0.0), 50.0)) == 1
@@ -139,7 +137,7 @@ def test_layers_too_small_for_a_maximum_have_none(height: int, width: int) -> No
     assert len(maxima(np.random.default_rng(0).random((3, height, width)), 0.0)) == 0
 
 
-def test_the_table_has_room_for_a_maximum_in_every_square_of_four() -> None:
+def test_the_table_has_room_for_a_maximum_in_every_2x2_square() -> None:
     layers = np.zeros((3, 61, 63))
     layers[1, FIRST:-FIRST:2, FIRST:-FIRST:2] = 1.0
     found = maxima(layers, 0.5)
@@ -148,7 +146,7 @@ def test_the_table_has_room_for_a_maximum_in_every_square_of_four() -> None:
 
 
 @pytest.mark.parametrize(("dark", "sign"), [(True, 1.0), (False, -1.0)])
-def test_the_sign_shows_dark_blobs_from_bright_ones(dark: bool, sign: float) -> None:
+def test_the_sign_distinguishes_dark_from_bright_blobs(dark: bool, sign: float) -> None:
     image = make_blob_image(SIZE, SIZE, (20.0, 18.0), 3.0, dark)
     table = np.empty((max_num_maxima(SIZE, SIZE), NUM_COLUMNS), np.float32)
     below, middle, above = hill(20.0, 18.0, 0.0).astype(np.float32)

@@ -44,7 +44,7 @@ def test_the_size_of_the_image_may_change() -> None:
     assert [bits(extractor.extract(image)) for image in images] == expected
 
 
-def test_what_was_returned_is_not_overwritten_by_the_next_image() -> None:
+def test_the_next_image_does_not_overwrite_returned_features() -> None:
     extractor = SurfExtractor()
     first = extractor.extract(make_textured_image(*SHAPE))
     before = bits(first)
@@ -85,12 +85,12 @@ def test_noise_of_any_size_is_described(shape: tuple[int, int]) -> None:
     assert np.all((features.position_px >= 0) & (features.position_px < shape[::-1]))
 
 
-def test_the_noise_of_a_sensor_alone_gives_no_feature() -> None:
+def test_sensor_noise_alone_gives_no_feature() -> None:
     gray = np.random.default_rng(1).normal(128.0, 0.8, SHAPE)
     assert len(SurfExtractor().extract(np.rint(gray).astype(np.uint8))) == 0
 
 
-def test_an_image_that_is_not_contiguous_is_the_same_image() -> None:
+def test_a_non_contiguous_image_gives_the_same_features() -> None:
     image = make_textured_image(*SHAPE)
     wide = np.zeros((SHAPE[0], 2 * SHAPE[1]), np.uint8)
     wide[:, ::2] = image

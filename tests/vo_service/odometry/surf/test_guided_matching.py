@@ -44,9 +44,7 @@ def off_px(
     return distance
 
 
-def test_with_a_right_prediction_more_is_found_than_without(
-    reference: FeatureView, moved: FeatureView
-) -> None:
+def test_a_right_prediction_gives_more_matches(reference: FeatureView, moved: FeatureView) -> None:
     T = hand_held_poses(5)[4]
     guided = match_by_prediction(moved, reference, MotionPrediction(T, SPREAD_RAD))
     plain = select_pairs_with_depth(
@@ -56,7 +54,7 @@ def test_with_a_right_prediction_more_is_found_than_without(
     assert np.median(off_px(moved, reference, guided, T)) < 1.0
 
 
-def test_matches_lie_where_the_prediction_says(reference: FeatureView, moved: FeatureView) -> None:
+def test_matches_are_near_the_prediction(reference: FeatureView, moved: FeatureView) -> None:
     T = hand_held_poses(7)[6]
     pairs = match_by_prediction(moved, reference, MotionPrediction(T, SPREAD_RAD))
     assert len(pairs) > 50
@@ -83,13 +81,13 @@ def test_each_feature_is_matched_once_with_its_own_sign(
         rigid_transform(np.eye(3), [40.0, 0.0, 0.0]),
     ],
 )
-def test_a_prediction_that_sees_nothing_finds_nothing(
+def test_a_prediction_out_of_view_gives_no_match(
     reference: FeatureView, moved: FeatureView, T: Array
 ) -> None:
     assert match_by_prediction(moved, reference, MotionPrediction(T, SPREAD_RAD)).shape == (0, 2)
 
 
-def test_a_view_without_features_finds_nothing(reference: FeatureView) -> None:
+def test_a_view_without_features_gives_no_match(reference: FeatureView) -> None:
     black = render_corner(hand_held_poses(1)[0])
     black.color_bgr[:] = 0
     empty = seen(black)
@@ -114,21 +112,21 @@ def found(
     return [int(n) for n in match_within_radius(expected_px, a, position_px, b, radius_px)]
 
 
-def test_the_nearest_wins_where_it_stands_out() -> None:
+def test_the_nearest_descriptor_matches_if_it_is_distinct() -> None:
     assert found([[100, 0]], [[0, 100], [90, 0], [50, 0]]) == [1]
     assert found([[100, 0]], [[90, 0], [90, 1]]) == [-1]
 
 
-def test_what_looks_quite_different_is_not_taken_for_want_of_another() -> None:
+def test_a_different_descriptor_is_no_match_even_without_an_alternative() -> None:
     assert found([[100, 0]], [[0, 100]]) == [-1]
     assert found([[100, 0]], [[80, 20]]) == [0]
 
 
-def test_what_is_outside_the_circle_is_not_seen() -> None:
+def test_features_outside_the_search_radius_are_ignored() -> None:
     far = [[0, 100]] * 6 + [[100, 0]]
     assert found([[100, 0]], far, radius_px=6.5) == [6]
     assert found([[100, 0]], far, radius_px=5.5) == [-1]
 
 
-def test_two_that_want_the_same_one_leave_it_to_the_nearer() -> None:
+def test_of_two_features_with_one_match_the_nearer_gets_it() -> None:
     assert found([[80, 0], [99, 0]], [[100, 0]]) == [-1, 0]

@@ -74,7 +74,7 @@ def test_a_keypoint_is_sampled_where_its_spacing_is_about_a_pixel(scale: float) 
     assert 0.9 <= scale / 2**level <= 1.8001
 
 
-def test_a_turned_grid_turns_from_x_towards_y() -> None:
+def test_a_rotated_grid_rotates_from_x_towards_y() -> None:
     us, vs = np.empty(9, np.float32), np.empty(9, np.float32)
     angle_rad = np.radians(30.0)
     rotate_grid(

@@ -41,29 +41,29 @@ def kept(poses: list[Array]) -> list[float]:
     return [each.view.stamp_s for each in views.excluding(last)]
 
 
-def test_a_camera_that_stands_still_is_kept_once() -> None:
+def test_a_camera_at_rest_is_stored_once() -> None:
     assert kept([at(0.0)] * 50) == [0.0]
 
 
-def test_places_apart_are_kept_the_last_one_first() -> None:
+def test_distant_views_are_stored_and_the_last_one_comes_first() -> None:
     assert kept([at(0.0), at(1.0), at(1.0, 0.5), at(1.1, 0.5)]) == [2.0, 1.0, 0.0]
 
 
-def test_the_last_view_itself_is_not_given_again() -> None:
+def test_the_last_view_itself_is_not_returned() -> None:
     assert kept([at(0.0), at(1.0)]) == [0.0]
     assert kept([at(0.0)]) == []
 
 
-def test_the_place_left_longest_ago_makes_room() -> None:
+def test_the_least_recently_seen_view_is_replaced() -> None:
     poses = [at(float(k)) for k in range(MAX_VIEWS + 3)]
     assert kept(poses) == [float(k) for k in range(MAX_VIEWS + 1, 2, -1)]
 
 
-def test_a_place_come_by_again_counts_as_seen_last() -> None:
+def test_a_revisited_view_counts_as_the_most_recent() -> None:
     assert kept([at(0.0), at(1.0), at(2.0), at(0.1)]) == [0.0, 2.0, 1.0]
 
 
-def test_a_new_world_forgets_the_old_one() -> None:
+def test_a_new_world_frame_drops_the_old_views() -> None:
     views, _ = walked([at(0.0), at(1.0), at(2.0)])
     first = view(9.0)
     views.reset(first, at(2.0))
@@ -72,7 +72,7 @@ def test_a_new_world_forgets_the_old_one() -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-2, 2), st.floats(-2, 2)), min_size=3, max_size=20))
-def test_each_views_covariance_is_that_of_the_motions_since(
+def test_each_views_covariance_is_accumulated_since_then(
     walk: list[tuple[float, float]],
 ) -> None:
     poses = [at(*place) for place in walk]

@@ -27,7 +27,7 @@ def views() -> list[RgbdFrame]:
     return [render_corner(T, seq) for seq, T in enumerate(hand_held_poses(6))]
 
 
-def test_a_camera_in_a_known_scene_is_followed(views: list[RgbdFrame]) -> None:
+def test_a_camera_in_a_known_scene_is_tracked(views: list[RgbdFrame]) -> None:
     poses = hand_held_poses(len(views))
     for k, estimate in enumerate(estimate_all(SurfOdometry(), views)):
         assert estimate.ok, estimate.reason
@@ -41,18 +41,18 @@ def test_poses_are_the_product_of_the_motions(views: list[RgbdFrame]) -> None:
         assert np.array_equal(estimate.T_world_camera, T)
 
 
-def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
+def test_the_first_frame_is_the_world_frame(views: list[RgbdFrame]) -> None:
     first = SurfOdometry().estimate(views[0])
     assert_starts_at_origin(first)
 
 
-def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
+def test_an_estimate_has_its_numbers_of_points(views: list[RgbdFrame]) -> None:
     estimate = estimate_all(SurfOdometry(), views[:2])[1]
     assert_counts_consistent(estimate, 15)
     assert estimate.features <= 1000
 
 
-def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame]) -> None:
+def test_the_error_has_the_size_of_the_covariance(views: list[RgbdFrame]) -> None:
     poses = hand_held_poses(len(views))
     for k, estimate in enumerate(estimate_all(SurfOdometry(), views)[1:], 1):
         error = inverse(estimate.T_reference_camera) @ inverse(poses[k - 1]) @ poses[k]
@@ -69,7 +69,7 @@ def test_the_same_frames_twice_give_the_same_bits(views: list[RgbdFrame]) -> Non
 
 
 @pytest.mark.subprocess
-def test_the_number_of_threads_changes_no_bit() -> None:
+def test_the_number_of_threads_does_not_change_a_bit() -> None:
     script = str(Path(__file__).with_name("trajectory_digest.py"))
     root = str(Path(__file__).parents[4])
     digests = set()
@@ -83,13 +83,13 @@ def test_the_number_of_threads_changes_no_bit() -> None:
     assert len(digests) == 1
 
 
-def test_standing_still_is_no_motion(views: list[RgbdFrame]) -> None:
+def test_a_camera_at_rest_has_no_motion(views: list[RgbdFrame]) -> None:
     estimates = estimate_all(SurfOdometry(), [views[0]] * 4)
     assert all(e.ok for e in estimates)
     np.testing.assert_allclose(estimates[-1].T_world_camera, np.eye(4), atol=1e-12)
 
 
-def test_upright_features_serve_as_well(views: list[RgbdFrame]) -> None:
+def test_upright_features_also_work(views: list[RgbdFrame]) -> None:
     estimates = estimate_all(SurfOdometry(SurfExtractor(500, upright=True)), views)
     assert all(e.ok for e in estimates)
     assert_close(estimates[-1].T_world_camera, hand_held_poses(6)[5], 0.012, 0.6)
@@ -113,9 +113,7 @@ def recorded(folder: Path, frames: int) -> list[Estimate]:
     ("name", "frames"),
     [("freiburg1_xyz_head", 10), ("freiburg1_desk_piece", 9), ("redkitchen", 100)],
 )
-def test_a_real_kinect_is_followed_through_every_frame(
-    recordings: Path, name: str, frames: int
-) -> None:
+def test_a_real_kinect_is_tracked_in_every_frame(recordings: Path, name: str, frames: int) -> None:
     estimates = recorded(recordings / name, frames)
     assert len(estimates) == frames
     assert [e.reason for e in estimates if not e.ok] == []

@@ -31,7 +31,7 @@ def views() -> list[RgbdFrame]:
     return [render_corner(T, seq) for seq, T in enumerate(hand_held_poses(6))]
 
 
-def test_a_black_start_is_an_answer_and_the_next_good_frame_begins(views: list[RgbdFrame]) -> None:
+def test_a_black_start_fails_and_the_next_good_frame_starts(views: list[RgbdFrame]) -> None:
     black, first, second = estimate_all(SurfOdometry(), [BLACK, views[0], views[1]])
     assert not black.ok
     assert "too few features with depth" in black.reason
@@ -40,7 +40,7 @@ def test_a_black_start_is_an_answer_and_the_next_good_frame_begins(views: list[R
     assert_close(second.T_world_camera, hand_held_poses(2)[1], 0.004, 0.2)
 
 
-def test_a_failed_frame_holds_the_pose_and_is_left_out_of_the_chain(
+def test_a_failed_frame_keeps_the_pose_and_is_skipped(
     views: list[RgbdFrame],
 ) -> None:
     _, before, failed, after = estimate_all(SurfOdometry(), [views[0], views[1], BLACK, views[3]])
@@ -56,7 +56,7 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out_of_the_chain(
     )
 
 
-def test_after_too_many_failures_tracking_starts_again(views: list[RgbdFrame]) -> None:
+def test_after_too_many_failures_tracking_restarts(views: list[RgbdFrame]) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=2))
     before = estimate_all(odometry, views[:2])[1]
     lost = estimate_all(
@@ -69,7 +69,7 @@ def test_after_too_many_failures_tracking_starts_again(views: list[RgbdFrame]) -
     assert_close(step, inverse(hand_held_poses(3)[1]) @ hand_held_poses(3)[2], 0.004, 0.2)
 
 
-def test_without_anything_to_see_it_does_not_start_again(views: list[RgbdFrame]) -> None:
+def test_without_features_it_does_not_restart(views: list[RgbdFrame]) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=2))
     estimate_all(odometry, views[:1])
     lost = estimate_all(odometry, [BLACK] * 5)
@@ -81,14 +81,14 @@ def test_without_anything_to_see_it_does_not_start_again(views: list[RgbdFrame])
     assert_close(found.T_world_camera, hand_held_poses(2)[1], 0.004, 0.2)
 
 
-def test_a_failure_in_between_does_not_count_towards_the_next(views: list[RgbdFrame]) -> None:
+def test_a_failure_does_not_count_for_the_next_loss(views: list[RgbdFrame]) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=1))
     estimates = estimate_all(odometry, [views[0], BLACK, views[1], render_elsewhere(0), views[2]])
     assert [e.ok for e in estimates] == [True, False, True, False, True]
     assert not any(e.is_reset for e in estimates)
 
 
-def test_frames_without_depth_are_an_answer(views: list[RgbdFrame]) -> None:
+def test_frames_without_depth_fail_with_a_reason(views: list[RgbdFrame]) -> None:
     no_depth = RgbdFrame(
         0, 0.0, 0.0, views[1].color_bgr, np.zeros(SHAPE, np.uint16), 5000.0, CAMERA
     )
@@ -99,7 +99,7 @@ def test_frames_without_depth_are_an_answer(views: list[RgbdFrame]) -> None:
 
 @settings(FIRST_CALL_COMPILES, max_examples=25)
 @given(st.lists(st.tuples(st.integers(0, 2**32 - 1), st.integers(0, 5)), min_size=2, max_size=4))
-def test_no_frame_is_an_error_and_every_pose_is_rigid(kinds: list[tuple[int, int]]) -> None:
+def test_no_frame_raises_and_every_pose_is_rigid(kinds: list[tuple[int, int]]) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=1))
     for seed, kind in kinds:
         estimate = odometry.estimate(garbage(seed, kind))

@@ -43,7 +43,7 @@ class NoRecovery(SurfRecovery):
         return None
 
 
-def test_a_camera_that_looks_back_is_found_by_an_older_view(
+def test_a_camera_that_looks_back_is_recovered_by_an_older_view(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
     alone = estimate_all(SurfOdometry(recovery=NoRecovery(SurfParameters())), sweep + back)
@@ -55,7 +55,7 @@ def test_a_camera_that_looks_back_is_found_by_an_older_view(
     assert_close(found.T_world_camera, turned(BACK_RAD), 0.01, 0.5)
 
 
-def test_the_motion_is_reported_since_the_last_good_frame(
+def test_the_motion_is_relative_to_the_last_good_frame(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
     odometry = SurfOdometry()
@@ -71,9 +71,7 @@ def test_the_motion_is_reported_since_the_last_good_frame(
     ) < (4 * np.sqrt(np.trace(found.covariance[:3, :3])))
 
 
-def test_tracking_goes_on_from_where_it_was_found(
-    sweep: list[RgbdFrame], back: list[RgbdFrame]
-) -> None:
+def test_tracking_continues_after_recovery(sweep: list[RgbdFrame], back: list[RgbdFrame]) -> None:
     odometry = SurfOdometry()
     estimate_all(odometry, sweep + back)
     following = odometry.estimate(seen(BACK_RAD + 0.03, 13))
@@ -92,7 +90,7 @@ def mirrored(frame: RgbdFrame) -> RgbdFrame:
     return replace(frame, color_bgr=color.copy(), depth_raw=depth.copy())
 
 
-def test_after_a_fresh_start_the_old_views_are_forgotten(
+def test_after_a_restart_the_old_views_are_dropped(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=1))
@@ -106,7 +104,7 @@ def test_after_a_fresh_start_the_old_views_are_forgotten(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_noise_is_no_place_seen_before(sweep: list[RgbdFrame], seed: int) -> None:
+def test_noise_is_not_recognized(sweep: list[RgbdFrame], seed: int) -> None:
     random = np.random.default_rng(seed)
     odometry = SurfOdometry()
     estimate_all(odometry, sweep)
@@ -123,7 +121,7 @@ def blurred(angle_rad: float, seq: int) -> RgbdFrame:
     return replace(shots[4], color_bgr=color_bgr)
 
 
-def test_a_steady_turn_is_followed_into_a_blurred_picture() -> None:
+def test_a_constant_rotation_is_tracked_into_a_blurred_image() -> None:
     turn = [*(seen(0.03 * seq, seq) for seq in range(4)), blurred(0.12, 4)]
     alone = estimate_all(SurfOdometry(recovery=NoRecovery(SurfParameters())), turn)[-1]
     found = estimate_all(SurfOdometry(), turn)[-1]
@@ -132,17 +130,17 @@ def test_a_steady_turn_is_followed_into_a_blurred_picture() -> None:
     assert_close(found.T_world_camera, turned(0.12), 0.02, 0.5)
 
 
-def test_without_stamps_that_rise_nothing_is_predicted_and_nothing_breaks() -> None:
+def test_without_increasing_stamps_nothing_is_predicted() -> None:
     turn = [*(seen(0.03 * seq, seq) for seq in range(4)), blurred(0.12, 3)]
     assert not estimate_all(SurfOdometry(), turn)[-1].ok
 
 
-def test_black_frames_are_lost_and_tracking_goes_on_afterwards(sweep: list[RgbdFrame]) -> None:
+def test_black_frames_are_lost_and_tracking_continues_afterwards(sweep: list[RgbdFrame]) -> None:
     estimates = estimate_all(SurfOdometry(), [*sweep[:3], BLACK, BLACK, sweep[3]])
     assert [e.ok for e in estimates] == [True, True, True, False, False, True]
 
 
-def test_fewer_features_are_found_from_the_next_frame_on(sweep: list[RgbdFrame]) -> None:
+def test_a_lower_feature_count_applies_to_the_next_frame(sweep: list[RgbdFrame]) -> None:
     odometry = SurfOdometry()
     assert odometry.feature_count == 1000
     before = odometry.estimate(sweep[0])

@@ -32,7 +32,7 @@ SMALL = RecorderConfig(max_mb=20)
 LOST = TrackingState.LOST
 
 
-def test_on_command_the_last_frames_become_a_folder_that_replays_bit_for_bit(
+def test_a_command_saves_the_last_frames_as_a_folder_that_replays_bit_for_bit(
     tmp_path: Path,
 ) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
@@ -50,7 +50,7 @@ def test_on_command_the_last_frames_become_a_folder_that_replays_bit_for_bit(
     assert seq == 7
 
 
-def test_beside_the_frames_is_what_the_service_said_of_them(tmp_path: Path) -> None:
+def test_an_incident_has_the_poses_and_statuses_of_the_service(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         recorder.on_status(make_recorder_status(frames=5))
         send_updates(recorder, *map(make_update, range(4)), make_update(4, LOST))
@@ -68,7 +68,7 @@ def test_beside_the_frames_is_what_the_service_said_of_them(tmp_path: Path) -> N
     assert status["recorder"]["limited_by"] == "seconds"
 
 
-def test_frames_and_poses_of_a_live_camera_have_the_stamps_that_were_published(
+def test_frames_and_poses_of_a_live_camera_have_the_published_stamps(
     tmp_path: Path,
 ) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
@@ -103,7 +103,7 @@ def test_only_the_last_seconds_are_written(tmp_path: Path) -> None:
     assert stamps_s == pytest.approx([make_update(seq).stamp_s for seq in range(14, 30)], abs=1e-6)
 
 
-def test_of_two_cameras_only_the_last_ones_frames_are_written(tmp_path: Path) -> None:
+def test_only_frames_of_the_last_camera_are_written(tmp_path: Path) -> None:
     other = PinholeCamera(32, 24, 30.0, 30.0, 15.5, 11.5)
     with running_recorder(tmp_path, SMALL) as recorder:
         send_updates(
@@ -119,7 +119,7 @@ def test_of_two_cameras_only_the_last_ones_frames_are_written(tmp_path: Path) ->
         ] == [other] * 2
 
 
-def test_a_loss_is_written_with_what_came_after_it(tmp_path: Path) -> None:
+def test_an_incident_of_a_loss_includes_the_second_after_it(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         send_updates(
             recorder, *map(make_update, range(4)), make_update(4, LOST), make_update(5, LOST)
@@ -134,19 +134,19 @@ def test_a_loss_is_written_with_what_came_after_it(tmp_path: Path) -> None:
         assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 6
 
 
-def test_a_loss_just_before_the_end_is_still_written(tmp_path: Path) -> None:
+def test_a_loss_just_before_the_end_is_written(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         send_updates(recorder, make_update(0), make_update(1, LOST))
     assert len(read_recording(wait_for_incident(tmp_path, "lost"))) == 2
 
 
-def test_losses_are_not_written_where_they_are_not_wanted(tmp_path: Path) -> None:
+def test_incidents_of_losses_can_be_disabled(tmp_path: Path) -> None:
     with running_recorder(tmp_path, replace(SMALL, save_on_loss=False)) as recorder:
         send_updates(recorder, make_update(0), make_update(1, LOST))
     assert list_incidents(tmp_path) == []
 
 
-def test_an_orderly_end_leaves_nothing(tmp_path: Path) -> None:
+def test_a_clean_exit_writes_nothing(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL):
         pass  # what is loaded once stays
     before = resources_in_use()
@@ -164,7 +164,7 @@ def test_everything_is_private(tmp_path: Path) -> None:
     assert modes == {(True, 0o700), (False, 0o600)}
 
 
-def test_a_loss_that_is_due_is_written_though_something_else_changes(tmp_path: Path) -> None:
+def test_a_due_incident_is_written_despite_another_setting(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         send_updates(recorder, make_update(0), make_update(1, LOST))
         recorder.configure(replace(SMALL, total_mb=1000))
@@ -183,7 +183,7 @@ def test_too_many_incidents_are_not_kept(tmp_path: Path) -> None:
     assert names[0].endswith("third")
 
 
-def test_what_is_kept_and_whether_losses_are_written_may_change_while_it_runs(
+def test_quota_and_save_on_loss_can_change_at_run_time(
     tmp_path: Path,
 ) -> None:
     large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)

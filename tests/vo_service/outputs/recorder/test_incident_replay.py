@@ -52,7 +52,7 @@ class LockstepOutput(CollectingOutput):
         wait_until(lambda: self._recorder.frame_count == len(self.poses))
 
 
-def test_a_loss_of_tracking_replays_to_the_poses_that_the_service_gave(
+def test_a_tracking_loss_replays_to_the_published_poses(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     frames = read_recording(recording)
@@ -74,7 +74,7 @@ def test_a_loss_of_tracking_replays_to_the_poses_that_the_service_gave(
     assert len(published[1:]) == len(frames) - 1
 
 
-def test_frames_from_before_a_crash_of_the_driver_are_still_there(tmp_path: Path) -> None:
+def test_frames_from_before_a_driver_crash_are_kept(tmp_path: Path) -> None:
     (tmp_path / "script").touch()  # an empty script: the camera works
     make = partial(FileScriptedCamera, tmp_path / "script")
     driver = SubprocessCamera("scripted", Clock.MONOTONIC, make, PlaybackMode.REALTIME)

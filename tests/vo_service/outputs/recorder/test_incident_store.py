@@ -25,13 +25,13 @@ def fill(folder: Path) -> None:
     (folder / "file").write_bytes(bytes(100))
 
 
-def test_the_name_says_when_and_why() -> None:
+def test_the_name_has_time_and_reason() -> None:
     assert incident_name("lost", 1795278605.9) == "2026-11-21T16-30-05Z-lost"
     assert incident_name("../On Command!\n", 0.0) == "1970-01-01T00-00-00Z-on-command"
     assert incident_name("?", 0.0) == "1970-01-01T00-00-00Z-saved"
 
 
-def test_an_incident_appears_only_when_it_is_whole(tmp_path: Path) -> None:
+def test_an_incident_appears_only_when_complete(tmp_path: Path) -> None:
     names: list[str] = []
 
     def record_names(folder: Path) -> None:
@@ -44,12 +44,12 @@ def test_an_incident_appears_only_when_it_is_whole(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == [NEW]
 
 
-def test_two_of_the_same_second_are_both_kept(tmp_path: Path) -> None:
+def test_two_incidents_of_one_second_are_both_kept(tmp_path: Path) -> None:
     folder = IncidentStore(tmp_path, 1000)
     assert {folder.write(NEW, fill).name for _ in range(3)} == {NEW, f"{NEW}-2", f"{NEW}-3"}
 
 
-def test_the_oldest_make_room_and_nothing_else_does(tmp_path: Path) -> None:
+def test_only_the_oldest_incidents_are_deleted(tmp_path: Path) -> None:
     oldest, newer = (incident(tmp_path, f"2026-11-2{day}T00-00-00Z-lost") for day in "01")
     notes, foreign = incident(tmp_path, "0-my-notes"), tmp_path / "0.txt"
     foreign.write_bytes(bytes(500))
@@ -58,20 +58,20 @@ def test_the_oldest_make_room_and_nothing_else_does(tmp_path: Path) -> None:
     assert all(kept.exists() for kept in (newer, notes, foreign, tmp_path / NEW))
 
 
-def test_one_that_is_larger_than_all_may_be_is_still_kept(tmp_path: Path) -> None:
+def test_an_incident_larger_than_the_quota_is_kept(tmp_path: Path) -> None:
     incident(tmp_path, "2026-11-20T00-00-00Z-lost")
     IncidentStore(tmp_path, 50).write(NEW, fill)
     assert [path.name for path in tmp_path.iterdir()] == [NEW]
 
 
-def test_the_newest_is_kept_though_the_clock_was_set_back(tmp_path: Path) -> None:
+def test_the_newest_is_kept_after_the_clock_was_set_back(tmp_path: Path) -> None:
     future = incident(tmp_path, "2027-01-01T00-00-00Z-lost")
     IncidentStore(tmp_path, 150).write(NEW, fill)
     assert (tmp_path / NEW).exists()
     assert not future.exists()
 
 
-def test_what_an_earlier_recorder_began_is_removed_unless_it_still_writes(tmp_path: Path) -> None:
+def test_partial_incidents_of_a_dead_recorder_are_removed(tmp_path: Path) -> None:
     abandoned, locked = (
         incident(tmp_path, f"2026-11-2{d}T00-00-00Z-crash{PARTIAL_SUFFIX}") for d in "01"
     )
@@ -93,7 +93,7 @@ def test_a_link_with_an_incidents_name_is_not_followed(tmp_path: Path) -> None:
     assert (tmp_path / "precious" / "file").exists()
 
 
-def test_of_what_fails_nothing_is_left(tmp_path: Path) -> None:
+def test_a_failed_incident_leaves_nothing_behind(tmp_path: Path) -> None:
     def fail(folder: Path) -> None:
         fill(folder)
         raise OSError(28, "No space left on device")
@@ -103,13 +103,13 @@ def test_of_what_fails_nothing_is_left(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UserFacingError, match="file/incidents: cannot be written"):
         IncidentStore(tmp_path / "file" / "incidents", 1000).write(NEW, fill)
 
 
-def test_a_folder_that_cannot_be_used_is_told_of_beforehand(tmp_path: Path) -> None:
+def test_an_unusable_folder_is_reported_in_advance(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert check_writable(tmp_path) == check_writable(tmp_path / "new" / "incidents") == ""
     assert "file: cannot be used" in check_writable(tmp_path / "file")

@@ -32,7 +32,7 @@ def frames() -> Iterator[RecordRingWriter]:
     writer.close()
 
 
-def test_the_oldest_frames_are_left_out_where_the_time_runs_out(
+def test_the_oldest_frames_are_omitted_if_time_runs_out(
     tmp_path: Path, frames: RecordRingWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reader, now_s = RecordRingReader(frames.memory), [100.0]
@@ -55,9 +55,7 @@ def test_the_oldest_frames_are_left_out_where_the_time_runs_out(
     assert stamps_s[0] == pytest.approx(make_update(0).stamp_s, abs=1e-6)
 
 
-def test_frames_that_are_overwritten_meanwhile_are_counted(
-    tmp_path: Path, frames: RecordRingWriter
-) -> None:
+def test_overwritten_frames_are_counted(tmp_path: Path, frames: RecordRingWriter) -> None:
     reader = RecordRingReader(frames.memory)
     IncidentWriter(
         "command", range(FRAMES), lambda n: reader.read_record(n) if n > 2 else None, [], "{}"
@@ -66,7 +64,7 @@ def test_frames_that_are_overwritten_meanwhile_are_counted(
     assert len(read_recording(tmp_path)) == FRAMES - 3
 
 
-def test_a_service_that_crashed_before_its_first_frame_leaves_no_incident(tmp_path: Path) -> None:
+def test_a_crash_before_the_first_frame_leaves_no_incident(tmp_path: Path) -> None:
     messages: list[RecorderMessage] = []
     writer = RecordRingWriter("trial", 1.0, 1 << 20)
     worker = RecorderWorker(

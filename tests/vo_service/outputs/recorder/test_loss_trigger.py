@@ -14,7 +14,7 @@ def make_trigger(*states: TrackingState, begin_s: float = 0.0) -> LossTrigger:
     return trigger
 
 
-def test_a_loss_is_due_once_and_a_second_later() -> None:
+def test_a_loss_triggers_once_a_second_later() -> None:
     trigger = make_trigger(TRACKING, LOST)
     assert not trigger.is_due(0.9 * DELAY_S)
     assert trigger.is_pending
@@ -23,7 +23,7 @@ def test_a_loss_is_due_once_and_a_second_later() -> None:
     assert not trigger.is_pending
 
 
-def test_staying_lost_or_beginning_lost_is_no_loss() -> None:
+def test_staying_lost_or_starting_lost_is_no_loss() -> None:
     assert not make_trigger(LOST, LOST).is_pending
     trigger = make_trigger(TRACKING, LOST)
     assert trigger.is_due(2.0)
@@ -31,7 +31,7 @@ def test_staying_lost_or_beginning_lost_is_no_loss() -> None:
     assert not trigger.is_pending
 
 
-def test_tracking_that_comes_and_goes_is_written_once_in_a_while() -> None:
+def test_repeated_losses_trigger_at_a_limited_rate() -> None:
     trigger = make_trigger(*[TRACKING, LOST] * 10)
     assert trigger.is_due(2.0)
     trigger.update(TRACKING, 3.0)
@@ -42,5 +42,5 @@ def test_tracking_that_comes_and_goes_is_written_once_in_a_while() -> None:
     assert trigger.is_pending
 
 
-def test_a_degraded_pose_that_is_lost_counts() -> None:
+def test_a_loss_after_a_degraded_pose_triggers() -> None:
     assert make_trigger(TrackingState.DEGRADED, LOST).is_pending

@@ -57,7 +57,7 @@ def service(state: Path, death: str) -> Iterator[CrashingService]:
             process.kill()
 
 
-def test_the_last_frames_of_a_service_that_crashed_are_written(tmp_path: Path) -> None:
+def test_the_last_frames_of_a_crashed_service_are_written(tmp_path: Path) -> None:
     with service(tmp_path, "segfault") as crashing:
         crashing.go()
         folder = wait_for_incident(tmp_path, "crash")
@@ -67,7 +67,7 @@ def test_the_last_frames_of_a_service_that_crashed_are_written(tmp_path: Path) -
     assert f"its last {FRAMES} frames are in {folder}" in (tmp_path / "log").read_text()
 
 
-def test_they_are_written_after_a_kill_though_systemd_asks_all_processes_to_end(
+def test_frames_are_written_after_a_kill_despite_sigterm_to_all_processes(
     tmp_path: Path,
 ) -> None:
     with service(tmp_path, "killed") as crashing:
@@ -77,14 +77,14 @@ def test_they_are_written_after_a_kill_though_systemd_asks_all_processes_to_end(
         assert len(read_recording(wait_for_incident(tmp_path, "crash"))) == FRAMES
 
 
-def test_a_recording_is_brought_to_an_end_as_well(tmp_path: Path) -> None:
+def test_a_crash_completes_the_current_recording(tmp_path: Path) -> None:
     with service(tmp_path, "exit") as crashing:
         crashing.go()
         assert len(read_recording(wait_for_incident(tmp_path, "crash"))) == FRAMES
     assert len(read_recording(tmp_path / "recordings" / "desk")) == FRAMES
 
 
-def test_when_everything_is_killed_nothing_is_written_and_nothing_left(tmp_path: Path) -> None:
+def test_a_kill_of_all_processes_writes_and_leaves_nothing(tmp_path: Path) -> None:
     with service(tmp_path, "killed") as crashing:
         os.kill(crashing.recorder, signal.SIGKILL)
         crashing.process.kill()

@@ -36,7 +36,7 @@ def only_child() -> int:
     return child
 
 
-def test_its_process_that_is_killed_comes_back_and_the_frames_are_still_there(
+def test_a_killed_recorder_process_is_restarted_with_its_frames(
     tmp_path: Path,
 ) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
@@ -50,7 +50,7 @@ def test_its_process_that_is_killed_comes_back_and_the_frames_are_still_there(
         assert recorder.warning == ""
 
 
-def test_a_full_disk_is_said_and_leaves_nothing_half_written(
+def test_a_full_disk_is_reported_and_leaves_no_partial_file(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
@@ -66,7 +66,7 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
-def test_a_folder_that_cannot_be_used_is_told_and_no_reason_to_end(
+def test_an_unusable_folder_is_reported_and_the_service_continues(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     unusable = tmp_path / "elsewhere"
@@ -78,7 +78,7 @@ def test_a_folder_that_cannot_be_used_is_told_and_no_reason_to_end(
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
-def test_incidents_and_recordings_have_each_their_own_trouble(tmp_path: Path) -> None:
+def test_incidents_and_recordings_have_separate_faults(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         send_updates(recorder, make_update(0))
         resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
@@ -94,7 +94,7 @@ def test_incidents_and_recordings_have_each_their_own_trouble(tmp_path: Path) ->
         assert "incidents: the disk is full" in recorder.warning
 
 
-def test_what_cannot_be_done_is_refused_with_the_reason(tmp_path: Path) -> None:
+def test_impossible_requests_are_refused_with_the_reason(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         assert command_error(lambda: recorder.save("x")) == "not-possible: no frame has arrived yet"
         assert command_error(recorder.stop_recording) == "not-possible: nothing is being recorded"
@@ -106,7 +106,7 @@ def test_what_cannot_be_done_is_refused_with_the_reason(tmp_path: Path) -> None:
         wait_for_incident(tmp_path, "command")
 
 
-def test_the_service_goes_on_without_a_recorder_that_has_no_memory(
+def test_the_service_continues_without_memory_for_the_recorder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
@@ -120,7 +120,7 @@ def test_the_service_goes_on_without_a_recorder_that_has_no_memory(
     )
 
 
-def test_a_recorder_that_is_switched_off_says_so_to_whoever_asks() -> None:
+def test_a_disabled_recorder_refuses_with_the_reason() -> None:
     recorder = open_recorder(RecorderConfig(enabled=False), {})
     assert recorder.warning == recorder.recording == ""
     assert "recorder.enabled" in command_error(lambda: recorder.start_recording("desk"))

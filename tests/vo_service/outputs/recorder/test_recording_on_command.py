@@ -39,7 +39,7 @@ def has_written(folder: Path, frames: int) -> bool:
     return len(list(folder.glob("depth/[!.]*"))) >= frames
 
 
-def test_every_frame_from_start_to_stop_is_recorded(
+def test_every_frame_between_start_and_stop_is_recorded(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
@@ -71,21 +71,21 @@ def test_more_frames_than_the_ring_holds_are_recorded(tmp_path: Path) -> None:
     assert len(read_recording(folder)) == 60
 
 
-def test_closing_the_service_ends_a_recording_in_order(tmp_path: Path) -> None:
+def test_closing_the_service_completes_a_recording(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         folder = Path(recorder.start_recording("desk"))
         send_updates(recorder, *map(make_update, range(4)))
     assert len(read_recording(folder)) == 4
 
 
-def test_a_recording_without_a_frame_makes_no_folder(tmp_path: Path) -> None:
+def test_a_recording_without_a_frame_creates_no_folder(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         folder = Path(recorder.start_recording("nothing"))
         recorder.stop_recording()
     assert not folder.exists()
 
 
-def test_names_that_will_not_do_are_refused(tmp_path: Path) -> None:
+def test_invalid_names_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "recordings" / "old").mkdir(parents=True)
     with running_recorder(tmp_path, SMALL) as recorder:
         for name in ("", "../desk", "a/b", ".hidden", "a b", "x" * 65, "a\n"):
@@ -95,7 +95,7 @@ def test_names_that_will_not_do_are_refused(tmp_path: Path) -> None:
         assert folder in command_error(lambda: recorder.start_recording("newer"))
 
 
-def test_another_camera_ends_the_recording_and_the_reason_is_said(tmp_path: Path) -> None:
+def test_another_camera_ends_the_recording_with_a_reason(tmp_path: Path) -> None:
     other = PinholeCamera(32, 24, 30.0, 30.0, 15.5, 11.5)
     with running_recorder(tmp_path, SMALL) as recorder:
         folder = Path(recorder.start_recording("desk"))
@@ -105,7 +105,7 @@ def test_another_camera_ends_the_recording_and_the_reason_is_said(tmp_path: Path
     assert len(read_recording(folder)) == 2
 
 
-def test_a_process_that_dies_ends_the_recording_and_that_is_said(tmp_path: Path) -> None:
+def test_a_dead_recorder_process_ends_the_recording_with_a_reason(tmp_path: Path) -> None:
     with running_recorder(tmp_path, SMALL) as recorder:
         folder = Path(recorder.start_recording("desk"))
         send_updates(recorder, *map(make_update, range(4)))
@@ -133,7 +133,7 @@ class _Ring:
         return self.results[-1]
 
 
-def test_frames_that_were_overwritten_before_they_could_be_written_are_counted(
+def test_frames_overwritten_before_they_are_written_are_counted(
     tmp_path: Path,
 ) -> None:
     result = _Ring(tmp_path / "slow").record(frames=40)
@@ -143,7 +143,7 @@ def test_frames_that_were_overwritten_before_they_could_be_written_are_counted(
     assert len(read_recording(result.folder)) == result.frame_count
 
 
-def test_a_disk_with_too_little_left_ends_it_with_the_reason(
+def test_low_disk_space_ends_a_recording_with_a_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording_module, "MIN_FREE_BYTES", 10**18)

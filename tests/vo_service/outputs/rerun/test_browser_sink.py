@@ -36,7 +36,7 @@ def get(port: int, path: str) -> tuple[HTTPResponse, bytes]:
     return response, content
 
 
-def test_the_page_is_served_and_may_reach_only_this_computer(
+def test_the_page_may_connect_only_to_this_computer(
     free_port: int, other_port: int, make_update: Callable[..., OdometryUpdate]
 ) -> None:
     output = RerunOutput(BrowserSink(free_port, other_port))
@@ -55,7 +55,7 @@ def test_the_page_is_served_and_may_reach_only_this_computer(
         get(other_port, "/")
 
 
-def test_everything_listens_on_loopback_alone(
+def test_all_ports_are_on_loopback_only(
     free_port: int, other_port: int, listening: Callable[[int], set[str]]
 ) -> None:
     before = listening(os.getpid())
@@ -70,7 +70,7 @@ def test_everything_listens_on_loopback_alone(
 
 @pytest.mark.rerun
 @pytest.mark.parametrize("which", ["data", "page"])
-def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
+def test_a_port_in_use_is_one_line(free_port: int, which: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port_in_use = taken.getsockname()[1]
         ports = (port_in_use, free_port) if which == "data" else (free_port, port_in_use)
@@ -80,7 +80,7 @@ def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
 
-def test_a_port_that_somebody_takes_in_between_is_no_trouble(
+def test_a_port_taken_after_the_check_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:

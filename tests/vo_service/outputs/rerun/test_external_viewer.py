@@ -59,7 +59,7 @@ def processes() -> list[int]:
     return [pid for pid in child_pids() if resident_of(pid) > 50_000]
 
 
-def test_a_viewer_that_never_comes_costs_no_process(
+def test_a_missing_viewer_needs_no_process(
     output: RerunOutput, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     for seq in range(30):
@@ -71,7 +71,7 @@ def test_a_viewer_that_never_comes_costs_no_process(
 
 
 @pytest.mark.subprocess
-def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
+def test_a_viewer_that_starts_late_ends_and_restarts_receives_data(
     free_port: int, output: RerunOutput, make_update: MakeUpdate
 ) -> None:
     output.on_update(make_update(0))
@@ -85,7 +85,7 @@ def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
 
 
 @pytest.mark.subprocess
-def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
+def test_a_frozen_viewer_is_disconnected_and_memory_stays_bounded(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     update = make_update(0)
@@ -120,12 +120,12 @@ def resident_of(process: int) -> int:
         return 0
 
 
-def test_something_that_accepts_and_never_answers_is_no_viewer() -> None:
+def test_a_server_that_never_replies_is_no_viewer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         assert not GrpcViewerProbe(*server.getsockname()).connect()
 
 
-def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
+def test_a_server_with_another_protocol_is_no_viewer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer() -> None:
@@ -137,7 +137,7 @@ def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
 
 
 @pytest.mark.slow
-def test_something_that_talks_on_and_on_is_no_viewer() -> None:
+def test_a_server_that_sends_endlessly_is_no_viewer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         has_ended = threading.Event()
 
@@ -154,7 +154,7 @@ def test_something_that_talks_on_and_on_is_no_viewer() -> None:
         thread.join()
 
 
-def test_something_that_sends_a_frame_nobody_may_send_is_given_up_at_once() -> None:
+def test_a_server_that_sends_an_invalid_frame_is_disconnected_at_once() -> None:
     settings, too_large = b"\0\0\0\x04" + bytes(5), b"\0\x40\x01\x08" + bytes(5)
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
@@ -170,7 +170,7 @@ def test_something_that_sends_a_frame_nobody_may_send_is_given_up_at_once() -> N
 
 
 @pytest.mark.subprocess
-def test_a_viewer_that_is_replaced_by_another_is_noticed_at_once(free_port: int) -> None:
+def test_a_replaced_viewer_is_noticed_at_once(free_port: int) -> None:
     with closing_probe(free_port) as probe:
         with viewer(free_port):
             assert probe.connect()
@@ -200,7 +200,7 @@ class ScriptedProbe:
         """Do nothing."""
 
 
-def test_a_viewer_that_is_slow_to_answer_is_given_another_chance(
+def test_a_slow_viewer_gets_a_second_chance(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("vo_service.outputs.rerun.viewer_probe.PROBE_PERIOD_S", 0.0)

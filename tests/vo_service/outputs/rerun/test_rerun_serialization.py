@@ -22,7 +22,7 @@ def send_and_receive(*messages: RerunMessage) -> list[RerunMessage]:
 
 
 @given(arrays.arrays(np.float64, st.tuples(st.integers(0, 20), st.just(3))), st.booleans())
-def test_arrays_come_back(positions: np.ndarray, is_turned: bool) -> None:
+def test_arrays_are_restored(positions: np.ndarray, is_turned: bool) -> None:
     array = positions[::-1, ::2] if is_turned else positions
     ground_truth, text_log = send_and_receive(GroundTruth(array), TextLog("on"))
     assert isinstance(ground_truth, GroundTruth)
@@ -31,7 +31,7 @@ def test_arrays_come_back(positions: np.ndarray, is_turned: bool) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-9, 9), st.integers(0, 3)), max_size=200))
-def test_a_trail_is_bounded_and_ends_where_the_camera_is(steps: list[tuple[float, int]]) -> None:
+def test_a_trajectory_is_bounded_and_ends_at_the_camera(steps: list[tuple[float, int]]) -> None:
     trajectory = BoundedTrajectory(max_points=16)
     for x, epoch in steps:
         position = np.array([x, 0.0, 0.0])

@@ -92,7 +92,7 @@ def _differ(folder: Path, before: dict[str, int]) -> bool:
 
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("written_at_once")
-def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
+def test_a_full_file_is_followed_by_the_next_and_the_oldest_is_deleted(
     tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -126,7 +126,7 @@ def test_every_file_opens_by_itself(
         assert len(RrdReader(file).blueprints()) == 1
 
 
-def test_file_after_file_takes_no_more_memory(tmp_path: Path) -> None:
+def test_many_files_take_no_more_memory(tmp_path: Path) -> None:
     stream, files = rr.RecordingStream("rotating"), RrdFileSink(tmp_path / "out.rrd")
     memory_kb = []
     for _ in range(25):
@@ -139,7 +139,7 @@ def test_file_after_file_takes_no_more_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("written_at_once")
-def test_the_trajectory_goes_on_in_the_next_file(
+def test_the_trajectory_continues_in_the_next_file(
     tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
 ) -> None:
     draw(
@@ -151,7 +151,7 @@ def test_the_trajectory_goes_on_in_the_next_file(
     assert so_far[0][0][0] == [0.0, 0.0, 0.0]
 
 
-def test_what_is_there_already_is_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_existing_files_are_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
     for number in range(3):
         draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(number)])
     assert [count_rows(tmp_path / name)["/log"] for name in ("out-0001.rrd", "out-0002.rrd")] == [
@@ -173,7 +173,7 @@ def test_what_is_there_already_is_kept(tmp_path: Path, make_update: MakeUpdate) 
         (["other.rrd", "out-1.rrd", "out-0001.txt"], 1, ["other.rrd", "out-1.rrd", "out-0001.txt"]),
     ],
 )
-def test_room_is_made_among_our_own_files_alone(
+def test_only_our_own_files_are_deleted(
     tmp_path: Path, there: list[str], kept: int, left: list[str]
 ) -> None:
     for name in there:
@@ -183,7 +183,7 @@ def test_room_is_made_among_our_own_files_alone(
 
 
 @pytest.mark.subprocess
-def test_a_disk_that_fills_up_ends_the_file_in_order_and_begins_another_when_there_is_space(
+def test_a_full_disk_closes_the_file_and_starts_another_when_there_is_space(
     tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -197,7 +197,7 @@ def test_a_disk_that_fills_up_ends_the_file_in_order_and_begins_another_when_the
     assert count_rows(path)["/depth"] == 5
 
 
-def test_a_disk_that_is_full_at_the_start_is_trouble_but_no_refusal(
+def test_a_disk_that_is_full_at_the_start_is_a_fault_but_no_error(
     tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
 ) -> None:
     free_bytes[:] = [10**6]
@@ -207,7 +207,7 @@ def test_a_disk_that_is_full_at_the_start_is_trouble_but_no_refusal(
 
 
 @pytest.mark.subprocess
-def test_a_file_that_cannot_grow_can_be_read_up_to_there(
+def test_a_file_that_cannot_grow_is_readable_so_far(
     tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -229,7 +229,7 @@ def test_a_file_that_cannot_grow_can_be_read_up_to_there(
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
-def test_a_name_that_is_no_text_is_one_line_and_what_is_there_stays(tmp_path: Path) -> None:
+def test_a_name_that_is_not_utf8_is_one_line_and_existing_files_stay(tmp_path: Path) -> None:
     path = tmp_path / "not\udcffutf8.rrd"
     path.touch()
     with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
@@ -252,7 +252,7 @@ def test_a_name_that_is_no_text_is_one_line_and_what_is_there_stays(tmp_path: Pa
         ("/sys/a.rrd", "cannot create a file in /sys: "),
     ],
 )
-def test_a_file_that_cannot_be_written_is_told_with_its_own_cause(
+def test_an_unwritable_file_is_reported_with_its_cause(
     tmp_path: Path, name: str, cause: str
 ) -> None:
     (tmp_path / "folder.rrd").mkdir()
@@ -265,7 +265,7 @@ def test_a_file_that_cannot_be_written_is_told_with_its_own_cause(
     assert set(tmp_path.rglob("*")) == there
 
 
-def test_a_folder_that_takes_no_new_file_keeps_what_is_there(
+def test_a_folder_that_takes_no_new_file_keeps_the_existing_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(**kwargs: Path) -> None:

@@ -66,13 +66,13 @@ def test_keyframes_and_edges_are_drawn(tmp_path: Path, make_update: MakeUpdate) 
 
 
 @pytest.mark.rerun
-def test_without_a_map_nothing_is_drawn_of_one(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_without_a_map_none_is_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     draw(RrdFileSink(path), [make_update(seq) for seq in range(40)])
     assert [entity for entity in count_rows(path) if entity.startswith("/world/map")] == []
 
 
-def test_a_map_that_agrees_with_odometry_lies_on_its_trajectory(make_update: MakeUpdate) -> None:
+def test_a_map_that_agrees_with_odometry_is_on_its_trajectory(make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]
     encoder = encode_all([with_map(updates[5], make_keyframe_map(poses, np.eye(4)))])
@@ -80,7 +80,7 @@ def test_a_map_that_agrees_with_odometry_lies_on_its_trajectory(make_update: Mak
     np.testing.assert_allclose(encoder.graph.odometry_edges[0], encoder.graph.positions[:2])
 
 
-def test_what_is_corrected_moves_and_the_rest_of_the_map_stays(make_update: MakeUpdate) -> None:
+def test_corrections_move_the_map_and_its_origin_stays(make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]
     before = make_keyframe_map(poses[:5], np.eye(4))
@@ -96,7 +96,7 @@ def test_what_is_corrected_moves_and_the_rest_of_the_map_stays(make_update: Make
     np.testing.assert_allclose(moved, 0.5, atol=1e-6)
 
 
-def test_a_loaded_map_is_hung_up_anew_once_it_is_known_where_odom_lies_in_it(
+def test_a_loaded_map_is_drawn_once_the_transform_to_odom_is_known(
     make_update: MakeUpdate,
 ) -> None:
     updates = [make_update(seq) for seq in range(3)]
@@ -108,7 +108,7 @@ def test_a_loaded_map_is_hung_up_anew_once_it_is_known_where_odom_lies_in_it(
     np.testing.assert_allclose(encoder.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
 
 
-def test_a_frame_without_a_pose_says_nothing_about_where_the_map_lies(
+def test_a_frame_without_a_pose_does_not_place_the_map(
     make_update: MakeUpdate,
 ) -> None:
     good = make_update(0)
@@ -118,7 +118,7 @@ def test_a_frame_without_a_pose_says_nothing_about_where_the_map_lies(
     assert len(encode_all([lost, with_map(good, snapshot)]).graph.positions) == 1
 
 
-def test_where_the_camera_is_in_the_map_is_where_it_was_last_seen_to_be(
+def test_the_camera_in_the_map_is_at_its_last_pose(
     make_update: MakeUpdate,
 ) -> None:
     update = make_update(0)
@@ -131,7 +131,7 @@ def test_where_the_camera_is_in_the_map_is_where_it_was_last_seen_to_be(
     np.testing.assert_allclose(corrected.position, expected, atol=1e-9)
 
 
-def test_a_map_of_the_epoch_before_does_not_say_where_the_camera_is(
+def test_a_map_of_the_previous_epoch_does_not_place_the_camera(
     make_update: MakeUpdate,
 ) -> None:
     update = with_map(make_update(0), make_map())
@@ -141,7 +141,7 @@ def test_a_map_of_the_epoch_before_does_not_say_where_the_camera_is(
 
 
 @pytest.mark.rerun
-def test_a_map_that_changes_all_the_time_is_drawn_once_a_second_and_at_the_end(
+def test_a_changing_map_is_drawn_once_a_second_and_at_the_end(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -154,7 +154,7 @@ def test_a_map_that_changes_all_the_time_is_drawn_once_a_second_and_at_the_end(
 
 
 @pytest.mark.rerun
-def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
+def test_an_unchanged_map_is_drawn_again_occasionally_for_late_viewers(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"

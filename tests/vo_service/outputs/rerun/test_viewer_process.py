@@ -67,7 +67,7 @@ def show_until(output: RerunOutput, update: OdometryUpdate, warning: str) -> Non
     wait_until(has_warned)
 
 
-def test_results_reach_the_file_and_nothing_is_left(
+def test_results_reach_the_file_and_no_process_is_left(
     tmp_path: Path, make_update: MakeUpdate, status: Status
 ) -> None:
     before = resources_in_use()
@@ -87,7 +87,7 @@ def test_results_reach_the_file_and_nothing_is_left(
     assert resources_in_use() <= before
 
 
-def test_rerun_stays_out_of_the_service(tmp_path: Path) -> None:
+def test_the_service_does_not_import_rerun(tmp_path: Path) -> None:
     script = (
         "import sys; from vo_service.outputs.rerun.output import open_rerun_output; "
         "open_rerun_output(sys.argv[1]).close(); "
@@ -98,7 +98,7 @@ def test_rerun_stays_out_of_the_service(tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) == ("set()\n", "")
 
 
-def test_a_frozen_process_holds_nothing_up(
+def test_a_frozen_process_blocks_nothing(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     output = RerunOutput(RrdFileSink(tmp_path / "out.rrd"))
@@ -114,7 +114,7 @@ def test_a_frozen_process_holds_nothing_up(
     wait_until(lambda: not is_alive(process))
 
 
-def test_a_killed_process_comes_back_and_draws_what_was_there(
+def test_a_killed_process_is_restarted_and_draws_earlier_results(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -135,7 +135,7 @@ def test_a_killed_process_comes_back_and_draws_what_was_there(
     assert (tmp_path / "out-0001.rrd").exists()
 
 
-def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
+def test_the_process_exits_when_the_service_is_killed(tmp_path: Path) -> None:
     script = (
         "import signal, sys; from tests.resource_leaks import child_pids; "
         "from vo_service.outputs.rerun.output import open_rerun_output; "
@@ -149,13 +149,13 @@ def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
     wait_until(lambda: not is_alive(process))
 
 
-def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
+def test_a_process_blocked_in_rerun_is_reported(make_update: MakeUpdate) -> None:
     with running_output(BlockingSink()) as (output, _):
         show_until(output, make_update(0), "rerun: blocked does not read its data")
         assert flood(output, make_update(0)) < AT_ONCE_S
 
 
-def test_a_process_that_grows_too_large_is_started_again(
+def test_a_process_with_too_much_memory_is_restarted(
     make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     settings = RerunConfig(memory_mb=300)
@@ -181,7 +181,7 @@ def resident_mb(process: int) -> float:
         return 0.0
 
 
-def test_what_could_not_be_kept_is_said_while_it_lasts_and_at_the_end(
+def test_lost_data_is_reported_during_the_fault_and_at_the_end(
     make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     output = RerunOutput(FullDiskSink())
@@ -193,7 +193,7 @@ def test_what_could_not_be_kept_is_said_while_it_lasts_and_at_the_end(
     assert caplog.text.count("the disk is full") == 1
 
 
-def test_while_it_rests_nothing_is_drawn_and_the_log_says_so(
+def test_while_paused_nothing_is_drawn_and_the_log_has_a_line(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -214,7 +214,7 @@ def test_while_it_rests_nothing_is_drawn_and_the_log_says_so(
         "out.txt",
     ],
 )  # fmt: skip
-def test_a_bad_target_is_one_line(tmp_path: Path, target: str) -> None:
+def test_an_invalid_target_is_one_line(tmp_path: Path, target: str) -> None:
     name = str(tmp_path / target) if "/" in target else target
     before = resources_in_use()
     with pytest.raises(InputError) as caught:
@@ -223,7 +223,7 @@ def test_a_bad_target_is_one_line(tmp_path: Path, target: str) -> None:
     assert resources_in_use() <= before
 
 
-def test_without_rerun_it_says_how_to_install_it(
+def test_without_rerun_the_error_names_the_install_command(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("vo_service.outputs.rerun.targets.find_spec", lambda name: None)

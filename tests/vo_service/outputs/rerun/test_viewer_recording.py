@@ -32,7 +32,7 @@ def record(
 
 
 @pytest.mark.subprocess
-def test_a_recording_is_whole_and_holds_everything(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_a_recording_is_complete(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     record(path, [make_update(seq) for seq in range(30)])
     assert is_complete(path)
@@ -44,9 +44,7 @@ def test_a_recording_is_whole_and_holds_everything(tmp_path: Path, make_update: 
     assert counted["/depth"] == counted["/world/trajectory/latest"] == 10
 
 
-def test_poses_and_counts_come_back_as_they_went_in(
-    tmp_path: Path, make_update: MakeUpdate
-) -> None:
+def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(5)]
     record(path, updates)
@@ -56,7 +54,7 @@ def test_poses_and_counts_come_back_as_they_went_in(
     assert read_column(path, "/plots/counts/inliers", "Scalars:scalars") == [[7.0]] * 5
 
 
-def test_a_long_trajectory_is_not_sent_again_with_each_point(
+def test_a_long_trajectory_is_not_resent_with_each_point(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -69,7 +67,9 @@ def test_a_long_trajectory_is_not_sent_again_with_each_point(
     assert [sum(map(len, strips)) for strips in so_far] == [1, 100, 200]
 
 
-def test_truth_starts_where_the_estimate_does(tmp_path: Path, make_update: MakeUpdate) -> None:
+def test_the_truth_is_aligned_with_the_first_estimate(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(10)]
     T_truth_world = rigid_transform(np.diag([-1.0, -1.0, 1.0]), [5.0, 6.0, 7.0])
@@ -88,7 +88,7 @@ def test_truth_of_another_time_is_not_drawn(tmp_path: Path, make_update: MakeUpd
     assert count_rows(path)["/world/ground_truth"] == 0
 
 
-def test_only_changes_of_state_are_written_down(
+def test_only_changes_of_state_are_recorded(
     tmp_path: Path, make_update: MakeUpdate, status: Status
 ) -> None:
     path = tmp_path / "out.rrd"
@@ -102,7 +102,7 @@ def test_only_changes_of_state_are_written_down(
     ]
 
 
-def test_points_fall_back_onto_their_pixels(make_update: MakeUpdate) -> None:
+def test_points_project_to_their_pixels(make_update: MakeUpdate) -> None:
     frame = make_update(0).frame
     points, colors = back_project(frame, grid_px=4)
     pixels = transform_points(rigid_transform(frame.camera.K, np.zeros(3)), points.astype(float))
@@ -113,7 +113,7 @@ def test_points_fall_back_onto_their_pixels(make_update: MakeUpdate) -> None:
     assert len(colors) == len(points)
 
 
-def test_pictures_come_at_most_once_a_period_and_again_after_a_clock_step() -> None:
+def test_images_are_rate_limited_also_after_a_clock_step() -> None:
     throttle = Throttle(0.1)
     stamps_s = [0.0, 0.033, 0.066, 0.0999, 0.12, -50.0, -49.99, -49.8]
     assert [throttle.allow(stamp_s) for stamp_s in stamps_s] == [

@@ -42,7 +42,7 @@ def test_lines_are_on_disk_before_close(tmp_path: Path, make_update: MakeUpdate)
     output.close()
 
 
-def test_an_older_file_is_emptied_at_the_start(tmp_path: Path) -> None:
+def test_an_older_file_is_truncated_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     path.write_text("old")
     TrajectoryFileOutput(path, BlockingQueue(8)).close()
@@ -50,13 +50,13 @@ def test_an_older_file_is_emptied_at_the_start(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "missing/out.txt"])
-def test_a_path_that_cannot_be_written_is_refused_at_once(tmp_path: Path, name: str) -> None:
+def test_an_unwritable_path_is_rejected_at_once(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="cannot write the trajectory") as caught:
         TrajectoryFileOutput(tmp_path / name, BlockingQueue(8))
     assert str(tmp_path / name) in str(caught.value)
 
 
-def test_a_full_disk_keeps_whole_lines_and_is_told_once(
+def test_a_full_disk_keeps_complete_lines_and_is_logged_once(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
@@ -72,7 +72,7 @@ def test_a_full_disk_keeps_whole_lines_and_is_told_once(
     assert "out.txt: the trajectory stops after" in caplog.text
 
 
-def test_a_disk_that_hangs_holds_nobody_up_and_is_told_of(
+def test_a_blocked_disk_blocks_nothing_and_is_reported(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     pipe = tmp_path / "out.txt"

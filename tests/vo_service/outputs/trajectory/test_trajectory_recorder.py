@@ -11,7 +11,7 @@ from vo_service.types import OdometryUpdate
 MakeUpdate = Callable[..., OdometryUpdate]
 
 
-def test_it_keeps_the_poses_of_good_frames_alone(make_update: MakeUpdate) -> None:
+def test_only_good_poses_are_recorded(make_update: MakeUpdate) -> None:
     recorder = TrajectoryRecorder()
     updates = [make_update(0), make_update(1, ok=False), make_update(2)]
     for update in updates:
@@ -22,12 +22,12 @@ def test_it_keeps_the_poses_of_good_frames_alone(make_update: MakeUpdate) -> Non
     np.testing.assert_array_equal(recorder.trajectory.T_world_camera[1], updates[2].T_world_camera)
 
 
-def test_without_a_pose_it_is_an_empty_trajectory() -> None:
+def test_without_a_pose_the_trajectory_is_empty() -> None:
     trajectory = TrajectoryRecorder().trajectory
     assert (len(trajectory), trajectory.T_world_camera.shape) == (0, (0, 4, 4))
 
 
-def test_of_poses_that_went_back_in_time_the_last_counts(make_update: MakeUpdate) -> None:
+def test_of_poses_with_equal_stamps_the_last_is_kept(make_update: MakeUpdate) -> None:
     recorder = TrajectoryRecorder()
     for seq, number in ((0, 0), (1, 5), (2, 6), (3, 5), (4, 7)):
         frame = replace(make_update(number).frame, stamp_s=float(number))

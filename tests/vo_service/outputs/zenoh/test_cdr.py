@@ -139,21 +139,23 @@ def test_decoding_a_transform_gives_back_what_was_encoded(message: OdometryMessa
 
 
 @given(st.binary(max_size=120))
-def test_whatever_comes_as_a_transform_is_one_or_a_value_error(body: bytes) -> None:
+def test_any_bytes_give_a_transform_or_a_value_error(body: bytes) -> None:
     with suppress(ValueError):
         message = decode_transform(b"\x00\x01\x00\x00" + body)
         assert message.T_frame_child.shape == (4, 4)
 
 
 @pytest.mark.parametrize("length", [0, 3, 10, 18, 40, 99])
-def test_a_cut_transform_is_refused(length: int) -> None:
+def test_a_truncated_transform_is_rejected(length: int) -> None:
     with pytest.raises(ValueError, match=r"CDR|TransformStamped"):
         decode_transform(encode_transform(transform_of(example()))[:length])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("where", [(1, 3), (0, 0)])
-def test_a_transform_that_is_not_finite_never_leaves(bad: float, where: tuple[int, int]) -> None:
+def test_a_transform_that_is_not_finite_is_never_encoded(
+    bad: float, where: tuple[int, int]
+) -> None:
     T = np.eye(4)
     T[where] = bad
     message = TransformMessage(1.0, "odom", "base_link", T)
@@ -175,7 +177,7 @@ def test_decoding_gives_back_what_was_encoded(message: OdometryMessage) -> None:
     np.testing.assert_array_equal(decoded.twist_covariance, message.twist_covariance)
 
 
-def test_the_usual_message_has_724_bytes() -> None:
+def test_a_default_message_has_724_bytes() -> None:
     assert len(encode_odometry(example())) == 724
 
 
@@ -197,20 +199,20 @@ def test_a_stamp_splits_into_seconds_and_nanoseconds(
 
 
 @given(st.floats(1e9, 2e9))
-def test_a_unix_stamp_survives_to_the_last_bit(stamp_s: float) -> None:
+def test_a_unix_stamp_is_exact(stamp_s: float) -> None:
     sec, nanosec = split_stamp(stamp_s)
     assert sec + nanosec * 1e-9 == stamp_s
 
 
 @pytest.mark.parametrize("stamp_s", [2.0**31, -(2.0**31) - 1, np.inf, np.nan])
-def test_a_stamp_that_does_not_fit_is_refused(stamp_s: float) -> None:
+def test_a_stamp_out_of_range_is_rejected(stamp_s: float) -> None:
     with pytest.raises(ValueError, match="stamp"):
         split_stamp(stamp_s)
 
 
 @pytest.mark.parametrize("field", ["T_frame_child", "pose_covariance", "twist", "twist_covariance"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_number_that_is_not_finite_never_leaves(field: str, bad: float) -> None:
+def test_a_number_that_is_not_finite_is_never_encoded(field: str, bad: float) -> None:
     values = np.array(getattr(example(), field))
     values[np.unravel_index(3, values.shape)] = bad
     with pytest.raises(ValueError, match="not finite"):
@@ -218,7 +220,7 @@ def test_a_number_that_is_not_finite_never_leaves(field: str, bad: float) -> Non
 
 
 @pytest.mark.parametrize("length", [0, 3, 10, 18, 40, 723])
-def test_a_cut_message_is_refused(length: int) -> None:
+def test_a_truncated_message_is_rejected(length: int) -> None:
     with pytest.raises(ValueError, match=r"CDR|Odometry"):
         decode_odometry(encode_odometry(example())[:length])
 

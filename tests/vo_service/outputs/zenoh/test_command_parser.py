@@ -39,7 +39,7 @@ def test_commands_without_arguments_need_no_payload() -> None:
     assert parse_command("reset", b"") == ResetCommand()
 
 
-def test_arguments_are_read() -> None:
+def test_arguments_are_parsed() -> None:
     assert parse_command("tilt", of(tilt_deg=-5)) == TiltCommand(-5.0)
     assert parse_command("led", of(led="red")) == LedCommand(Led.RED)
     assert parse_command("start-recording", of(name="desk-1")) == StartRecordingCommand("desk-1")
@@ -47,7 +47,7 @@ def test_arguments_are_read() -> None:
     assert parse_command("load-map", of(name="kitchen")) == LoadMapCommand("kitchen")
 
 
-def test_a_reset_may_say_where_the_base_is() -> None:
+def test_a_reset_may_have_a_pose() -> None:
     command = parse_command("reset", of(position_m=[1, 2, 3], quaternion_xyzw=[0, 0, 1, 0]))
     assert isinstance(command, ResetCommand)
     assert command.T_odom_base is not None
@@ -80,19 +80,19 @@ def test_a_reset_may_say_where_the_base_is() -> None:
         ("reset", b"[" * 4000, "not JSON"),
     ],
 )
-def test_a_wrong_argument_is_named(name: str, payload: bytes, words: str) -> None:
+def test_a_wrong_argument_is_reported(name: str, payload: bytes, words: str) -> None:
     error = refusal(name, payload)
     assert error.code is ErrorCode.BAD_REQUEST
     assert words in str(error)
 
 
-def test_an_unknown_command_is_told_the_known_ones() -> None:
+def test_an_unknown_command_gets_the_list_of_commands() -> None:
     error = refusal("explode", b"")
     assert error.code is ErrorCode.UNKNOWN_COMMAND
     assert "save-incident" in str(error)
 
 
-def test_an_oversize_payload_is_not_even_read() -> None:
+def test_an_oversize_payload_is_not_parsed() -> None:
     assert "too many" in str(refusal("pause", b" " * (MAX_PAYLOAD_BYTES + 1)))
 
 
@@ -104,7 +104,7 @@ JSON = st.recursive(
 
 @pytest.mark.slow
 @given(st.sampled_from(COMMAND_NAMES), st.binary() | JSON.map(lambda v: json.dumps(v).encode()))
-def test_whatever_is_sent_there_is_a_command_or_a_typed_error(name: str, payload: bytes) -> None:
+def test_any_payload_gives_a_command_or_a_typed_error(name: str, payload: bytes) -> None:
     codes = []
     try:
         parse_command(name, payload)

@@ -27,7 +27,7 @@ def transforms(sample: zenoh.Sample) -> list[tuple[str, str, float]]:
     ]
 
 
-def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
+def test_with_a_map_a_node_gets_its_transform_and_that_of_the_base(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     update = replace(make_update(2), map=make_map(T_map_odom=rigid_transform(np.eye(3), [5, 0, 0])))
@@ -48,7 +48,7 @@ def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
     ],
     ids=["none", "not located", "of the epoch before", "not finite"],
 )
-def test_without_a_map_to_rely_on_a_node_gets_the_base_alone(
+def test_without_a_localized_map_a_node_gets_only_the_base(
     free_port: int, make_update: MakeUpdate, snapshot: MapSnapshot
 ) -> None:
     update = replace(make_update(2), map=snapshot)

@@ -35,12 +35,12 @@ def test_the_hashes_are_those_that_rosbags_computes(
     assert kind.dds_name == f"{package}::msg::dds_::{message}_"
 
 
-def test_each_way_has_its_key() -> None:
+def test_each_protocol_has_its_key() -> None:
     assert TOPIC.bridge_key == "robot/vo/odom"
     assert TOPIC.rmw_key(3) == f"3/robot/vo/odom/nav_msgs::msg::dds_::Odometry_/{ODOMETRY.hash}"
 
 
-def test_tokens_have_the_parts_that_rmw_zenoh_splits_them_into() -> None:
+def test_tokens_have_the_parts_of_rmw_zenoh() -> None:
     assert NODE.liveliness_token == "@ros2_lv/3/1a2b/0/0/NN/%/%/kinect_vo"
     parts = NODE.publisher_token(1, TOPIC).split("/")
     assert parts[:9] == ["@ros2_lv", "3", "1a2b", "0", "1", "MP", "%", "%", "kinect_vo"]
@@ -48,13 +48,13 @@ def test_tokens_have_the_parts_that_rmw_zenoh_splits_them_into() -> None:
     assert parts[12:] == ["::,10:,:,:,,"]
 
 
-def test_keys_and_tokens_are_keys_for_zenoh() -> None:
+def test_keys_and_tokens_are_valid_zenoh_keys() -> None:
     for key in (TOPIC.rmw_key(0), NODE.liveliness_token, NODE.publisher_token(2, TOPIC)):
         assert str(zenoh.KeyExpr(key)) == key
 
 
 @given(st.integers(1, 2**63 - 1), st.integers(0, 2**63 - 1), st.binary(min_size=16, max_size=16))
-def test_an_attachment_is_what_zenohs_own_serialiser_writes(
+def test_an_attachment_has_the_format_of_zenohs_serializer(
     number: int, source_ns: int, gid: bytes
 ) -> None:
     content = (zenoh.ext.Int64(number), zenoh.ext.Int64(source_ns), gid)
@@ -63,7 +63,7 @@ def test_an_attachment_is_what_zenohs_own_serialiser_writes(
     assert len(written) == 33
 
 
-def test_every_publisher_has_a_gid_of_its_own_that_stays() -> None:
+def test_every_publisher_has_its_own_constant_gid() -> None:
     tokens = [NODE.publisher_token(number, TOPIC) for number in (1, 2, 1)]
     first, second, again = (publisher_gid(token) for token in tokens)
     assert first == again != second
@@ -71,7 +71,7 @@ def test_every_publisher_has_a_gid_of_its_own_that_stays() -> None:
 
 
 @pytest.mark.parametrize("name", ["", "/vo/odom", "vo//odom", "vo/", "vo odom", "vo/*", "2vo", "ü"])
-def test_a_topic_that_ros_would_not_take_is_refused(name: str) -> None:
+def test_an_invalid_ros_topic_is_rejected(name: str) -> None:
     with pytest.raises(InputError, match=r"ros2\.topic"):
         RosTopic(name, ODOMETRY, depth=1)
 

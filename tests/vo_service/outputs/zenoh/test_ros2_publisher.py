@@ -45,9 +45,7 @@ def test_a_node_gets_odometry_under_the_key_of_its_type(
     np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6), update.pose_covariance)
 
 
-def test_samples_are_numbered_from_1_by_one_publisher(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_samples_are_numbered_from_1_per_publisher(free_port: int, make_update: MakeUpdate) -> None:
     before_ns = time.time_ns()
     samples = receive_published(free_port, [make_update(seq) for seq in range(3)], 3, ODOMETRY_KEY)
     attachments = [bytes(sample.attachment.to_bytes()) for sample in samples if sample.attachment]
@@ -68,7 +66,7 @@ def test_a_node_gets_the_transform(free_port: int, make_update: MakeUpdate) -> N
     assert ROS.serialize_cdr(message, "tf2_msgs/msg/TFMessage") == sample.payload.to_bytes()
 
 
-def test_the_bridge_gets_the_same_bytes_under_plain_names(
+def test_the_bridge_gets_the_same_bytes_under_plain_keys(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     keys = (ODOMETRY_KEY, TF_KEY, "vo/odom", "tf")
@@ -78,7 +76,7 @@ def test_the_bridge_gets_the_same_bytes_under_plain_names(
     assert payloads["tf"] == payloads[TF_KEY]
 
 
-def test_no_transform_goes_out_while_lost(free_port: int, make_update: MakeUpdate) -> None:
+def test_no_transform_is_published_while_lost(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(0, ok=False), make_update(1)]
     samples = receive_published(free_port, updates, 3, "vo/odom", "tf")
     keys = [str(sample.key_expr) for sample in samples]
@@ -89,7 +87,7 @@ def test_no_transform_goes_out_while_lost(free_port: int, make_update: MakeUpdat
     assert message.transforms[0].transform.translation.x == updates[1].T_odom_base[0, 3]
 
 
-def test_the_topics_are_listed_until_close(free_port: int) -> None:
+def test_the_topics_are_listed_until_closed(free_port: int) -> None:
     with ros_node(free_port) as node:
         with publishing_service(free_port, domain_id=7, topic="robot/odom"):
             assert receive_tokens(node, 7, count=3) == {
@@ -100,14 +98,12 @@ def test_the_topics_are_listed_until_close(free_port: int) -> None:
         assert receive_tokens(node, 7, count=0) == set()
 
 
-def test_without_tf_there_is_no_such_topic(free_port: int) -> None:
+def test_without_tf_there_is_no_tf_topic(free_port: int) -> None:
     with publishing_service(free_port, tf=False), ros_node(free_port) as node:
         assert {kind for kind, _ in receive_tokens(node, 0, count=2)} == {"NN", "MP"}
 
 
-def test_a_node_finds_us_beside_the_router_of_its_own(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_node_connects_beside_its_own_router(free_port: int, make_update: MakeUpdate) -> None:
     router_port = ports.free_port()
     router = running_session(ROS_ROUTER | {"listen/endpoints": [f"tcp/127.0.0.1:{router_port}"]})
     with router, publishing_service(free_port) as ours, ros_node(router_port, free_port) as node:
@@ -117,7 +113,7 @@ def test_a_node_finds_us_beside_the_router_of_its_own(
         assert len(reader.first(1)) == 1
 
 
-def test_a_key_that_is_taken_already_is_refused(free_port: int) -> None:
+def test_a_key_in_use_is_rejected(free_port: int) -> None:
     with (
         pytest.raises(InputError, match="already use this key"),
         publishing_service(free_port, topic="kinect/odom"),
@@ -125,7 +121,7 @@ def test_a_key_that_is_taken_already_is_refused(free_port: int) -> None:
         pass
 
 
-def test_nothing_is_declared_unless_asked_for(free_port: int, make_update: MakeUpdate) -> None:
+def test_nothing_is_declared_unless_enabled(free_port: int, make_update: MakeUpdate) -> None:
     congestion = zenoh.CongestionControl.DROP
     with open_session(ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))) as ours:
         output = make_ros2_output(ours, Ros2Config(), "kinect", FRAMES, congestion)

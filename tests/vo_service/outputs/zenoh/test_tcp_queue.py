@@ -5,7 +5,7 @@ import socket
 from vo_service.outputs.zenoh.session_endpoints import queued_bytes
 
 
-def test_what_was_sent_counts_until_it_is_read() -> None:
+def test_sent_bytes_count_until_they_are_read() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname()) as reader,

@@ -39,7 +39,7 @@ def clause(parser: AccessDeniedParser, text: str, **where: str) -> str:
         ("something quite new", "something quite new"),
     ],
 )
-def test_a_failed_handshake_is_put_in_plain_words(zenoh_text: str, reason: str) -> None:
+def test_a_failed_handshake_has_a_plain_reason(zenoh_text: str, reason: str) -> None:
     lines = clause(
         AccessDeniedParser(), f"{zenoh_text}. Hint: increase the system open file limit."
     )
@@ -47,7 +47,7 @@ def test_a_failed_handshake_is_put_in_plain_words(zenoh_text: str, reason: str) 
     assert lines.endswith(reason)
 
 
-def test_a_message_held_back_names_who_sent_it_also_from_memory() -> None:
+def test_a_denied_message_has_its_sender() -> None:
     where = {"target": "zenoh::net::routing::interceptor::access_control", "level": "TRACE"}
     subject = f"{SESSION} on Interface(lo)+CertCommonName(reader)+Transport(Tls)+{SESSION}"
     parser, action = AccessDeniedParser(), "Query (ingress) on kinect/command/reset"
@@ -56,7 +56,7 @@ def test_a_message_held_back_names_who_sent_it_also_from_memory() -> None:
     assert first == again == 'denied "reader": query on kinect/command/reset'
 
 
-def test_what_is_allowed_or_only_not_passed_on_is_no_refusal() -> None:
+def test_allowed_messages_are_no_refusal() -> None:
     where = {"target": "zenoh::net::routing::interceptor::access_control", "level": "TRACE"}
     parser, subject_is = (
         AccessDeniedParser(),
@@ -71,19 +71,19 @@ def test_what_is_allowed_or_only_not_passed_on_is_no_refusal() -> None:
 
 @pytest.mark.slow
 @given(st.text())
-def test_no_line_is_too_strange_to_read(text: str) -> None:
+def test_any_log_line_is_parsed(text: str) -> None:
     parsed = parse_line(text)
     assert parsed is None or isinstance(AccessDeniedParser().describe(parsed), str)
 
 
 @given(st.text())
-def test_what_a_stranger_wrote_stays_on_one_line(text: str) -> None:
+def test_text_of_an_outsider_stays_on_one_line(text: str) -> None:
     shown = sanitize(text)
     assert shown.isprintable()
     assert len(shown) <= 120
 
 
-def test_the_first_refusals_are_told_at_once_and_the_rest_is_counted() -> None:
+def test_the_first_refusals_are_logged_at_once_and_the_rest_is_counted() -> None:
     clock, lines = FakeClock(), list[str]()
     rate_limit = LogRateLimit(lines.append, clock)
     for _ in range(1000):
@@ -95,7 +95,7 @@ def test_the_first_refusals_are_told_at_once_and_the_rest_is_counted() -> None:
 
 
 @given(st.lists(st.tuples(st.text(max_size=3), st.floats(0, 3)), max_size=300))
-def test_there_are_never_more_than_a_few_lines_in_ten_seconds(
+def test_refusals_are_logged_at_a_limited_rate(
     events: list[tuple[str, float]],
 ) -> None:
     clock, logged_s = FakeClock(), list[float]()
@@ -107,7 +107,7 @@ def test_there_are_never_more_than_a_few_lines_in_ten_seconds(
         assert sum(begin_s <= at_s < begin_s + 10 for at_s in logged_s) <= 11
 
 
-def test_after_a_quiet_time_it_tells_again() -> None:
+def test_after_a_quiet_time_refusals_are_logged_at_once_again() -> None:
     clock, lines = FakeClock(), list[str]()
     rate_limit = LogRateLimit(lines.append, clock)
     for _ in range(3):

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.zenoh
 MakeUpdate = Callable[..., OdometryUpdate]
 
 
-def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
+def test_a_full_queue_refuses_the_next_command(free_port: int) -> None:
     with output_with_commands(free_port) as (_, command_queue, session):
         waiting = [session.get("kinect/command/pause", timeout=100) for _ in range(8)]
         wait_until(lambda: len(command_queue._pending) == 8)
@@ -37,7 +37,7 @@ def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
         assert {reply_json(reply)["error"] for one in waiting for reply in one} == {"not-possible"}
 
 
-def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
+def test_commands_above_the_rate_are_refused_and_logged_once(
     free_port: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     with output_with_commands(free_port, per_second=1.0) as (_, command_queue, session):
@@ -49,7 +49,7 @@ def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
     assert len(lines) == 1
 
 
-def test_a_flood_of_commands_does_not_reach_the_loop_nor_hold_up_poses(
+def test_a_flood_of_commands_reaches_neither_the_loop_nor_delays_poses(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     with output_with_commands(free_port, per_second=10.0) as (output, command_queue, session):
@@ -77,7 +77,7 @@ def test_after_a_flood_commands_work_again(free_port: int) -> None:
         )
 
 
-def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_rate_limit_reports_the_number_of_refusals(caplog: pytest.LogCaptureFixture) -> None:
     now_s = [0.0]
     limit = CommandRateLimit(2.0, lambda: now_s[0])
     for _ in range(2):
@@ -95,7 +95,7 @@ def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixtur
     assert [args[1] for args in log_args if isinstance(args, tuple)] == [1, 61]
 
 
-def test_the_settings_give_the_rate() -> None:
+def test_the_configuration_sets_the_rate() -> None:
     commands: Any = make_command_endpoint(CommandConfig(per_second=3.0), CommandQueue())
     assert isinstance(commands, CommandServer)
     assert commands._rate_limit._bucket.per_second == 3.0

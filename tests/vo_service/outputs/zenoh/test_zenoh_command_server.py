@@ -55,7 +55,7 @@ def queue_and_session() -> Iterator[tuple[CommandQueue[Command], zenoh.Session]]
 QueueAndSession = tuple[CommandQueue[Command], zenoh.Session]
 
 
-def test_a_command_reaches_the_inbox_and_its_answer_the_asker(
+def test_a_command_reaches_the_queue_and_its_reply_the_client(
     queue_and_session: QueueAndSession,
 ) -> None:
     command_queue, session = queue_and_session
@@ -69,7 +69,7 @@ def test_a_command_reaches_the_inbox_and_its_answer_the_asker(
     assert str(reply.ok.key_expr) == "kinect/command/led"
 
 
-def test_no_payload_means_no_arguments(queue_and_session: QueueAndSession) -> None:
+def test_an_empty_payload_means_no_arguments(queue_and_session: QueueAndSession) -> None:
     command_queue, session = queue_and_session
     channel = session.get("kinect/command/reset", timeout=100)
     future = next_command(command_queue)
@@ -78,7 +78,9 @@ def test_no_payload_means_no_arguments(queue_and_session: QueueAndSession) -> No
     assert isinstance(future.command, ResetCommand)
 
 
-def test_what_the_loop_refuses_comes_back_with_its_code(queue_and_session: QueueAndSession) -> None:
+def test_a_refusal_of_the_loop_is_returned_with_its_code(
+    queue_and_session: QueueAndSession,
+) -> None:
     command_queue, session = queue_and_session
     channel = session.get("kinect/command/tilt", payload=b'{"tilt_deg": 5}', timeout=100)
     next_command(command_queue).set_exception(
@@ -105,7 +107,7 @@ def test_what_the_loop_refuses_comes_back_with_its_code(queue_and_session: Queue
         ("pause?now=true", b"", "bad-request", "send arguments as JSON in the payload"),
     ],
 )
-def test_what_is_wrong_is_said_and_never_reaches_the_loop(
+def test_wrong_arguments_are_reported_and_never_reach_the_loop(
     queue_and_session: QueueAndSession, name: str, payload: bytes, code: str, message: str
 ) -> None:
     command_queue, session = queue_and_session
@@ -115,7 +117,7 @@ def test_what_is_wrong_is_said_and_never_reaches_the_loop(
     assert message in reply_content["message"]
 
 
-def test_a_payload_beyond_all_bounds_is_thrown_away_and_the_next_command_works(
+def test_an_oversize_payload_is_discarded_and_the_next_command_works(
     queue_and_session: QueueAndSession,
 ) -> None:
     command_queue, session = queue_and_session
@@ -125,15 +127,13 @@ def test_a_payload_beyond_all_bounds_is_thrown_away_and_the_next_command_works(
 
 
 @pytest.mark.parametrize("key", ["kinect/**", "**", "kinect/command/*", "*/command/reset"])
-def test_a_question_to_many_keys_commands_nothing(
-    queue_and_session: QueueAndSession, key: str
-) -> None:
+def test_a_wildcard_query_executes_nothing(queue_and_session: QueueAndSession, key: str) -> None:
     command_queue, session = queue_and_session
     assert not [reply for reply in query(session, key) if "command" in str(reply.ok)]
     assert command_queue.take_pending() == []
 
 
-def test_a_loop_that_does_not_answer_is_said_to_time_out(
+def test_a_blocked_loop_gives_a_timeout_error(
     queue_and_session: QueueAndSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command_server, "RESULT_TIMEOUT_S", 0.05)
@@ -144,7 +144,7 @@ def test_a_loop_that_does_not_answer_is_said_to_time_out(
 
 
 @pytest.mark.parametrize("reply_content", [{"speed": float("nan")}, {"what": object()}])
-def test_an_answer_that_is_no_json_is_a_failure(
+def test_a_reply_that_is_not_json_is_a_failure(
     queue_and_session: QueueAndSession, reply_content: dict[str, object]
 ) -> None:
     command_queue, session = queue_and_session
@@ -152,14 +152,14 @@ def test_an_answer_that_is_no_json_is_a_failure(
     assert query_json(session, "kinect/command/pause")[0]["error"] == "failed"
 
 
-def test_switched_off_there_are_no_commands(free_port: int) -> None:
+def test_disabled_commands_get_no_reply(free_port: int) -> None:
     commands = make_command_endpoint(CommandConfig(enabled=False), CommandQueue())
     assert isinstance(commands, NullCommandEndpoint)
     with closing(ZenohOutput(config(free_port))), connected_session(free_port) as session:
         assert query(session, "kinect/command/pause") == []
 
 
-def test_every_command_is_answered(free_port: int) -> None:
+def test_every_command_gets_a_reply(free_port: int) -> None:
     with output_with_commands(free_port) as (_, command_queue, session):
         command_queue.close()
         codes = {
@@ -169,7 +169,7 @@ def test_every_command_is_answered(free_port: int) -> None:
     assert set(codes.values()) <= {"not-possible", "bad-request"}
 
 
-def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -> None:
+def test_closing_does_not_wait_for_a_command_in_the_loop(free_port: int) -> None:
     with output_with_commands(free_port) as (output, command_queue, session):
         session.get("kinect/command/pause", timeout=100)
         future = next_command(command_queue)
@@ -180,7 +180,7 @@ def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -
     assert isinstance(future.command, PauseCommand)
 
 
-def test_a_second_session_takes_commands_too(free_port: int) -> None:
+def test_a_second_session_serves_commands_too(free_port: int) -> None:
     command_queue: CommandQueue[Command] = CommandQueue()
     commands = CommandServer(command_queue, 100.0)
     for _ in range(2):

@@ -22,7 +22,7 @@ def resolved_key(file: Path) -> str:
     return str(json.loads(read_zenoh_config(file).get_json(KEY)))
 
 
-def test_a_key_lies_beside_its_configuration(
+def test_a_key_is_found_beside_its_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("CREDENTIALS_DIRECTORY", raising=False)
@@ -32,7 +32,7 @@ def test_a_key_lies_beside_its_configuration(
     assert resolved_key(relative) == str(tmp_path / "tls.key")
 
 
-def test_a_credential_of_systemd_comes_first(
+def test_a_systemd_credential_takes_precedence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     credentials = tmp_path / "credentials"
@@ -43,7 +43,7 @@ def test_a_credential_of_systemd_comes_first(
     assert resolved_key(configuration(tmp_path, "tls.key")) == str(credentials / "tls.key")
 
 
-def test_what_is_no_credential_lies_beside_the_file(
+def test_other_files_are_found_beside_the_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "tls.key").write_text("key")
@@ -51,13 +51,13 @@ def test_what_is_no_credential_lies_beside_the_file(
     assert resolved_key(configuration(tmp_path, "tls.key")) == str(tmp_path / "tls.key")
 
 
-def test_an_absolute_name_is_kept(tmp_path: Path) -> None:
+def test_an_absolute_path_is_kept(tmp_path: Path) -> None:
     key = tmp_path / "elsewhere.key"
     key.write_text("key")
     assert resolved_key(configuration(tmp_path, str(key))) == str(key)
 
 
-def test_a_key_that_is_missing_is_named_with_where_it_was_looked_for(
+def test_a_missing_key_is_reported_with_the_searched_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", "/run/credentials/kinect-vo")
@@ -75,9 +75,7 @@ def test_a_key_that_is_missing_is_named_with_where_it_was_looked_for(
         ("{modus: 1}", "robot.json5: not a Zenoh configuration: unknown field `modus`"),
     ],
 )
-def test_a_file_that_is_wrong_is_named_with_the_reason(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_a_wrong_file_is_reported_with_the_reason(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "robot.json5"
     file.write_text(text)
     with pytest.raises(InputError) as caught:

@@ -78,7 +78,7 @@ def send_status_until(output: ZenohOutput, status: Status, holds: Callable[[], b
     wait_until(tick)
 
 
-def test_at_once_or_not_at_all(free_port: int) -> None:
+def test_connecting_once_fails_at_once(free_port: int) -> None:
     with (
         port_in_use(free_port),
         pytest.raises(UserFacingError, match="the port is in use") as caught,
@@ -95,7 +95,7 @@ def default_endpoint(free_port: int, monkeypatch: pytest.MonkeyPatch) -> str:
     return endpoint
 
 
-def test_a_replay_takes_the_default_port_where_it_is_free(
+def test_a_replay_uses_the_default_port_if_it_is_free(
     free_port: int, default_endpoint: str
 ) -> None:
     with closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output:
@@ -104,7 +104,7 @@ def test_a_replay_takes_the_default_port_where_it_is_free(
             wait_until(lambda: bool(query_json(session, "kinect/schema")))
 
 
-def test_a_replay_publishes_on_a_free_port_where_the_default_one_is_taken(
+def test_a_replay_uses_a_free_port_if_the_default_one_is_in_use(
     free_port: int, default_endpoint: str
 ) -> None:
     with (
@@ -117,7 +117,7 @@ def test_a_replay_publishes_on_a_free_port_where_the_default_one_is_taken(
             wait_until(lambda: bool(query_json(session, "kinect/schema")))
 
 
-def test_a_free_port_that_is_gone_meanwhile_is_looked_for_again(
+def test_a_free_port_that_was_taken_is_replaced(
     free_port: int, default_endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free = f"tcp/127.0.0.1:{ports.free_port()}"
@@ -131,7 +131,7 @@ def test_a_free_port_that_is_gone_meanwhile_is_looked_for_again(
 
 
 @pytest.mark.usefixtures("default_endpoint")
-def test_a_port_that_the_user_has_set_is_never_another(free_port: int, tmp_path: Path) -> None:
+def test_a_user_defined_port_is_never_replaced(free_port: int, tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text("{}")
     other = ports.free_port()
@@ -141,7 +141,7 @@ def test_a_port_that_the_user_has_set_is_never_another(free_port: int, tmp_path:
             ConnectOnFreePort(zenoh_config)
 
 
-def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:
+def test_a_port_in_use_is_a_warning_and_no_error(free_port: int) -> None:
     with (
         port_in_use(free_port),
         closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output,
@@ -152,7 +152,7 @@ def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:
         )
 
 
-def test_once_the_port_is_free_all_is_published(
+def test_once_the_port_is_free_everything_is_published(
     free_port: int, make_update: MakeUpdate, status: Status, attempts: list[ZenohConfig]
 ) -> None:
     with port_in_use(free_port):
@@ -169,7 +169,7 @@ def test_once_the_port_is_free_all_is_published(
         assert (output.errors, output.warning) == (0, "")
 
 
-def test_trouble_and_its_end_are_logged_once_each(
+def test_a_fault_and_its_end_are_logged_once_each(
     free_port: int,
     status: Status,
     caplog: pytest.LogCaptureFixture,
@@ -191,14 +191,14 @@ def test_trouble_and_its_end_are_logged_once_each(
     [("tcp/198.51.100.7:7450", "does not have that address now"),
      ("tcp/no-such-host.invalid:7450", "the name has no address now")],
 )  # fmt: skip
-def test_an_address_that_is_not_there_yet_is_waited_for(listen: str, words: str) -> None:
+def test_a_missing_address_is_awaited(listen: str, words: str) -> None:
     with closing(ZenohOutput(ZenohConfig(listen=(listen,)), LIVE_QOS, ConnectWithRetry)) as output:
         assert listen in output.warning
         assert words in output.warning
 
 
 @pytest.mark.parametrize("policy", [ConnectOnce, ConnectWithRetry])
-def test_what_waiting_cannot_mend_is_an_error_either_way(
+def test_a_permanent_error_is_raised_with_either_policy(
     policy: type[ConnectWithRetry | ConnectOnce], tmp_path: Path
 ) -> None:
     for bad in (
@@ -210,7 +210,7 @@ def test_what_waiting_cannot_mend_is_an_error_either_way(
             policy(bad)
 
 
-def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status: Status) -> None:
+def test_a_missing_router_is_reported_until_it_is_there(free_port: int, status: Status) -> None:
     where = f"tcp/127.0.0.1:{free_port}"
     zenoh_config = ZenohConfig(listen=(), connect=(where,))
     with closing(ZenohOutput(zenoh_config, LIVE_QOS, ConnectWithRetry)) as output:
@@ -240,9 +240,7 @@ def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
         assert output.warning == ""
 
 
-def test_a_client_without_its_router_is_waited_for(
-    free_port: int, tmp_path: Path, status: Status
-) -> None:
+def test_a_client_waits_for_its_router(free_port: int, tmp_path: Path, status: Status) -> None:
     file = tmp_path / "client.json5"
     where = f"tcp/127.0.0.1:{free_port}"
     file.write_text(f"{{mode: 'client', connect: {{timeout_ms: -1, endpoints: ['{where}']}}}}")
@@ -254,7 +252,7 @@ def test_a_client_without_its_router_is_waited_for(
             wait_until(lambda: bool(query_json(router_session, "kinect/status")))
 
 
-def test_a_session_that_was_closed_under_us_is_opened_anew(free_port: int, status: Status) -> None:
+def test_a_session_that_was_closed_unexpectedly_is_reopened(free_port: int, status: Status) -> None:
     with closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output:
         (before,) = output._endpoints
         before.session.close()  # type: ignore[no-untyped-call]
@@ -266,7 +264,7 @@ def test_a_session_that_was_closed_under_us_is_opened_anew(free_port: int, statu
         assert output.errors == 0
 
 
-def test_a_file_that_goes_away_later_is_a_warning(free_port: int, tmp_path: Path) -> None:
+def test_a_file_that_disappears_later_is_a_warning(free_port: int, tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text("{}")
     with port_in_use(free_port):
@@ -277,7 +275,7 @@ def test_a_file_that_goes_away_later_is_a_warning(free_port: int, tmp_path: Path
         )
 
 
-def test_opening_a_session_on_a_port_of_its_own_leaves_no_warning(free_port: int) -> None:
+def test_a_session_on_a_free_port_has_no_warning(free_port: int) -> None:
     connection_policy = ConnectWithRetry(config(free_port))
     (session,) = connection_policy.sessions()
     assert connection_policy.warning == ""

@@ -31,7 +31,7 @@ def test_an_endpoint_has_three_parts(text: str, parts: tuple[str, str, str]) -> 
         ("tcp/[::1]:7447", "tcp/[0:0:0:0:0:0:0:1]:7447", True),
     ],
 )
-def test_a_link_leads_to_an_endpoint_if_all_agree(
+def test_a_link_matches_an_endpoint_if_all_parts_agree(
     endpoint: str, locator: str, leads_there: bool
 ) -> None:
     assert parse_endpoint(endpoint).matches(parse_endpoint(locator)) is leads_there

@@ -44,24 +44,24 @@ arguments = st.dictionaries(keys, values, max_size=3)
 
 
 @pytest.mark.parametrize("schema", SCHEMAS.values(), ids=SCHEMAS.keys())
-def test_a_schema_says_which_draft_it_follows_and_what_it_is_of(schema: Mapping[str, Any]) -> None:
+def test_a_schema_has_its_draft_and_title(schema: Mapping[str, Any]) -> None:
     assert schema["$schema"] == JSON_SCHEMA_DIALECT
     assert schema["title"]
     assert json.loads(json.dumps(schema)) == schema
 
 
-def test_the_files_are_those_that_the_code_makes() -> None:
+def test_the_files_are_those_that_the_code_generates() -> None:
     kept = {file.name: file.read_text() for file in SCHEMA_FOLDER.glob("*.json")}
     assert kept == make_schema_files(), "run scripts/write_schemas.py and look at what has changed"
 
 
-def test_a_status_is_valid_and_has_no_field_that_the_schema_lacks(status: Status) -> None:
+def test_a_status_is_valid_and_has_only_fields_of_the_schema(status: Status) -> None:
     content = json.loads(status_payload(status, versions()))
     assert schema_errors(SCHEMAS["status"], content) == []
     assert content.keys() == SCHEMAS["status"]["properties"].keys()
 
 
-def test_a_status_with_all_that_can_be_in_it_is_valid(status: Status) -> None:
+def test_a_status_with_all_fields_is_valid(status: Status) -> None:
     full = dataclasses.replace(
         status,
         warnings=("a", "b"),
@@ -83,9 +83,7 @@ def test_a_status_with_all_that_can_be_in_it_is_valid(status: Status) -> None:
         ("map", "is_localized", 1),
     ],
 )
-def test_a_status_that_is_wrong_is_found(
-    status: Status, group: str, key: str, wrong: object
-) -> None:
+def test_a_wrong_status_is_invalid(status: Status, group: str, key: str, wrong: object) -> None:
     content = json.loads(status_payload(status, versions()))
     (content[group] if group else content)[key] = wrong
     assert len(schema_errors(SCHEMAS["status"], content)) == 1
@@ -113,7 +111,7 @@ def test_every_command_has_its_two_schemas() -> None:
 
 
 @given(st.sampled_from(COMMAND_NAMES), arguments)
-def test_arguments_are_valid_where_the_parser_takes_them(
+def test_arguments_are_valid_if_the_parser_accepts_them(
     command: str, arguments: dict[str, Any]
 ) -> None:
     payload = json.dumps(arguments).encode()
@@ -132,7 +130,7 @@ def refusal_of(command: str, payload: bytes) -> str:
     return ""
 
 
-def test_a_type_without_a_schema_is_not_passed_over() -> None:
+def test_a_type_without_a_schema_is_an_error() -> None:
     with pytest.raises(TypeError, match="no schema"):
         schema_of(set[int])
 

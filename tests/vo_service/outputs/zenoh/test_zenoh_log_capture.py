@@ -22,7 +22,7 @@ def run(script: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_what_the_program_and_its_children_print_still_comes() -> None:
+def test_the_output_of_the_program_and_its_children_is_forwarded() -> None:
     done = run(
         "print('before')\n"
         "with capture_zenoh_log():\n"
@@ -34,7 +34,7 @@ def test_what_the_program_and_its_children_print_still_comes() -> None:
     assert (done.stderr, done.returncode) == ("", 0)
 
 
-def test_standard_output_is_as_it_was_afterwards() -> None:
+def test_standard_output_is_restored() -> None:
     done = run(
         "files = len(os.listdir('/proc/self/fd'))\n"
         "for _ in range(3):\n"
@@ -45,7 +45,7 @@ def test_standard_output_is_as_it_was_afterwards() -> None:
     assert done.stdout == "direct\n0\n"
 
 
-def test_a_child_that_lives_on_does_not_hold_it_up() -> None:
+def test_a_surviving_child_does_not_block_it() -> None:
     done = run(
         "with capture_zenoh_log():\n"
         "    child = subprocess.Popen(['sleep', '60'])\n"
@@ -55,7 +55,7 @@ def test_a_child_that_lives_on_does_not_hold_it_up() -> None:
     assert (done.stdout, done.returncode) == ("over\n", 0)
 
 
-def test_nobody_reading_standard_output_is_no_error() -> None:
+def test_a_closed_standard_output_is_no_error() -> None:
     script = (
         "with capture_zenoh_log():\n"
         "    subprocess.run(['echo', 'to nobody'])\n"

@@ -59,7 +59,7 @@ def attachment_of(sample: zenoh.Sample) -> dict[str, Any]:
     return found
 
 
-def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
+def test_a_map_transform_has_its_frames_and_the_stamp_of_the_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     update = replace(make_update(7), map=make_map())
@@ -77,7 +77,7 @@ def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
     }  # fmt: skip
 
 
-def test_it_goes_out_when_the_map_or_the_epoch_is_another(
+def test_a_map_transform_is_published_when_the_map_or_the_epoch_changes(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     first, second = make_map(), make_map(5)
@@ -90,7 +90,7 @@ def test_it_goes_out_when_the_map_or_the_epoch_is_another(
     assert [attachment_of(sample)["seq"] for sample in connected.maps] == [0, 2, 4]
 
 
-def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
+def test_a_map_of_the_previous_epoch_is_not_localized(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     with connected_output(free_port) as connected:
@@ -102,7 +102,7 @@ def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
     assert [attachment_of(sample)["is_localized"] for sample in connected.maps] == [True, False]
 
 
-def test_it_goes_out_again_with_each_status_and_the_newest_stamp(
+def test_a_map_transform_is_published_with_each_status_and_the_newest_stamp(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:
     snapshot = make_map()
@@ -115,7 +115,7 @@ def test_it_goes_out_again_with_each_status_and_the_newest_stamp(
     assert [attachment_of(sample)["seq"] for sample in connected.maps] == [0, 1, 1]
 
 
-def test_nothing_goes_out_where_there_is_no_map(
+def test_without_a_map_no_transform_is_published(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:
     with connected_output(free_port) as connected:
@@ -128,7 +128,7 @@ def test_nothing_goes_out_where_there_is_no_map(
     assert [attachment_of(sample)["seq"] for sample in connected.maps] == [1]
 
 
-def test_it_can_be_asked_for_and_has_the_stamp_of_the_newest_pose(
+def test_a_map_transform_can_be_queried_with_the_stamp_of_the_newest_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     snapshot = make_map(is_localized=False)
@@ -149,7 +149,7 @@ def seq_of(replies: list[zenoh.Reply]) -> int:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_one_that_is_not_finite_is_kept_back_and_takes_no_pose_with_it(
+def test_a_map_transform_that_is_not_finite_is_not_published_but_its_pose_is(
     free_port: int, make_update: MakeUpdate, bad: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     with connected_output(free_port) as connected:
@@ -164,7 +164,7 @@ def test_one_that_is_not_finite_is_kept_back_and_takes_no_pose_with_it(
     assert connected.output.errors == 1
 
 
-def test_a_frame_of_another_name_is_taken_from_the_configuration(
+def test_the_frame_names_are_those_of_the_configuration(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     named = config(free_port, map_frame_id="house", odom_frame_id="robot1/odom")

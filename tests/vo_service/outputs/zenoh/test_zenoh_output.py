@@ -78,7 +78,7 @@ def receive(handler: Any, timeout_s: float = 10.0) -> zenoh.Sample:
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize("attempt", range(3))
-def test_a_stranger_gets_every_pose_of_a_replay_in_order(
+def test_a_separate_subscriber_gets_every_pose_of_a_replay_in_order(
     free_port: int, make_update: MakeUpdate, attempt: int
 ) -> None:
     samples = read_with_plain_zenoh(free_port, [make_update(seq) for seq in range(1000)])
@@ -86,14 +86,14 @@ def test_a_stranger_gets_every_pose_of_a_replay_in_order(
 
 
 @pytest.mark.subprocess
-def test_a_slow_stranger_gets_the_last_poses_too(free_port: int, make_update: MakeUpdate) -> None:
+def test_a_slow_subscriber_gets_the_last_poses_too(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(0)] * 900
     # Longer than Zenoh's keep-alive period: closing at once would lose the tail.
     assert len(read_with_plain_zenoh(free_port, updates, seconds_per_sample=0.005)) == 900
 
 
 @pytest.mark.subprocess
-def test_rosbags_reads_the_same_numbers(free_port: int, make_update: MakeUpdate) -> None:
+def test_rosbags_decodes_the_same_numbers(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(20)]
     for update, sample in zip(updates, read_with_plain_zenoh(free_port, updates), strict=True):
         message: Any = ROS.deserialize_cdr(
@@ -110,9 +110,7 @@ def test_rosbags_reads_the_same_numbers(free_port: int, make_update: MakeUpdate)
 
 
 @pytest.mark.subprocess
-def test_the_attachment_says_how_far_to_trust_the_pose(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_the_attachment_has_the_state_of_the_pose(free_port: int, make_update: MakeUpdate) -> None:
     samples = read_with_plain_zenoh(free_port, [make_update(0), make_update(1, ok=False)])
     assert [sample["attachment"] for sample in samples] == [
         {"schema": 1, "seq": 0, "state": "tracking", "epoch": 1, "reason": ""},
@@ -133,7 +131,7 @@ def test_the_status_is_json_with_every_field(free_port: int, status: Status) -> 
     assert versions["eclipse-zenoh"].startswith("1.")
 
 
-def test_a_token_is_alive_until_close(free_port: int) -> None:
+def test_the_liveliness_token_is_there_until_closed(free_port: int) -> None:
     output = ZenohOutput(config(free_port, prefix="robot1/kinect"))
     with open_session(ZenohConfig(listen=(), connect=config(free_port).listen)) as session:
         tokens: Any = session.liveliness().get("*/*/alive", timeout=60)
@@ -162,13 +160,13 @@ def test_a_pose_that_is_not_finite_is_not_published(
     assert "not finite" in caplog.text
 
 
-def test_nobody_listening_is_said_in_time(free_port: int) -> None:
+def test_a_missing_subscriber_times_out(free_port: int) -> None:
     output = ZenohOutput(config(free_port))
     assert not output.wait_for_subscriber(0.05)
     output.close()
 
 
-def test_publishing_to_nobody_loses_nothing_and_ends(
+def test_publishing_without_subscribers_loses_nothing_and_ends(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     output = ZenohOutput(config(free_port), LIVE_QOS)
@@ -180,7 +178,7 @@ def test_publishing_to_nobody_loses_nothing_and_ends(
 
 
 @pytest.mark.subprocess
-def test_a_frozen_subscriber_does_not_hold_up_a_robot(
+def test_a_frozen_subscriber_does_not_block_a_live_service(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     output = ZenohOutput(config(free_port), LIVE_QOS)

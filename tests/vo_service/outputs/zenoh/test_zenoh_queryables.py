@@ -25,7 +25,7 @@ pytestmark = pytest.mark.zenoh
 MakeUpdate = Callable[..., OdometryUpdate]
 
 
-def test_before_the_first_pose_an_error_says_so(free_port: int) -> None:
+def test_before_the_first_pose_a_query_returns_an_error(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port))), connected_session(free_port) as session:
         (pose,) = query_json(session, "kinect/latest")
         (status,) = query_json(session, "kinect/status")
@@ -33,9 +33,7 @@ def test_before_the_first_pose_an_error_says_so(free_port: int) -> None:
     assert status["message"] == "there is no status yet"
 
 
-def test_the_last_pose_is_the_message_that_subscribers_got(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_the_last_pose_is_the_published_message(free_port: int, make_update: MakeUpdate) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_update(make_update(6))
         output.on_update(make_update(7))
@@ -53,7 +51,7 @@ def latest_seq(session: object) -> int:
     return int(json.loads(attachment.to_bytes())["seq"]) if attachment else -1
 
 
-def test_the_last_status_is_the_one_that_was_published(free_port: int, status: Status) -> None:
+def test_the_last_status_is_the_published_one(free_port: int, status: Status) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_status(status)
         wait_until(lambda: "error" not in query_json(session, "kinect/status")[0])
@@ -61,9 +59,7 @@ def test_the_last_status_is_the_one_that_was_published(free_port: int, status: S
     assert (answer["schema"], answer["state"], answer["timing"]["fps"]) == (1, "degraded", 29.9)
 
 
-def test_a_service_that_is_stuck_answers_all_the_same(
-    free_port: int, make_update: MakeUpdate
-) -> None:
+def test_a_blocked_service_still_replies(free_port: int, make_update: MakeUpdate) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output.on_update(make_update(3))
         wait_until(lambda: latest_seq(session) == 3)
@@ -71,7 +67,7 @@ def test_a_service_that_is_stuck_answers_all_the_same(
         assert [latest_seq(session) for _ in range(20)] == [3] * 20
 
 
-def test_one_question_to_everything_gets_each_answer_under_its_own_key(
+def test_a_wildcard_query_gets_each_reply_under_its_own_key(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
@@ -82,7 +78,7 @@ def test_one_question_to_everything_gets_each_answer_under_its_own_key(
     assert keys == {"kinect/latest", "kinect/status", "kinect/schema"}
 
 
-def test_a_flood_of_questions_leaves_poses_alone_and_answers_go_on(
+def test_a_flood_of_queries_does_not_affect_poses_and_later_replies(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
@@ -100,7 +96,7 @@ def test_a_flood_of_questions_leaves_poses_alone_and_answers_go_on(
     assert output.dropped == output.errors == 0
 
 
-def test_a_question_that_fails_inside_is_answered_with_an_error(free_port: int) -> None:
+def test_a_query_that_fails_inside_gets_an_error_reply(free_port: int) -> None:
     with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
         output._latest.status = "not bytes, and no text either"  # type: ignore[assignment]
         output._latest.pose = (b"", 5)  # type: ignore[assignment]
@@ -109,7 +105,7 @@ def test_a_question_that_fails_inside_is_answered_with_an_error(free_port: int) 
         assert query_json(session, "kinect/schema")
 
 
-def test_closing_leaves_no_thread_behind(free_port: int) -> None:
+def test_closing_leaves_no_thread(free_port: int) -> None:
     before = threading.active_count()
     for _ in range(3):
         ZenohOutput(config(free_port)).close()

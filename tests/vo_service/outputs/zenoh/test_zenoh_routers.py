@@ -15,12 +15,12 @@ from vo_service.outputs.zenoh.session import connect_endpoints
         "{peer: ['tcp/a:1', 'tls/b:2'], router: ['tcp/c:3']}",
     ],
 )
-def test_a_file_may_say_where_to_connect_in_several_ways(tmp_path: Path, connect: str) -> None:
+def test_a_file_may_set_connect_endpoints_in_several_formats(tmp_path: Path, connect: str) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text(f"{{connect: {{endpoints: {connect}}}}}")
     assert connect_endpoints(ZenohConfig(config_file=file)) == ("tcp/a:1", "tls/b:2")
 
 
-def test_without_a_file_the_configuration_says_where() -> None:
+def test_without_a_file_the_configuration_sets_the_endpoints() -> None:
     assert connect_endpoints(ZenohConfig(connect=("tcp/a:1",))) == ("tcp/a:1",)
     assert connect_endpoints(ZenohConfig()) == ()

@@ -15,7 +15,7 @@ from vo_service.outputs.zenoh.session import open_session
 
 
 @pytest.mark.zenoh
-def test_a_taken_port_is_one_line_that_says_what_to_do() -> None:
+def test_a_port_in_use_is_one_line_with_a_remedy() -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -38,7 +38,7 @@ def test_a_second_session_on_the_same_port_is_refused(free_port: int) -> None:
 
 
 @pytest.mark.subprocess
-def test_zenoh_itself_prints_nothing_about_it(free_port: int) -> None:
+def test_zenoh_itself_prints_nothing(free_port: int) -> None:
     script = (
         "from vo_service.outputs.zenoh.session import *\n"
         f"config = ZenohConfig(listen=('tcp/127.0.0.1:{free_port}',))\n"
@@ -56,7 +56,7 @@ def test_zenoh_itself_prints_nothing_about_it(free_port: int) -> None:
     "endpoint",
     ["nonsense", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "tcp/127.0.0.1:80x", "foo/127.0.0.1:7450"],
 )
-def test_a_bad_endpoint_is_named(endpoint: str) -> None:
+def test_an_invalid_endpoint_is_reported(endpoint: str) -> None:
     with pytest.raises(InputError) as caught:
         open_session(ZenohConfig(listen=(endpoint,)))
     assert endpoint in str(caught.value)
@@ -65,14 +65,14 @@ def test_a_bad_endpoint_is_named(endpoint: str) -> None:
 
 
 @pytest.mark.parametrize("prefix", ["kinect", "robot1/kinect", "a-b_c.d/E2"])
-def test_plain_names_are_prefixes(prefix: str) -> None:
+def test_plain_names_are_valid_prefixes(prefix: str) -> None:
     assert check_prefix(prefix) == prefix
 
 
 @pytest.mark.parametrize(
     "prefix", ["", "/kinect", "kinect/", "a//b", "*", "a/**", "a$*", "a b", "a#b", "@x", "a\n"]
 )
-def test_anything_else_is_no_prefix(prefix: str) -> None:
+def test_other_names_are_invalid_prefixes(prefix: str) -> None:
     with pytest.raises(InputError, match="zenoh prefix"):
         check_prefix(prefix)
 
@@ -85,7 +85,7 @@ def test_a_session_without_listen_listens_nowhere(listening: Callable[[int], set
 
 
 @pytest.mark.zenoh
-def test_a_file_that_sets_nothing_exposes_nothing(
+def test_an_empty_file_exposes_nothing(
     tmp_path: Path, free_port: int, listening: Callable[[int], set[str]]
 ) -> None:
     file = tmp_path / "zenoh.json5"
@@ -97,7 +97,7 @@ def test_a_file_that_sets_nothing_exposes_nothing(
 
 
 @pytest.mark.zenoh
-def test_what_a_file_sets_is_kept(tmp_path: Path, free_port: int) -> None:
+def test_settings_of_a_file_are_kept(tmp_path: Path, free_port: int) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text(f"{{ listen: {{ endpoints: ['tcp/127.0.0.1:{free_port}'] }}, }}")
     with (
@@ -108,7 +108,7 @@ def test_what_a_file_sets_is_kept(tmp_path: Path, free_port: int) -> None:
 
 
 @pytest.mark.parametrize("content", ["{ listen: ", "{ lissten: {} }", "\xff"])
-def test_a_broken_file_is_named(tmp_path: Path, content: str) -> None:
+def test_a_broken_file_is_reported(tmp_path: Path, content: str) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_bytes(content.encode("latin-1"))
     with pytest.raises(InputError, match=r"zenoh\.json5") as caught:

@@ -13,7 +13,7 @@ from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEn
 pytestmark = pytest.mark.zenoh
 
 
-def test_a_token_that_cannot_be_taken_back_keeps_nothing_else_open() -> None:
+def test_a_token_that_cannot_be_undeclared_keeps_nothing_else_open() -> None:
     config = EndpointConfig(
         "kinect",
         FrameIds("odom", "base_link", "map"),

@@ -20,9 +20,7 @@ LAST_M = 9 * STEP_M
 
 
 @pytest.mark.parametrize(("steps", "stays"), [(MAX_DUPLICATE_STEPS - 0.1, False), (2.0, True)])
-def test_a_keyframe_that_is_nearly_where_one_was_goes_when_the_next_has_come(
-    steps: float, stays: bool
-) -> None:
+def test_a_duplicate_keyframe_is_removed_when_the_next_has_come(steps: float, stays: bool) -> None:
     made, scripted = closer_after_walk(error_m=0.0)
     scripted.matches = {1: pose_ahead(ONE_STEP_M * steps)}
     repeated = made.process_keyframe(straight_on(STEP_M + ONE_STEP_M * steps)).keyframe.number
@@ -34,7 +32,7 @@ def test_a_keyframe_that_is_nearly_where_one_was_goes_when_the_next_has_come(
     assert set(made.graph.nodes) == {place.number for place in made.database}
 
 
-def test_a_keyframe_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
+def test_a_keyframe_with_an_implausible_loop_closure_stays() -> None:
     made, scripted = closer_after_walk(error_m=0.0)
     scripted.matches = {1: pose_ahead(0.1)}
     repeated = made.process_keyframe(straight_on(LAST_M + 5.0)).keyframe.number
@@ -43,7 +41,7 @@ def test_a_keyframe_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
 
 
 @pytest.mark.slow
-def test_who_comes_by_again_adds_few_keyframes() -> None:
+def test_repeated_visits_add_few_keyframes() -> None:
     made = make_loop_closer(STEPS + 1)
     once = len(made.database)
     for n in range(STEPS + 1, 4 * STEPS):

@@ -15,23 +15,23 @@ def redundant(poses: Array) -> int:
     return find_most_redundant(poses, np.zeros(len(poses), np.int64))
 
 
-def test_the_one_nearest_to_others_can_be_culled() -> None:
+def test_the_keyframe_nearest_to_others_is_culled() -> None:
     assert redundant(along(0.0, 1.0, 2.0, 2.1, 2.3, 5.0)) == 3
 
 
-def test_a_turn_counts_as_a_path() -> None:
+def test_a_rotation_counts_like_a_distance() -> None:
     turned = [make_pose((0.0, 0.0, 0.0), (0.0, degrees, 0.0)) for degrees in (0, 60, 65, 120)]
     assert redundant(np.array(turned)) == 2
 
 
-def test_the_first_and_the_newest_are_never_culled() -> None:
+def test_the_first_and_the_newest_keyframe_are_never_culled() -> None:
     assert redundant(along(0.0, 0.1, 3.0, 6.0, 6.1)) in (1, 3)
     assert redundant(along(0.0, 5.0, 0.0)) == 1
     with pytest.raises(ValueError, match="never culled"):
         redundant(along(0.0, 0.0))
 
 
-def test_what_is_not_connected_is_not_near() -> None:
+def test_unconnected_keyframes_are_not_near() -> None:
     poses = along(0.0, 1.0, 1.5, 1.01, 1.02, 9.0)
     assert find_most_redundant(poses, np.array([0, 0, 0, 1, 2, 3])) == 1
     assert find_most_redundant(poses, np.array([0, 0, 0, 1, 0, 0])) in (1, 4)

@@ -51,7 +51,7 @@ def _unlike(keyframe: MapKeyframe) -> MapKeyframe:
     return replace(keyframe, vlad_descriptor=np.zeros_like(keyframe.vlad_descriptor))
 
 
-def test_what_should_be_in_view_is_looked_at_though_it_looks_like_nothing() -> None:
+def test_nearby_keyframes_are_candidates_though_they_do_not_look_similar() -> None:
     walk = KeyframeLine(
         MAX_SIMILAR_KEYFRAMES + 5, unlike=range(MAX_SIMILAR_KEYFRAMES, MAX_SIMILAR_KEYFRAMES + 5)
     )
@@ -64,12 +64,12 @@ def test_what_should_be_in_view_is_looked_at_though_it_looks_like_nothing() -> N
     assert walk.of_a_loop(100.0) == list(range(MAX_SIMILAR_KEYFRAMES))
 
 
-def test_no_keyframe_is_looked_at_twice() -> None:
+def test_no_keyframe_is_a_candidate_twice() -> None:
     assert KeyframeLine(MAX_NEARBY_KEYFRAMES).of_a_loop(0.0) == list(range(MAX_NEARBY_KEYFRAMES))
 
 
 @pytest.mark.parametrize(("world", "found"), [(0, [0]), (1, list(range(MAX_SIMILAR_KEYFRAMES)))])
-def test_the_last_keyframes_of_the_path_are_no_loop_but_after_a_loss_they_are(
+def test_recent_keyframes_are_no_candidates_except_after_a_loss(
     world: int, found: list[int]
 ) -> None:
     walk = KeyframeLine(MAX_RECENT_KEYFRAMES + 1)

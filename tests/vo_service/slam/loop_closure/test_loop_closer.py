@@ -27,17 +27,17 @@ def walked() -> LoopCloser:
     return make_loop_closer(2 * STEPS + 1)
 
 
-def test_a_path_back_is_recognized_again_and_the_drift_is_gone(walked: LoopCloser) -> None:
+def test_a_loop_closure_removes_the_drift(walked: LoopCloser) -> None:
     drift_m = float(np.linalg.norm(odometry_pose(2 * STEPS)[:3, 3] - true_pose(2 * STEPS)[:3, 3]))
     assert walked.loop_count >= 3
     assert keyframe_error_m(walked, 2 * STEPS) < 0.2 * drift_m
 
 
-def test_a_path_out_is_no_loop() -> None:
+def test_an_outward_trajectory_has_no_loop_closure() -> None:
     assert make_loop_closer(MAX_RECENT_KEYFRAMES + 1).loop_count == 0
 
 
-def test_a_frame_of_a_known_keyframe_is_located_in_the_world_of_the_odometry(
+def test_a_frame_at_a_known_keyframe_is_localized_in_the_odometry_world(
     walked: LoopCloser,
 ) -> None:
     result = walked.relocalize(render_corner(true_pose(3), 99))
@@ -49,13 +49,13 @@ def test_a_frame_of_a_known_keyframe_is_located_in_the_world_of_the_odometry(
     assert np.allclose(T_last_camera, expected, atol=0.01)
 
 
-def test_a_view_of_nothing_known_is_located_nowhere(walked: LoopCloser) -> None:
+def test_an_unknown_view_is_not_localized(walked: LoopCloser) -> None:
     elsewhere = make_frame(make_textured_image(240, 320, seed=9), np.full((240, 320), 2.0))
     assert walked.relocalize(elsewhere) is None
     assert create_loop_closer(MapConfig()).relocalize(elsewhere) is None
 
 
-def test_a_loop_that_the_odometry_cannot_have_missed_is_not_accepted() -> None:
+def test_an_implausible_loop_closure_is_rejected() -> None:
     closer = make_loop_closer(MAX_RECENT_KEYFRAMES + 1)
     far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])  # says the odometry, 15 cm after the last
     for n in (2 * STEPS - 2, 2 * STEPS - 1, 2 * STEPS):
@@ -63,7 +63,7 @@ def test_a_loop_that_the_odometry_cannot_have_missed_is_not_accepted() -> None:
     assert closer.loop_count == 0
 
 
-def test_a_new_world_is_connected_when_two_keyframes_say_so_alike() -> None:
+def test_a_new_world_is_connected_when_two_keyframes_agree() -> None:
     closer = make_loop_closer(1)
     is_localized = []
     for n in (1, 2):
@@ -74,7 +74,7 @@ def test_a_new_world_is_connected_when_two_keyframes_say_so_alike() -> None:
     assert np.allclose(T_map_camera[:3, 3], true_pose(2)[:3, 3], atol=0.03)
 
 
-def test_a_keyframe_that_was_left_out_while_a_loop_waited_is_not_missed() -> None:
+def test_a_keyframe_removed_before_the_optimization_causes_no_error() -> None:
     closer = make_loop_closer(1)
     waiting = closer.process_keyframe(make_observation(1, 1, ELSEWHERE)).keyframe
     closer.process_keyframe(make_observation(1))  # the newest place is never left out
@@ -84,7 +84,7 @@ def test_a_keyframe_that_was_left_out_while_a_loop_waited_is_not_missed() -> Non
     assert {place.number for place in closer.database} == set(closer.graph.nodes)
 
 
-def test_a_map_that_was_kept_is_known_the_next_day() -> None:
+def test_a_saved_map_is_recognized_in_the_next_session() -> None:
     saved = make_loop_closer(STEPS).contents
     closer = create_loop_closer_from_map(saved, MapConfig())
     assert len(closer.database) == STEPS
@@ -95,7 +95,7 @@ def test_a_map_that_was_kept_is_known_the_next_day() -> None:
     assert np.allclose(T_map_camera[:3, 3], true_pose(STEPS + 5)[:3, 3], atol=0.03)
 
 
-def test_keyframes_near_others_go_when_there_are_too_many() -> None:
+def test_redundant_keyframes_are_culled_above_the_limit() -> None:
     few = make_loop_closer(STEPS)
     limit_mb = 1 + few.database.size_bytes // 1_000_000
     closer = create_loop_closer(MapConfig(keyframe_database_mb=limit_mb))
@@ -109,6 +109,6 @@ def test_keyframes_near_others_go_when_there_are_too_many() -> None:
     assert {place.number for place in closer.database} == set(closer.graph.nodes)
 
 
-def test_the_same_walk_gives_the_same_map_bit_for_bit(walked: LoopCloser) -> None:
+def test_the_same_tour_gives_the_same_map_bit_for_bit(walked: LoopCloser) -> None:
     again = make_loop_closer(2 * STEPS + 1)
     assert np.array_equal(again.snapshot.T_map_keyframe, walked.snapshot.T_map_keyframe)

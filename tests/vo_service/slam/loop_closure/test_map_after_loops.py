@@ -42,13 +42,13 @@ def optimized() -> tuple[LoopCloser, ScriptedRecognizer]:
     return made, scripted
 
 
-def test_a_loop_that_says_that_the_map_is_off_optimizes_it_at_once() -> None:
+def test_an_inconsistent_loop_closure_optimizes_the_map_at_once() -> None:
     made, _ = closer_after_walk(error_m=0.02)
     assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.02, abs=1e-3)
     assert path_m(made.T_map_world) == pytest.approx(0.02, abs=1e-3)
 
 
-def test_a_loop_that_says_little_optimizes_the_map_ten_keyframes_later() -> None:
+def test_a_consistent_loop_closure_optimizes_the_map_ten_keyframes_later() -> None:
     made, _ = closer_after_walk(error_m=0.003)
     for step in range(1, 10):
         made.process_keyframe(make_observation(LAST_M + STEP_M * step))
@@ -57,7 +57,7 @@ def test_a_loop_that_says_little_optimizes_the_map_ten_keyframes_later() -> None
     assert path_m(made.graph.T_map_keyframe(LAST)) == pytest.approx(LAST_M + 0.003, abs=2e-4)
 
 
-def test_a_map_is_optimized_once_by_a_loop_that_says_that_it_is_off(
+def test_an_inconsistent_loop_closure_optimizes_the_map_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made, _ = closer_after_walk(error_m=0.02)
@@ -69,7 +69,7 @@ def test_a_map_is_optimized_once_by_a_loop_that_says_that_it_is_off(
     assert not corrections
 
 
-def test_a_map_of_many_keyframes_waits_for_more_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_map_is_optimized_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
     made, scripted = closer_after_walk(error_m=0.02)
     monkeypatch.setattr(optimization_schedule, "MIN_INTERVAL_RATIO", 0.2)
     off_m = []
@@ -81,7 +81,7 @@ def test_a_map_of_many_keyframes_waits_for_more_of_them(monkeypatch: pytest.Monk
     assert off_m[2] > 0.03  # three places of thirteen
 
 
-def test_a_view_that_shows_many_keyframes_closes_three_loops() -> None:
+def test_a_view_of_many_keyframes_closes_three_loops() -> None:
     made, scripted = make_loop_closer()
     for step in range(15):
         made.process_keyframe(make_observation(STEP_M * step))
@@ -90,7 +90,7 @@ def test_a_view_that_shows_many_keyframes_closes_three_loops() -> None:
     assert made.loop_count == MAX_LOOPS_PER_KEYFRAME == 3
 
 
-def test_motions_and_loops_are_as_sure_and_as_long_as_was_reported() -> None:
+def test_edges_have_the_reported_motion_and_covariance() -> None:
     made, scripted = closer_after_walk(error_m=0.02)
     *motions, loop = made.graph.edges
     assert len(motions) == LAST
@@ -103,7 +103,7 @@ def test_motions_and_loops_are_as_sure_and_as_long_as_was_reported() -> None:
     assert velocity_sigma == TRACKED_VELOCITY_SIGMA
 
 
-def test_a_pose_of_before_is_optimized_as_the_keyframe_before_it() -> None:
+def test_an_earlier_pose_is_optimized_with_its_keyframe() -> None:
     made, _ = closer_after_walk(error_m=0.02)
     T_map = made.graph.T_map_keyframe
     seen = made.anchor_to_last_keyframe(pose_ahead(2.8))
@@ -118,9 +118,7 @@ def test_a_pose_of_before_is_optimized_as_the_keyframe_before_it() -> None:
     assert np.allclose(seen.to_map(T_map), before)
 
 
-def test_until_a_new_world_is_connected_the_correction_stays_and_no_old_keyframe_is_reported() -> (
-    None
-):
+def test_until_a_new_world_is_connected_the_correction_stays() -> None:
     made, scripted = optimized()
     before = made.T_map_world
     number = made.process_keyframe(make_observation(0.0, world=4)).keyframe.number
@@ -134,7 +132,7 @@ def test_until_a_new_world_is_connected_the_correction_stays_and_no_old_keyframe
     assert np.allclose(result.T_world_camera, pose_ahead(1.0))
 
 
-def test_a_lost_camera_is_located_as_surely_as_it_is_recognized() -> None:
+def test_a_relocalization_has_the_covariance_of_the_recognition() -> None:
     made, scripted = optimized()
     scripted.matches = {LAST: pose_ahead(1.0)}
     result = made.relocalize(make_observation(0.0).frame)
@@ -150,7 +148,7 @@ def test_a_lost_camera_is_located_as_surely_as_it_is_recognized() -> None:
 
 
 @pytest.mark.parametrize("contradictory", [False, True])
-def test_a_world_is_connected_by_one_view_of_two_keyframes_unless_they_contradict(
+def test_one_view_of_two_consistent_keyframes_connects_a_world(
     contradictory: bool,
 ) -> None:
     made, scripted = make_loop_closer()
@@ -163,7 +161,7 @@ def test_a_world_is_connected_by_one_view_of_two_keyframes_unless_they_contradic
     assert made.loop_count == (0 if contradictory else 2)
 
 
-def test_keyframes_of_a_world_that_is_not_connected_are_near_to_no_other() -> None:
+def test_keyframes_of_an_unconnected_world_are_not_near() -> None:
     made, _ = make_loop_closer(max_keyframes=5)
     for way in (0.0, 3.0):
         made.process_keyframe(make_observation(way))
@@ -173,7 +171,7 @@ def test_keyframes_of_a_world_that_is_not_connected_are_near_to_no_other() -> No
     assert [removal.number for removal in removed] == [4]
 
 
-def test_the_first_and_the_newest_keyframe_stay_however_little_they_may_take() -> None:
+def test_the_first_and_the_newest_keyframe_stay_at_any_memory_limit() -> None:
     made, _ = make_loop_closer(max_keyframes=0)
     for step in range(5):
         made.process_keyframe(make_observation(STEP_M * step))

@@ -26,7 +26,7 @@ def loop(old: MapKeyframe, new: MapKeyframe, T_old_new: Array) -> Edge:
     return Edge(old.number, new.number, T_a_b, np.eye(6) * 1e-6, True, 0.0)
 
 
-def test_one_loop_is_not_accepted_and_two_that_agree_are() -> None:
+def test_one_loop_is_not_enough_to_merge_maps_but_two_that_agree_are() -> None:
     merger, (old, one, other) = MapMerger(), keyframes()
     first, second = loop(old, one, T_OLD_NEW), loop(old, other, T_OLD_NEW)
     assert merger.add_loop(first, old, one) == []
@@ -34,16 +34,14 @@ def test_one_loop_is_not_accepted_and_two_that_agree_are() -> None:
 
 
 @pytest.mark.parametrize(("error_m", "off_rad"), [(0.2, 0.0), (0.0, 0.1)])
-def test_two_loops_that_contradict_each_other_are_not_accepted(
-    error_m: float, off_rad: float
-) -> None:
+def test_two_contradicting_loops_do_not_merge_maps(error_m: float, off_rad: float) -> None:
     merger, (old, one, other) = MapMerger(), keyframes()
     off = rigid_transform(so3_exp([0.0, 0.0, off_rad]), [error_m, 0.0, 0.0])
     assert merger.add_loop(loop(old, one, T_OLD_NEW), old, one) == []
     assert merger.add_loop(loop(old, other, T_OLD_NEW @ off), old, other) == []
 
 
-def test_what_is_reported_of_one_world_is_no_opinion_of_another() -> None:
+def test_a_hypothesis_for_one_world_does_not_count_for_another() -> None:
     merger, (old, one, other) = MapMerger(), keyframes()
     of_a_third = replace(other, world_id=2)
     assert merger.add_loop(loop(old, one, T_OLD_NEW), old, one) == []

@@ -36,7 +36,7 @@ def test_a_keyframe_is_thirty_centimeters_from_the_last() -> None:
     ]
 
 
-def test_a_constraint_shows_its_length_its_velocity_and_how_sure_it_is() -> None:
+def test_a_constraint_has_its_length_velocity_and_covariance() -> None:
     first, *_, last = constraints_at(0.0, 0.1, 0.2, 0.31)
     assert first is not None
     assert last is not None
@@ -46,14 +46,14 @@ def test_a_constraint_shows_its_length_its_velocity_and_how_sure_it_is() -> None
     assert np.trace(last.covariance) > np.trace(first.covariance)
 
 
-def test_a_constraint_counts_from_the_last_keyframe_alone() -> None:
+def test_a_constraint_starts_at_the_last_keyframe() -> None:
     _, *found = filter(None, constraints_at(0.0, 0.1, 0.2, 0.31, 0.41, 0.51, 0.62))
     first, second = found
     assert np.isclose(second.length_m, first.length_m)
     assert np.allclose(second.covariance, first.covariance)
 
 
-def test_a_camera_that_turns_has_the_velocity_of_the_turn() -> None:
+def test_a_rotating_camera_has_an_angular_velocity() -> None:
     turn_rad = np.array([0.01, 0.4, -0.02])
     turned = rigid_transform(so3_exp(turn_rad), np.zeros(3))
     accumulator = ConstraintAccumulator()
@@ -63,7 +63,7 @@ def test_a_camera_that_turns_has_the_velocity_of_the_turn() -> None:
     assert np.allclose(constraint.velocity, [0.0, 0.0, 0.0, *(30 * turn_rad)])
 
 
-def test_after_a_gap_nothing_is_reported_of_the_velocity() -> None:
+def test_after_a_gap_the_velocity_is_unknown() -> None:
     accumulator = ConstraintAccumulator()
     accumulator.update(make_wall_update(0))
     for seq in range(1, 9):  # no pose to go by: the last one is held
@@ -74,7 +74,7 @@ def test_after_a_gap_nothing_is_reported_of_the_velocity() -> None:
     assert np.isclose(constraint.length_m, 0.4)
 
 
-def test_a_new_epoch_counts_from_its_beginning() -> None:
+def test_a_new_epoch_starts_a_new_constraint() -> None:
     accumulator = ConstraintAccumulator()
     (very_first, _) = constraints_at(0.0, 0.1, accumulator=accumulator)
     (first,) = constraints_at(5.0, accumulator=accumulator, epoch=1)
@@ -85,14 +85,14 @@ def test_a_new_epoch_counts_from_its_beginning() -> None:
     assert not first.velocity.any()
 
 
-def test_what_is_not_tracked_or_not_remembered_is_no_keyframe() -> None:
+def test_untracked_frames_are_no_keyframes() -> None:
     assert ConstraintAccumulator().update(make_wall_update(0, state=TrackingState.DEGRADED)) is None
     assert ConstraintAccumulator().update(make_wall_update(0, state=TrackingState.LOST)) is None
     NullConstraintAccumulator().force_keyframe()
     assert constraints_at(0.0)[0] is not None
 
 
-def test_what_forgets_takes_the_next_frame() -> None:
+def test_after_a_reset_the_next_frame_is_a_keyframe() -> None:
     accumulator = ConstraintAccumulator()
     assert constraints_at(0.0, 0.0, accumulator=accumulator)[1] is None
     accumulator.force_keyframe()

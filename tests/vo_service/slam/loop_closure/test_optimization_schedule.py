@@ -21,31 +21,31 @@ def corrections(keyframes: int, loops: list[bool | None]) -> list[int]:
     return found
 
 
-def test_a_map_that_is_off_is_optimized_at_once() -> None:
+def test_an_inconsistent_map_is_optimized_at_once() -> None:
     assert corrections(50, [None, True, None, True, True]) == [1, 3, 4]
 
 
-def test_a_map_without_loops_never_is() -> None:
+def test_a_map_without_loops_is_never_optimized() -> None:
     assert corrections(50, [None] * 100) == []
     assert not OptimizationSchedule().has_pending_loops
 
 
-def test_loops_that_say_little_wait_for_ten_keyframes() -> None:
+def test_consistent_loops_wait_for_ten_keyframes() -> None:
     assert corrections(50, [False] + [None] * 30) == [MAX_PENDING_KEYFRAMES]
     assert corrections(50, [False] * 30) == [10, 21]
 
 
-def test_a_large_map_waits_for_more_keyframes_and_forgets_nothing() -> None:
+def test_a_large_map_waits_for_more_keyframes() -> None:
     assert corrections(500, [None] * 9 + [True, True] + [None] * 9) == [9, 14]
     assert corrections(3000, [False] * 70) == [10, 40]
 
 
-def test_a_map_that_was_kept_is_optimized_by_the_first_loop_of_today() -> None:
+def test_the_first_loop_optimizes_a_loaded_map() -> None:
     assert corrections(3000, [None, True]) == [1]
 
 
 @given(st.integers(1, 2000), st.lists(st.sampled_from([True, False, None]), max_size=200))
-def test_a_loop_never_waits_longer_than_the_size_of_the_map_asks_for(
+def test_the_waiting_time_of_a_loop_is_limited_by_the_size_of_the_map(
     keyframes: int, loops: list[bool | None]
 ) -> None:
     found = corrections(keyframes, loops)

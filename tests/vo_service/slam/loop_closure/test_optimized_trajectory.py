@@ -19,7 +19,7 @@ def graph() -> PoseGraph:
     return made
 
 
-def test_frames_move_with_the_keyframe_before_them() -> None:
+def test_frames_move_with_the_previous_keyframe() -> None:
     keyframes = graph()
     optimized = OptimizedTrajectory(keyframes)
     optimized.add(1.0, 0, np.eye(4))
@@ -32,7 +32,7 @@ def test_frames_move_with_the_keyframe_before_them() -> None:
     assert np.allclose(found.T_world_camera[1][:3, 3], [0.0, 0.0, 2.1], atol=1e-3)
 
 
-def test_the_first_pose_is_identity_and_stamps_rise() -> None:
+def test_the_first_pose_is_identity_and_stamps_increase() -> None:
     optimized = OptimizedTrajectory(graph())
     for stamp_s in (3.0, 1.0, 2.0):
         optimized.add(stamp_s, 1, np.linalg.matrix_power(AHEAD, int(stamp_s)))
@@ -42,7 +42,7 @@ def test_the_first_pose_is_identity_and_stamps_rise() -> None:
     assert np.allclose(found.T_world_camera[2], AHEAD @ AHEAD)
 
 
-def test_frames_of_a_keyframe_that_is_removed_stay_where_they_are() -> None:
+def test_frames_of_a_removed_keyframe_stay() -> None:
     keyframes = graph()
     optimized = OptimizedTrajectory(keyframes)
     optimized.add(1.0, 0, np.eye(4))
@@ -54,7 +54,7 @@ def test_frames_of_a_keyframe_that_is_removed_stay_where_they_are() -> None:
     assert np.allclose(inverse(optimized.trajectory.T_world_camera[0]), np.eye(4))
 
 
-def test_of_frames_with_one_stamp_the_last_counts_though_the_keyframe_of_the_first_goes() -> None:
+def test_of_frames_with_one_stamp_the_last_is_kept_after_a_keyframe_removal() -> None:
     keyframes = graph()
     optimized = OptimizedTrajectory(keyframes)
     optimized.add(1.0, 0, np.eye(4))
@@ -66,7 +66,7 @@ def test_of_frames_with_one_stamp_the_last_counts_though_the_keyframe_of_the_fir
     assert np.allclose(found.T_world_camera[1], AHEAD)
 
 
-def test_frames_are_carried_over_from_neighbor_to_neighbor() -> None:
+def test_frames_are_moved_from_neighbor_to_neighbor() -> None:
     keyframes = graph()
     keyframes.add_odometry_edge(Edge(1, 2, AHEAD, VAGUE, False, 1.0))
     optimized = OptimizedTrajectory(keyframes)
@@ -77,5 +77,5 @@ def test_frames_are_carried_over_from_neighbor_to_neighbor() -> None:
     assert np.allclose(optimized.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 3.0])
 
 
-def test_nothing_seen_is_an_empty_trajectory() -> None:
+def test_without_frames_the_trajectory_is_empty() -> None:
     assert len(OptimizedTrajectory(PoseGraph()).trajectory) == 0

@@ -82,7 +82,7 @@ def came_back() -> tuple[SynchronousLoopClosure, list[OdometryUpdate]]:
     return follow([*walk(), *COVERED, *walk()[10:30]])
 
 
-def test_camera_uncovered_at_a_seen_keyframe_is_back_in_its_epoch(
+def test_camera_uncovered_at_a_known_keyframe_continues_its_epoch(
     came_back: tuple[SynchronousLoopClosure, list[OdometryUpdate]],
 ) -> None:
     _, updates = came_back
@@ -92,7 +92,7 @@ def test_camera_uncovered_at_a_seen_keyframe_is_back_in_its_epoch(
     assert_close(updates[-1].T_world_camera, hand_held_poses(SEEN)[29], 0.01, 0.5)
 
 
-def test_a_pose_of_the_covered_camera_is_lost_until_a_keyframe_is_known(
+def test_pose_of_a_covered_camera_is_lost_until_relocalization(
     came_back: tuple[SynchronousLoopClosure, list[OdometryUpdate]],
 ) -> None:
     _, updates = came_back
@@ -101,13 +101,13 @@ def test_a_pose_of_the_covered_camera_is_lost_until_a_keyframe_is_known(
     assert "relocalizing" in lost[-1].reason
 
 
-def test_camera_uncovered_where_it_never_was_begins_an_epoch() -> None:
+def test_camera_uncovered_at_an_unseen_place_starts_an_epoch() -> None:
     _, updates = follow([*walk(), *COVERED, *(render_elsewhere(seq) for seq in range(32))])
     assert updates[-1].epoch == 1
     assert not any(update.estimate.ok for update in updates[SEEN : SEEN + len(COVERED) + 25])
 
 
-def test_replay_with_loops_is_the_same_bit_for_bit(
+def test_replay_with_loop_closure_repeats_bit_for_bit(
     came_back: tuple[SynchronousLoopClosure, list[OdometryUpdate]],
 ) -> None:
     loops, updates = came_back
@@ -120,7 +120,7 @@ def test_replay_with_loops_is_the_same_bit_for_bit(
     assert np.array_equal(first.T_world_camera, second.T_world_camera)
 
 
-def test_the_optimized_trajectory_is_nearer_to_the_truth_than_the_reported_one() -> None:
+def test_the_optimized_trajectory_is_closer_to_the_truth() -> None:
     loops = inline()
     last = 3 * STEPS
     for n in range(last + 1):
@@ -135,7 +135,7 @@ def aside(path_m: float) -> Array:
     return rigid_transform(np.eye(3), [path_m, 0.0, 0.0])
 
 
-def test_at_the_end_the_last_loops_count_as_well() -> None:
+def test_the_last_loops_are_included_at_the_end() -> None:
     made, scripted = make_loop_closer()
     loops = SynchronousLoopClosure(made)
     for seq in range(10):
@@ -149,7 +149,7 @@ def test_at_the_end_the_last_loops_count_as_well() -> None:
     assert np.isclose(loops.trajectory.T_world_camera[-1][0, 3], 0.31 * 9 + moved_m)
 
 
-def test_frames_of_keyframes_that_had_to_go_are_still_in_the_trajectory() -> None:
+def test_frames_of_culled_keyframes_stay_in_the_trajectory() -> None:
     loops = SynchronousLoopClosure(make_loop_closer(max_keyframes=4)[0])
     for seq in range(12):
         loops.on_update(make_wall_update(seq, 0.31 * seq))
@@ -158,7 +158,7 @@ def test_frames_of_keyframes_that_had_to_go_are_still_in_the_trajectory() -> Non
     assert np.allclose(along_m, 0.31 * np.arange(12))
 
 
-def test_before_a_new_epoch_has_a_keyframe_its_frames_lie_nowhere() -> None:
+def test_frames_of_a_new_epoch_without_a_keyframe_have_no_optimized_pose() -> None:
     loops = SynchronousLoopClosure(make_loop_closer()[0])
     loops.on_update(make_wall_update(0))
     loops.on_update(

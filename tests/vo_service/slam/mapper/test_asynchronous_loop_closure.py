@@ -86,7 +86,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_view_of_a_known_keyframe_is_located_by_the_process(tmp_path: Path) -> None:
+def test_the_mapper_process_localizes_a_view_of_a_known_keyframe(tmp_path: Path) -> None:
     with walking(tmp_path / "maps") as opened:
         result = relocalize(opened, true_pose(2))
         assert result.seq == 99
@@ -95,7 +95,7 @@ def test_a_view_of_a_known_keyframe_is_located_by_the_process(tmp_path: Path) ->
         assert opened.warning == ""
 
 
-def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
+def test_a_saved_map_is_recognized_after_a_restart(saved: Path) -> None:
     assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
     with running_mapper(saved, replace(WITH_LOOP_CLOSURE, load=NAME)) as opened:
         wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
@@ -116,7 +116,7 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
         assert np.linalg.norm((inverse(expected) @ T_map_camera)[:3, 3]) < 0.05
 
 
-def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(saved: Path) -> None:
+def test_a_camera_at_rest_is_localized_in_a_loaded_map(saved: Path) -> None:
     with running_mapper(saved, WITH_LOOP_CLOSURE) as opened:
         opened.on_update(make_update(STEPS))
         wait_until(lambda: opened.state.mesh_keyframes == 1, "a keyframe")
@@ -128,7 +128,7 @@ def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(sa
         wait_until(lambda: opened.state.mesh_keyframes == 1, "a keyframe in that map")
 
 
-def test_a_damaged_map_is_reported_in_one_line_and_the_service_goes_on(
+def test_a_damaged_map_is_reported_in_one_line_and_the_service_continues(
     saved: Path, tmp_path: Path
 ) -> None:
     data = bytearray((saved / "corner.places").read_bytes())
@@ -141,7 +141,7 @@ def test_a_damaged_map_is_reported_in_one_line_and_the_service_goes_on(
         assert opened.state.mesh_keyframes > 0
 
 
-def test_keyframes_of_a_process_that_is_killed_are_removed_and_come_again(tmp_path: Path) -> None:
+def test_keyframes_of_a_killed_process_are_removed_and_made_again(tmp_path: Path) -> None:
     with walking(tmp_path / "maps") as opened:
         first = mapper_pid()
         os.kill(first, signal.SIGKILL)
@@ -150,7 +150,9 @@ def test_keyframes_of_a_process_that_is_killed_are_removed_and_come_again(tmp_pa
         go(opened, STEPS, STEPS)
 
 
-def test_without_keyframes_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Path) -> None:
+def test_without_keyframes_there_is_no_loop_closure_and_no_map_can_be_loaded(
+    tmp_path: Path,
+) -> None:
     with running_mapper(tmp_path, COARSE) as opened:
         assert opened.loop_closure.snapshot.keyframes == 0
         (tmp_path / "some.places").write_bytes(b"")

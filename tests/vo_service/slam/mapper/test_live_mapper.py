@@ -45,27 +45,27 @@ def saved_wall(kernels: None, tmp_path_factory: pytest.TempPathFactory) -> Itera
         yield SavedWallMap(opened, save_map(opened, "wall"))
 
 
-def test_a_map_is_the_surface_that_was_seen_in_odom(saved_wall: SavedWallMap) -> None:
+def test_a_mesh_has_the_seen_surfaces_in_odom(saved_wall: SavedWallMap) -> None:
     places_m = read_vertices_m(saved_wall.map)
     np.testing.assert_allclose(places_m[:, 0], WALL_M, atol=COARSE.voxel_m)  # x is forward
     assert places_m[:, 1].min() < -1.0 < 0.5 < places_m[:, 1].max()  # y is left; it went right
     assert np.abs(places_m[:, 2]).max() < 1.0
 
 
-def test_a_map_is_private_and_nothing_lies_beside_it(saved_wall: SavedWallMap) -> None:
+def test_a_map_is_private_and_leaves_no_other_file(saved_wall: SavedWallMap) -> None:
     assert list(saved_wall.map.parent.iterdir()) == [saved_wall.map]
     assert saved_wall.map.stat().st_mode & 0o777 == 0o600
     assert saved_wall.map.parent.stat().st_mode & 0o777 == 0o700
 
 
-def test_a_map_keeps_its_name_and_its_keyframes_stay_for_the_next(saved_wall: SavedWallMap) -> None:
+def test_a_saved_map_is_kept_and_keyframes_stay_for_the_next(saved_wall: SavedWallMap) -> None:
     assert saved_wall.mapper.warning == ""
     assert saved_wall.mapper.state.mesh_keyframes == 3
     assert "map 'wall' already exists" in command_error(lambda: saved_wall.mapper.save("wall"))
     assert "bad-request" in command_error(lambda: saved_wall.mapper.save("../wall"))
 
 
-def test_there_are_keyframes_of_this_epoch_alone_and_as_many_as_may_be_now(tmp_path: Path) -> None:
+def test_keyframes_are_those_of_this_epoch_up_to_the_current_limit(tmp_path: Path) -> None:
     with running_mapper(tmp_path) as opened:
         published = command_error(lambda: opened.save("wall"))
         assert published == "not-possible: the map is empty: no frame has been tracked yet"
@@ -75,7 +75,7 @@ def test_there_are_keyframes_of_this_epoch_alone_and_as_many_as_may_be_now(tmp_p
         wait_until(lambda: opened.state.mesh_keyframes == 1)
 
 
-def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_reported(
+def test_only_one_mesh_is_computed_at_a_time_and_a_killed_job_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with running_mapper(tmp_path / "maps") as opened:
@@ -91,7 +91,7 @@ def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_reported(
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
-def test_a_process_that_is_killed_begins_an_empty_map_and_reports_it(tmp_path: Path) -> None:
+def test_a_killed_process_restarts_with_an_empty_map_and_a_warning(tmp_path: Path) -> None:
     with running_mapper(tmp_path / "maps") as opened:
         move_along_wall(opened, 3)
         opened.save("wall")
@@ -111,7 +111,7 @@ def test_a_process_that_is_killed_begins_an_empty_map_and_reports_it(tmp_path: P
     assert not list(tmp_path.glob("maps/*"))
 
 
-def test_an_end_drops_what_is_being_made_and_leaves_nothing(
+def test_closing_cancels_a_mesh_and_leaves_nothing_behind(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with running_mapper(tmp_path / "maps"):
@@ -125,7 +125,7 @@ def test_an_end_drops_what_is_being_made_and_leaves_nothing(
     assert not list(tmp_path.glob("maps/*"))
 
 
-def test_a_folder_that_cannot_be_used_is_reported(tmp_path: Path) -> None:
+def test_an_unusable_folder_is_reported(tmp_path: Path) -> None:
     (tmp_path / "maps").write_text("a file")
     with running_mapper(tmp_path / "maps") as opened:
         wait_until(lambda: "maps: cannot be used" in opened.warning)
@@ -133,7 +133,7 @@ def test_a_folder_that_cannot_be_used_is_reported(tmp_path: Path) -> None:
         wait_until(lambda: opened.warning == "")
 
 
-def test_the_service_goes_on_without_a_map_that_has_no_memory(
+def test_the_service_continues_without_memory_for_the_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
@@ -145,7 +145,7 @@ def test_the_service_goes_on_without_a_map_that_has_no_memory(
 
 
 @pytest.mark.slow
-def test_a_map_that_is_switched_off_reports_it_to_whoever_asks() -> None:
+def test_a_disabled_map_refuses_with_the_reason() -> None:
     opened = open_mapper(MapConfig(enabled=False))
     assert opened.warning == ""
     assert command_error(lambda: opened.save("x")).endswith("the map is disabled (map.enabled)")

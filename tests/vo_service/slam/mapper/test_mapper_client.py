@@ -66,7 +66,7 @@ def fixture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ClientFixture:
     return ClientFixture(made, supervisors[0], loaded_events)
 
 
-def test_a_process_that_is_started_again_begins_in_the_map_that_was_loaded(
+def test_a_restarted_process_loads_the_map_again(
     fixture: ClientFixture,
 ) -> None:
     fixture.load("home")

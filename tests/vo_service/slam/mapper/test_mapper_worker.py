@@ -67,9 +67,9 @@ def take_in(worker: LoopClosureWorker, ring: RecordRingWriter) -> None:
         worker.process_record(record)
 
 
-def test_the_frame_that_was_asked_about_last_is_answered_once(ring: RecordRingWriter) -> None:
-    heard: list[MapperMessage] = []
-    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, heard.append)
+def test_the_last_queried_frame_gets_one_result(ring: RecordRingWriter) -> None:
+    received: list[MapperMessage] = []
+    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, received.append)
     attachments: list[OdometryConstraint | RelocalizationQuery] = [
         CONSTRAINT,
         RelocalizationQuery(),
@@ -80,10 +80,10 @@ def test_the_frame_that_was_asked_about_last_is_answered_once(ring: RecordRingWr
     take_in(worker, ring)
     worker.answer_query()
     worker.answer_query()
-    assert [message.seq for message in heard if isinstance(message, RelocalizationResult)] == [2]
+    assert [message.seq for message in received if isinstance(message, RelocalizationResult)] == [2]
 
 
-def test_a_surface_is_made_where_the_keyframes_are_in_the_map(
+def test_a_mesh_uses_the_keyframe_poses_of_the_map(
     ring: RecordRingWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
@@ -106,13 +106,13 @@ def test_a_surface_is_made_where_the_keyframes_are_in_the_map(
 
 
 @pytest.mark.parametrize(("is_place", "answers"), [(False, 0), (True, 1)])
-def test_after_a_reset_nothing_is_answered_in_the_odom_of_before(
+def test_after_a_reset_no_result_is_in_the_previous_odom(
     ring: RecordRingWriter, is_place: bool, answers: int
 ) -> None:
     relocalize: list[OdometryUpdate] = []
     loops = AsynchronousLoopClosure(lambda update, attachment: relocalize.append(update))
-    heard: list[MapperMessage] = []
-    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, heard.append)
+    received: list[MapperMessage] = []
+    worker = LoopClosureWorker(WITH_LOOP_CLOSURE, received.append)
     shift = rigid_transform(np.eye(3), [0.3, 0.0, 0.0])
     before, after = make_update(0), replace(make_update(1), epoch=1)
     after = replace(after, T_odom_camera=shift @ after.T_odom_camera)
@@ -127,7 +127,7 @@ def test_after_a_reset_nothing_is_answered_in_the_odom_of_before(
     write_frame(ring, relocalize[0], pack_depth, RelocalizationQuery())
     take_in(worker, ring)
     worker.answer_query()
-    for message in heard:
+    for message in received:
         if isinstance(message, RelocalizationResult):
             loops.handle_message(message)
     found = loops.poll_results()

@@ -40,7 +40,7 @@ def places_m(keyframes: MeshKeyframeStore) -> list[float]:
     return [round(float(keyframe.T_odom_camera[0, 3]), 6) for keyframe in keyframes]
 
 
-def test_depth_stays_exact_and_color_nearly(ring: RecordRingWriter) -> None:
+def test_depth_is_lossless_and_color_nearly(ring: RecordRingWriter) -> None:
     update = recorder_inputs.make_update(3)
     smooth = np.full_like(update.frame.color_bgr, (40, 80, 160))
     update = replace(update, frame=replace(update.frame, color_bgr=smooth))
@@ -55,7 +55,7 @@ def test_depth_stays_exact_and_color_nearly(ring: RecordRingWriter) -> None:
     assert keyframe.size_bytes < len(record.payload)
 
 
-def test_what_was_seen_from_a_keyframe_that_is_no_more_is_reported_from_its_neighbor() -> None:
+def test_points_of_a_removed_keyframe_move_with_its_neighbor() -> None:
     keyframes = MeshKeyframeStore(100 * SIZE)
     ahead = rigid_transform(np.eye(3), [0.0, 0.0, 0.2])
     for x_m, place in ((0.0, 4), (1.0, 5)):
@@ -67,7 +67,7 @@ def test_what_was_seen_from_a_keyframe_that_is_no_more_is_reported_from_its_neig
     np.testing.assert_allclose(carried.T_keyframe_camera[2, 3], 0.4)
 
 
-def test_the_first_keyframe_of_an_epoch_begins_a_new_map() -> None:
+def test_the_first_keyframe_of_an_epoch_starts_a_new_mesh() -> None:
     keyframes = MeshKeyframeStore(100 * SIZE)
     for seq in range(3):
         keyframes.add(at(float(seq)))
@@ -75,7 +75,7 @@ def test_the_first_keyframe_of_an_epoch_begins_a_new_map() -> None:
     assert (len(keyframes), keyframes.epoch, keyframes.size_bytes) == (1, 1, SIZE)
 
 
-def test_going_round_and_round_fills_no_memory() -> None:
+def test_repeated_laps_do_not_fill_the_memory() -> None:
     keyframes = MeshKeyframeStore(100 * SIZE)
     for _ in range(50):
         for seq in range(10):
@@ -83,7 +83,7 @@ def test_going_round_and_round_fills_no_memory() -> None:
     assert len(keyframes) == 10
 
 
-def test_a_view_that_would_not_be_kept_need_not_be_packed() -> None:
+def test_a_rejected_view_is_not_compressed() -> None:
     keyframes = MeshKeyframeStore(100 * SIZE)
     here, near, there = (at(x_m).T_odom_camera for x_m in (0.0, 0.9 * STEP_M, 1.1 * STEP_M))
     assert keyframes.accepts(0, here)
@@ -93,7 +93,7 @@ def test_a_view_that_would_not_be_kept_need_not_be_packed() -> None:
     assert keyframes.accepts(1, near)
 
 
-def test_when_it_is_full_every_part_of_the_path_is_thinned_out_alike() -> None:
+def test_at_the_memory_limit_keyframes_are_thinned_out_evenly() -> None:
     keyframes = MeshKeyframeStore(20 * SIZE)
     for seq in range(200):
         keyframes.add(at(seq * 1.01 * STEP_M))
@@ -104,7 +104,7 @@ def test_when_it_is_full_every_part_of_the_path_is_thinned_out_alike() -> None:
     assert gaps_m.max() < 2 * gaps_m.min()
 
 
-def test_a_lower_bound_counts_at_once() -> None:
+def test_a_lower_limit_applies_at_once() -> None:
     keyframes = MeshKeyframeStore(100 * SIZE)
     for seq in range(20):
         keyframes.add(at(float(seq)))
@@ -113,7 +113,7 @@ def test_a_lower_bound_counts_at_once() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-50.0, 50.0), st.integers(0, 2)), max_size=80))
-def test_there_is_never_more_than_fits_and_the_last_epoch_alone(
+def test_memory_stays_below_the_limit_and_holds_only_the_last_epoch(
     way: list[tuple[float, int]],
 ) -> None:
     keyframes = MeshKeyframeStore(8 * SIZE)

@@ -15,7 +15,7 @@ from vo_service.slam.place_recognition.depth_features import (
 READOUT_S = 0.03
 
 
-def test_features_are_the_strongest_features_with_depth() -> None:
+def test_the_strongest_features_with_depth_are_kept() -> None:
     frame = render_corner(HERE)
     features = SurfExtractor(200).extract(frame.gray)
     with_depth = np.flatnonzero(backproject_features(features, frame).has_depth)[:50]
@@ -25,7 +25,7 @@ def test_features_are_the_strongest_features_with_depth() -> None:
     assert_allclose(found.descriptor, np.minimum(features.descriptor[with_depth], 127.0))
 
 
-def test_points_seen_by_other_rows_are_brought_to_the_stamp() -> None:
+def test_points_of_other_rows_are_moved_to_the_stamp() -> None:
     P_world = np.random.default_rng(2).uniform((-0.5, -0.5, 1.5), (0.5, 0.5, 3.0), (40, 3))
     rows_px = np.random.default_rng(3).uniform(0, CAMERA.height - 1, 40)
     seen = np.empty_like(P_world)
@@ -37,6 +37,6 @@ def test_points_seen_by_other_rows_are_brought_to_the_stamp() -> None:
     assert_allclose(compensated, P_world, atol=2e-5)
 
 
-def test_points_of_an_instant_stay_where_they_are() -> None:
+def test_points_of_a_global_shutter_stay() -> None:
     P = np.random.default_rng(4).normal(size=(5, 3))
     assert np.array_equal(compensate_rolling_shutter(P, np.arange(5.0), 480, 0.0, BRISK.motion), P)

@@ -26,7 +26,7 @@ def along(*positions_m: float) -> list[Array]:
     return [make_pose((path_m, 0.0, 0.0)) for path_m in positions_m]
 
 
-def test_what_looks_alike_comes_first(
+def test_the_most_similar_keyframe_comes_first(
     recognizer: PlaceRecognizer, here: MapKeyframe, elsewhere: MapKeyframe
 ) -> None:
     keyframes = KeyframeDatabase(max_bytes=10**9)
@@ -39,7 +39,7 @@ def test_what_looks_alike_comes_first(
     assert keyframes.find_similar(view, 1, lambda keyframe: True) == [here]
 
 
-def test_only_those_allowed_are_asked(
+def test_only_allowed_keyframes_are_searched(
     recognizer: PlaceRecognizer, here: MapKeyframe, elsewhere: MapKeyframe
 ) -> None:
     keyframes = KeyframeDatabase(max_bytes=10**9)
@@ -50,7 +50,7 @@ def test_only_those_allowed_are_asked(
     assert keyframes.find_similar(view, 5, lambda keyframe: False) == []
 
 
-def test_they_are_found_by_their_numbers(here: MapKeyframe) -> None:
+def test_keyframes_are_found_by_their_numbers(here: MapKeyframe) -> None:
     keyframes = placed(here, *along(0.0, 1.0, 2.0))
     keyframes.remove(1)
     assert len(keyframes) == 2
@@ -61,13 +61,13 @@ def test_they_are_found_by_their_numbers(here: MapKeyframe) -> None:
         keyframes.remove(1)
 
 
-def test_numbers_rise(here: MapKeyframe) -> None:
+def test_numbers_increase(here: MapKeyframe) -> None:
     keyframes = placed(here, *along(0.0, 1.0))
     with pytest.raises(ValueError, match="not newer"):
         keyframes.add(replace(here, number=1))
 
 
-def test_they_say_when_they_take_too_much(here: MapKeyframe) -> None:
+def test_the_database_reports_when_it_exceeds_its_limit(here: MapKeyframe) -> None:
     keyframes, is_over = KeyframeDatabase(max_bytes=int(2.5 * here.size_bytes)), []
     for number in range(3):
         keyframes.add(replace(here, number=number))

@@ -12,7 +12,7 @@ from vo_service.slam.place_recognition.map_keyframe import (
 )
 
 
-def test_points_are_packed_to_a_thousandth_and_brightness_exactly() -> None:
+def test_points_are_packed_to_a_thousandth_and_brightness_losslessly() -> None:
     images = build_image_pyramid(render_corner(HERE))
     coarse = select_points(images, ZERO_VELOCITY, ALL_STATIC)[-1]
     unpacked = PackedPoints.pack(coarse).unpack()
@@ -21,13 +21,13 @@ def test_points_are_packed_to_a_thousandth_and_brightness_exactly() -> None:
     assert np.array_equal(unpacked[:, POINT_BRIGHTNESS], coarse[:, POINT_BRIGHTNESS])
 
 
-def test_of_many_points_every_second_one_is_kept() -> None:
+def test_every_second_point_is_kept() -> None:
     points = np.random.default_rng(5).normal(size=(DECIMATION_MIN_POINTS + 1, 13))
     unpacked = PackedPoints.pack(points).unpack()
     assert_allclose(unpacked[:, :3], points[::2, :3], rtol=1e-6)
 
 
-def test_slopes_beyond_half_precision_stay_finite() -> None:
+def test_gradients_beyond_half_precision_stay_finite() -> None:
     assert np.isfinite(PackedPoints.pack(np.full((3, 13), 1e6)).unpack()).all()
 
 

@@ -23,7 +23,7 @@ from vo_service.slam.place_recognition.place_recognizer import MatchCandidate, P
 from vo_service.slam.place_recognition.query_frame import LOST_VELOCITY_SIGMA
 
 
-def test_a_keyframe_is_recognized_again_from_beside_it(
+def test_a_keyframe_is_recognized_from_a_nearby_pose(
     recognizer: PlaceRecognizer, here: MapKeyframe
 ) -> None:
     found = recognizer.recognize(make_query(recognizer, BESIDE), [here])
@@ -33,7 +33,7 @@ def test_a_keyframe_is_recognized_again_from_beside_it(
     assert_close(found.T_keyframe_camera, inverse(HERE) @ BESIDE, meters=2e-3, degrees=0.1)
 
 
-def test_the_covariance_holds_the_error(recognizer: PlaceRecognizer, here: MapKeyframe) -> None:
+def test_the_covariance_covers_the_error(recognizer: PlaceRecognizer, here: MapKeyframe) -> None:
     found = recognizer.recognize(make_query(recognizer, BESIDE), [here])
     assert found is not None
     error_m = np.abs((inverse(BESIDE) @ HERE @ found.T_keyframe_camera)[:3, 3])
@@ -43,7 +43,7 @@ def test_the_covariance_holds_the_error(recognizer: PlaceRecognizer, here: MapKe
     assert np.linalg.eigvalsh(found.covariance).min() > 0.0
 
 
-def test_it_is_recognized_again_after_a_loss(
+def test_a_keyframe_is_recognized_after_a_loss(
     recognizer: PlaceRecognizer, here: MapKeyframe
 ) -> None:
     view = recognizer.create_query(render_corner(BESIDE), ZERO_VELOCITY, LOST_VELOCITY_SIGMA)
@@ -61,7 +61,7 @@ def test_of_several_keyframes_the_one_in_view_is_recognized(
     assert found.keyframe_number == elsewhere.number
 
 
-def test_what_was_never_seen_is_not_recognized(
+def test_an_unseen_place_is_not_recognized(
     recognizer: PlaceRecognizer, here: MapKeyframe, elsewhere: MapKeyframe
 ) -> None:
     poster = make_frame(make_textured_image(240, 320, seed=9), np.full((240, 320), 1.7))
@@ -71,7 +71,7 @@ def test_what_was_never_seen_is_not_recognized(
     assert recognizer.recognize(make_query(recognizer, ELSEWHERE), [here]) is None
 
 
-def test_two_keyframes_that_look_the_same_are_no_keyframe(
+def test_two_keyframes_that_look_the_same_are_ambiguous(
     recognizer: PlaceRecognizer, here: MapKeyframe
 ) -> None:
     view, duplicate = make_query(recognizer, BESIDE), replace(here, number=5)
@@ -84,7 +84,7 @@ def test_two_keyframes_that_look_the_same_are_no_keyframe(
     assert recognizer.recognize(view, [here], apart) is not None
 
 
-def test_a_rival_that_nothing_connects_to_the_map_is_none(
+def test_a_rival_unconnected_to_the_map_is_ignored(
     recognizer: PlaceRecognizer, here: MapKeyframe
 ) -> None:
     view, duplicate = make_query(recognizer, BESIDE), replace(here, number=5)
@@ -95,7 +95,7 @@ def test_without_keyframes_nothing_is_recognized(recognizer: PlaceRecognizer) ->
     assert recognizer.recognize(make_query(recognizer, HERE), []) is None
 
 
-def test_the_same_picture_at_another_distance_is_another_thing(
+def test_the_same_image_at_another_distance_is_not_recognized(
     recognizer: PlaceRecognizer, here: MapKeyframe
 ) -> None:
     """Features alone do not distinguish a photograph of the corner from the corner."""
@@ -105,7 +105,7 @@ def test_the_same_picture_at_another_distance_is_another_thing(
 
 
 @pytest.mark.parametrize("T_place_camera", [ELSEWHERE, make_pose((0.3, 0.0, 0.0))])
-def test_a_wrong_match_is_not_confirmed(
+def test_a_wrong_match_is_not_verified(
     recognizer: PlaceRecognizer, here: MapKeyframe, T_place_camera: np.ndarray
 ) -> None:
     candidate = MatchCandidate(here, T_place_camera, inliers=100)
@@ -120,7 +120,7 @@ def test_a_wrong_match_is_not_confirmed(
         (make_pose((0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), False),
     ],
 )
-def test_features_and_alignment_have_to_agree(
+def test_features_and_alignment_must_agree(
     recognizer: PlaceRecognizer, here: MapKeyframe, off: np.ndarray, is_accepted: bool
 ) -> None:
     """The alignment converges to the truth from each of these."""
@@ -131,7 +131,7 @@ def test_features_and_alignment_have_to_agree(
 
 
 @pytest.mark.parametrize("check", ["rejection_reason", "occlusion_reason"])
-def test_what_the_odometry_would_reject_is_not_recognized(
+def test_an_alignment_rejected_by_the_odometry_is_not_recognized(
     recognizer: PlaceRecognizer, here: MapKeyframe, monkeypatch: pytest.MonkeyPatch, check: str
 ) -> None:
     view = make_query(recognizer, BESIDE)
@@ -140,7 +140,7 @@ def test_what_the_odometry_would_reject_is_not_recognized(
 
 
 @pytest.mark.parametrize(("rejection", "sigma_m"), [("", 0.01), ("rows are unsure", 1e-3)])
-def test_what_is_not_known_well_enough_is_not_recognized(
+def test_a_large_covariance_is_not_recognized(
     recognizer: PlaceRecognizer,
     here: MapKeyframe,
     monkeypatch: pytest.MonkeyPatch,
@@ -154,7 +154,7 @@ def test_what_is_not_known_well_enough_is_not_recognized(
 
 
 @pytest.mark.parametrize(("nearer_m", "is_recognised"), [(0.8, True), (1.2, False)])
-def test_of_a_keyframe_a_third_has_to_be_in_view(
+def test_a_third_of_a_keyframe_must_be_in_view(
     recognizer: PlaceRecognizer, here: MapKeyframe, nearer_m: float, is_recognised: bool
 ) -> None:
     found = recognizer.recognize(make_query(recognizer, make_pose((0.0, 0.0, nearer_m))), [here])
@@ -171,7 +171,7 @@ def test_features_that_agree_by_chance_are_no_match(
     )
 
 
-def test_a_view_whose_rows_were_taken_on_the_move_is_recognized_again(
+def test_a_rolling_shutter_view_is_recognized(
     recognizer: PlaceRecognizer,
 ) -> None:
     standing = recognizer.create_query(rolling_shutter_views.render_view(), ZERO_VELOCITY)
@@ -184,7 +184,7 @@ def test_a_view_whose_rows_were_taken_on_the_move_is_recognized_again(
     assert_close(found.T_keyframe_camera, T, meters=3e-4, degrees=0.01)
 
 
-def test_darker_light_is_no_other_keyframe(recognizer: PlaceRecognizer, here: MapKeyframe) -> None:
+def test_a_darker_view_is_recognized(recognizer: PlaceRecognizer, here: MapKeyframe) -> None:
     frame = render_corner(BESIDE)
     dusk = replace(frame, color_bgr=(0.75 * frame.color_bgr).astype(np.uint8))
     found = recognizer.recognize(recognizer.create_query(dusk, ZERO_VELOCITY), [here])

@@ -9,7 +9,7 @@ def vocabulary() -> VladVocabulary:
     return VladVocabulary.default()
 
 
-def test_the_shipped_words_are_different_whole_numbers(vocabulary: VladVocabulary) -> None:
+def test_the_shipped_vocabulary_has_distinct_integers(vocabulary: VladVocabulary) -> None:
     assert vocabulary.cluster_centers.shape[1] == 64
     assert (
         len(np.unique(vocabulary.cluster_centers, axis=0)) == len(vocabulary.cluster_centers) >= 32
@@ -40,5 +40,5 @@ def test_a_descriptor_does_not_depend_on_the_order_of_the_features(
     assert np.array_equal(vocabulary.describe(features), vocabulary.describe(features[::-1]))
 
 
-def test_no_features_are_summed_up_as_nothing(vocabulary: VladVocabulary) -> None:
+def test_no_features_give_an_empty_descriptor(vocabulary: VladVocabulary) -> None:
     assert not vocabulary.describe(np.empty((0, 64), np.int8)).any()

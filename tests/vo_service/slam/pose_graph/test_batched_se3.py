@@ -34,7 +34,7 @@ def stack(steps: Array) -> Array:
 
 @FEW
 @given(VECTORS)
-def test_rotations_are_made_as_one_is(vectors_rad: Array) -> None:
+def test_batched_rotations_equal_single_ones(vectors_rad: Array) -> None:
     each = [so3_exp(vector) for vector in vectors_rad]
     np.testing.assert_allclose(so3_exp_batch(vectors_rad), each, atol=1e-14)
     cross = [skew_matrix(vector) for vector in vectors_rad]
@@ -43,14 +43,14 @@ def test_rotations_are_made_as_one_is(vectors_rad: Array) -> None:
 
 @FEW
 @given(VECTORS)
-def test_axis_and_angle_are_found_as_for_one(vectors_rad: Array) -> None:
+def test_batched_rotation_vectors_equal_single_ones(vectors_rad: Array) -> None:
     R = so3_exp_batch(vectors_rad)
     np.testing.assert_allclose(so3_log_batch(R), [so3_log(r) for r in R], atol=1e-9)
 
 
 @FEW
 @given(STEPS)
-def test_an_inverse_undoes_its_transform(steps: Array) -> None:
+def test_an_inverse_cancels_its_transform(steps: Array) -> None:
     T = stack(steps)
     np.testing.assert_array_equal(invert_poses(T), [inverse(each) for each in T])
     np.testing.assert_allclose(invert_poses(T) @ T, np.tile(np.eye(4), (3, 1, 1)), atol=1e-13)
@@ -58,12 +58,12 @@ def test_an_inverse_undoes_its_transform(steps: Array) -> None:
 
 @FEW
 @given(STEPS)
-def test_a_step_is_taken_in_the_axes_of_what_moves(steps: Array) -> None:
+def test_a_step_is_in_the_axes_of_the_moving_frame(steps: Array) -> None:
     T = stack(steps[::-1])
     np.testing.assert_allclose(retract_poses(T, steps), T @ stack(steps), atol=1e-12)
 
 
-def test_however_often_it_is_moved_a_transform_stays_rigid() -> None:
+def test_a_transform_stays_rigid_after_many_steps() -> None:
     T, step = stack(np.full((1, 6), 0.5)), np.full((1, 6), 0.3)
     for _ in range(1000):
         T = retract_poses(T, step)

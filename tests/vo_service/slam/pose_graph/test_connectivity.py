@@ -41,7 +41,7 @@ def table(edges: list[Edge]) -> Array:
 
 @FEW
 @given(edges())
-def test_the_shortest_path_is_found(edges: list[Edge]) -> None:
+def test_the_shortest_path_is_found_in_the_graph(edges: list[Edge]) -> None:
     expected, adjacency = dijkstra(table(edges)), build_adjacency(edges)
     for a in range(NODES):
         for b in range(NODES):
@@ -52,7 +52,7 @@ def test_the_shortest_path_is_found(edges: list[Edge]) -> None:
 
 @FEW
 @given(edges())
-def test_what_is_connected_is_one_part(edges: list[Edge]) -> None:
+def test_connected_nodes_form_one_component(edges: list[Edge]) -> None:
     count, labels = scipy_connected_components(table(edges))
     found = connected_components(range(NODES), edges)
     assert sorted(keyframe for component in found for keyframe in component) == list(range(NODES))
@@ -61,14 +61,14 @@ def test_what_is_connected_is_one_part(edges: list[Edge]) -> None:
     assert [min(component) for component in found] == sorted(min(component) for component in found)
 
 
-def test_a_path_over_loops_costs_nothing() -> None:
+def test_a_path_over_loops_has_no_length() -> None:
     edges = [edge(0, 1, 0.0), edge(1, 2, 0.0), edge(0, 2, 1.0)]
     assert shortest_path_length(0, 2, build_adjacency(edges), lambda edge: edge.length_m) == 0.0
 
 
 @FEW
 @given(edges(), st.sampled_from([0.0, 0.25, 0.75, 2.0]))
-def test_no_path_is_found_that_is_longer_than_asked_for(edges: list[Edge], at_most: float) -> None:
+def test_the_search_stops_at_the_maximum_length(edges: list[Edge], at_most: float) -> None:
     expected, adjacency = dijkstra(table(edges)), build_adjacency(edges)
     for b in range(NODES):
         found = shortest_path_length(0, b, adjacency, lambda edge: edge.length_m, at_most)

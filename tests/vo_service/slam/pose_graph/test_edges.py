@@ -31,14 +31,14 @@ def assert_spread(samples: Array, truth: Array, covariance: Array) -> None:
     np.testing.assert_allclose(whitening @ found @ whitening.T, np.eye(6), atol=0.1)
 
 
-def test_from_its_other_end_an_edge_is_the_inverse_and_as_unsure() -> None:
+def test_a_reversed_edge_is_the_inverse_with_its_covariance() -> None:
     back = edge(1, 2, T_AB).oriented_from(2)
     assert (back.a, back.b, back.length_m) == (2, 1, 2.0)
     np.testing.assert_allclose(back.T_a_b, inverse(T_AB))
     assert_spread(invert_poses(sample_edges(T_AB, 1)), inverse(T_AB), back.covariance)
 
 
-def test_reported_from_one_end_and_back_an_edge_is_the_same() -> None:
+def test_an_edge_reversed_twice_is_the_same() -> None:
     one = edge(1, 2, T_AB)
     assert one.oriented_from(1) is one
     again = one.oriented_from(2).oriented_from(1)
@@ -46,14 +46,14 @@ def test_reported_from_one_end_and_back_an_edge_is_the_same() -> None:
     np.testing.assert_allclose(again.covariance, one.covariance, atol=1e-18)
 
 
-def test_two_edges_as_one_are_as_unsure_as_both_together() -> None:
+def test_two_composed_edges_have_both_covariances() -> None:
     both = edge(1, 2, T_AB).compose(edge(2, 3, T_BC))
     assert (both.a, both.b, both.length_m) == (1, 3, 4.0)
     np.testing.assert_allclose(both.T_a_b, T_AB @ T_BC, atol=1e-15)
     assert_spread(sample_edges(T_AB, 1) @ sample_edges(T_BC, 2), T_AB @ T_BC, both.covariance)
 
 
-def test_what_goes_over_a_loop_is_no_motion_any_more() -> None:
+def test_a_composition_with_a_loop_is_no_odometry_edge() -> None:
     saved_wall, revisited = odometry_edge(1, 2, T_AB), loop_edge(2, 3, T_BC)
     assert saved_wall.compose(revisited).is_loop
     assert revisited.oriented_from(3).compose(saved_wall.oriented_from(2)).is_loop

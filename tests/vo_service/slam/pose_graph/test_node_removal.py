@@ -38,7 +38,7 @@ def two_laps(seed: int) -> PoseGraph:
 
 @FEW
 @given(st.integers(0, 2 * RING - 1), st.integers(0, 100))
-def test_the_others_stay_where_they_are(number: int, seed: int) -> None:
+def test_removing_a_node_does_not_move_the_others(number: int, seed: int) -> None:
     graph = two_laps(seed)
     before = np.delete(graph_poses(graph), number, axis=0)
     graph.remove_node(number)
@@ -49,7 +49,7 @@ def test_the_others_stay_where_they_are(number: int, seed: int) -> None:
     np.testing.assert_allclose(graph_poses(graph), before, atol=0.01)
 
 
-def test_of_a_keyframe_with_two_edges_nothing_is_lost() -> None:
+def test_a_node_with_two_edges_is_removed_without_loss() -> None:
     graph = two_laps(seed=1)
     graph.optimize()
     before = graph.T_map_keyframe(9)
@@ -61,7 +61,7 @@ def test_of_a_keyframe_with_two_edges_nothing_is_lost() -> None:
 
 @FEW
 @given(st.permutations(range(2 * RING)))
-def test_what_was_connected_stays_connected_until_one_keyframe_is_left(order: list[int]) -> None:
+def test_connected_nodes_stay_connected_after_removals(order: list[int]) -> None:
     graph = two_laps(seed=2)
     for number in order[:-1]:
         graph.remove_node(number)
@@ -73,7 +73,7 @@ def test_what_was_connected_stays_connected_until_one_keyframe_is_left(order: li
     assert not graph.edges
 
 
-def test_worlds_stay_connected_though_the_keyframes_that_connected_them_are_removed() -> None:
+def test_worlds_stay_connected_when_their_connecting_nodes_are_removed() -> None:
     graph = make_graph(TRUTH[:6], np.random.default_rng(3))
     make_graph(TRUTH[:6], np.random.default_rng(4), graph=graph, first=10, world=1)
     graph.add_loop_closure(loop_edge(2, 13, inverse(TRUTH[2]) @ TRUTH[3]))
@@ -85,7 +85,7 @@ def test_worlds_stay_connected_though_the_keyframes_that_connected_them_are_remo
     np.testing.assert_allclose(graph.T_map_keyframe(15), before, atol=1e-9)
 
 
-def test_when_the_first_keyframe_is_removed_the_next_oldest_stays_instead() -> None:
+def test_when_the_first_keyframe_is_removed_the_next_oldest_is_fixed() -> None:
     graph = two_laps(seed=5)
     graph.remove_node(0)
     before = graph.T_map_keyframe(1)
@@ -94,7 +94,7 @@ def test_when_the_first_keyframe_is_removed_the_next_oldest_stays_instead() -> N
     np.testing.assert_array_equal(graph.T_map_keyframe(1), before)
 
 
-def test_a_motion_inherits_before_a_loop_though_the_loop_is_surer() -> None:
+def test_an_odometry_edge_inherits_before_a_more_certain_loop() -> None:
     saved_wall, onward = make_graph(TRUTH[:3], np.random.default_rng(6)).edges
     revisited = loop_edge(7, 1, np.eye(4), sigma=(1e-6, 1e-6))
     motions, loop_closure = [
@@ -109,7 +109,7 @@ def test_a_motion_inherits_before_a_loop_though_the_loop_is_surer() -> None:
     assert [len({edge.a, edge.b} & {0, 2, 7}) for edge in loop_closure] == [2]
 
 
-def test_what_a_right_loop_says_is_passed_on_though_a_wrong_one_says_it_is_surer() -> None:
+def test_a_right_loop_is_inherited_despite_a_more_certain_wrong_one() -> None:
     graph = make_graph(TRUTH[:12], np.random.default_rng(7), sigma=NO_SIGMA)
     off = rigid_transform(np.eye(3), [1.0, 0.0, 0.0])
     wrong = loop_edge(2, 11, inverse(TRUTH[2]) @ TRUTH[11] @ off, sigma=(1e-6, 1e-6))
@@ -120,7 +120,7 @@ def test_what_a_right_loop_says_is_passed_on_though_a_wrong_one_says_it_is_surer
     assert [{edge.a, edge.b} for edge in graph.inlier_edges() if edge.is_loop] == [{2, 11}]
 
 
-def test_a_keyframe_that_nothing_is_known_of_leaves_nothing() -> None:
+def test_an_unconnected_node_leaves_no_edge() -> None:
     graph = PoseGraph()
     graph.add_node(4, 0, TRUTH[3])
     removal = graph.remove_node(4)
@@ -130,7 +130,7 @@ def test_a_keyframe_that_nothing_is_known_of_leaves_nothing() -> None:
     assert not graph.edges
 
 
-def test_while_keyframes_come_and_go_for_hours_the_edges_stay_few() -> None:
+def test_the_number_of_edges_stays_bounded_over_hours() -> None:
     rng, truth = np.random.default_rng(8), [ring_pose(RING, k) for k in range(15 * RING)]
     graph, edges = make_graph(truth[:1], rng), []
     for k in range(1, len(truth)):
@@ -155,7 +155,7 @@ def _step(k: int, truth: list[Array], rng: np.random.Generator) -> Edge:
     return Edge(k - 1, k, step.T_a_b, step.covariance, step.is_loop, step.length_m)
 
 
-def test_of_a_keyframe_that_shows_nothing_new_the_path_past_it_stays_and_its_loops_go() -> None:
+def test_removing_a_redundant_keyframe_keeps_the_path_and_drops_its_loops() -> None:
     graph = two_laps(seed=3)
     before = graph_poses(graph)
     revisited = RING + 4
@@ -171,7 +171,7 @@ def test_of_a_keyframe_that_shows_nothing_new_the_path_past_it_stays_and_its_loo
     np.testing.assert_array_equal(removal.T_neighbor_removed, own_edges[2].T_a_b)
 
 
-def test_a_keyframe_at_the_end_of_a_path_passes_on_its_loops_all_that_connects_it() -> None:
+def test_a_keyframe_at_the_end_of_a_path_passes_its_loops_on() -> None:
     graph = two_laps(seed=3)
     for number in range(2 * RING - 1, RING + 16, -1):
         graph.remove_node(number)

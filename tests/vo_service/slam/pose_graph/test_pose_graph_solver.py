@@ -39,7 +39,7 @@ def cost(T: Array, edges: list[Edge]) -> float:
 
 @FEW
 @given(STEPS)
-def test_keyframes_that_were_moved_come_back_to_where_the_edges_say(steps: Array) -> None:
+def test_moved_keyframes_converge_to_the_edges(steps: Array) -> None:
     steps[0] = 0.0
     found = solve(retract_poses(TRUTH, steps), collect_measurements(ring(TRUTH)[:-1], ROWS), FIRST)
     np.testing.assert_allclose(found, TRUTH, atol=1e-6)
@@ -47,13 +47,13 @@ def test_keyframes_that_were_moved_come_back_to_where_the_edges_say(steps: Array
 
 @FEW
 @given(STEPS)
-def test_edges_that_all_agree_change_nothing(steps: Array) -> None:
+def test_consistent_edges_change_nothing(steps: Array) -> None:
     T = retract_poses(TRUTH, steps)
     found = solve(T, collect_measurements(ring(T), ROWS), FIRST)
     np.testing.assert_allclose(found, T, atol=1e-12)
 
 
-def test_what_is_held_stays_to_the_bit_and_the_rest_stays_rigid() -> None:
+def test_fixed_nodes_stay_bit_for_bit_and_the_others_stay_rigid() -> None:
     rng = np.random.default_rng(1)
     edges = ring(retract_poses(TRUTH, rng.normal(0.0, 0.01, (6, 6))))
     is_fixed = np.isin(np.arange(6), [0, 3])
@@ -63,7 +63,7 @@ def test_what_is_held_stays_to_the_bit_and_the_rest_stays_rigid() -> None:
     assert all(is_rigid(T, tolerance=1e-12) for T in found)
 
 
-def test_no_small_step_from_the_solution_makes_the_errors_smaller() -> None:
+def test_the_solution_is_a_local_minimum() -> None:
     rng = np.random.default_rng(2)
     motions = [edge for edge in ring(TRUTH) if not edge.is_loop]
     bent = retract_poses(TRUTH, rng.normal(0.0, 0.05, (6, 6)))
@@ -79,7 +79,7 @@ def test_no_small_step_from_the_solution_makes_the_errors_smaller() -> None:
 
 
 @pytest.mark.parametrize("error_m", [0.01, 0.03, 0.3])
-def test_a_loop_pulls_by_cauchys_function_the_less_the_more_it_contradicts(error_m: float) -> None:
+def test_a_loop_has_cauchys_loss(error_m: float) -> None:
     *motions, right = ring(TRUTH)
     wrong = replace(
         right, T_a_b=retract_poses(right.T_a_b, np.array([error_m, 0.0, 0.0, 0.0, 0.0, 0.0]))
@@ -98,7 +98,7 @@ def test_a_loop_pulls_by_cauchys_function_the_less_the_more_it_contradicts(error
         assert cauchy_cost(retract_poses(found, step)) > least
 
 
-def test_an_error_of_so_many_standard_deviations_is_reported() -> None:
+def test_an_error_is_reported_in_standard_deviations() -> None:
     (only,) = ring(TRUTH)[:1]
     step = np.zeros((6, 6))
     step[1] = 3.0 * np.sqrt(np.diag(only.covariance)) * np.eye(6)[2]
@@ -106,7 +106,7 @@ def test_an_error_of_so_many_standard_deviations_is_reported() -> None:
     np.testing.assert_allclose(squared, 9.0, rtol=1e-4)
 
 
-def test_an_edge_that_is_sure_beyond_measure_is_no_error() -> None:
+def test_an_edge_with_zero_covariance_is_no_error() -> None:
     sure = odometry_edge(0, 1, TRUTH[1], sigma=(0.0, 0.0))
     found = solve(TRUTH, collect_measurements([sure, *ring(TRUTH)[1:]], ROWS), FIRST)
     np.testing.assert_allclose(found, TRUTH, atol=1e-12)

@@ -34,7 +34,7 @@ def with_index(index: object, rest: bytes = b"") -> bytes:
 
 @settings(max_examples=40)
 @given(ARRAYS)
-def test_arrays_come_back_as_they_were(arrays: dict[str, NDArray[np.generic]]) -> None:
+def test_arrays_are_restored_unchanged(arrays: dict[str, NDArray[np.generic]]) -> None:
     again = unpack_arrays(pack_arrays(arrays))
     assert list(again) == list(arrays)
     for name, array in arrays.items():
@@ -44,7 +44,7 @@ def test_arrays_come_back_as_they_were(arrays: dict[str, NDArray[np.generic]]) -
 
 @settings(max_examples=40)
 @given(ARRAYS, st.data())
-def test_bytes_that_are_cut_or_changed_are_refused_or_read(
+def test_truncated_or_changed_bytes_are_rejected_or_read(
     arrays: dict[str, NDArray[np.generic]], data: st.DataObject
 ) -> None:
     packed = bytearray(pack_arrays(arrays))
@@ -71,7 +71,7 @@ def test_bytes_that_are_cut_or_changed_are_refused_or_read(
         {"a": ["<f8", [1]], "b": ["<f8", [2]]},
     ],
 )
-def test_an_index_of_something_else_is_refused(index: object) -> None:
+def test_an_index_of_another_format_is_rejected(index: object) -> None:
     with pytest.raises(ValueError, match=r"index|ends|after its last|reshape|dimension"):
         unpack_arrays(with_index(index, bytes(8)))
 
@@ -82,7 +82,7 @@ def test_deep_nesting_is_refused() -> None:
         unpack_arrays(struct.pack("<Q", len(text)) + text)
 
 
-def test_only_what_is_as_it_has_to_be_is_taken() -> None:
+def test_only_valid_arrays_are_accepted() -> None:
     arrays = {"a": np.ones((3, 2)), "b": np.array([np.nan])}
     assert require_array(arrays, "a", np.float64, (ANY_LENGTH, 2)).shape == (3, 2)
     for name, kind, shape in (

@@ -86,7 +86,7 @@ def _backwards(contents: MapContents) -> MapContents:
         _backwards,
     ],
 )
-def test_what_contradicts_itself_is_refused(
+def test_inconsistent_contents_are_rejected(
     tmp_path: Path, contents: MapContents, change: Changed
 ) -> None:
     write_map(tmp_path / "odd.map", change(contents))

@@ -30,7 +30,7 @@ def with_new_checksum(data: bytes) -> bytes:
     return HEADER.pack(MAGIC, 1, len(body), hashlib.sha256(body).digest()) + body
 
 
-def test_a_map_comes_back_as_it_was(saved: Path, contents: MapContents) -> None:
+def test_a_map_is_restored_unchanged(saved: Path, contents: MapContents) -> None:
     again = read_map(saved)
     assert again.next_number == 7
     for was, now in zip(contents.keyframes, again.keyframes, strict=True):
@@ -65,7 +65,7 @@ def test_a_keyframe_is_recognized_the_same_after_a_restart(
     assert before.T_keyframe_camera.tobytes() == after.T_keyframe_camera.tobytes()
 
 
-def test_covariances_that_rounding_made_uneven_come_back(
+def test_covariances_with_rounding_errors_are_restored(
     contents: MapContents, tmp_path: Path
 ) -> None:
     asymmetric = np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6])
@@ -76,19 +76,19 @@ def test_covariances_that_rounding_made_uneven_come_back(
     assert all(np.array_equal(edge.covariance, asymmetric) for edge in again)
 
 
-def test_a_graph_goes_on_after_a_restart(saved: Path) -> None:
+def test_a_graph_continues_after_a_restart(saved: Path) -> None:
     again = read_map(saved)
     graph = PoseGraph(again.nodes, again.edges)
     graph.optimize()
     assert np.allclose(graph.T_map_keyframe(1), ELSEWHERE, atol=1e-9)
 
 
-def test_a_map_without_keyframes_is_a_map(tmp_path: Path) -> None:
+def test_a_map_without_keyframes_is_valid(tmp_path: Path) -> None:
     write_map(tmp_path / "empty.map", MapContents([], [], [], 0))
     assert read_map(tmp_path / "empty.map") == MapContents([], [], [], 0)
 
 
-def test_a_map_is_for_its_owner_alone(saved: Path, contents: MapContents) -> None:
+def test_a_map_is_readable_only_by_its_owner(saved: Path, contents: MapContents) -> None:
     saved.chmod(0o644)
     write_map(saved, contents)
     assert stat.S_IMODE(saved.stat().st_mode) == 0o600
@@ -100,15 +100,13 @@ def test_the_same_map_gives_the_same_bytes(saved: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again.map").read_bytes() == saved.read_bytes()
 
 
-def test_a_map_that_cannot_be_written_is_reported_in_one_line(
-    tmp_path: Path, contents: MapContents
-) -> None:
+def test_an_unwritable_map_is_reported_in_one_line(tmp_path: Path, contents: MapContents) -> None:
     with pytest.raises(UserFacingError, match="cannot be written: No such file") as refused:
         write_map(tmp_path / "missing" / "home.map", contents)
     assert "\n" not in str(refused.value)
 
 
-def test_the_old_map_stays_where_the_disk_is_full(saved: Path) -> None:
+def test_the_old_map_stays_if_the_disk_is_full(saved: Path) -> None:
     before = saved.read_bytes()
     (saved.parent / ".home.map.part").mkdir()
     with pytest.raises(UserFacingError, match="cannot be written"):
@@ -117,13 +115,13 @@ def test_the_old_map_stays_where_the_disk_is_full(saved: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"ply\nformat ascii 1.0\n" * 9, MAGIC, MAGIC + bytes(44)])
-def test_another_file_is_no_map(tmp_path: Path, data: bytes) -> None:
+def test_another_file_is_rejected_as_a_map(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "other"
     path.write_bytes(data)
     assert "not a kinect-vo map" in load_error(path) or "version 0" in load_error(path)
 
 
-def test_what_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
+def test_a_missing_or_irregular_file_is_rejected(tmp_path: Path) -> None:
     assert "no such file" in load_error(tmp_path / "nowhere.map")
     assert "no such file" in load_error(tmp_path)
 
@@ -135,7 +133,7 @@ def test_another_version_is_refused(saved: Path) -> None:
     assert "map version 2 is not supported, only 1" in load_error(saved)
 
 
-def test_a_map_cut_short_is_refused(saved: Path) -> None:
+def test_a_truncated_map_is_rejected(saved: Path) -> None:
     data = saved.read_bytes()
     saved.write_bytes(data[: len(data) // 2])
     assert "damaged map: wrong length" in load_error(saved)
@@ -143,7 +141,7 @@ def test_a_map_cut_short_is_refused(saved: Path) -> None:
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 7))
-def test_a_bit_that_has_turned_is_noticed(saved: Path, where: float, bit: int) -> None:
+def test_a_flipped_bit_is_detected(saved: Path, where: float, bit: int) -> None:
     data = saved.read_bytes()
     turned = bytearray(data)
     turned[int(where * len(data))] ^= 1 << bit

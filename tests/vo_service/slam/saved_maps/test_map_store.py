@@ -30,7 +30,7 @@ def names(maps: MapStore) -> list[str]:
     return sorted(path.name for path in maps.folder.iterdir())
 
 
-def test_a_map_gets_its_name_when_it_is_whole(maps: MapStore) -> None:
+def test_a_map_gets_its_name_when_complete(maps: MapStore) -> None:
     def fill(path: Path) -> None:
         assert maps.names == set()
         file_of(10)(path)
@@ -41,7 +41,7 @@ def test_a_map_gets_its_name_when_it_is_whole(maps: MapStore) -> None:
     assert maps.folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_the_oldest_maps_make_room_and_nothing_else_goes(maps: MapStore) -> None:
+def test_only_the_oldest_maps_are_deleted(maps: MapStore) -> None:
     for age_s, name in enumerate(("new", "old")):
         maps.write(maps.mesh_file(name), TOTAL, file_of(4000))
         os.utime(maps.mesh_file(name), (1000 - age_s, 1000 - age_s))
@@ -50,14 +50,14 @@ def test_the_oldest_maps_make_room_and_nothing_else_goes(maps: MapStore) -> None
     assert names(maps) == ["new.ply", "newest.ply", "notes.txt"]
 
 
-def test_a_map_that_is_too_large_by_itself_costs_no_other(maps: MapStore) -> None:
+def test_a_map_larger_than_the_quota_deletes_no_other(maps: MapStore) -> None:
     maps.write(maps.mesh_file("old"), TOTAL, file_of(4000))
     with pytest.raises(UserFacingError, match=r"huge.ply: it needs .* more than map.total_mb"):
         maps.write(maps.mesh_file("huge"), TOTAL, file_of(TOTAL + 1))
     assert names(maps) == ["old.ply"]
 
 
-def test_what_cannot_be_written_leaves_nothing(maps: MapStore) -> None:
+def test_an_unwritable_map_leaves_nothing_behind(maps: MapStore) -> None:
     with (
         limit_file_size(1000),
         pytest.raises(UserFacingError, match=r"kitchen.ply: the disk is full"),
@@ -66,7 +66,7 @@ def test_what_cannot_be_written_leaves_nothing(maps: MapStore) -> None:
     assert names(maps) == []
 
 
-def test_what_a_process_that_was_killed_left_is_removed(maps: MapStore) -> None:
+def test_partial_maps_of_a_killed_process_are_removed(maps: MapStore) -> None:
     left = maps.folder / "kitchen.part"
     left.mkdir(parents=True)
     (left / "kitchen.ply").write_bytes(b"half")
@@ -74,7 +74,7 @@ def test_what_a_process_that_was_killed_left_is_removed(maps: MapStore) -> None:
     assert names(maps) == ["kitchen.ply"]
 
 
-def test_what_another_service_writes_is_left_alone(maps: MapStore) -> None:
+def test_partial_maps_of_another_service_are_kept(maps: MapStore) -> None:
     def fill(path: Path) -> None:
         MapStore(maps.folder).clean_up()
         with pytest.raises(UserFacingError, match="File exists"):

@@ -71,7 +71,7 @@ def test_keys_are_elliptic_and_in_pkcs8(authority: CertificateAuthority) -> None
     )
 
 
-def test_nobody_else_can_read_them(tmp_path: Path) -> None:
+def test_other_users_cannot_read_the_keys(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
     CertificateAuthority(folder).issue_client_certificate("reader", 30)
     for path in [folder, *folder.rglob("*")]:

@@ -56,7 +56,7 @@ def jittered_stamps(rng: np.random.Generator, count: int, rate_hz: float) -> Arr
 
 @pytest.mark.parametrize("truth_hz", [5.0, 20.0, 30.0, 100.0])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_random_walks(truth_hz: float, seed: int) -> None:
+def test_errors_of_random_walks_equal_those_of_evo(truth_hz: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     truth = random_walk(rng, jittered_stamps(rng, int(6 * truth_hz), truth_hz))
     stamps_s = jittered_stamps(rng, 180, 30.0)
@@ -64,14 +64,14 @@ def test_random_walks(truth_hz: float, seed: int) -> None:
 
 
 @pytest.mark.parametrize("shift_s", [-0.5, 0.5, 2.0])
-def test_trajectories_that_begin_before_or_end_after_their_truth(shift_s: float) -> None:
+def test_errors_of_partial_overlaps_equal_those_of_evo(shift_s: float) -> None:
     rng = np.random.default_rng(7)
     truth = random_walk(rng, T0_S + np.arange(90) / 30)
     assert_agreement(noisy_copy(rng, truth, truth.stamps_s + shift_s + 0.004, OTHER_WORLD), truth)
 
 
 @pytest.mark.parametrize("name", ["fr1_desk", "fr1_rpy", "fr1_xyz"])
-def test_motion_capture_of_a_handheld_camera(recordings: Path, name: str) -> None:
+def test_errors_of_a_handheld_camera_equal_those_of_evo(recordings: Path, name: str) -> None:
     rng = np.random.default_rng(3)
     truth = read_trajectory(recordings / "mocap" / f"{name}-groundtruth.txt")
     stamps_s = np.arange(truth.stamps_s[0] - 1.0, truth.stamps_s[-1] + 1.0, 1 / 30)

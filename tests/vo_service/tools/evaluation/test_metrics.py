@@ -24,7 +24,7 @@ def one_second_pairs(stamps_s: list[float]) -> list[tuple[int, int]]:
     return list(zip(pairs.earlier.tolist(), pairs.later.tolist(), strict=True))
 
 
-def test_another_world_is_no_error() -> None:
+def test_a_different_world_frame_is_no_error() -> None:
     truth = moving_along_x([0, 1, 3, 4], [0, 30, 40, 90]) @ rigid_transform(np.eye(3), [0, 1, 0])
     pairs = match_poses([0, 1, 2, 3], OTHER_WORLD @ truth, truth)
     for alignment in (best_alignment(pairs), first_pose_alignment(pairs)):

@@ -70,7 +70,7 @@ def test_what_does_not_end_is_force_exit_after() -> None:
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=100)
     assert process.returncode == 1
-    assert "did not end within 0.2 s of being asked to; ended by force" in said
+    assert "did not end within 0.2 s after the stop request; ended by force" in said
 
 
 def test_what_ends_in_time_ends_as_it_will() -> None:

@@ -121,5 +121,5 @@ def test_a_log_tells_of_work_of_unknown_length_when_it_goes_on_and_when_it_ends(
             told = capsys.readouterr().err
     assert told == "kinect-vo: info: compiling ...\n"
     assert re.fullmatch(
-        r"kinect-vo: info: compiling: ended after \d+\.\d s\n", capsys.readouterr().err
+        r"kinect-vo: info: compiling: done after \d+\.\d s\n", capsys.readouterr().err
     )

@@ -71,7 +71,7 @@ def test_a_camera_that_is_not_there_is_an_error_after_a_while_and_makes_no_folde
     outcome = run_in_process(capfd, "record", tmp_path / "new")
     assert outcome.err == (
         "kinect-vo: error: scripted: no frame for 10 s, the camera is absent: no Kinect found; "
-        "plug one in; see to the camera and record again\n"
+        "plug one in; check the camera and record again\n"
     )
     assert (outcome.code, outcome.out) == (1, "")
     assert not (tmp_path / "new").exists()
@@ -82,7 +82,7 @@ def test_an_end_before_the_first_frame_makes_no_folder(
 ) -> None:
     have_camera(monkeypatch)
     outcome = run_in_process(capfd, "record", tmp_path / "new")
-    assert (outcome.code, outcome.out) == (0, "no frame came: nothing is written\n")
+    assert (outcome.code, outcome.out) == (0, "no frame received: nothing is written\n")
     assert not (tmp_path / "new").exists()
 
 

@@ -56,7 +56,7 @@ class OniPlayer:
         self._waited_s = 0.0
 
     def read_properties(self, mirror: bool) -> SourceProperties:
-        """Read the properties of the images; `mirror` says whether frames shall be mirrored."""
+        """Read the properties of the images; `mirror`: whether to mirror frames."""
         color, depth = self._streams[SensorType.COLOR], self._streams[SensorType.DEPTH]
         return SourceProperties(
             name=f"openni2:{self._path}",

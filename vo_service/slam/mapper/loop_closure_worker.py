@@ -34,7 +34,7 @@ class LoopClosureWorker:
         self._pending_query: RingRecord | None = None
 
     def process_record(self, record: RingRecord) -> Sequence[NodeRemoval]:
-        """Add a keyframe, or remember a query; return the removed nodes."""
+        """Add a keyframe, or store a query; return the removed nodes."""
         metadata = decode_metadata(record.metadata)
         if isinstance(metadata.extra, RelocalizationQuery):
             self._pending_query = record  # it replaces an older one

@@ -144,7 +144,11 @@ class OpenNI2Error(CameraError):
 
 
 def load_library() -> ctypes.CDLL:
-    """Load libOpenNI2. Raises UserFacingError if it is not installed."""
+    """Load libOpenNI2.
+
+    Raises:
+        UserFacingError: If it is not installed.
+    """
     try:
         library = ctypes.CDLL(SONAME)
     except OSError as error:

@@ -29,7 +29,11 @@ IMAGE_TIMEOUT_S = 2.0
 
 
 class OniPlayer:
-    """Plays a file whose index has been read. Raises InputError if libOpenNI2 rejects the file."""
+    """Plays a file whose index has been read.
+
+    Raises:
+        InputError: If libOpenNI2 rejects the file.
+    """
 
     def __init__(self, openni2: OpenNI2, path: Path) -> None:
         self._path = path

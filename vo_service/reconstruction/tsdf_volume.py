@@ -39,7 +39,11 @@ class TsdfVolume:
     """
 
     def __init__(self, config: TsdfConfig) -> None:
-        """Allocate the volume. Raises MemoryError."""
+        """Allocate the volume.
+
+        Raises:
+            MemoryError: If there is not enough memory.
+        """
         self.config = config
         bytes_per_block = BLOCK_BYTES + MESH_BYTES_PER_BLOCK
         self._blocks = VoxelBlockGrid(max(1, config.memory_mb * MEGABYTE // bytes_per_block))

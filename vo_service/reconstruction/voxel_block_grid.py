@@ -43,7 +43,11 @@ class VoxelBlockGrid:
     """
 
     def __init__(self, capacity: int) -> None:
-        """Allocate the grid. Raises MemoryError."""
+        """Allocate the grid.
+
+        Raises:
+            MemoryError: If there is not enough memory.
+        """
         self.capacity = capacity
         self.count = 0
         self.rejected = 0

@@ -165,17 +165,29 @@ class FlightRecorder:
         self._save_incident_if(self._loss_trigger.is_due(time.monotonic()))
 
     def save(self, reason: str) -> str:
-        """Write an incident; return its folder. Raises CommandError if that is not possible."""
+        """Write an incident; return its folder.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         if not self._history.frames.record_count:
             raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has arrived yet")
         return self._client.save(reason)
 
     def start_recording(self, name: str) -> str:
-        """Start a recording; return its folder. Raises CommandError if that is not possible."""
+        """Start a recording; return its folder.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         return self._client.start_recording(name, self._history.frames.record_count)
 
     def stop_recording(self) -> str:
-        """End the recording; return its folder. Raises CommandError if there is none."""
+        """End the recording; return its folder.
+
+        Raises:
+            CommandError: If there is none.
+        """
         return self._client.stop_recording(self._history.frames.record_count)
 
     def configure(self, settings: RecorderConfig) -> None:

@@ -44,7 +44,11 @@ class FrameHistory:
     """Writer of both rings, for one thread."""
 
     def __init__(self, seconds: float, max_mb: int) -> None:
-        """Allocate the rings. Raises OSError if there is no memory."""
+        """Allocate the rings.
+
+        Raises:
+            OSError: If there is no memory.
+        """
         self.frames = RecordRingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
         try:
             self.statuses = RecordRingWriter("recorder-statuses", STATUS_RING_S, STATUS_RING_BYTES)
@@ -54,7 +58,11 @@ class FrameHistory:
         compile_kernels()
 
     def append(self, item: OdometryUpdate | StampedStatus, missed: int) -> None:
-        """Append an item. `missed` counts dropped items. Raises OSError if there is no memory."""
+        """Append an item. `missed` counts dropped items.
+
+        Raises:
+            OSError: If there is no memory.
+        """
         if isinstance(item, OdometryUpdate):
             write_frame(self.frames, item, pack_depth)
         else:

@@ -72,7 +72,11 @@ class RecorderClient:
         return f"recorder: {fault}" if fault else ""
 
     def save(self, reason: str) -> str:
-        """Write an incident; return its folder. Raises CommandError if that is not possible."""
+        """Write an incident; return its folder.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         with self._lock:
             self._check_responsive()
             if self._saving_name:

@@ -38,7 +38,11 @@ class BrowserSink(LiveSink):
         self._pages: list[WebViewerServer] = []
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Serve page and data from this process. Raises PortTakenError if a port is in use."""
+        """Serve page and data from this process.
+
+        Raises:
+            PortTakenError: If a port is in use.
+        """
         import rerun as rr
 
         from vo_service.outputs.rerun.web_viewer_server import WebViewerServer

@@ -33,7 +33,11 @@ class RotatingRecording:
     """
 
     def __init__(self, config: RerunWorkerConfig) -> None:
-        """Open the sink. Raises UserFacingError if that fails."""
+        """Open the sink.
+
+        Raises:
+            UserFacingError: If that fails.
+        """
         # At exit, Rerun waits until everything is sent: forever if the viewer is frozen.
         rr.unregister_shutdown()
         self._config = config

@@ -89,7 +89,11 @@ class RerunScene:
                 self._stream.log(paths.LOG, rr.TextLog(text, level=rr.TextLogLevel.WARN))
 
     def check_written(self, sink: Sink) -> None:
-        """Check that the logged data has arrived. Raises UserFacingError if not."""
+        """Check that the logged data has arrived.
+
+        Raises:
+            UserFacingError: If the data has not arrived.
+        """
         sink.check(self._stream)
 
     def should_rotate(self, sink: Sink) -> bool:

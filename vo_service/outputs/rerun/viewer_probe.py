@@ -28,7 +28,11 @@ class ViewerProbe(Protocol):
         """Connect to a viewer. Return False if there is none; may take two seconds."""
 
     def is_responding(self) -> bool:
-        """Return whether it responds. Raises ConnectionError if it has exited since `connect`."""
+        """Return whether it responds.
+
+        Raises:
+            ConnectionError: If it has exited since `connect`.
+        """
 
     def disconnect(self) -> None:
         """Close the connection."""
@@ -72,7 +76,11 @@ class GrpcViewerProbe:
         return True
 
     def is_responding(self) -> bool:
-        """Return whether it responds. Raises ConnectionError if it has exited since `connect`."""
+        """Return whether it responds.
+
+        Raises:
+            ConnectionError: If it has exited since `connect`.
+        """
         if self._socket is None:
             raise ConnectionError
         reply = _encode_frame(_PING, _ACK, next(self._pings).to_bytes(8, "big"))

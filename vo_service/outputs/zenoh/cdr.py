@@ -56,7 +56,11 @@ def reraise_as_value_error(schema: str) -> Iterator[None]:
 
 
 def strip_header(payload: bytes) -> bytes:
-    """Remove the header. Raises ValueError if it is not little-endian CDR."""
+    """Remove the header.
+
+    Raises:
+        ValueError: If it is not little-endian CDR.
+    """
     if payload[:4] != CDR_HEADER:
         raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
     return payload[4:]
@@ -78,7 +82,11 @@ def read_frames(body: bytes) -> tuple[float, str, str, int]:
 
 
 def read_numbers(body: bytes, offset: int, count: int) -> Array:
-    """Read `count` 64-bit floats after an offset. Raises ValueError if there are fewer."""
+    """Read `count` 64-bit floats after an offset.
+
+    Raises:
+        ValueError: If there are fewer.
+    """
     return np.frombuffer(body, "<f8", count, _aligned_offset(offset, 8)).astype(np.float64)
 
 

@@ -85,13 +85,21 @@ def map_odom_attachment(update: OdometryUpdate) -> bytes:
 
 
 def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
-    """Encode the status as JSON. Raises ValueError if a number is not finite."""
+    """Encode the status as JSON.
+
+    Raises:
+        ValueError: If a number is not finite.
+    """
     content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": dict(versions)}
     return json.dumps(content, allow_nan=False).encode()
 
 
 def result_payload(result: CommandResult) -> bytes:
-    """Encode a command's result as JSON. Raises ValueError if a number is not finite."""
+    """Encode a command's result as JSON.
+
+    Raises:
+        ValueError: If a number is not finite.
+    """
     return json.dumps({"schema": MESSAGE_SCHEMA, **result}, allow_nan=False).encode()
 
 

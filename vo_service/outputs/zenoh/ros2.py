@@ -153,7 +153,11 @@ class Ros2Output(Protocol):
     """Output to ROS 2 nodes."""
 
     def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
-        """Publish one pose; `odometry` is its CDR. Raises ValueError if it is not finite."""
+        """Publish one pose; `odometry` is its CDR.
+
+        Raises:
+            ValueError: If it is not finite.
+        """
         ...
 
     def close(self) -> None:
@@ -208,7 +212,11 @@ class Ros2Publisher:
         )
 
     def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
-        """Publish one pose; `odometry` is its CDR. Raises ValueError if it is not finite."""
+        """Publish one pose; `odometry` is its CDR.
+
+        Raises:
+            ValueError: If it is not finite.
+        """
         source_ns = time.time_ns()
         self._odometry.put(odometry, source_ns)
         if update.state is TrackingState.LOST:

@@ -85,12 +85,20 @@ def _flatten_endpoints(endpoints: Any, mode: str) -> list[str]:
 
 
 def connect_endpoints(config: ZenohConfig) -> tuple[str, ...]:
-    """Return the endpoints that a session connects to. Raises InputError."""
+    """Return the endpoints that a session connects to.
+
+    Raises:
+        InputError: If the configuration is not valid.
+    """
     return tuple(configured_endpoints(build_zenoh_config(config), "connect"))
 
 
 def session_endpoints(config: ZenohConfig) -> tuple[str, ...]:
-    """Return the endpoints that a session listens on and connects to. Raises InputError."""
+    """Return the endpoints that a session listens on and connects to.
+
+    Raises:
+        InputError: If the configuration is not valid.
+    """
     settings = build_zenoh_config(config)
     return (*configured_endpoints(settings, "listen"), *configured_endpoints(settings, "connect"))
 

@@ -45,7 +45,11 @@ def save_with_backup(path: Path, data: bytes) -> Path | None:
 
 
 def save(path: Path, data: bytes) -> None:
-    """Write a file. Raises UserFacingError if the disk fails."""
+    """Write a file.
+
+    Raises:
+        UserFacingError: If the disk fails.
+    """
     try:
         atomic_write(path, data)
     except OSError as error:

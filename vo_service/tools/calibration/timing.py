@@ -78,7 +78,11 @@ def check_motion(segments: Sequence[MotionSegment]) -> None:
 
 
 def validate_minimum(minimum: TimingMinimum) -> TimingEstimate:
-    """Return the estimate. Raises UserFacingError if it is too uncertain."""
+    """Return the estimate.
+
+    Raises:
+        UserFacingError: If it is too uncertain.
+    """
     sigma_ms = 1e3 * minimum.sigma_s
     if not (minimum.sigma_s <= [MAX_READOUT_SIGMA_S, MAX_DEPTH_OFFSET_SIGMA_S]).all():
         raise UserFacingError(

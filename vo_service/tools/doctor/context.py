@@ -53,7 +53,11 @@ class CheckContext:
 
     @cached_property
     def sensors(self) -> Sequence[UsbSensor]:
-        """All sensors on the USB. Raises UserFacingError if they cannot be listed."""
+        """All sensors on the USB.
+
+        Raises:
+            UserFacingError: If they cannot be listed.
+        """
         return self._probe_usb()
 
     @property
@@ -63,7 +67,11 @@ class CheckContext:
 
     @cached_property
     def stream(self) -> StreamSample:
-        """Frames and errors of the camera. Raises InputError for invalid user input."""
+        """Frames and errors of the camera.
+
+        Raises:
+            InputError: For invalid user input.
+        """
         return self._probe_stream()
 
     @cached_property

@@ -75,5 +75,9 @@ class Check(Protocol):
         ...
 
     def run(self, context: "CheckContext") -> Finding:
-        """Run the check. Raises only InputError, for invalid user input."""
+        """Run the check.
+
+        Raises:
+            InputError: For invalid user input.
+        """
         ...

@@ -131,7 +131,11 @@ def _unpack_one(
 
 
 def safe_path(name: str) -> PurePosixPath:
-    """Return a member's path below the folder. Raises UnsafeArchiveError if it lies outside."""
+    """Return a member's path below the folder.
+
+    Raises:
+        UnsafeArchiveError: If it lies outside.
+    """
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts:
         raise UnsafeArchiveError(f"{name!r}, which lies outside its folder")

@@ -73,7 +73,11 @@ def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
 
 
 def remove_program(root: Path) -> bool:
-    """Remove the copy; returns False if there is none. Raises OSError."""
+    """Remove the copy; returns False if there is none.
+
+    Raises:
+        OSError: If that fails.
+    """
     target = root / PROGRAM_FOLDER
     if not target.exists():
         return False

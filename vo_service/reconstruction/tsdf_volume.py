@@ -70,7 +70,7 @@ class TsdfVolume:
         Args:
             depth_m: (H, W), 0 = no reading.
             color_bgr: (H, W, 3).
-            camera: intrinsics of both images.
+            camera: Intrinsics of both images.
             T_world_camera: 4x4 pose.
         """
         blocks, config = self._blocks, self.config

@@ -94,12 +94,12 @@ class FlightRecorder:
         """Start the recorder.
 
         Args:
-            settings: the recorder's settings.
-            state_folder: parent of the folders of incidents and recordings.
-            service_info: copied into each incident as JSON.
+            settings: The recorder's settings.
+            state_folder: Parent of the folders of incidents and recordings.
+            service_info: Copied into each incident as JSON.
 
         Raises:
-            OSError: the memory cannot be allocated.
+            OSError: The memory cannot be allocated.
         """
         self._history = FrameHistory(settings.seconds, settings.max_mb)
         self._memory_fault = ""
@@ -234,8 +234,8 @@ def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Rec
     """Create the configured recorder; if that fails, a null recorder, so the service still runs.
 
     Args:
-        settings: the recorder's settings.
-        config: the service's configuration, copied into each incident with the versions.
+        settings: The recorder's settings.
+        config: The service's configuration, copied into each incident with the versions.
     """
     if not settings.enabled:
         return NullRecorder("the recorder is switched off (recorder.enabled)")

@@ -116,7 +116,7 @@ class IncidentStore:
         """Remove partial incidents of earlier recorders, and old ones over the quota.
 
         Raises:
-            OSError: the folder is not usable.
+            OSError: The folder is not usable.
         """
         for part in self._incidents(PARTIAL_SUFFIX):
             with suppress(OSError), lock_folder(part):
@@ -140,14 +140,14 @@ class IncidentStore:
         The oldest incidents are deleted to make room.
 
         Args:
-            name: the incident's name; a number is added if it exists.
-            write_content: fills the empty folder that it is given.
+            name: The incident's name; a number is added if it exists.
+            write_content: Fills the empty folder that it is given.
 
         Returns:
             The incident's folder.
 
         Raises:
-            UserFacingError: the disk or `write_content` failed; nothing is left.
+            UserFacingError: The disk or `write_content` failed; nothing is left.
         """
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -28,8 +28,8 @@ class RotatingRecording:
     Imports rerun: only for the viewer's process.
 
     Attributes:
-        fault: the current fault, "" if there is none.
-        data_loss: why data was lost, "" if none was.
+        fault: The current fault, "" if there is none.
+        data_loss: Why data was lost, "" if none was.
     """
 
     def __init__(self, config: RerunWorkerConfig) -> None:

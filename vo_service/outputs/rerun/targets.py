@@ -45,7 +45,7 @@ def check_targets(targets: Sequence[str]) -> None:
     """Check targets without opening them.
 
     Raises:
-        InputError: a target is invalid, or two are the same and would overwrite each other.
+        InputError: A target is invalid, or two are the same and would overwrite each other.
     """
     seen: dict[str, str] = {}
     for target in targets:

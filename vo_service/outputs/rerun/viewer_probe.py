@@ -156,7 +156,7 @@ def _frame_size(received: bytes) -> int:
     """Return the size of the frame at the start, or of its header while that is incomplete.
 
     Raises:
-        ConnectionError: the frame is too large.
+        ConnectionError: The frame is too large.
     """
     if len(received) < _FRAME_HEADER_BYTES:
         return _FRAME_HEADER_BYTES

@@ -164,7 +164,7 @@ def no_telemetry_environment(home: Path) -> dict[str, str]:
     """Make an environment for Rerun's programs without usage reports and log output.
 
     Args:
-        home: empty folder for Rerun's settings; it must exist while the program runs.
+        home: Empty folder for Rerun's settings; it must exist while the program runs.
     """
     settings = home / "rerun" / "analytics.json"
     settings.parent.mkdir()

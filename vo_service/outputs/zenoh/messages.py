@@ -29,7 +29,7 @@ def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     """Encode the pose as CDR ``nav_msgs/msg/Odometry``.
 
     Raises:
-        ValueError: a number is not finite.
+        ValueError: A number is not finite.
     """
     return encode_odometry(
         OdometryMessage(
@@ -66,7 +66,7 @@ def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     """Encode the map->odom transform as CDR ``geometry_msgs/msg/TransformStamped``.
 
     Raises:
-        ValueError: a number is not finite.
+        ValueError: A number is not finite.
     """
     return encode_transform(map_odom_transform(update, frame_ids))
 

@@ -100,9 +100,9 @@ class CollectedSegments:
     """Segments whose frames have the skew of their stamps only, the fastest first.
 
     Attributes:
-        segments: the segments.
-        camera: camera file of the recording.
-        frame_count: number of processed frames.
+        segments: The segments.
+        camera: Camera file of the recording.
+        frame_count: Number of processed frames.
     """
 
     segments: list[MotionSegment]

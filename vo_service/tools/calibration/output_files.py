@@ -30,7 +30,7 @@ def save_with_backup(path: Path, data: bytes) -> Path | None:
         The path of the backup; None without an existing file.
 
     Raises:
-        UserFacingError: the disk fails; the existing file is then unchanged.
+        UserFacingError: The disk fails; the existing file is then unchanged.
     """
     path = path.resolve()
     backup = None

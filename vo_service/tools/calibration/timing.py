@@ -46,11 +46,11 @@ def estimate_timing(
     """Estimate the timing that explains the segments best.
 
     Args:
-        segments: segments, the fastest first; their frames have the skew of their stamps only.
-        on_progress: is called with a description of each step.
+        segments: Segments, the fastest first; their frames have the skew of their stamps only.
+        on_progress: Is called with a description of each step.
 
     Raises:
-        UserFacingError: the segments do not determine the timing.
+        UserFacingError: The segments do not determine the timing.
     """
     check_motion(segments)
     minimum = find_minimum(

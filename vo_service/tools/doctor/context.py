@@ -41,10 +41,10 @@ class CheckContext:
         """Store the sources of the data; nothing is read yet.
 
         Args:
-            paths: paths of the computer's virtual files.
-            requested: the sensor to check.
-            probe_usb: finds the sensors on the USB.
-            probe_stream: opens the camera and reads its frames.
+            paths: Paths of the computer's virtual files.
+            requested: The sensor to check.
+            probe_usb: Finds the sensors on the USB.
+            probe_stream: Opens the camera and reads its frames.
         """
         self.paths = paths
         self.requested = requested

@@ -65,8 +65,8 @@ def open_bug_report(file: Path) -> Iterator[BugReport]:
     """Open a report that holds a detailed log of the block.
 
     Raises:
-        InputError: the file name is invalid, the file exists, or its folder is not writable.
-        UserFacingError: the disk fails in the block.
+        InputError: The file name is invalid, the file exists, or its folder is not writable.
+        UserFacingError: The disk fails in the block.
     """
     if not file.name.endswith(SUFFIX) or file.name == SUFFIX:
         raise InputError(f"{file}: the name of a report must end in {SUFFIX}")

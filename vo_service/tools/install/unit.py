@@ -22,7 +22,7 @@ class ServiceUnit:
     """Service of this computer: ``kinect-vo``, or ``kinect-vo@NAME`` with its own Zenoh keys.
 
     Raises:
-        InputError: the name is not a single word.
+        InputError: The name is not a single word.
     """
 
     name: str = ""

@@ -41,7 +41,7 @@ class RerunPreview(Generic[T]):
     """Preview in one Rerun target: a viewer gets the newest item, a file gets all.
 
     Args:
-        target: "serve", "connect", connect:HOST:PORT or FILE.rrd.
+        target: One of serve, connect, connect:HOST:PORT or FILE.rrd.
         application: Rerun's application id.
         load_scene: Imports and returns the class that draws items.
 

@@ -50,7 +50,7 @@ class SensorConfig:
     )
 
 
-# While a program iterates over a camera, it is told after this time why no frame arrives.
+# Iteration over a camera logs after this time why no frame arrives.
 NO_FRAME_WARNING_S = 1.0
 _log = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""From a camera's stamps to published ones: the clock they are on, and that they only rise."""
+"""Clock: convert a camera's stamps to published stamps, and reject stamps that do not increase."""
 
 import time
 from collections.abc import Callable
@@ -7,41 +7,41 @@ from typing import Protocol
 
 from drivers.camera import Clock
 
-# A larger step of the wall clock than this is somebody setting it, not the network's fine tuning.
+# A larger step of the wall clock than this means that it was set, not that NTP adjusted it.
 MAX_CLOCK_STEP_S = 0.05
 # A camera whose stamps stay behind for this many frames has a new clock, not a glitch.
 MAX_STALE_FRAMES = 15
 
 
 class PublishClock(Protocol):
-    """Turns a frame's stamp into the published one."""
+    """Converts a frame's stamp to the published stamp."""
 
     def published_s(self, stamp_s: float) -> float:
-        """Seconds on the published clock."""
+        """Convert a stamp to the published clock, s."""
         ...
 
     def has_stepped(self) -> bool:
-        """True once after the published clock was set."""
+        """Whether the published clock was set since the last call."""
         ...
 
 
 class RecordedClock:
-    """A recording's stamps go out as they are."""
+    """Publishes a recording's stamps, plus a constant offset."""
 
     def __init__(self, offset_s: float = 0.0) -> None:
         self._offset_s = offset_s
 
     def published_s(self, stamp_s: float) -> float:
-        """The stamp itself, with the known bias corrected."""
+        """Add the offset to the stamp."""
         return stamp_s + self._offset_s
 
     def has_stepped(self) -> bool:
-        """Never: a recording has one clock."""
+        """Return False: a recording has one clock."""
         return False
 
 
 class LiveClock:
-    """CLOCK_MONOTONIC plus an offset to CLOCK_REALTIME, taken at start and after a clock step.
+    """CLOCK_MONOTONIC plus its offset to CLOCK_REALTIME, measured at start and after a clock step.
 
     Between steps, published stamps advance as evenly as the camera's own.
     """
@@ -58,11 +58,11 @@ class LiveClock:
         self._realtime_offset_s = self._measure_realtime_offset_s()
 
     def published_s(self, stamp_s: float) -> float:
-        """Unix time of a stamp on CLOCK_MONOTONIC."""
+        """Convert a stamp on CLOCK_MONOTONIC to Unix time."""
         return stamp_s + self._realtime_offset_s + self._offset_s
 
     def has_stepped(self) -> bool:
-        """True once after the wall clock was set by more than 50 ms."""
+        """Whether the wall clock was set by more than `MAX_CLOCK_STEP_S` since the last call."""
         epoch_s = self._measure_realtime_offset_s()
         if abs(epoch_s - self._realtime_offset_s) <= MAX_CLOCK_STEP_S:
             return False
@@ -70,32 +70,42 @@ class LiveClock:
         return True
 
     def _measure_realtime_offset_s(self) -> float:
-        """CLOCK_REALTIME minus CLOCK_MONOTONIC: of three readings, the least interrupted."""
+        """CLOCK_REALTIME minus CLOCK_MONOTONIC: the fastest of three readings."""
         return min(self._read_clocks() for _ in range(3))[1]
 
     def _read_clocks(self) -> tuple[float, float]:
-        """How long the reading took (a busy machine may pause us in it), and the difference."""
+        """Duration of a reading (longer if the process is interrupted in it), and the offset."""
         before_s, realtime_s, after_s = self._monotonic_s(), self._realtime_s(), self._monotonic_s()
         return after_s - before_s, realtime_s - 0.5 * (before_s + after_s)
 
 
 def make_publish_clock(clock: Clock, offset_s: float) -> PublishClock:
-    """The published clock for a camera's own."""
+    """Make the published clock for a camera's clock.
+
+    Args:
+        clock: Clock of the camera's stamps.
+        offset_s: Added to every published stamp, s.
+    """
     return LiveClock(offset_s) if clock is Clock.MONOTONIC else RecordedClock(offset_s)
 
 
 @dataclass(frozen=True)
 class TimestampCheck:
-    """Whether to use a frame, and whether its stamps began anew."""
+    """Result of the check of a stamp.
+
+    Attributes:
+        is_accepted: Whether to use the frame.
+        is_restart: Whether the camera's clock has restarted at this frame.
+    """
 
     is_accepted: bool
     is_restart: bool = False
 
 
 class TimestampFilter:
-    """Lets only frames through whose stamps rise.
+    """Accepts only frames whose stamps increase.
 
-    A camera whose stamps stay behind is believed after `MAX_STALE_FRAMES` frames.
+    After `MAX_STALE_FRAMES` rejected frames in a row, the camera's clock counts as restarted.
     """
 
     def __init__(self) -> None:
@@ -103,7 +113,7 @@ class TimestampFilter:
         self._stale = 0
 
     def check(self, stamp_s: float) -> TimestampCheck:
-        """Judge the next frame by its stamp."""
+        """Check the stamp of the next frame, s on the camera's clock."""
         if stamp_s > self._last_s:
             self._last_s, self._stale = stamp_s, 0
             return TimestampCheck(is_accepted=True)

@@ -1,4 +1,4 @@
-"""The commands: what each takes, and reading one from the bytes that somebody sent."""
+"""Command parser: read a command with its arguments from JSON."""
 
 import json
 import re
@@ -28,7 +28,7 @@ from vo_service.types import (
 )
 
 MAX_PAYLOAD_BYTES = 4096
-# No robot is further from where it started.
+# Limit of a coordinate in `reset`, m.
 MAX_POSITION_M = 1e6
 MAX_TILT_DEG = 31.0
 # A quaternion this far from length 1 is a mistake, not rounding.
@@ -36,9 +36,14 @@ QUATERNION_NORM_TOLERANCE = 1e-2
 
 
 def parse_command(name: str, payload: bytes) -> Command:
-    """The command of this name with the arguments in `payload`: a JSON object, or nothing.
+    """Parse a command.
 
-    Raises CommandError: unknown-command, or bad-request saying which argument is wrong.
+    Args:
+        name: Name of the command, such as "save-map".
+        payload: Its arguments, a JSON object; empty: no arguments.
+
+    Raises:
+        CommandError: `UNKNOWN_COMMAND`, or `BAD_REQUEST` with the wrong argument.
     """
     if name not in _PARSERS:
         raise CommandError(
@@ -52,7 +57,7 @@ def parse_command(name: str, payload: bytes) -> Command:
 
 
 class _Arguments:
-    """Takes arguments out of a JSON object one by one, each checked."""
+    """Takes arguments from a JSON object one by one, and checks each."""
 
     def __init__(self, command: str, values: Mapping[str, Any]) -> None:
         self._command = command
@@ -60,19 +65,19 @@ class _Arguments:
         self._known: list[str] = []
 
     def has(self, key: str) -> bool:
-        """Whether it was given."""
+        """Whether an argument was given."""
         self._known.append(key)
         return key in self._values
 
     def take_number(self, key: str, limit: float) -> float:
-        """A finite number from -limit to limit."""
+        """Take a finite number from -limit to limit."""
         value = self._take(key)
         if not _is_number(value) or abs(value) > limit:
             self.reject(key, f"must be a number from {-limit:g} to {limit:g}")
         return float(value)
 
     def take_numbers(self, key: str, count: int, limit: float) -> tuple[float, ...]:
-        """So many finite numbers."""
+        """Take a list of `count` finite numbers from -limit to limit."""
         values = self._take(key)
         is_right = isinstance(values, list) and len(values) == count
         if not is_right or not all(_is_number(v) and abs(v) <= limit for v in values):
@@ -80,20 +85,20 @@ class _Arguments:
         return tuple(float(v) for v in values)
 
     def take_text(self, key: str, pattern: str, wanted: str) -> str:
-        """Text that matches a pattern, described by `wanted`."""
+        """Take a text that matches a pattern; `wanted` describes the pattern."""
         value = self._take(key)
         if not isinstance(value, str) or not re.fullmatch(pattern, value):
             self.reject(key, f"must be {wanted}")
         return value
 
     def reject_unknown(self) -> None:
-        """Refuse what is not an argument of this command."""
+        """Reject arguments that this command does not have."""
         for key in self._values:
             known = ", ".join(dict.fromkeys(self._known)) or "none"
             self.reject(key, f"is not an argument of {self._command}; it takes: {known}")
 
     def reject(self, key: str, reason: str) -> NoReturn:
-        """Say what is wrong with an argument."""
+        """Raise CommandError for an argument."""
         raise CommandError(ErrorCode.BAD_REQUEST, f"argument {key[:40]!r} {reason}")
 
     def _take(self, key: str) -> Any:
@@ -161,5 +166,5 @@ def _parse_json_object(payload: bytes) -> Mapping[str, Any]:
 
 
 def _is_number(value: Any) -> bool:
-    # Not `isfinite`: that refuses whole numbers of hundreds of digits with an error of its own.
+    # Not `isfinite`: it raises OverflowError for whole numbers of hundreds of digits.
     return type(value) in (int, float) and -sys.float_info.max <= value <= sys.float_info.max

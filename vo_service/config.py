@@ -1,4 +1,4 @@
-"""The configuration: reading the file, and what may change while the service runs."""
+"""The configuration: read the file, compare two configurations, and reload."""
 
 import dataclasses
 import logging
@@ -36,7 +36,7 @@ from vo_service.odometry.registry import (
 from vo_service.types import Odometry
 
 logger = logging.getLogger(__name__)
-# What somebody applies while the service runs; everything else takes effect at the next start.
+# Keys that take effect while the service runs; all others take effect at the next start.
 RELOADABLE_KEYS = (
     "sensor.led",
     "sensor.tilt_deg",
@@ -56,7 +56,7 @@ RELOADABLE_KEYS = (
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """`[camera]`: where frames come from."""
+    """`[camera]`: source of the frames."""
 
     source: str = config_field("synthetic", f"one of {', '.join(CAMERA_USAGES.values())}")
     file: Path | None = config_field(None, "camera file: intrinsics, distortion, registration")
@@ -73,7 +73,7 @@ class CameraConfig:
 
 @dataclass(frozen=True)
 class OdometryConfig:
-    """`[odometry]`: how motion is estimated."""
+    """`[odometry]`: estimation of the motion."""
 
     method: str = config_field(DEFAULT_METHOD, f"one of {', '.join(METHODS)}")
     feature_count: int = config_field(
@@ -94,7 +94,7 @@ class OdometryConfig:
 
 @dataclass(frozen=True)
 class MountingConfig:
-    """`[T_base_camera]`: where the camera's optical frame is in the robot's base_link."""
+    """`[T_base_camera]`: pose of the camera's optical frame in the robot's base_link."""
 
     translation_m: tuple[float, float, float] = config_field(
         (0.0, 0.0, 0.0), "x y z in base_link, m"
@@ -109,7 +109,7 @@ class MountingConfig:
 
     @property
     def T_base_camera(self) -> Array:
-        """4x4; maps optical camera coordinates to base_link."""
+        """4x4 transform from optical camera coordinates to base_link."""
         if self == MountingConfig():
             return T_BODY_CAMERA
         return transform_from_pose(self.translation_m, self.quaternion_xyzw)
@@ -117,7 +117,7 @@ class MountingConfig:
 
 @dataclass(frozen=True)
 class Config:
-    """A whole configuration file; every table and key may be left out."""
+    """A configuration file: one field per table. Every table and key is optional."""
 
     camera: CameraConfig = CameraConfig()
     sensor: SensorConfig = SensorConfig()  # noqa: RUF009 (frozen)
@@ -135,20 +135,25 @@ class Config:
 
 
 def read_config(path: Path | None) -> Config:
-    """Read a configuration file; without one, everything has its default.
+    """Read a configuration file.
 
-    Raises InputError ``FILE:LINE: key `a.b`: reason; what to do``.
+    Args:
+        path: The file; None: the defaults.
+
+    Raises:
+        InputError: If the file is not valid: ``FILE:LINE: key `a.b`: reason; what to do``.
     """
     return Config() if path is None else read_toml(path, Config)
 
 
 @dataclass(frozen=True)
 class ConfigChanges:
-    """What a configuration that was read again changes.
+    """Changes by a configuration that was read again.
 
-    config   what counts from now on: the one before, with the `live` keys as they are wanted
-    live     keys of LIVE_KEYS, such as "sensor.led", that have a new value now
-    pending  keys that differ from what runs and will count from the next start on
+    Attributes:
+        config: The configuration from now on: the previous one with the reloaded keys changed.
+        reloaded_keys: Changed keys of `RELOADABLE_KEYS`, such as "sensor.led".
+        pending_keys: Other changed keys, which take effect at the next start.
     """
 
     config: Config
@@ -157,37 +162,50 @@ class ConfigChanges:
 
 
 def diff_configs(running: Config, requested: Config) -> ConfigChanges:
-    """What to do at once, and what cannot be done, to get from one to the other."""
+    """Find the keys that differ, and apply those that may change while the service runs.
+
+    Args:
+        running: The configuration in effect.
+        requested: The configuration that was read again.
+    """
     keys = tuple(_changed_keys(running, requested, ""))
-    live = tuple(key for key in keys if key in RELOADABLE_KEYS)
+    reloaded = tuple(key for key in keys if key in RELOADABLE_KEYS)
     config = running
-    for key in live:
+    for key in reloaded:
         config = _replace_key(config, requested, key)
-    return ConfigChanges(config, live, tuple(key for key in keys if key not in RELOADABLE_KEYS))
+    pending = tuple(key for key in keys if key not in RELOADABLE_KEYS)
+    return ConfigChanges(config, reloaded, pending)
 
 
 class ConfigReloader:
-    """The configuration that counts, and reading it again.
+    """Reads the configuration again, and keeps the present one.
 
-    `warning` is a clause for the status: "" while the file could be read the last time.
+    Attributes:
+        config: The configuration in effect.
+        warning: Fault of the last reload for the status; "" = none.
     """
 
     def __init__(self, running: Config, read: Callable[[], Config]) -> None:
-        """`read` gives the configuration as at a start, command line included, or raises."""
+        """Take the configuration in effect.
+
+        Args:
+            running: The configuration in effect.
+            read: Reads the file and applies the command line, as at the start.
+        """
         self.config = running
         self.warning = ""
         self._read = read
 
     def reload(self) -> ConfigChanges:
-        """Read again. A file that is broken is logged and changes nothing."""
+        """Read the file again. An invalid file is logged and changes nothing."""
         try:
-            wanted = self._read()
+            requested = self._read()
         except UserFacingError as error:
             self.warning = f"the configuration is not the one in the file: {error}"
-            logger.error("%s; what was read before still counts", error)
+            logger.error("%s; the previous configuration stays in effect", error)
             return ConfigChanges(self.config)
         self.warning = ""
-        changes = diff_configs(self.config, wanted)
+        changes = diff_configs(self.config, requested)
         self.config = changes.config
         self._log(changes)
         return changes
@@ -195,16 +213,16 @@ class ConfigReloader:
     @staticmethod
     def _log(changes: ConfigChanges) -> None:
         if changes.pending_keys:
-            ending = "takes effect" if len(changes.pending_keys) == 1 else "take effect"
+            verb = "takes" if len(changes.pending_keys) == 1 else "take"
             keys = ", ".join(changes.pending_keys)
-            logger.warning("%s changed: %s at the next start", keys, ending)
+            logger.warning("%s changed: %s effect at the next start", keys, verb)
         logger.info(
             "configuration read again; changed now: %s", ", ".join(changes.reloaded_keys) or "none"
         )
 
 
 def _changed_keys(one: Any, other: Any, prefix: str) -> Iterator[str]:
-    """Dotted keys of the values that are not equal; a list is one value."""
+    """Yield the dotted keys of the values that differ; a list is one value."""
     for field in dataclasses.fields(one):
         key = f"{prefix}{field.name}"
         before, after = getattr(one, field.name), getattr(other, field.name)
@@ -215,7 +233,7 @@ def _changed_keys(one: Any, other: Any, prefix: str) -> Iterator[str]:
 
 
 def _replace_key(config: Config, requested: Config, key: str) -> Config:
-    """`config` with one key, ``table.key``, as it is in `wanted`."""
+    """Return `config` with the value of one key, ``table.key``, from `requested`."""
     table, _, name = key.partition(".")
     value = getattr(getattr(requested, table), name)
     changed: dict[str, Any] = {table: replace(getattr(config, table), **{name: value})}

@@ -1,4 +1,4 @@
-"""What a configuration file relies on, checked before anyone relies on it; nothing is opened."""
+"""Check of a configuration file, and of the files and addresses in it, without opening a camera."""
 
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -10,10 +10,15 @@ from vo_service.config_tables import RecorderConfig, RerunConfig
 
 
 def check_config(path: Path) -> list[str]:
-    """Read a configuration file, and check the files and addresses that it names.
+    """Read a configuration file, and check the files and addresses in it.
 
-    Returns warnings: what is allowed but dangerous. Raises InputError for the first mistake, with
-    the file that it is in. A relative path counts from the current folder, as for `run`.
+    Relative paths start at the current folder, as for `run`.
+
+    Returns:
+        Warnings about settings that are allowed but dangerous.
+
+    Raises:
+        InputError: For the first mistake, with the file.
     """
     config = read_config(path)
     _check_camera(config.camera, path)
@@ -26,7 +31,7 @@ def _check_camera(camera: CameraConfig, path: Path) -> None:
     kind, _, argument = camera.source.partition(":")
     if camera.file is not None and kind == "synthetic":
         raise InputError(
-            f"{path}: key `camera.file`: the virtual Kinect knows its own camera; leave it out"
+            f"{path}: key `camera.file`: the virtual Kinect has its own calibration; leave it out"
         )
     if camera.file is not None:
         from drivers.calibration import read_calibration
@@ -34,7 +39,7 @@ def _check_camera(camera: CameraConfig, path: Path) -> None:
         read_calibration(camera.file)
     is_recording = kind in ("tum", "fakenect") or argument.endswith(".oni")
     if is_recording and not Path(argument).exists():
-        raise InputError(f"{path}: key `camera.source`: {argument} is not there; name a recording")
+        raise InputError(f"{path}: key `camera.source`: no recording {argument}; give another path")
 
 
 def _check_rerun(rerun: RerunConfig, path: Path) -> None:
@@ -48,7 +53,7 @@ def _check_rerun(rerun: RerunConfig, path: Path) -> None:
         folder = Path(target).parent
         if target.endswith(".rrd") and not folder.is_dir():
             raise InputError(
-                f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; make it"
+                f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; create it"
             )
     if rerun.targets and find_spec("rerun") is None:
         raise InputError(
@@ -63,9 +68,7 @@ def _check_recorder(recorder: RecorderConfig, path: Path) -> None:
 
     reason = check_writable(recorder.folder)
     if reason:
-        raise InputError(
-            f"{path}: key `recorder.folder`: {reason}; name a folder that can be written to"
-        )
+        raise InputError(f"{path}: key `recorder.folder`: {reason}; name a writable folder")
 
 
 def _check_zenoh(config: Config) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""All keys of the configuration as a page of Markdown, from the code that reads them."""
+"""The configuration reference: a page of Markdown with all keys, made from the config classes."""
 
 import dataclasses
 import json
@@ -21,31 +21,38 @@ Every key of the file that `kinect-vo run --config FILE` reads, with its default
 [config/kinect.toml](../config/kinect.toml) is such a file. `{REFERENCE_COMMAND}` writes this
 page.
 
-The file is TOML and begins with `schema = {SCHEMA_VERSION}`. Every table and every key below may be
-left out, unless it says *required*. An unknown key, or a value of a wrong type or out of range, is
-refused with its file, line and reason; `kinect-vo config check FILE` says so before anyone relies
-on the file.
+The file is TOML and begins with `schema = {SCHEMA_VERSION}`. Every table and every key below is
+optional, except those marked *required*. An unknown key, or a value of a wrong type or out of
+range, is refused with its file, line and reason. `kinect-vo config check FILE` checks a file
+without starting the service.
 
-"Read again" says what a change does when a running service is told to read its file again
-(`systemctl reload kinect-vo`, or SIGHUP): it counts at once, or from the next start on.
+The column "after reload" shows when a change takes effect after a running service has read its
+file again (`systemctl reload kinect-vo`, or SIGHUP): at once, or at the next start.
 """
 SYNTHETIC_DESCRIPTION = """\
-For `camera.source = "synthetic"`. Without this table a light one is played: quickly rendered
-(`duration_s = 10.0`, `texel_m = 0.004`, neither lens distortion nor motion blur), then
-played round and round (`loop = true`). With it, what it leaves out has the default below."""
-# Words for what a table's class does not say itself.
+For `camera.source = "synthetic"`. Without this table, a short sequence is rendered quickly
+(`duration_s = 10.0`, `texel_m = 0.004`, neither lens distortion nor motion blur) and repeated
+(`loop = true`). With this table, missing keys have the defaults below."""
+# Descriptions of tables that replace the docstring of the class.
 TABLE_DESCRIPTIONS = {
     "synthetic": SYNTHETIC_DESCRIPTION,
     "synthetic.camera": "Intrinsics of both images, all of them.",
 }
 TABLE_HEADER = (
-    "| key | type | default | range | meaning | read again |\n|---|---|---|---|---|---|\n"
+    "| key | type | default | range | meaning | after reload |\n|---|---|---|---|---|---|\n"
 )
 
 
 @dataclass(frozen=True)
 class _ConfigKey:
-    """One key of a table; `kind` without ``| None``."""
+    """One key of a table.
+
+    Attributes:
+        name: Name of the key.
+        annotation: Type of the value, without ``| None``.
+        default: Default; `dataclasses.MISSING` if required.
+        description: Description and range.
+    """
 
     name: str
     annotation: Any
@@ -54,14 +61,14 @@ class _ConfigKey:
 
 
 def render_reference() -> str:
-    """The whole page, in the order of the tables in `Config`."""
+    """Render the page, with the tables in the order of `Config`."""
     return INTRODUCTION + "".join(
         _render_table(key.annotation, key.name) for key in _config_keys(Config)
     )
 
 
 def _render_table(kind: Any, path: str, brackets: str = "[{}]") -> str:
-    """A table's section, then those of the tables inside it."""
+    """Render a table's section, then those of the tables inside it."""
     heading = f"\n## `{brackets.format(path)}`\n\n{_table_description(kind, path)}\n\n"
     rows, inner = "", ""
     for key in _config_keys(kind):
@@ -83,7 +90,7 @@ def _config_keys(kind: Any) -> Iterator[_ConfigKey]:
 
 
 def _table_description(kind: Any, path: str) -> str:
-    """The first paragraph of the class's docstring, without the table's name before it."""
+    """First paragraph of the class's docstring, without the table's name."""
     if path in TABLE_DESCRIPTIONS:
         return TABLE_DESCRIPTIONS[path]
     paragraph = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
@@ -92,20 +99,20 @@ def _table_description(kind: Any, path: str) -> str:
 
 
 def _render_row(key: _ConfigKey, path: str) -> str:
-    again = "at once" if path in RELOADABLE_KEYS else "next start"
+    effect = "at once" if path in RELOADABLE_KEYS else "next start"
     cells = (
         f"`{key.name}`",
         _format_type(key.annotation),
         "*required*" if key.default is dataclasses.MISSING else _format_value(key.default),
         _format_range(key.description),
         key.description.description,
-        again,
+        effect,
     )
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
 
 
 def _format_type(kind: Any) -> str:
-    """As a person would say it."""
+    """Name a type in plain English."""
     if get_origin(kind) in (list, tuple):
         items = get_args(kind)
         one = _format_type(items[0])
@@ -124,7 +131,7 @@ def _format_range(description: FieldSpec) -> str:
 
 
 def _format_value(value: Any) -> str:
-    """As TOML has it."""
+    """Format a value as in TOML."""
     if value is None:
         return "unset"
     listed = list(value) if isinstance(value, tuple) else value
@@ -138,5 +145,5 @@ def _strip_optional(kind: Any) -> Any:
 
 
 def _item_type(kind: Any) -> Any:
-    """What a list holds; None for what is no list."""
+    """Type of a list's items; None if `kind` is not a list."""
     return get_args(kind)[0] if get_origin(kind) in (list, tuple) else None

@@ -38,7 +38,11 @@ C_contra = TypeVar("C_contra", contravariant=True)
 
 
 class CommandFuture(Generic[C]):
-    """A command on its way: the loop answers it, whoever sent it waits for that."""
+    """A command and its result: the loop sets the result, the sender waits for it.
+
+    Attributes:
+        command: The command.
+    """
 
     def __init__(self, command: C) -> None:
         self.command = command
@@ -47,7 +51,11 @@ class CommandFuture(Generic[C]):
         self._error: CommandError | None = None
 
     def result(self, timeout_s: float) -> CommandResult:
-        """What the command gave. Raises CommandError: its own, or timed-out."""
+        """Wait for the command's result.
+
+        Raises:
+            CommandError: If the command failed, or if there is no result within `timeout_s`.
+        """
         if not self._is_done.wait(timeout_s):
             raise CommandError(
                 ErrorCode.TIMED_OUT, f"no answer within {timeout_s:g} s; it may still be done"
@@ -57,18 +65,18 @@ class CommandFuture(Generic[C]):
         return self._result
 
     def set_result(self, result: CommandResult) -> None:
-        """The command was carried out."""
+        """Set the result of the command, which has succeeded."""
         self._result = result
         self._is_done.set()
 
     def set_exception(self, error: CommandError) -> None:
-        """It was not."""
+        """Set the error of the command, which has failed."""
         self._error = error
         self._is_done.set()
 
 
 class CommandSink(Protocol[C_contra]):
-    """What those see of an inbox who only hand in."""
+    """The sender's side of a `CommandQueue`."""
 
     def submit(self, command: C_contra) -> CommandFuture[Any]:
         """See `CommandQueue`."""
@@ -76,17 +84,26 @@ class CommandSink(Protocol[C_contra]):
 
 
 class CommandQueue(Generic[C]):
-    """A short queue: many may hand in, the loop takes."""
+    """A short queue of commands from any thread to the loop."""
 
     def __init__(self, max_pending: int = MAX_PENDING_COMMANDS) -> None:
+        """Make an empty queue.
+
+        Args:
+            max_pending: Number of pending commands from which `submit` refuses more.
+        """
         self._max_pending = max_pending
         self._pending: deque[CommandFuture[C]] = deque()
         self._lock = threading.Lock()
         self._is_closed = False
 
     def submit(self, command: C) -> CommandFuture[C]:
-        """Hand in a command. Raises CommandError: busy, or not-possible as the service ends."""
-        ticket = CommandFuture(command)
+        """Add a command.
+
+        Raises:
+            CommandError: `BUSY` if the queue is full; `NOT_POSSIBLE` if the service is ending.
+        """
+        future = CommandFuture(command)
         with self._lock:
             if self._is_closed:
                 raise CommandError(ErrorCode.NOT_POSSIBLE, "the service is ending")
@@ -94,35 +111,39 @@ class CommandQueue(Generic[C]):
                 raise CommandError(
                     ErrorCode.BUSY, f"{self._max_pending} commands are waiting already; try again"
                 )
-            self._pending.append(ticket)
-        return ticket
+            self._pending.append(future)
+        return future
 
     def submit_internal(self, command: C) -> CommandFuture[C]:
-        """Hand in a command of the program's own, which is never refused for want of room."""
-        ticket = CommandFuture(command)
+        """Add a command of the program itself; it is accepted even if the queue is full."""
+        future = CommandFuture(command)
         with self._lock:
-            self._pending.append(ticket)
-        return ticket
+            self._pending.append(future)
+        return future
 
     def take_pending(self) -> list[CommandFuture[C]]:
-        """All that wait, the oldest first; never waits itself."""
+        """Take all pending commands, the oldest first. Does not block."""
         if not self._pending:
             return []
         with self._lock:
-            tickets = list(self._pending)
+            futures = list(self._pending)
             self._pending.clear()
-        return tickets
+        return futures
 
     def close(self) -> None:
-        """Refuse what waits and whatever comes."""
+        """Refuse all pending and all further commands."""
         with self._lock:
             self._is_closed = True
-        for ticket in self.take_pending():
-            ticket.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "the service is ending"))
+        for future in self.take_pending():
+            future.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "the service is ending"))
 
 
 class Control:
-    """Takes commands from the inbox; none of them blocks."""
+    """Executes commands between two frames; none of them blocks.
+
+    Attributes:
+        is_paused: Whether publishing is paused.
+    """
 
     def __init__(
         self,
@@ -132,7 +153,15 @@ class Control:
         recorder: Recorder | None = None,
         mapper: Mapper | None = None,
     ) -> None:
-        """Without an inbox nobody has anything to say."""
+        """Connect the parts that commands control.
+
+        Args:
+            odom_frame: Takes resets.
+            camera: Takes tilt and LED.
+            command_queue: Source of the commands; None: there are no commands.
+            recorder: Takes recordings and incidents; None: these commands fail.
+            mapper: Saves and loads maps; None: these commands fail.
+        """
         self._odom_frame = odom_frame
         self._camera = camera
         self._command_queue = command_queue or CommandQueue()
@@ -142,23 +171,23 @@ class Control:
 
     @property
     def recording(self) -> str:
-        """Folder that is being recorded into; "" = none."""
+        """Folder of the current recording; "" = none."""
         return self._recorder.recording
 
     @property
     def map_state(self) -> MapState:
-        """What there is of a map."""
+        """The mapper's state."""
         return self._mapper.state
 
     def process_pending(self) -> None:
-        """Carry out what waits, and answer it."""
-        for ticket in self._command_queue.take_pending():
+        """Execute all pending commands, and set their results."""
+        for future in self._command_queue.take_pending():
             try:
-                ticket.set_result(self._execute(ticket.command))
+                future.set_result(self._execute(future.command))
             except CommandError as error:
-                ticket.set_exception(error)
+                future.set_exception(error)
             except CameraError as error:
-                ticket.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
+                future.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
 
     def _execute(self, command: Command) -> CommandResult:
         match command:

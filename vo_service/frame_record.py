@@ -1,4 +1,4 @@
-"""A frame, and what the service said of it, as a record of the ring."""
+"""Frame records: encode a frame and its update into a record of the shared ring, and back."""
 
 import pickle
 from collections.abc import Callable
@@ -13,34 +13,47 @@ from drivers.core.shared_frames.depth_unpacking import unpack_depth
 from drivers.core.shared_frames.record_ring import RecordRingWriter, RingRecord
 from vo_service.types import OdometryUpdate, TrackingState
 
-# A note is far smaller; its only text is the reason.
+# Upper bound; the only text in the metadata is the reason.
 MAX_METADATA_BYTES = 4096
 _MAX_REASON_CHARS = 200
 
-# Packs a depth image into the first bytes of what it is given; how many.
+# Packs a depth image into the start of a buffer, and returns the number of bytes used.
 PackDepth = Callable[[NDArray[np.uint16], NDArray[np.uint8]], int]
 
 
 @dataclass(frozen=True)
 class PublishedOdometry:
-    """What the service published of a frame; see `OdometryUpdate`."""
+    """The part of an `OdometryUpdate` that is kept with a frame.
+
+    Attributes:
+        seq: Number of the update.
+        stamp_s: Published stamp, s.
+        state: Tracking state.
+        reason: Reason of the state, shortened to 200 characters.
+        epoch: Epoch of the pose.
+        has_pose: Whether the frame has an estimate; if not, the pose is the last good one.
+        inliers: Number of matches that agree with the motion.
+        T_world_camera: 4x4 pose, optical axes.
+    """
 
     seq: int
     stamp_s: float
     state: TrackingState
     reason: str
     epoch: int
-    has_pose: bool  # of its own: not the last good one held
+    has_pose: bool
     inliers: int
     T_world_camera: Array
 
 
 @dataclass(frozen=True)
 class FrameMetadata:
-    """Everything of a frame but its images.
+    """A frame without its images; fields without a description are those of `RgbdFrame`.
 
-    depth_bytes  how long the packed depth is; the color follows it
-    more         what whoever put it in the ring has to say beside, if anything
+    Attributes:
+        published: The published part of its update.
+        depth_bytes: Length of the packed depth, bytes; the color image follows it.
+        extra: Further data of the writer, such as the mapper's; None = none.
     """
 
     seq: int
@@ -58,56 +71,69 @@ class FrameMetadata:
 
     @property
     def clock_offset_s(self) -> float:
-        """From the camera's clock to the published one, as it was when this frame was published."""
+        """Offset from the camera's clock to the published clock at this frame, s."""
         return self.published.stamp_s - self.stamp_s
 
 
 def write_frame(
     ring: RecordRingWriter, update: OdometryUpdate, pack: PackDepth, extra: object = None
 ) -> None:
-    """Copy a frame into the ring, `more` in its note. Raises OSError without memory for it."""
+    """Copy a frame into the ring.
+
+    Args:
+        ring: The ring.
+        update: The update with the frame.
+        pack: Packs the depth image.
+        extra: Further data for the metadata; it is pickled.
+
+    Raises:
+        OSError: If there is not enough memory for the frame.
+    """
     frame = update.frame
     bound = 2 * frame.depth_raw.size + frame.color_bgr.nbytes + MAX_METADATA_BYTES
-    room = ring.reserve(bound, frame.stamp_s)
-    depth_bytes = pack(frame.depth_raw, room)
+    buffer = ring.reserve(bound, frame.stamp_s)
+    depth_bytes = pack(frame.depth_raw, buffer)
     length = depth_bytes + frame.color_bgr.nbytes
-    room[depth_bytes:length].reshape(frame.color_bgr.shape)[:] = frame.color_bgr
-    note = pickle.dumps(_make_metadata(update, depth_bytes, extra))
-    ring.commit(length, note, bound, frame.stamp_s)
+    buffer[depth_bytes:length].reshape(frame.color_bgr.shape)[:] = frame.color_bgr
+    metadata = pickle.dumps(_make_metadata(update, depth_bytes, extra))
+    ring.commit(length, metadata, bound, frame.stamp_s)
 
 
 def decode_metadata(metadata: bytes) -> FrameMetadata:
-    """The note of a frame's record."""
-    found: FrameMetadata = pickle.loads(metadata)
-    return found
+    """Decode the metadata of a frame's record."""
+    decoded: FrameMetadata = pickle.loads(metadata)
+    return decoded
 
 
 def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
-    """The frame of a record, bit for bit, with its stamp moved by an offset.
+    """Decode the frame of a record, bit for bit.
 
-    One offset for a whole folder: published stamps may go back where the clock is set.
+    Args:
+        record: The record.
+        clock_offset_s: Added to the stamp, s. Use one offset for all frames of a folder: published
+            stamps are not continuous after the clock was set.
     """
-    note = decode_metadata(record.metadata)
-    width, height = note.camera.width, note.camera.height
-    color = np.frombuffer(record.payload, np.uint8, offset=note.depth_bytes)
+    metadata = decode_metadata(record.metadata)
+    width, height = metadata.camera.width, metadata.camera.height
+    color = np.frombuffer(record.payload, np.uint8, offset=metadata.depth_bytes)
     return RgbdFrame(
-        seq=note.seq,
-        stamp_s=note.stamp_s + clock_offset_s,
-        receive_time_s=note.receive_time_s,
+        seq=metadata.seq,
+        stamp_s=metadata.stamp_s + clock_offset_s,
+        receive_time_s=metadata.receive_time_s,
         color_bgr=color.reshape(height, width, 3),
-        depth_raw=unpack_depth(record.payload[: note.depth_bytes], height, width),
-        depth_factor=note.depth_factor,
-        camera=note.camera,
-        skew_s=note.skew_s,
-        lost_packets=note.lost_packets,
-        gravity_m_s2=note.gravity_m_s2,
-        readout_s=note.readout_s,
+        depth_raw=unpack_depth(record.payload[: metadata.depth_bytes], height, width),
+        depth_factor=metadata.depth_factor,
+        camera=metadata.camera,
+        skew_s=metadata.skew_s,
+        lost_packets=metadata.lost_packets,
+        gravity_m_s2=metadata.gravity_m_s2,
+        readout_s=metadata.readout_s,
     )
 
 
 def _make_metadata(update: OdometryUpdate, depth_bytes: int, extra: object) -> FrameMetadata:
     frame = update.frame
-    said = PublishedOdometry(
+    published = PublishedOdometry(
         seq=update.seq,
         stamp_s=update.stamp_s,
         state=update.state,
@@ -127,7 +153,7 @@ def _make_metadata(update: OdometryUpdate, depth_bytes: int, extra: object) -> F
         lost_packets=frame.lost_packets,
         gravity_m_s2=frame.gravity_m_s2,
         readout_s=frame.readout_s,
-        published=said,
+        published=published,
         depth_bytes=depth_bytes,
         extra=extra,
     )

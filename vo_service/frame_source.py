@@ -1,4 +1,4 @@
-"""Frames for the loop: straight from the camera, or from one that may go and come back."""
+"""Frame sources: read frames from a camera once, or reconnect whenever it disconnects."""
 
 import math
 import threading
@@ -17,18 +17,18 @@ from drivers.camera import (
 )
 from drivers.core.errors import CameraError
 
-# The loop gets a turn at least this often, frame or no frame.
+# A source yields at least this often, with or without a frame.
 TICK_S = 0.25
-# How many ticks to wait before a camera is opened again, at first and at most.
+# Ticks to wait before a camera is opened again, at first and at most.
 MIN_RETRY_TICKS, MAX_RETRY_TICKS = 1, 6
 
 
 class FrameSource(Protocol):
-    """Frames, one after another; None where a tick passed without one, for the reason given."""
+    """Yields frames in order, and None after each tick without a frame."""
 
     @property
     def reason(self) -> str:
-        """Why there is no frame now; "" while there are frames."""
+        """Reason why there is no frame; "" while there are frames."""
         ...
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
@@ -37,14 +37,22 @@ class FrameSource(Protocol):
 
 
 class SinglePassSource:
-    """One pass through an open camera. Its errors reach the caller."""
+    """One pass through an open camera.
+
+    Attributes:
+        reason: Reason why there is no frame; "" while there are frames.
+    """
 
     def __init__(self, camera: RgbdCamera) -> None:
         self._camera = camera
         self.reason = ""
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
-        """Yield until the last frame."""
+        """Yield until the last frame, or until `stop` is set.
+
+        Raises:
+            CameraError: If the camera fails.
+        """
         last_s = time.monotonic()
         while not stop.is_set():
             try:
@@ -63,15 +71,15 @@ class SinglePassSource:
         status = self._camera.status
         is_streaming = status.state is CameraState.STREAMING
         if is_streaming and quiet_s <= NO_FRAME_WARNING_S:
-            return ""  # else a camera that loses every other frame would come and go
+            return ""  # a single lost frame does not change the state
         return status.no_frame_reason
 
 
 class PacedSource(SinglePassSource):
-    """One pass through a recording, every frame, no faster than it was recorded."""
+    """One pass through all frames of a recording, no faster than it was recorded."""
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
-        """Yield until the last frame. A frame that comes late delays those after it."""
+        """Yield until the last frame, or until `stop` is set. A late frame delays the next ones."""
         due_s, last_stamp_s = -math.inf, 0.0
         for frame in super().frames(stop):
             if frame is not None:
@@ -82,9 +90,10 @@ class PacedSource(SinglePassSource):
 
 
 class ReconnectingSource:
-    """Opens the camera, and opens it again whenever it goes. Ends only when told to stop.
+    """Opens the camera, and opens it again whenever it disconnects, until stopped.
 
-    Raises InputError from the first `open`: what the user named will not get better by waiting.
+    Attributes:
+        reason: Reason why there is no frame; "" while there are frames.
     """
 
     def __init__(self, camera: RgbdCamera) -> None:
@@ -92,7 +101,11 @@ class ReconnectingSource:
         self.reason = "camera not opened yet"
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
-        """Yield until stopped; None while the camera is away."""
+        """Yield until `stop` is set; None while the camera is disconnected.
+
+        Raises:
+            InputError: If the camera refuses its settings: waiting does not help.
+        """
         retry = MIN_RETRY_TICKS
         while not stop.is_set():
             try:
@@ -113,7 +126,7 @@ class ReconnectingSource:
 
 
 def _wait_ticks(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:
-    """Give the loop its turns while there is nothing to read."""
+    """Yield None once per tick."""
     for _ in ticks:
         if stop.is_set():
             return

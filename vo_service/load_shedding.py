@@ -38,19 +38,24 @@ RESTORE_FAILED_WITHIN_S = 30.0
 
 @dataclass(frozen=True)
 class EffortLevel:
-    """Amount of work that is done."""
+    """Amount of work per frame.
+
+    Attributes:
+        is_viewer_paused: Whether the viewer is paused.
+        feature_count: Number of features to find in a frame.
+    """
 
     is_viewer_paused: bool
     feature_count: int
 
 
 def effort_levels(feature_count: int, min_features: int, has_viewer: bool) -> list[EffortLevel]:
-    """List the levels from full to least: the viewer goes first, then features.
+    """List the levels from full to least effort: first pause the viewer, then reduce features.
 
     Args:
-        feature_count: features at full effort.
-        min_features: least number of features.
-        has_viewer: whether there is a viewer to pause.
+        feature_count: Number of features at full effort.
+        min_features: Least number of features.
+        has_viewer: Whether there is a viewer to pause.
     """
     fewer = [round(share * feature_count) for share in FEATURE_SHARES]
     counts = [
@@ -67,10 +72,10 @@ class FrameCost:
     """Cost of one frame in the loop.
 
     Attributes:
-        busy_s: wall time from the frame's arrival in the loop to the end of its processing.
-        cpu_s: CPU time of the same.
-        interval_s: the camera's frame interval; 0 while unknown.
-        dropped: frames dropped since the start because the loop was late.
+        busy_s: Wall time from the frame's arrival in the loop to the end of its processing, s.
+        cpu_s: CPU time of the same, s.
+        interval_s: The camera's frame interval, s; 0 while unknown.
+        dropped: Number of frames dropped since the start because the loop was late.
     """
 
     busy_s: float
@@ -84,7 +89,10 @@ class _FrameLoad:
     """One frame's wall time and CPU time as shares of the frame interval.
 
     Attributes:
-        was_late: frames before it were dropped.
+        at_s: End of its processing, s.
+        busy: Wall time, as a share.
+        cpu: CPU time, as a share.
+        was_late: Whether frames before it were dropped.
     """
 
     at_s: float
@@ -131,7 +139,7 @@ class LoadMeter:
 
     @property
     def load(self) -> float | None:
-        """1.0 = busy all the time; more = late. None until there are enough frames."""
+        """Mean load: 1.0 = always busy, more = late. None until there are enough frames."""
         if self._first_s is None or self._last_s - self._first_s < WINDOW_S:
             return None
         if len(self._frames) < MIN_FRAMES:
@@ -140,7 +148,7 @@ class LoadMeter:
 
     @property
     def late_frames(self) -> int:
-        """Frames of the last seconds that follow a drop; one delay counts once."""
+        """Number of frames of the last seconds that follow a drop; one delay counts once."""
         return sum(share.was_late for share in self._frames)
 
     @property
@@ -158,10 +166,10 @@ class HasFeatureCount(Protocol):
 
 
 class LoadShedder(HasWarning, Protocol):
-    """Adapts the effort to the machine's speed; its warning names what is reduced."""
+    """Adapts the effort to the machine's speed. Its warning names the reductions."""
 
     def add_frame(self, load: FrameCost) -> None:
-        """Add the cost of the last frame."""
+        """Add the cost of the last frame and change the effort if necessary."""
         ...
 
     def restore_all(self) -> None:
@@ -170,7 +178,7 @@ class LoadShedder(HasWarning, Protocol):
 
 
 class NullLoadShedder:
-    """Keeps full effort: for recordings, whose results must not depend on the machine."""
+    """Null load shedder: full effort, for recordings, whose results must be repeatable."""
 
     warning = ""
 
@@ -182,7 +190,7 @@ class NullLoadShedder:
 
 
 class StepwiseLoadShedder:
-    """Goes down one level when the load is too high, up one after a time of low load."""
+    """Degrades by one level when the load is high, restores one level after a time of low load."""
 
     def __init__(
         self,
@@ -191,7 +199,14 @@ class StepwiseLoadShedder:
         odometry: HasFeatureCount,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take the odometry's present feature count as full effort."""
+        """Start at full effort.
+
+        Args:
+            settings: Gives the least number of features.
+            viewers: Viewers to pause.
+            odometry: Its present feature count is full effort.
+            now_s: The clock, s.
+        """
         self._viewers, self._odometry, self._now_s = viewers, odometry, now_s
         self._levels = effort_levels(odometry.feature_count, settings.min_features, bool(viewers))
         self._level = 0
@@ -286,10 +301,15 @@ class _FixedFeatureCount:
 
 
 class ReconfigurableLoadShedder:
-    """Load shedder that is rebuilt whenever its settings change."""
+    """A load shedder whose settings may change while it runs."""
 
     def __init__(self, viewers: Sequence[PausableViewer], odometry: Odometry) -> None:
-        """An odometry without features has only its viewers to pause."""
+        """Start as a null load shedder until `configure`.
+
+        Args:
+            viewers: Viewers to pause.
+            odometry: Its features are reduced, if it has a feature count.
+        """
         self._viewers = viewers
         self._odometry = odometry if isinstance(odometry, HasFeatureCount) else _FixedFeatureCount()
         self._load_shedder: LoadShedder = NullLoadShedder()
@@ -300,7 +320,12 @@ class ReconfigurableLoadShedder:
         return self._load_shedder.warning
 
     def configure(self, settings: LoadConfig, feature_count: int) -> None:
-        """Start at full effort: this many features, and no viewer paused."""
+        """Apply new settings and restart at full effort.
+
+        Args:
+            settings: The settings.
+            feature_count: Number of features at full effort.
+        """
         self._load_shedder.restore_all()
         self._odometry.feature_count = feature_count
         self._load_shedder = NullLoadShedder()
@@ -308,7 +333,7 @@ class ReconfigurableLoadShedder:
             self._load_shedder = StepwiseLoadShedder(settings, self._viewers, self._odometry)
 
     def add_frame(self, load: FrameCost) -> None:
-        """Add the cost of the last frame."""
+        """Add the cost of the last frame and change the effort if necessary."""
         self._load_shedder.add_frame(load)
 
     def restore_all(self) -> None:

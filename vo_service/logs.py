@@ -1,4 +1,4 @@
-"""The log on stderr: lines for a person, or, in the systemd journal, lines with their level."""
+"""The log on stderr: lines for people, or lines with a syslog level for the systemd journal."""
 
 import logging
 import os
@@ -12,20 +12,20 @@ from typing import TextIO
 
 from vo_service.terminal import clear_line
 
-# The same line is shown so often in so long a time; the rest is counted.
+# The same line is shown this often per period; further repeats are only counted.
 MAX_REPEATS = 5
 REPEAT_PERIOD_S = 60.0
-# Lines to remember at once; the one that began first is forgotten.
+# Number of lines to count at once; the oldest is dropped first.
 MAX_TRACKED_LINES = 200
 
-# Levels of syslog(3), which the journal takes from the start of a line; see sd-daemon(3).
+# Levels of syslog(3), which the journal reads at the start of a line; see sd-daemon(3).
 _SYSLOG_LEVELS = ((logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 _SYSLOG_DEBUG = 7
 
 
 @contextmanager
 def log_to_stderr() -> Iterator[None]:
-    """While the block runs; another call in the same process begins afresh."""
+    """Log to stderr while the block runs, at level warning until `set_log_level`."""
     is_journal = is_journal_stream(sys.stderr)
     handler = _StderrHandler()
     handler.setFormatter(_JournalFormatter() if is_journal else _TerminalFormatter())
@@ -41,14 +41,14 @@ def log_to_stderr() -> Iterator[None]:
 
 
 def set_log_level(level: str) -> None:
-    """Show what is at least as grave as "debug", "info", "warning" or "error"."""
+    """Set the least level to log: "debug", "info", "warning" or "error"."""
     logging.getLogger().setLevel(level.upper())
 
 
 def is_journal_stream(stream: TextIO) -> bool:
-    """Whether systemd has connected a stream to the journal, as systemd.exec(5) says to find out.
+    """Whether systemd has connected a stream to the journal; see JOURNAL_STREAM in systemd.exec(5).
 
-    The variable alone is no sign: a child of the service inherits it with another stderr.
+    The variable alone is not enough: a child of the service inherits it with another stderr.
     """
     try:
         state = os.fstat(stream.fileno())
@@ -64,14 +64,18 @@ class _LineCount:
 
 
 class RepeatedLineFilter:
-    """Keeps a fault that comes again and again from filling the log with one line."""
+    """Hides a line that repeats too often, so that one fault does not fill the log."""
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._counts: dict[str, _LineCount] = {}
 
     def suffix_or_none(self, text: str) -> str | None:
-        """What to put behind this line, mostly ""; None: do not show it."""
+        """Count a line and return the text to append to it.
+
+        Returns:
+            A note on hidden repeats, usually ""; None: hide the line.
+        """
         now_s = self._now_s()
         seen = self._counts.get(text)
         hidden = 0
@@ -82,8 +86,8 @@ class RepeatedLineFilter:
         if seen.count > MAX_REPEATS:
             return None
         if seen.count == MAX_REPEATS:
-            return f" (again: not shown any more for {REPEAT_PERIOD_S:.0f} s)"
-        return f" (and {hidden} times that were not shown)" if hidden else ""
+            return f" (repeated: hidden for {REPEAT_PERIOD_S:.0f} s)"
+        return f" ({hidden} repeats were hidden)" if hidden else ""
 
     def _start_count(self, text: str, now_s: float) -> _LineCount:
         self._counts.pop(text, None)
@@ -94,7 +98,7 @@ class RepeatedLineFilter:
 
 
 class _StderrHandler(logging.StreamHandler[TextIO]):
-    """To stderr, on a line of its own even where progress is drawn."""
+    """Writes to stderr; clears a progress line first."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -103,7 +107,7 @@ class _StderrHandler(logging.StreamHandler[TextIO]):
     def emit(self, record: logging.LogRecord) -> None:
         try:
             message = record.getMessage()
-        except (TypeError, ValueError):  # arguments that do not fit; reported, never raised
+        except (TypeError, ValueError):  # wrong arguments: report, do not raise
             self.handleError(record)
             return
         note = self._repeats.suffix_or_none(message)
@@ -121,7 +125,7 @@ class _TerminalFormatter(logging.Formatter):
 
 
 class _JournalFormatter(logging.Formatter):
-    """The journal knows the program and takes each line for an entry, with a level of its own."""
+    """Starts each line with its level: the journal adds the program, and splits at line ends."""
 
     def format(self, record: logging.LogRecord) -> str:
         level = _syslog_level(record.levelno)

@@ -1,4 +1,4 @@
-"""The mapper's process, as a program: ``python -m vo_service.mapper_process FD``.
+"""Program of the mapper's process: ``python -m vo_service.mapper_process FD``.
 
 It connects SLAM, which keeps the keyframes, with the reconstruction, which fuses them.
 """
@@ -15,8 +15,13 @@ from vo_service.slam.mapper.worker_main import run_mapper
 
 
 def fuse_keyframes(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> FusedMesh:
-    """Fuse the depth and color of keyframes into one surface."""
-    # Its kernels take memory: only the process that makes a mesh needs them.
+    """Fuse the depth and color of keyframes into a mesh.
+
+    Args:
+        keyframes: The keyframes, with their poses.
+        config: Voxel size and memory limit.
+    """
+    # Imported here: only the process that makes a mesh needs the memory of these kernels.
     from vo_service.reconstruction.ply import write_ply
     from vo_service.reconstruction.tsdf_config import TsdfConfig
     from vo_service.reconstruction.tsdf_volume import TsdfVolume

@@ -1,4 +1,4 @@
-"""From estimates to what is published: state, epoch, frames and covariance of the pose."""
+"""The odom frame: turn estimates into updates with state, epoch, base pose and covariance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,18 +19,23 @@ from drivers.core.geometry import (
 from vo_service.odometry.uncertainty import CovarianceAccumulator, diagonal_covariance
 from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
 
-# With fewer inliers than this a motion is found, but a wrong one is no longer out of the question.
+# With fewer inliers than this, the estimated motion may be wrong: the state is degraded.
 MIN_INLIERS_TRACKING = 30
-# How fast the pose gets unsure while lost: standard deviations after one second, then in
-# proportion to time, of a hand-held camera or a slow robot.
+# Growth of the pose's standard deviation while tracking is lost, per second, for a hand-held camera
+# or a slow robot.
 LOST_SIGMA_M_PER_S, LOST_SIGMA_RAD_PER_S = 0.5, 1.0
-# Two frames closer in time than this say nothing of the speed.
+# The velocity is unknown if two frames are closer in time than this.
 MIN_STEP_S = 1e-3
 
 
 @dataclass(frozen=True)
 class StampedFrame:
-    """A frame with the stamp that it is published under."""
+    """A frame and its published stamp.
+
+    Attributes:
+        frame: The frame.
+        published_s: Its stamp on the published clock, s.
+    """
 
     frame: RgbdFrame
     published_s: float
@@ -38,21 +43,31 @@ class StampedFrame:
 
 @dataclass(frozen=True)
 class _PendingOrigin:
-    """Where the base is to be with the next good frame: 4x4, or None for level at the origin."""
+    """Pose of the base at the next good frame: 4x4, or None for level at the origin."""
 
     T_odom_base: Array | None
 
 
 class OdomFrame:
-    """Accumulates what a chain of estimates says, since the epoch began."""
+    """Accumulates estimates into the pose of the base in `odom`, and its covariance.
+
+    Attributes:
+        epoch: Number of the epoch; changes whenever the pose is not continuous.
+        level_source: Source of the up direction of `odom`.
+    """
 
     def __init__(self, T_base_camera: Array = T_BODY_CAMERA) -> None:
+        """Start the first epoch.
+
+        Args:
+            T_base_camera: 4x4 pose of the optical camera in the robot's base.
+        """
         self._T_base_camera = T_base_camera
         self._T_camera_base = inverse(T_base_camera)
         self._Ad_base_camera = adjoint(T_base_camera)
-        self._T_odom_start = np.eye(4)  # where the first base is, once that is settled
+        self._T_odom_start = np.eye(4)  # valid while no origin is pending
         self._pending_origin: _PendingOrigin | None = _PendingOrigin(None)
-        self.level_source = LevelSource.ASSUMED  # how it is known which way is up in `odom`
+        self.level_source = LevelSource.ASSUMED
         self._seq = 0
         self.epoch = 0
         self._epoch_reason = ""
@@ -64,16 +79,23 @@ class OdomFrame:
         self._T_world_last = np.eye(4)  # pose of the last good frame
 
     def start_epoch(self, reason: str) -> None:
-        """The next pose is not continuous with the last; it carries the reason."""
+        """Start an epoch: the next pose is not continuous with the last.
+
+        Args:
+            reason: Reason of the next update.
+        """
         self.epoch += 1
         self._epoch_reason = reason
         self._last_good_s = self._covariance_stamp_s = None
         self._covariance.reset()
 
     def reset(self, T_odom_base: Array | None) -> None:
-        """Begin an epoch with the base at `T_odom_base`; None: level, at the origin.
+        """Start an epoch with the base at a given pose.
 
-        While tracking is lost the base counts as there until a frame has a pose of its own.
+        While tracking is lost, the base keeps this pose until the next good frame.
+
+        Args:
+            T_odom_base: 4x4 pose of the base; None: level, at the origin.
         """
         self.start_epoch("reset")
         self._pending_origin = _PendingOrigin(T_odom_base)
@@ -85,9 +107,16 @@ class OdomFrame:
         stage_ms: Mapping[str, float],
         latency_s: float,
     ) -> OdometryUpdate:
-        """What to publish of one estimate."""
+        """Make the update of one frame.
+
+        Args:
+            stamped: The frame, with its published stamp.
+            estimate: The odometry's estimate of it.
+            stage_ms: CPU time by stage, ms.
+            latency_s: Time from the frame's arrival to the estimate, s.
+        """
         if estimate.is_reset:
-            self.start_epoch("tracking began anew after a loss")
+            self.start_epoch("tracking restarted after a loss")
         frame = stamped.frame
         twist, twist_covariance = self._update_twist(estimate, frame.stamp_s)
         covariance = self._pose_covariance(frame.stamp_s)
@@ -115,9 +144,9 @@ class OdomFrame:
         return update
 
     def _T_odom_base(self, frame: RgbdFrame, estimate: Estimate) -> Array:
-        """Pose of the base. The first good frame after a reset, or at the start, ties it to `odom`.
+        """Pose of the base. The first good frame after the start or a reset fixes the origin.
 
-        That lasts: where tracking begins anew after a loss, `odom` stays as it was.
+        A restart of tracking after a loss keeps the origin.
         """
         T_start_base = self._T_base_camera @ estimate.T_world_camera @ self._T_camera_base
         if self._pending_origin is None:
@@ -180,16 +209,23 @@ def _tracking_state(estimate: Estimate) -> tuple[TrackingState, str]:
 
 @dataclass(frozen=True)
 class GravityAlignment:
-    """How `odom` lies to the base's first pose, and how that is known."""
+    """The base's first pose in `odom`, and its source.
+
+    Attributes:
+        level_source: Source of the up direction.
+        T_odom_start: 4x4 first pose of the base.
+    """
 
     level_source: LevelSource = LevelSource.ASSUMED
     T_odom_start: Array = field(default_factory=lambda: np.eye(4))
 
 
 def align_to_gravity(gravity_m_s2: Vector | None, T_base_camera: Array) -> GravityAlignment:
-    """From gravity in camera axes: z of `odom` is up, the base starts at its origin with yaw 0.
+    """Find the base's first pose so that z of `odom` is up; the base is at the origin with yaw 0.
 
-    Without gravity the base's first pose counts as level.
+    Args:
+        gravity_m_s2: (3,) gravity in optical camera axes; None: the first pose counts as level.
+        T_base_camera: 4x4 pose of the optical camera in the base.
     """
     if gravity_m_s2 is None:
         return GravityAlignment()

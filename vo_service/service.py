@@ -36,7 +36,7 @@ STATUS_PERIOD_S = 0.5
 
 @dataclass(frozen=True)
 class ServiceInput:
-    """Where frames come from.
+    """The input of the service: camera, frames and clock.
 
     Attributes:
         camera: The camera, for the status.
@@ -124,14 +124,14 @@ class Service:
     def _process(self, frame: RgbdFrame) -> None:
         """Process one frame, from its stamp to the outputs."""
         begin_s, begin_cpu_s = time.monotonic(), time.thread_time()
-        # Clock: stamps rise; if they cannot, a new epoch gives the reason.
+        # Clock: stamps increase; a clock that was set starts a new epoch.
         stamp = self._timestamp_filter.check(frame.stamp_s)
         if not stamp.is_accepted:
             self.statistics.out_of_order += 1
             return
         if stamp.is_restart or self._clock.has_stepped():
             self._odom_frame.start_epoch("clock_step")
-        # Odometry: the motion since the frames before.
+        # Odometry: the motion since the reference frame.
         estimate = self._odometry.estimate(frame)
         cpu_s = time.thread_time() - begin_cpu_s
         # Odom frame: the pose of the robot's base, its covariance and its state.
@@ -141,7 +141,7 @@ class Service:
             output.on_update(update)
         self.statistics.add(update, cpu_s * 1e3)
         self._last = update
-        # Load: do less if the machine is too slow.
+        # Load shedding: reduce the work if the machine is too slow.
         busy_s = time.monotonic() - begin_s
         interval_s, dropped = self.statistics.interval_s, self._camera.counters.dropped
         self._load_shedder.add_frame(FrameCost(busy_s, cpu_s, interval_s, dropped))

@@ -1,4 +1,4 @@
-"""Running figures of the loop: for the status twice a second, and for the summary at the end."""
+"""Statistics of the loop, for the status and for the summary at the end."""
 
 import time
 from collections import deque
@@ -12,24 +12,33 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from vo_service.types import OdometryUpdate, TimingReport
 
-# The status describes the last few seconds.
+# Number of frames that the status describes.
 WINDOW_FRAMES = 100
-# And the rate that of the frames that came within this time.
+# The rate counts the frames of this time.
 RATE_WINDOW_S = 2.0
-# A longer time from one stamp to the next is no jitter: the camera was away.
+# A longer time from one stamp to the next is a gap, not jitter.
 MAX_INTERVAL_S = 1.0
-# Processor times are kept for so many frames: a service runs for weeks.
+# CPU times are kept for this many frames: a service runs for weeks.
 MAX_RECORDED_FRAMES = 5_000
 
 
 @dataclass
 class ServiceStatistics:
-    """Counts and times since the start."""
+    """Counts and times since the start.
+
+    Attributes:
+        now_s: The clock, s.
+        frames: Number of processed frames.
+        failed: Number of those without a motion estimate.
+        out_of_order: Number of frames skipped because their stamp did not increase.
+        start_s: Time of the first result; None before it.
+        end_s: Time of the last result.
+    """
 
     now_s: Callable[[], float] = time.monotonic
     frames: int = 0
     failed: int = 0
-    out_of_order: int = 0  # frames left out because their stamp did not rise
+    out_of_order: int = 0
     start_s: float | None = None
     end_s: float = 0.0
     _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
@@ -44,7 +53,12 @@ class ServiceStatistics:
     )
 
     def add(self, update: OdometryUpdate, cpu_ms: float) -> None:
-        """Take one frame's figures."""
+        """Add one frame.
+
+        Args:
+            update: The update of the frame.
+            cpu_ms: CPU time of the odometry for it, ms.
+        """
         self.frames += 1
         self.failed += not update.estimate.ok
         self.end_s = self.now_s()
@@ -59,7 +73,7 @@ class ServiceStatistics:
             record.append(spent_ms)
 
     def _add_stamp(self, frame: RgbdFrame) -> None:
-        """Intervals count per frame of the camera: those that were not delivered are no jitter."""
+        """Add an interval per frame of the camera: frames that were not delivered are no jitter."""
         last, self._last_frame = self._last_frame, frame
         self._skew_ms.append(frame.skew_s * 1e3)
         if last is None or frame.seq <= last.seq:
@@ -69,21 +83,25 @@ class ServiceStatistics:
 
     @property
     def interval_s(self) -> float:
-        """The camera's, from one frame to the next: median of the last seconds; 0 = not known."""
+        """Median frame interval of the camera in the last seconds, s; 0 = unknown."""
         return median(self._interval_ms) * 1e-3 if self._interval_ms else 0.0
 
     @property
     def skew_ms(self) -> float:
-        """Median skew of the last frames; 0 before the first."""
+        """Median skew of the last frames, ms; 0 before the first frame."""
         return median(self._skew_ms) if self._skew_ms else 0.0
 
     @property
     def jitter_ms(self) -> float:
-        """Standard deviation of the last frame intervals; 0 before the second frame."""
+        """Standard deviation of the last frame intervals, ms; 0 before the second frame."""
         return pstdev(self._interval_ms) if self._interval_ms else 0.0
 
     def make_timing_report(self, stage_budget_ms: Mapping[str, float]) -> TimingReport:
-        """Make the report of the last few seconds. All times are 0 before the first frame."""
+        """Make the report of the last seconds. All times are 0 before the first frame.
+
+        Args:
+            stage_budget_ms: Budget by stage, ms, copied into the report.
+        """
         p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))
         return TimingReport(
             fps=self._recent_fps(),
@@ -114,16 +132,16 @@ class ServiceStatistics:
 
     @property
     def cpu_ms_per_frame(self) -> float:
-        """Median processor time of the odometry; decoding and outputs run elsewhere."""
+        """Median CPU time of the odometry, ms; decoding and outputs are not in it."""
         return median(self._cpu_ms) if self._cpu_ms else 0.0
 
     @property
     def stage_ms(self) -> Mapping[str, float]:
-        """Median processor time by stage."""
+        """Median CPU time by stage, ms."""
         return {stage: median(spent) for stage, spent in self._stages_ms.items()}
 
 
 def _recent_median(times_ms: deque[float]) -> float:
-    """Median of the last few seconds; the newest are at the right end."""
+    """Median of the last `WINDOW_FRAMES`; the newest are at the right end."""
     newest = list(islice(reversed(times_ms), WINDOW_FRAMES))
     return median(newest) if newest else 0.0

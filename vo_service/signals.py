@@ -1,4 +1,7 @@
-"""Ctrl-C and SIGTERM as a request to end, so that everything is kept; SIGHUP to read again."""
+"""Signals: SIGINT and SIGTERM request a clean end, SIGHUP requests a reload.
+
+The work runs on a thread of its own; the main thread handles the signals.
+"""
 
 import logging
 import os
@@ -8,45 +11,54 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-# A shell's exit code for a program ended by Ctrl-C: 128 + SIGINT.
+# A shell's exit code for a program ended by SIGINT: 128 + SIGINT.
 EXIT_CODE_SIGINT = 130
+# Time between two checks for a signal.
+SIGNAL_POLL_S = 0.1
+# Time that the loop has to end after a stop request.
+LOOP_STOP_TIMEOUT_S = 2.5
 
 logger = logging.getLogger(__name__)
 
 
 class StopSignal:
-    """Set once by the first Ctrl-C or SIGTERM. A second Ctrl-C interrupts at once."""
+    """A stop request, set by the first SIGINT or SIGTERM. A second SIGINT interrupts at once.
+
+    Attributes:
+        event: Set once a stop is requested.
+        exit_code: The shell's exit code for a program ended by the signal; 0 before a signal.
+    """
 
     def __init__(self) -> None:
         self.event = threading.Event()
-        self.exit_code = 0  # the shell's for a program ended by this signal, once there is one
+        self.exit_code = 0
         self._is_requested = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal."""
+        """Handle a signal: the handler of SIGINT and SIGTERM."""
         if not self._is_requested:
             self.exit_code = 128 + number
             signal.signal(signal.SIGINT, signal.default_int_handler)
         self.request()
 
     def request(self) -> None:
-        """Ask for the end. On the main thread a signal may interrupt this very call, and ask too.
+        """Request a stop. A signal handler may interrupt this call and call it again.
 
-        Setting an event takes a lock: the second to ask would wait for the first, for ever.
+        The flag prevents a deadlock: the event's lock is not reentrant.
         """
         if not self._is_requested:
             self._is_requested = True
             self.event.set()
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt once a stop was asked for."""
+        """Raise KeyboardInterrupt if a stop was requested."""
         if self.event.is_set():
             raise KeyboardInterrupt
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopSignal]:
-    """Turn SIGINT and SIGTERM into `StopSignal` while the block runs."""
+    """Handle SIGINT and SIGTERM as a stop request while the block runs."""
     stop = StopSignal()
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -57,16 +69,28 @@ def stop_on_signals() -> Iterator[StopSignal]:
 
 
 class InterruptedBySignal(KeyboardInterrupt):
-    """Ctrl-C or SIGTERM came; `exit_code` is the shell's for a program ended by it."""
+    """SIGINT or SIGTERM was received.
+
+    Attributes:
+        exit_code: The shell's exit code for a program ended by this signal.
+    """
 
     def __init__(self, number: int) -> None:
+        """Make the exception of a signal.
+
+        Args:
+            number: Number of the signal.
+        """
         super().__init__()
         self.exit_code = 128 + number
 
 
 @contextmanager
 def raise_on_signals() -> Iterator[None]:
-    """Raise Interrupted wherever the block is, for one that can be left anywhere without harm."""
+    """Raise `InterruptedBySignal` on SIGINT or SIGTERM while the block runs.
+
+    The exception may come at any line: the block must not leave a broken state.
+    """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise InterruptedBySignal(number)
@@ -82,47 +106,54 @@ def raise_on_signals() -> Iterator[None]:
 
 
 class ReloadSignal:
-    """Whether SIGHUP came. Without a lock: a handler may interrupt whoever holds one."""
+    """A reload request, set by SIGHUP. It has no lock: a signal handler must not wait for one."""
 
     def __init__(self) -> None:
         self._is_set = False
 
     def set(self) -> None:
-        """It has come."""
+        """Request a reload."""
         self._is_set = True
 
     def clear(self) -> None:
-        """It is heeded."""
+        """Clear the request before it is handled."""
         self._is_set = False
 
     def is_set(self) -> bool:
-        """Whether it has come and is not heeded yet."""
+        """Whether a reload is requested."""
         return self._is_set
 
 
 @contextmanager
 def reload_on_sighup() -> Iterator[ReloadSignal]:
-    """Take note of SIGHUP while the block runs; whoever heeds it clears it."""
-    hangup = ReloadSignal()
-    before = signal.signal(signal.SIGHUP, lambda number, frame: hangup.set())
+    """Handle SIGHUP as a reload request while the block runs."""
+    reload_signal = ReloadSignal()
+    before = signal.signal(signal.SIGHUP, lambda number, frame: reload_signal.set())
     try:
-        yield hangup
+        yield reload_signal
     finally:
         signal.signal(signal.SIGHUP, before)
 
 
 @contextmanager
 def force_exit_after(stop: StopSignal, timeout_s: float) -> Iterator[None]:
-    """End the process if the block is not over `timeout_s` after a stop was asked for."""
+    """End the process by force if the block does not end in time after a stop request.
+
+    Args:
+        stop: The stop request.
+        timeout_s: Time that the block has to end, s.
+    """
     is_over = threading.Event()
 
     def watch() -> None:
         stop.event.wait()
         if not is_over.wait(timeout_s):
-            logger.error("did not end within %g s of being asked to; ended by force", timeout_s)
+            logger.error(
+                "did not end within %g s after the stop request; ended by force", timeout_s
+            )
             os._exit(1)
 
-    threading.Thread(target=watch, name="ending", daemon=True).start()
+    threading.Thread(target=watch, name="force-exit", daemon=True).start()
     try:
         yield
     finally:
@@ -130,24 +161,18 @@ def force_exit_after(stop: StopSignal, timeout_s: float) -> Iterator[None]:
         stop.request()  # so that the thread ends
 
 
-# How soon a signal is heeded.
-SIGNAL_POLL_S = 0.1
-# How long the loop may take for the frame at hand once it is to end.
-LOOP_STOP_TIMEOUT_S = 2.5
-
-
 class _LoopThread(threading.Thread):
-    """Runs `work`, and keeps what it raised."""
+    """Runs `work`, and keeps the exception that it raises."""
 
     def __init__(self, work: Callable[[threading.Event], None], stop: threading.Event) -> None:
-        # A daemon: a native call that never returns must not keep the process from ending.
+        # A daemon thread: a native call that never returns must not block the end of the process.
         super().__init__(name="odometry", daemon=True)
         self.is_over = threading.Event()
         self.error: BaseException | None = None
         self._work, self._stop_event = work, stop
 
     def run(self) -> None:
-        """Body of the thread."""
+        """Run the work; the body of the thread."""
         try:
             self._work(self._stop_event)
         except BaseException as error:
@@ -162,14 +187,20 @@ def run_on_loop_thread(
     reload_signal: ReloadSignal,
     on_reload: Callable[[], None],
 ) -> None:
-    """Run `work` on a thread of its own until it ends; call `reload` here after each hangup.
+    """Run `work` on a thread of its own until it ends; raise what it raises.
 
-    Raises what `work` raises. Work that does not end in time once it is asked to is left behind.
+    Work that does not end within `LOOP_STOP_TIMEOUT_S` of a stop request is abandoned.
+
+    Args:
+        work: The work; it ends soon after its event is set.
+        stop: Stop request.
+        reload_signal: Reload request.
+        on_reload: Called on the caller's thread for each reload request.
     """
     loop = _LoopThread(work, stop.event)
     loop.start()
     try:
-        # Not `join`: an event can be waited for again after a signal has interrupted it.
+        # Not `join`: a wait for an event can be repeated after a signal has interrupted it.
         while not loop.is_over.wait(SIGNAL_POLL_S) and not stop.event.is_set():
             if reload_signal.is_set():
                 reload_signal.clear()
@@ -177,6 +208,6 @@ def run_on_loop_thread(
     finally:
         stop.request()
         if not loop.is_over.wait(LOOP_STOP_TIMEOUT_S):
-            logger.error("the odometry did not come to an end within %g s", LOOP_STOP_TIMEOUT_S)
+            logger.error("the odometry did not stop within %g s", LOOP_STOP_TIMEOUT_S)
     if loop.error is not None:
         raise loop.error

@@ -1,4 +1,4 @@
-"""Progress on a terminal; in a log, a line for what takes long."""
+"""Progress: a live line on a terminal, or log lines for slow work."""
 
 import logging
 import sys
@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-# A log tells of work that goes on for longer: nobody shall wait 2 s without a reason.
+# Slow work is logged after this time, so that a user never waits 2 s without a reason.
 SLOW_AFTER_S = 1.5
 
-# Its own level counts, not the root's: the root's handlers show whatever is logged here.
+# This logger has a level of its own: announcements are shown even if the root's level is higher.
 _logger = logging.getLogger("kinect-vo.announcements")
 REDRAW_S = 0.1
 BUSY_REDRAW_S = 0.5
@@ -20,14 +20,18 @@ _logger.setLevel(logging.INFO)
 
 
 def announce(text: str) -> None:
-    """Log a line at level info, shown unless only errors are wanted (``log.level = "error"``)."""
+    """Log a line at level info. It is shown unless ``log.level = "error"``."""
     if logging.getLogger().level <= logging.WARNING:
         _logger.info("%s", text)
 
 
 @contextmanager
 def announce_if_slow(label: str) -> Iterator[None]:
-    """Two lines if the block takes long: one when that is seen, and one when it is over."""
+    """Log a line if the block is slow, and another when it has ended.
+
+    Args:
+        label: Text of both lines.
+    """
     begin_s = time.monotonic()
     timer = threading.Timer(SLOW_AFTER_S, announce, [f"{label} ..."])
     timer.daemon = True
@@ -35,31 +39,36 @@ def announce_if_slow(label: str) -> Iterator[None]:
     try:
         yield
     finally:
-        was_told = timer.finished.is_set()
+        was_announced = timer.finished.is_set()
         timer.cancel()
         timer.join()
-        if was_told:
-            announce(f"{label}: ended after {time.monotonic() - begin_s:.1f} s")
+        if was_announced:
+            announce(f"{label}: done after {time.monotonic() - begin_s:.1f} s")
 
 
 def clear_line(stream: TextIO) -> None:
-    """Empty the line that a terminal's cursor is in; anything else is left as it is."""
+    """Clear the line of the cursor, if the stream is a terminal."""
     if stream.isatty():
         stream.write(CLEAR_LINE)
         stream.flush()
 
 
 class Terminal:
-    """One line on stderr that is drawn over and over, where stderr is a terminal."""
+    """One line on stderr that is redrawn in place, if stderr is a terminal."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
+        """Draw nothing yet.
+
+        Args:
+            stream: Where to write; None: stderr.
+        """
         self._stream = stream or sys.stderr
         self._is_log = not self._stream.isatty()
         self._drawn_s = 0.0
         self._is_drawn = False
 
     def show(self, text: str) -> None:
-        """Replace the line."""
+        """Replace the line by a text. In a log, do nothing."""
         if self._is_log:
             return
         self._stream.write(f"{CLEAR_LINE}{text}")
@@ -67,7 +76,13 @@ class Terminal:
         self._is_drawn = True
 
     def progress(self, label: str, done: int, total: int | None) -> None:
-        """Replace the line by a count, at most ten times a second."""
+        """Replace the line by a count, at most ten times a second.
+
+        Args:
+            label: What is counted.
+            done: Count so far.
+            total: Count at the end; None: unknown.
+        """
         now_s = time.monotonic()
         if now_s - self._drawn_s < REDRAW_S and done != total:
             return
@@ -75,11 +90,11 @@ class Terminal:
         self.show(f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}")
 
     def progress_callback(self, label: str) -> Callable[[int, int], None]:
-        """`progress` under one label, for those who know only (done, total)."""
+        """Return a function of (done, total) that calls `progress` with this label."""
         return lambda done, total: self.progress(label, done, total)
 
     def write_line(self, text: str) -> None:
-        """Leave a line that stays; in a log, a line of level info."""
+        """Write a permanent line; in a log, a line of level info."""
         if self._is_log:
             announce(text)
             return
@@ -89,9 +104,9 @@ class Terminal:
 
     @contextmanager
     def busy(self, label: str) -> Iterator["BusyIndicator"]:
-        """Show that work of unknown length goes on: a line that counts the seconds.
+        """Show a line that counts the seconds while the block runs.
 
-        A log gets a line if it takes long, and another when it is over.
+        A log gets a line if the block is slow, and another when it has ended.
         """
         busy = BusyIndicator(self, label)
         if self._is_log:
@@ -108,7 +123,7 @@ class Terminal:
             self.clear()
 
     def clear(self) -> None:
-        """Take the line away."""
+        """Clear the line."""
         if self._is_drawn:
             self._stream.write(CLEAR_LINE)
             self._stream.flush()
@@ -116,7 +131,7 @@ class Terminal:
 
 
 class BusyIndicator:
-    """Redraws a line twice a second until it is ended; `detail` says what is being done."""
+    """Redraws a line twice a second until stopped; the detail names the present step."""
 
     def __init__(self, terminal: Terminal, label: str) -> None:
         self._terminal = terminal
@@ -125,20 +140,20 @@ class BusyIndicator:
         self._ended = threading.Event()
 
     def set_detail(self, text: str) -> None:
-        """What is being done now."""
+        """Set the present step, shown behind the label."""
         self._detail_text = f": {text}"
 
     def progress_callback(self, what: str) -> Callable[[int, int], None]:
-        """`detail` for those who know only (done, total) of `what`."""
+        """Return a function of (done, total) that shows the count of `what` as the detail."""
         return lambda done, total: self.set_detail(f"{what} {done}/{total}")
 
     def run(self) -> None:
-        """Body of the thread that draws."""
+        """Redraw until stopped; the body of the drawing thread."""
         begin_s = time.monotonic()
         while not self._ended.wait(BUSY_REDRAW_S):
             elapsed_s = time.monotonic() - begin_s
             self._terminal.show(f"{self._label}{self._detail_text} ... {elapsed_s:.0f} s")
 
     def stop(self) -> None:
-        """Draw no more."""
+        """Stop drawing."""
         self._ended.set()

@@ -1,10 +1,10 @@
-"""Versions of what makes the poses."""
+"""Versions of Python and of the libraries that the poses depend on."""
 
 import platform
 from importlib.metadata import version
 
 
 def versions() -> dict[str, str]:
-    """Versions by name, of Python and of the libraries that make the poses."""
+    """Return the versions by name."""
     packages = ("kinect-vo", "eclipse-zenoh", "numpy", "numba", "opencv-python-headless")
     return {"python": platform.python_version()} | {name: version(name) for name in packages}

@@ -67,7 +67,11 @@ def state_folder() -> Path:
 
 
 def create_output_folder(folder: Path) -> None:
-    """Create the folder of --output if it does not exist. Raises InputError."""
+    """Create the folder of --output if it does not exist.
+
+    Raises:
+        InputError: If it cannot be created.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -166,7 +170,11 @@ class AppendOnlyFile:
     """A text file that grows by whole lines only."""
 
     def __init__(self, path: Path, header: str) -> None:
-        """Create the file with `header` as a comment in its first line. Raises OSError."""
+        """Create the file with `header` as a comment in its first line.
+
+        Raises:
+            OSError: If that fails.
+        """
         self.path = path
         self._size = 0
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
@@ -225,7 +233,11 @@ def check_writable(folder: Path) -> str:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder. Raises BlockingIOError if another process holds it."""
+    """Hold the lock of a folder.
+
+    Raises:
+        BlockingIOError: If another process holds it.
+    """
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)

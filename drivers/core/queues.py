@@ -37,7 +37,11 @@ class BoundedQueue(ABC, Generic[T]):
                 self._changed.notify_all()
 
     def get(self) -> T:
-        """Wait for the oldest item. Raises QueueClosed if the queue is closed and empty."""
+        """Wait for the oldest item.
+
+        Raises:
+            QueueClosed: If the queue is closed and empty.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._is_closed)
             if not self._items:

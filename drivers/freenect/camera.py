@@ -62,7 +62,11 @@ class FreenectCamera(RgbdCamera):
         self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
-        """Start delivering frames. Raises also UserFacingError if libfreenect is not installed."""
+        """Start delivering frames.
+
+        Raises:
+            UserFacingError: If libfreenect is not installed.
+        """
         self.close()
         self._status = CameraStatus(CameraState.OPENING)
         try:

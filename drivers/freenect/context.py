@@ -38,7 +38,11 @@ class FreenectContext:
     """
 
     def __init__(self, library: ctypes.CDLL, log: LibfreenectLog) -> None:
-        """Create the context. Raises CameraError if there is no access to USB at all."""
+        """Create the context.
+
+        Raises:
+            CameraError: If there is no access to USB at all.
+        """
         self.library, self.log = library, log
         self._pointer = ctypes.c_void_p()
         if library.freenect_init(ctypes.byref(self._pointer), None) < 0:
@@ -117,7 +121,11 @@ class FreenectDevice:
     def start(
         self, depth: DepthFormat, on_color: RawFrameCallback, on_depth: RawFrameCallback
     ) -> None:
-        """Start both streams at 640x480. Raises CameraError."""
+        """Start both streams at 640x480.
+
+        Raises:
+            CameraError: If that fails.
+        """
         library, pointer = self._library, self._pointer
         self._callbacks = [
             self._context.make_callback(on_color),

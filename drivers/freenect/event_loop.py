@@ -54,7 +54,11 @@ class FreenectEventLoop:
         self._thread = threading.Thread()
 
     def start(self, callbacks: StreamCallbacks) -> StartedDevice:
-        """Open the device and start both streams. Raises CameraError."""
+        """Open the device and start both streams.
+
+        Raises:
+            CameraError: If that fails.
+        """
         self._thread = threading.Thread(
             target=self._run, args=(callbacks,), name="freenect", daemon=True
         )

@@ -48,7 +48,11 @@ class FrameQueue(ABC):
 
     @abstractmethod
     def put(self, pair: ImagePair) -> None:
-        """Add a pair. Raises FrameQueueClosedError after `close`."""
+        """Add a pair.
+
+        Raises:
+            FrameQueueClosedError: After `close`.
+        """
 
     def get(self, timeout_s: float) -> ImagePair:
         """Wait for a pair.

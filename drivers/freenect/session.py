@@ -57,7 +57,11 @@ class CaptureSession:
         self._loop = FreenectEventLoop(library, source, depth, self._log)
 
     def start(self) -> StartedDevice:
-        """Open the device and start its streams. Raises CameraError."""
+        """Open the device and start its streams.
+
+        Raises:
+            CameraError: If that fails.
+        """
         started = self._loop.start(self._make_callbacks())
         self._watchdog = self._make_watchdog()
         return started

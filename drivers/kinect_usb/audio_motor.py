@@ -42,7 +42,11 @@ MIN_INTERFACES_WITH_FIRMWARE = 2
 
 
 class AudioMotor:
-    """A `MotorDevice` on the audio device. Raises CameraError if the firmware is missing."""
+    """A `MotorDevice` on the audio device.
+
+    Raises:
+        CameraError: If the firmware is missing.
+    """
 
     def __init__(self, device: usb.core.Device, name: str) -> None:
         self.name = name

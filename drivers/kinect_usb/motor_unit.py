@@ -32,7 +32,11 @@ class MotorUnit(Protocol):
         ...
 
     def set_led(self, led: Led) -> None:
-        """Set the LED. Raises CameraError if that is not possible now."""
+        """Set the LED.
+
+        Raises:
+            CameraError: If that is not possible now.
+        """
         ...
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
@@ -110,7 +114,11 @@ class MotorDevice(Protocol):
 
 
 def clamp_tilt_deg(tilt_deg: float) -> float:
-    """Limit an angle to the range of the head. Raises ValueError for NaN."""
+    """Limit an angle to the range of the head.
+
+    Raises:
+        ValueError: For NaN.
+    """
     if math.isnan(tilt_deg):
         raise ValueError("the tilt is not a number")
     return max(-MAX_TILT_DEG, min(MAX_TILT_DEG, tilt_deg))

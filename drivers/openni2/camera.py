@@ -47,7 +47,11 @@ class OpenNI2Camera(RgbdCamera):
         self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
-        """Start delivering frames. Raises also UserFacingError if libOpenNI2 is not installed."""
+        """Start delivering frames.
+
+        Raises:
+            UserFacingError: If libOpenNI2 is not installed.
+        """
         self.close()
         self._calibration_file = CalibrationFile.read(self._camera_file)
         self._status = CameraStatus(CameraState.OPENING)

@@ -32,7 +32,11 @@ def format_name(mode: VideoMode) -> str:
 
 
 def decode_color(frame: OniFrame) -> NDArray[np.uint8]:
-    """Copy an image as (height, width, 3) uint8 BGR. Raises IncompleteFrameError."""
+    """Copy an image as (height, width, 3) uint8 BGR.
+
+    Raises:
+        IncompleteFrameError: If the image is incomplete.
+    """
     code, channels = TO_BGR[PixelFormat(frame.mode.format)]
     return cv2.cvtColor(_pixels(frame, channels), code)  # type: ignore[return-value]
 

@@ -1,7 +1,7 @@
 """libOpenNI2 through ctypes: its structures, constants and functions.
 
 Call it from one thread only, which must live as long as the process, such as the main thread. The
-library remembers every thread that ever called it. At the first call of another thread it checks
+library records every thread that ever called it. At the first call of another thread it checks
 whether those still exist, and crashes if one has ended. So this package starts no threads.
 """
 
@@ -144,7 +144,11 @@ class OpenNI2Error(CameraError):
 
 
 def load_library() -> ctypes.CDLL:
-    """Load libOpenNI2. Raises UserFacingError if it is not installed."""
+    """Load libOpenNI2.
+
+    Raises:
+        UserFacingError: If it is not installed.
+    """
     try:
         library = ctypes.CDLL(SONAME)
     except OSError as error:

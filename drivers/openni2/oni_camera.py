@@ -36,7 +36,11 @@ class OniCamera(RgbdCamera):
         self._is_open = False
 
     def open(self) -> None:
-        """Check the file and start playback. Raises InputError if the file cannot be used."""
+        """Check the file and start playback.
+
+        Raises:
+            InputError: If the file cannot be used.
+        """
         self.close()
         calibration_file = CalibrationFile.read(self._camera_file)
         self._openni2 = self._openni2 or OpenNI2()

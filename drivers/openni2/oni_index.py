@@ -72,7 +72,11 @@ class OniIndex:
 
 
 def read_oni_index(path: Path) -> OniIndex:
-    """Read the index of a recording. Raises InputError if the file cannot be played to its end."""
+    """Read the index of a recording.
+
+    Raises:
+        InputError: If the file cannot be played to its end.
+    """
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give an .oni file")
     try:

@@ -29,7 +29,11 @@ IMAGE_TIMEOUT_S = 2.0
 
 
 class OniPlayer:
-    """Plays a file whose index has been read. Raises InputError if libOpenNI2 rejects the file."""
+    """Plays a file whose index has been read.
+
+    Raises:
+        InputError: If libOpenNI2 rejects the file.
+    """
 
     def __init__(self, openni2: OpenNI2, path: Path) -> None:
         self._path = path
@@ -56,7 +60,7 @@ class OniPlayer:
         self._waited_s = 0.0
 
     def read_properties(self, mirror: bool) -> SourceProperties:
-        """Read the properties of the images; `mirror` says whether frames shall be mirrored."""
+        """Read the properties of the images; `mirror`: whether to mirror frames."""
         color, depth = self._streams[SensorType.COLOR], self._streams[SensorType.DEPTH]
         return SourceProperties(
             name=f"openni2:{self._path}",

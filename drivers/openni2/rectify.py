@@ -64,7 +64,11 @@ class CalibrationFile:
 
     @classmethod
     def read(cls, path: Path | None) -> "CalibrationFile":
-        """Read a camera file. Raises InputError."""
+        """Read a camera file.
+
+        Raises:
+            InputError: If it is not valid.
+        """
         return cls(path, None if path is None else read_calibration(path))
 
     @property

@@ -39,7 +39,11 @@ class FrameSlots:
         self._memory = mmap.mmap(memory_fd, SLOT_COUNT * SLOT_BYTES)
 
     def write(self, slot: int, ordinal: int, frame: RgbdFrame) -> None:
-        """Copy a frame into a slot. Raises UserFacingError if it is too large."""
+        """Copy a frame into a slot.
+
+        Raises:
+            UserFacingError: If it is too large.
+        """
         camera = frame.camera
         if _HEADER_BYTES + camera.width * camera.height * 5 > SLOT_BYTES:
             raise UserFacingError(

@@ -24,7 +24,11 @@ class SetTilt:
     tilt_deg: float
 
     def apply(self, camera: RgbdCamera) -> None:
-        """Apply the request. Raises CameraError if that is not possible now."""
+        """Apply the request.
+
+        Raises:
+            CameraError: If that is not possible now.
+        """
         camera.set_tilt_deg(self.tilt_deg)
 
 
@@ -35,7 +39,11 @@ class SetLed:
     led: Led
 
     def apply(self, camera: RgbdCamera) -> None:
-        """Apply the request. Raises CameraError if that is not possible now."""
+        """Apply the request.
+
+        Raises:
+            CameraError: If that is not possible now.
+        """
         camera.set_led(self.led)
 
 

@@ -122,7 +122,11 @@ class DynamicObjectConfig:
 
 @dataclass(frozen=True)
 class SyntheticConfig:
-    """A virtual Kinect in a furnished room. Raises InputError for a value out of range."""
+    """A virtual Kinect in a furnished room.
+
+    Raises:
+        InputError: For a value out of range.
+    """
 
     seed: int = config_field(1, "seed of the room and of the motion", minimum=0)
     duration_s: float = config_field(

@@ -123,7 +123,7 @@ def register_depth(
     Args:
         measured_m: Depth (H, W) of the infrared camera, 0 = no reading.
         infrared: Focal length, cx and cy of the infrared camera.
-        color: fx, fy, cx and cy of the color camera.
+        color: Focal lengths and center fx, fy, cx, cy of the color camera.
         distortion: k1 k2 p1 p2 k3 of the color camera.
         infrared_offset_m: Distance of the infrared camera to the left of the color camera.
         factor: Depth value of one meter.

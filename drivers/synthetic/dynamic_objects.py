@@ -28,7 +28,7 @@ class DynamicObject:
 
     Attributes:
         solids: Its solids, in its own frame.
-        trajectory: x, y, z in meters and yaw in radians, over the time in seconds.
+        trajectory: Position x, y, z in meters and yaw in radians, over time in seconds.
         begin_s: When it enters the room.
         end_s: When it leaves the room.
     """

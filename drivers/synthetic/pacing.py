@@ -37,7 +37,11 @@ class FramePacer(Protocol):
         ...
 
     def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
-        """Wait for a frame from `next_seq` to `last_seq`. Raises FrameTimeout."""
+        """Wait for a frame from `next_seq` to `last_seq`.
+
+        Raises:
+            FrameTimeout: If there is none in time.
+        """
         ...
 
     def stamp_s(self, seq: int) -> float:

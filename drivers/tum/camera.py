@@ -28,7 +28,11 @@ class TumFrameReader:
         self._undistorter = make_undistorter(self._pinhole, camera.distortion)
 
     def read(self, pair: FramePair, seq: int) -> RgbdFrame:
-        """Load, undistort and stamp one pair. Raises UnreadableFrameError."""
+        """Load, undistort and stamp one pair.
+
+        Raises:
+            UnreadableFrameError: If an image cannot be read.
+        """
         camera = self._folder.calibration
         color, depth = load_pair(pair, (camera.width, camera.height))
         return RgbdFrame(
@@ -78,7 +82,11 @@ class TumCamera(RgbdCamera):
         self._buffer.close()
 
     def open(self) -> None:
-        """Check the folder and start decoding. Raises InputError if the folder cannot be used."""
+        """Check the folder and start decoding.
+
+        Raises:
+            InputError: If the folder cannot be used.
+        """
         self.close()
         self._opened = open_tum_folder(self._folder, self._camera_file)
         self._pairs = self._opened.frames.pairs[:: self._every]

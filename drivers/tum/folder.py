@@ -65,7 +65,11 @@ def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[BgrImage, DepthIm
 
 
 def load_color(file: Path) -> BgrImage:
-    """Load (height, width, 3) BGR uint8 from a PNG or JPEG. Raises UnreadableFrameError."""
+    """Load (height, width, 3) BGR uint8 from a PNG or JPEG.
+
+    Raises:
+        UnreadableFrameError: If an image cannot be read.
+    """
     image = _load(file)
     if image.dtype != np.uint8:
         raise UnreadableFrameError(
@@ -80,7 +84,11 @@ def load_color(file: Path) -> BgrImage:
 
 
 def load_depth(file: Path) -> DepthImage:
-    """Load (height, width) uint16 from a PNG. Raises UnreadableFrameError."""
+    """Load (height, width) uint16 from a PNG.
+
+    Raises:
+        UnreadableFrameError: If an image cannot be read.
+    """
     image = _load(file)
     if image.ndim != 2 or image.dtype != np.uint16:
         raise UnreadableFrameError(

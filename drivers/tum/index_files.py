@@ -202,7 +202,11 @@ class AccelerometerWriter:
         self._files: list[AppendOnlyFile] = []
 
     def add(self, stamp: str, gravity_m_s2: Vector | None) -> None:
-        """Add a line; `read_gravity` gives back exactly the same gravity. Raises OSError."""
+        """Add a line; `read_gravity` gives back exactly the same gravity.
+
+        Raises:
+            OSError: If that fails.
+        """
         if gravity_m_s2 is None:
             return
         if not self._files:

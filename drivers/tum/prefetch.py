@@ -38,7 +38,11 @@ class FrameBuffer(ABC):
 
     @abstractmethod
     def put(self, frame: RgbdFrame) -> None:
-        """Add a frame and wait until there is room for another. Raises BufferClosedError."""
+        """Add a frame and wait until there is room for another.
+
+        Raises:
+            BufferClosedError: If the buffer is closed.
+        """
 
     @abstractmethod
     def get(self, timeout_s: float) -> RgbdFrame:

@@ -33,8 +33,8 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ('[camera]\nsource = "freenect"\nfile = "none.toml"', "none.toml: cannot be read"),
-        ('[camera]\nsource = "synthetic"\nfile = "any.toml"', "knows its own camera"),
-        ('[camera]\nsource = "tum:nowhere"', "`camera.source`: nowhere is not there"),
+        ('[camera]\nsource = "synthetic"\nfile = "any.toml"', "has its own calibration"),
+        ('[camera]\nsource = "tum:nowhere"', "`camera.source`: no recording nowhere"),
         ('[rerun]\ntargets = ["serf"]', "'serf': use serve, connect"),
         ('[rerun]\ntargets = ["nowhere/a.rrd"]', "there is no folder nowhere"),
         (

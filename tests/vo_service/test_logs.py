@@ -93,7 +93,7 @@ def test_a_repeated_line_is_limited(
         logger.warning("another")
     lines = capsys.readouterr().err.splitlines()
     assert lines[:-2] == ["kinect-vo: warning: the same"] * (MAX_REPEATS - 1)
-    assert lines[-2].endswith("the same (again: not shown any more for 60 s)")
+    assert lines[-2].endswith("the same (repeated: hidden for 60 s)")
     assert lines[-1] == "kinect-vo: warning: another"
 
 
@@ -103,7 +103,7 @@ def test_after_a_while_a_repeated_line_is_shown_with_the_hidden_count() -> None:
     for _ in range(MAX_REPEATS + 7):
         limit.suffix_or_none("the same")
     clock.now_s += REPEAT_PERIOD_S
-    assert limit.suffix_or_none("the same") == " (and 7 times that were not shown)"
+    assert limit.suffix_or_none("the same") == " (7 repeats were hidden)"
     assert limit.suffix_or_none("the same") == ""
 
 

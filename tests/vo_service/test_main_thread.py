@@ -71,5 +71,5 @@ def test_a_hanging_loop_is_abandoned(
 
     stop.event.set()
     run_on_loop_thread(work, stop, ReloadSignal(), nothing)
-    assert "the odometry did not come to an end within" in caplog.text
+    assert "the odometry did not stop within" in caplog.text
     release.set()

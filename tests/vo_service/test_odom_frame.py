@@ -220,7 +220,7 @@ def test_a_restart_starts_an_epoch_with_the_reason_once() -> None:
     ]
     found = [update_frame(tracker, estimate, seq) for seq, estimate in enumerate(estimates)]
     assert [each.epoch for each in found] == [0, 1, 1]
-    assert [each.reason for each in found] == ["", "tracking began anew after a loss", ""]
+    assert [each.reason for each in found] == ["", "tracking restarted after a loss", ""]
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_a_block_that_does_not_end_is_force_exited() -> None:
         process.send_signal(signal.SIGTERM)
         _, output = process.communicate(timeout=100)
     assert process.returncode == 1
-    assert "did not end within 0.2 s of being asked to; ended by force" in output
+    assert "did not end within 0.2 s after the stop request; ended by force" in output
 
 
 def test_a_block_that_ends_in_time_is_not_force_exited() -> None:

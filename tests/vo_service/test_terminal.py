@@ -121,5 +121,5 @@ def test_slow_steps_are_logged_with_their_duration(
             output = capsys.readouterr().err
     assert output == "kinect-vo: info: compiling ...\n"
     assert re.fullmatch(
-        r"kinect-vo: info: compiling: ended after \d+\.\d s\n", capsys.readouterr().err
+        r"kinect-vo: info: compiling: done after \d+\.\d s\n", capsys.readouterr().err
     )

@@ -1,15 +1,19 @@
-"""The entry point of ``kinect-vo``, so small that Ctrl-C finds no moment before it is heeded."""
+"""Entry point of ``kinect-vo``: it handles Ctrl-C also while the program is being imported."""
 
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-# As `vo_service.signals` has it, which is not imported yet.
+# The same as in `vo_service.signals`, which is not imported yet.
 EXIT_CODE_SIGINT = 130
 
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
-    """Run the command that `argv` names; never returns."""
+    """Run a command; never returns.
+
+    Args:
+        argv: Arguments of the command line, without the program; None: those of the process.
+    """
     try:
         from vo_service.cli.dispatch import run_command
 

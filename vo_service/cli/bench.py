@@ -1,4 +1,4 @@
-"""``kinect-vo bench``: our methods beside other people's, how far off and at what cost."""
+"""``kinect-vo bench``: compare accuracy and cost of our methods and of other packages."""
 
 import argparse
 import json
@@ -87,15 +87,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run, tell each recording's results as soon as they are there, and report."""
+    """Run the methods, print each recording's tables as they finish, and write the report.
+
+    Raises:
+        UserFacingError: If an option or a recording is not valid, or if the report cannot be
+            written.
+    """
     config = load_config(args)
     names = list(dict.fromkeys(args.methods))
-    left_out = find_unavailable_methods(names)
-    recipes = make_method_factories(names, left_out, config.odometry)
-    set_up = BenchMetadata(
-        methods=list(recipes),
-        unavailable=left_out,
-        reference_method=_choose_reference_method(args.against, list(recipes), left_out),
+    unavailable = find_unavailable_methods(names)
+    factories = make_method_factories(names, unavailable, config.odometry)
+    metadata = BenchMetadata(
+        methods=list(factories),
+        unavailable=unavailable,
+        reference_method=_choose_reference_method(args.against, list(factories), unavailable),
         frame_steps=list(dict.fromkeys(args.every)),
         max_frames=args.frames,
         odometry=config.odometry,
@@ -107,21 +112,21 @@ def run(args: argparse.Namespace) -> int:
     )
     recordings = [
         whole.select(FrameSelection(every, args.frames))
-        for whole in open_recordings(args.folders, set_up.camera_file)
-        for every in set_up.frame_steps
+        for whole in open_recordings(args.folders, metadata.camera_file)
+        for every in metadata.frame_steps
     ]
     with _open_report_folder(args.output) as folder, stop_on_signals() as stop:
         runs = folder / "runs"
         plan = BatchPlan(
-            recordings, recipes, runs, args.time_limit, args.force, set_up.observer_factory
+            recordings, factories, runs, args.time_limit, args.force, metadata.observer_factory
         )
         rankings = []
-        for ranking in _run_methods(plan, set_up.reference_method, stop):
+        for ranking in _run_methods(plan, metadata.reference_method, stop):
             rankings.append(ranking)
             if not args.json:
                 _print_tables(ranking)
-        write_bench_report(folder, set_up, rankings)
-    _print_summary(args, set_up, rankings)
+        write_bench_report(folder, metadata, rankings)
+    _print_summary(args, metadata, rankings)
     all_done = all(
         judged.is_done for each in rankings for judged in each.results.evaluations.values()
     )
@@ -131,17 +136,17 @@ def run(args: argparse.Namespace) -> int:
 def _choose_reference_method(
     requested: str | None, methods: Sequence[str], unavailable: Sequence[UnavailableMethods]
 ) -> str:
-    """The method that the others are divided by. Raises InputError if it does not take part."""
+    """Choose the baseline for relative figures; raise InputError if it is not among the methods."""
     if requested is None or requested in methods:
         return requested or methods[0]
     missing = next((str(each) for each in unavailable if requested in each.methods), "")
-    why = missing or f"it is not among --methods; name one of {', '.join(methods)}"
-    raise InputError(f"--against {requested}: {why}")
+    reason = missing or f"it is not among --methods; name one of {', '.join(methods)}"
+    raise InputError(f"--against {requested}: {reason}")
 
 
 @contextmanager
 def _open_report_folder(output: Path | None) -> Iterator[Path]:
-    """The folder of the report; without --output one that goes with the command."""
+    """Open the folder of the report; without --output a temporary one."""
     if output is not None:
         create_output_folder(output)
         yield output
@@ -153,7 +158,7 @@ def _open_report_folder(output: Path | None) -> Iterator[Path]:
 def _run_methods(
     plan: BatchPlan, reference_method: str, stop: StopSignal
 ) -> Iterator[RelativeResults]:
-    """The results, recording by recording."""
+    """Yield the results of each recording."""
     entries = run_batch(plan, Terminal(), stop.event)
     for _, group in groupby(entries, key=lambda entry: entry.recording.name):
         (result,) = collect_results(group)
@@ -161,7 +166,7 @@ def _run_methods(
 
 
 def _print_tables(results: RelativeResults) -> None:
-    """The two tables, unless the bench was stopped before them."""
+    """Print both tables, unless no method has run."""
     states = {judged.outcome.state for judged in results.results.evaluations.values()}
     if states == {RunState.NOT_RUN}:
         return

@@ -1,4 +1,4 @@
-"""``kinect-vo calibrate``: a camera file from views of a printed board, and a sensor's timing."""
+"""``kinect-vo calibrate``: make a camera file from views of a board, or measure the timing."""
 
 import argparse
 import json
@@ -62,13 +62,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--depth", action="store_true",
-        help="calibrate the depth camera too: its lens, its place beside the color camera, its "
-        "scale; depth must not be registered to color",
+        help="calibrate the depth camera too: its lens, its pose relative to the color camera, and "
+        "its scale; depth must not be registered to color",
     )  # fmt: skip
     parser.add_argument(
         "--timing", action="store_true",
-        help="find readout_s (rolling shutter) and depth_offset_s (depth later than its stamps) "
-        "from a minute of brisk motion, without a board",
+        help="measure readout_s (rolling shutter) and depth_offset_s (delay of depth after its "
+        "stamps) from a minute of fast motion, without a board",
     )  # fmt: skip
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
@@ -82,19 +82,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--keep", metavar="FOLDER", type=Path,
-        help="keep the views that are taken from a camera, to calibrate from again",
+        help="keep the views taken from a camera, to calibrate again from them",
     )  # fmt: skip
     parser.add_argument(
         "--rerun", metavar="TARGET",
-        help="watch what the camera sees: serve (a page on this computer), connect or "
-        "connect:HOST:PORT (a viewer that is open), or FILE.rrd (a recording)",
+        help="show the camera's image in Rerun: serve (a page on this computer), connect or "
+        "connect:HOST:PORT (an open viewer), or FILE.rrd (a recording)",
     )  # fmt: skip
     parser.add_argument(
         "--output", metavar="FILE", type=Path, help="camera file to write (default: see below)"
     )
     parser.add_argument(
         "--picture", metavar="FILE", type=Path,
-        help="draw where corners were seen and how far off they are (.png or .svg)",
+        help="plot the corners and their residuals (.png or .svg)",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
@@ -120,12 +120,16 @@ def _add_board_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--print-board", metavar="FILE", type=Path,
-        help="write the board to print at 100 %% (.pdf, .svg or .png) and end",
+        help="write the board, to print at 100 %% (.pdf, .svg or .png), and exit",
     )  # fmt: skip
 
 
 def parse_length_m(text: str) -> float:
-    """Parse the side of a square."""
+    """Parse the side of a square, in metres.
+
+    Raises:
+        ArgumentTypeError: If it is not a length from 1 mm to 1 m.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -138,9 +142,13 @@ def parse_length_m(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate and save. Raises InputError or UserFacingError, each with one line."""
+    """Calibrate and save.
+
+    Raises:
+        UserFacingError: If an option or a view is not valid, or if a file cannot be written.
+    """
     if args.timing:
-        # Loads the kernels of an odometry, which boards do without.
+        # Imported here: it loads the kernels of an odometry, which a board does not need.
         from vo_service.cli.calibrate_timing import calibrate_timing
 
         return calibrate_timing(args)
@@ -161,7 +169,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_arguments(args: argparse.Namespace, output: Path) -> None:
-    """Whatever would only fail after the work."""
+    """Check before the work, not after it."""
     if (args.folder is None) == (args.camera is None):
         raise InputError("name a FOLDER of images, or a camera to see the board live: --camera")
     if args.keep is not None and args.camera is None:

@@ -1,4 +1,4 @@
-"""``kinect-vo calibrate --timing``: readout and depth offset from brisk motion."""
+"""``kinect-vo calibrate --timing``: measure readout and depth offset from fast motion."""
 
 import argparse
 import json
@@ -25,39 +25,44 @@ from vo_service.tools.calibration.timing import TimingEstimate, estimate_timing
 from vo_service.tools.calibration.timing_cost import SensorTiming
 from vo_service.tools.calibration.timing_file import read_timing, save_timing
 
-# Options that go with a board alone.
+# Options that are valid only with a board.
 BOARD_ONLY_OPTIONS = ("square", "marker", "depth", "keep", "rerun", "picture", "print_board")
 
 
 def calibrate_timing(args: argparse.Namespace) -> int:
-    """Measure and save. Raises InputError or UserFacingError, each with one line."""
+    """Measure the timing and save it.
+
+    Raises:
+        UserFacingError: If an option or the recording is not valid, or if the file cannot be
+            written.
+    """
     if (args.folder is None) == (args.camera is None):
         raise InputError("name a FOLDER that was recorded, or a camera to shake: --camera")
     config = read_config(args.config)
     output = _choose_output(args, config)
     _check_arguments(args, output)
     terminal = Terminal()
-    film = _collect_segments(args, config, terminal)
-    before = read_timing(output, film.camera)
-    measured = estimate_timing(film.segments, terminal.show)
+    collected = _collect_segments(args, config, terminal)
+    before = read_timing(output, collected.camera)
+    measured = estimate_timing(collected.segments, terminal.show)
     terminal.clear()
     heading = (
         f"kinect-vo calibrate --timing, {date.today()}: {measured.segment_count} pieces of "
         f"{SEGMENT_FRAMES} frames"
     )
-    kept = save_timing(output, film.camera, measured.timing, heading)
+    kept = save_timing(output, collected.camera, measured.timing, heading)
     files = {"camera_file": str(output), "kept": None if kept is None else str(kept)}
     if args.json:
-        print(json.dumps(files | _as_json(before, measured, film)))
+        print(json.dumps(files | _as_json(before, measured, collected)))
         return 0
-    print(_as_table(before, measured, film))
-    instead = f"; the one before is {kept.name}" if kept else ""
-    print(f"\nsaved in {output}{instead}")
+    print(_as_table(before, measured, collected))
+    backup = f"; the one before is {kept.name}" if kept else ""
+    print(f"\nsaved in {output}{backup}")
     return 0
 
 
 def _choose_output(args: argparse.Namespace, config: Config) -> Path:
-    """The camera file to change."""
+    """Choose the camera file to change."""
     named: Path | None = args.output or args.camera_file or config.camera.file
     if named is not None:
         return named
@@ -70,7 +75,7 @@ def _choose_output(args: argparse.Namespace, config: Config) -> Path:
 
 
 def _check_arguments(args: argparse.Namespace, output: Path) -> None:
-    """Whatever would only fail after the work."""
+    """Check before the work, not after it."""
     given = [name for name in BOARD_ONLY_OPTIONS if getattr(args, name)]
     if given:
         option = f"--{given[0].replace('_', '-')}"
@@ -86,8 +91,8 @@ def _check_recording(folder: Path, file: Path | None, output: Path) -> None:
     offset_s = read_timing(output, read).depth_offset_s
     if offset_s != 0.0 and not is_read:
         raise InputError(
-            f"{output}: says depth_offset_s = {offset_s:g}, which the stamps in {folder} may hold "
-            "already; measure with the camera, or set it to 0 and record anew"
+            f"{output}: depth_offset_s = {offset_s:g} may be in the stamps of {folder} already; "
+            "measure with the camera, or set it to 0 and record again"
         )
 
 
@@ -97,13 +102,17 @@ def _collect_segments(
     with stop_on_signals() as stop:
         run_warm_up(partial(warm_up, "direct"), terminal, stop)
         if args.folder is not None:
-            film = collect_segments_from_folder(args.folder, args.camera_file, terminal, stop.event)
+            collected = collect_segments_from_folder(
+                args.folder, args.camera_file, terminal, stop.event
+            )
             stop.check()
         else:
             file = args.camera_file or config.camera.file or args.output
-            film = collect_segments_live(args.camera, file, config.sensor, terminal, stop.event)
+            collected = collect_segments_live(
+                args.camera, file, config.sensor, terminal, stop.event
+            )
     terminal.clear()
-    return film
+    return collected
 
 
 def _as_table(before: SensorTiming, measured: TimingEstimate, collected: CollectedSegments) -> str:

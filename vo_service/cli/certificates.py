@@ -1,4 +1,4 @@
-"""``kinect-vo certificates``: keys and certificates for a test network."""
+"""``kinect-vo certificates``: make keys and certificates for a test network."""
 
 import argparse
 from pathlib import Path
@@ -47,12 +47,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )  # fmt: skip
     parser.add_argument(
         "--days", metavar="N", type=_parse_days, default=365,
-        help="how long the certificates are valid (default: %(default)s)",
+        help="validity of the certificates, in days (default: %(default)s)",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make what was asked for, and say where each goes."""
+    """Make the certificates, and print where to copy each.
+
+    Raises:
+        UserFacingError: If a name is not valid or taken, or if a file cannot be written.
+    """
     clients = [(name, role) for role in _DESTINATIONS for name in getattr(args, role)]
     names = [*args.host[:1], *(name for name, _ in clients)]
     if not names:

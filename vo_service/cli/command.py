@@ -1,4 +1,4 @@
-"""``kinect-vo command``: ask a running kinect-vo to do something."""
+"""``kinect-vo command``: send a command to a running kinect-vo."""
 
 import argparse
 import json
@@ -24,7 +24,7 @@ examples:
 A value is JSON or plain text. The reply is one JSON object on standard output. If the service
 refuses a command, an error message says why.
 """
-# Of these the sender is the cause.
+# Error codes that are the sender's mistake.
 _CALLER_ERRORS = ("bad-request", "unknown-command")
 
 
@@ -42,15 +42,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_connection_options(parser)
     parser.add_argument(
         "--timeout", metavar="SECONDS", type=parse_seconds, default=REPLY_TIMEOUT_S,
-        help="how long to wait for the answer (default: %(default)g)",
+        help="time limit for the reply (default: %(default)g)",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Send it, print the answer.
+    """Send the command and print the reply.
 
-    Raises InputError for a command that is wrong, UserFacingError for one that was refused or that
-    nobody has answered.
+    Raises:
+        InputError: If the command or an argument is wrong.
+        UserFacingError: If the command is refused, or if there is no reply.
     """
     with PoseClient(args.prefix, args.connect, args.config_file) as client:
         try:
@@ -58,12 +59,12 @@ def run(args: argparse.Namespace) -> int:
         except CommandRefused as refused:
             kind = InputError if refused.code in _CALLER_ERRORS else UserFacingError
             raise kind(f"{args.name}: {refused} ({refused.code})") from refused
-        except ServiceUnavailable as nobody:
+        except ServiceUnavailable as error:
             raise UserFacingError(
-                f"{args.name}: {nobody}; is kinect-vo run there, with the same --prefix?"
-            ) from nobody
+                f"{args.name}: {error}; start kinect-vo run there, with the same --prefix"
+            ) from error
         except ValueError as error:
-            raise UserFacingError(f"{args.name}: the answer cannot be read: {error}") from error
+            raise UserFacingError(f"{args.name}: the reply cannot be read: {error}") from error
     print(json.dumps(answer))
     return 0
 

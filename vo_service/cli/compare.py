@@ -1,4 +1,4 @@
-"""``kinect-vo compare``: methods beside each other on recordings, and a report."""
+"""``kinect-vo compare``: compare methods on recordings, and write a report."""
 
 import argparse
 import json
@@ -55,8 +55,8 @@ change, except for the memory.
 
 Without FOLDER/groundtruth.txt coverage, times and trajectories are reported, but no errors.
 
-exit codes: 0 all runs came to their end; 1 one did not (the report says why); 2 something given is
-wrong; 130 or 143 stopped, with a report of what was done until then.
+exit codes: 0 all runs finished; 1 a run failed (see the report); 2 wrong input; 130 or 143 stopped,
+with a report of the runs that finished.
 """
 
 
@@ -64,37 +64,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
         "--methods", metavar="METHOD", nargs="+", choices=list(METHODS), default=list(METHODS),
-        help=f"which, in this order (default: all: {', '.join(METHODS)})",
+        help=f"methods to run, in this order (default: all: {', '.join(METHODS)})",
     )  # fmt: skip
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/compare"),
-        help="where the report goes, and runs are kept (default: %(default)s)",
+        help="folder for the report and the cached runs (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--sfm-scale", choices=[str(scale) for scale in SfmScale], default=SfmScale.FIRST_DEPTH,
-        help="where sfm, which has no scale of its own, gets its first one (default: %(default)s)",
+        help="source of the initial scale of sfm (default: %(default)s)",
     )  # fmt: skip
     add_benchmark_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run, report, and say in short what came out."""
+    """Run the methods, write the report, and print its main tables.
+
+    Raises:
+        UserFacingError: If an option or a recording is not valid, or if the report cannot be
+            written.
+    """
     config = load_config(args)
     methods = list(dict.fromkeys(args.methods))
     camera_file = args.camera or config.camera.file
     scale = SfmScale(args.sfm_scale)
-    listener = LoopClosureObserverFactory(config.map) if args.loop_closure else NULL_OBSERVER
-    set_up = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, listener)
+    observer = LoopClosureObserverFactory(config.map) if args.loop_closure else NULL_OBSERVER
+    metadata = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, observer)
     recordings = open_recordings(args.folders, camera_file)
-    recipes = make_method_factories(config, methods, scale)
-    _check_ground_truth(recordings, recipes)
+    factories = make_method_factories(config, methods, scale)
+    _check_ground_truth(recordings, factories)
     runs = args.output / "runs"
-    plan = BatchPlan(recordings, recipes, runs, args.time_limit, args.force, listener)
+    plan = BatchPlan(recordings, factories, runs, args.time_limit, args.force, observer)
     create_output_folder(args.output)
     terminal = Terminal()
     with stop_on_signals() as stop:
         results = collect_results(run_batch(plan, terminal, stop.event))
-        report = write_comparison_report(args.output, results, set_up, terminal)
+        report = write_comparison_report(args.output, results, metadata, terminal)
     _print(report, results, args.json)
     all_done = all(judged.is_done for result in results for judged in result.evaluations.values())
     return stop.exit_code or (0 if all_done else 1)
@@ -103,7 +108,13 @@ def run(args: argparse.Namespace) -> int:
 def make_method_factories(
     config: Config, methods: Sequence[str], scale: SfmScale
 ) -> Mapping[str, MethodFactory]:
-    """How each method is made, with the settings of the configuration."""
+    """Return the factory of each method by name.
+
+    Args:
+        config: Settings of the methods.
+        methods: Names of the methods.
+        scale: Source of the initial scale of sfm.
+    """
     kinds = {"sfm": TrueScaleSfmFactory} if scale is SfmScale.GROUND_TRUTH else {}
     return {
         method: kinds.get(method, ConfiguredMethodFactory)(replace(config.odometry, method=method))
@@ -114,9 +125,9 @@ def make_method_factories(
 def _check_ground_truth(
     recordings: Sequence[BenchmarkRecording], factories: Mapping[str, MethodFactory]
 ) -> None:
-    """Raise InputError if a method is to use a truth that there is not."""
+    """Raise InputError if a method needs the ground truth and a recording has none."""
     missing = next((each for each in recordings if each.truth is None), None)
-    if missing is not None and any(recipe.uses_truth for recipe in factories.values()):
+    if missing is not None and any(factory.uses_truth for factory in factories.values()):
         raise InputError(
             f"{missing.folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs; "
             "leave the option out, or the folder"

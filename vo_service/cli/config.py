@@ -1,4 +1,4 @@
-"""``kinect-vo config``: whether a configuration file is right, and what may stand in one."""
+"""``kinect-vo config``: check a configuration file, or print the configuration reference."""
 
 import argparse
 import logging
@@ -26,7 +26,7 @@ endpoints, and the Zenoh configuration with its keys and rules.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    check = actions.add_parser("check", help="read a file and what it names, and say what is wrong")
+    check = actions.add_parser("check", help="check a file, and the files and addresses in it")
     check.add_argument("file", metavar="FILE", type=Path, help="configuration file (TOML)")
     check.set_defaults(action=_check_file)
     listing = actions.add_parser("reference", help="print every key with its meaning (Markdown)")
@@ -34,7 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do what was asked for; any mistake in a file is an InputError."""
+    """Check or print.
+
+    Raises:
+        InputError: For the first mistake in the file.
+    """
     action: Callable[[argparse.Namespace], int] = args.action
     return action(args)
 

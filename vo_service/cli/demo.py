@@ -1,4 +1,4 @@
-"""``kinect-vo demo``: the whole line at work on the virtual Kinect, for a newcomer."""
+"""``kinect-vo demo``: run the odometry on the virtual Kinect and show the results."""
 
 import argparse
 import json
@@ -48,30 +48,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_config_options(parser)
     parser.add_argument(
-        "--seconds", type=parse_seconds, default=20.0, help="how long (default: %(default)s)"
+        "--seconds",
+        type=parse_seconds,
+        default=20.0,
+        help="length of the sequence (default: %(default)s)",
     )
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/demo"),
-        help="where to leave the results (default: %(default)s)",
+        help="folder for the results (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--no-serve", action="store_true", help="do not serve Rerun's page while it runs"
+        "--no-serve",
+        action="store_true",
+        help="do not serve the Rerun viewer's page during the run",
     )
     add_publish_option(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play, then say how it went."""
+    """Play the sequence, then print the summary.
+
+    Raises:
+        UserFacingError: If an option is not valid, or if an output fails.
+    """
     config = load_config(args)
     create_output_folder(args.output)
     terminal = Terminal()
     camera = open_camera("synthetic", synthetic=replace(SyntheticConfig(), duration_s=args.seconds))
-    memory = TrajectoryRecorder()
-    with camera:  # its room is prepared meanwhile
+    recorder = TrajectoryRecorder()
+    with camera:  # it prepares its room in the background
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
-        request = OutputsConfig(
+        outputs_config = OutputsConfig(
             playback_mode=PlaybackMode.REALTIME,
             zenoh=None if args.no_publish else config.zenoh,
             connect_policy=ConnectOnFreePort,
@@ -80,21 +89,21 @@ def run(args: argparse.Namespace) -> int:
             ground_truth=lambda: camera.ground_truth,
             log_line=print_message,
         )
-        with open_outputs(request) as opened, stop_on_signals() as stop:
+        with open_outputs(outputs_config) as opened, stop_on_signals() as stop:
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
-            outputs = [*opened.outputs, memory, progress]
-            ending = run_replay(config, camera, PacedSource(camera), outputs, stop)
+            outputs = [*opened.outputs, recorder, progress]
+            result = run_replay(config, camera, PacedSource(camera), outputs, stop)
         terminal.clear()
         truth = camera.ground_truth
         if truth is None:  # stopped before the first frame
-            return ending.exit_code
+            return result.exit_code
         summary = RunSummary.from_run(
-            ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
+            result.statistics, camera.counters, recorder.trajectory, truth, truth.stamps_s
         )
-    _write_results(args.output, memory, truth)
-    print_message(f"results: {args.output}" + (" (cut short)" if ending.exit_code else ""))
+    _write_results(args.output, recorder, truth)
+    print_message(f"results: {args.output}" + (" (cut short)" if result.exit_code else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
-    return ending.exit_code
+    return result.exit_code
 
 
 def _choose_rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
@@ -106,7 +115,7 @@ def _choose_rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _write_results(folder: Path, recorder: TrajectoryRecorder, truth: Trajectory) -> None:
-    """Write the truth, under stamps as the trajectory's file has them, and the picture of both."""
+    """Write the ground truth, with stamps as in the trajectory file, and a plot of both."""
     lines = map(format_pose_line, truth.stamps_s + recorder.publish_offset_s, truth.T_world_camera)
     atomic_write(folder / "groundtruth.txt", "".join(lines).encode())
     trajectory = recorder.trajectory

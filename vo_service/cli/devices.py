@@ -1,4 +1,4 @@
-"""``kinect-vo devices``: which sensors are there, and what to give to --camera."""
+"""``kinect-vo devices``: list the connected sensors, with the --camera value of each."""
 
 import argparse
 import json
@@ -21,8 +21,8 @@ examples:
 A sensor without a driver, such as a Kinect v2, is listed as not supported.
 """
 NO_SENSOR_MESSAGE = """\
-no sensor on the USB: plug one in, with its own power supply where it has one;
-`kinect-vo doctor` says more. Without a sensor: --camera synthetic"""
+no sensor on the USB: plug one in, with its own power supply if it has one;
+`kinect-vo doctor` shows details. Without a sensor: --camera synthetic"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List them. Raises UserFacingError if the USB cannot be looked at."""
+    """List the sensors.
+
+    Raises:
+        UserFacingError: If the USB devices cannot be listed.
+    """
     found = list_available_devices(probe_usb(), query_openni2())
     if args.json:
         print(json.dumps({"schema": 1, "devices": [device.as_json() for device in found]}))
@@ -41,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _format_lines(found: Sequence[ListedDevice]) -> list[str]:
-    """Two aligned columns: what to type, and what it is."""
+    """Format two aligned columns: the option to type, and the sensor."""
     cameras = [f"--camera {device.camera}" if device.camera else "-" for device in found]
     width = max((len(camera) for camera in cameras), default=0)
     return [

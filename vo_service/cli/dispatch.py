@@ -53,14 +53,18 @@ exit codes: 0 success; 1 failed while running; 2 wrong input (an argument, a fil
 
 
 class _OneLineErrorParser(argparse.ArgumentParser):
-    """Says what is wrong with an argument in one line, as every other mistake."""
+    """Reports a wrong argument in one line, like every other mistake."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"kinect-vo: error: {message}; see `{self.prog} --help`\n")
 
 
 def run_command(arguments: Sequence[str]) -> NoReturn:
-    """Run the command with these arguments; never returns."""
+    """Run the command of the given arguments; never returns.
+
+    Args:
+        arguments: Arguments of the command line, without the program.
+    """
     _reopen_closed_streams()
     try:
         with log_to_stderr():
@@ -72,10 +76,10 @@ def run_command(arguments: Sequence[str]) -> NoReturn:
 
 
 def _run_reporting_errors(arguments: Sequence[str]) -> int:
-    """The command's exit code; a user's mistake becomes one line."""
+    """Run the command and return its exit code; report a `UserFacingError` in one line."""
     try:
         code = _parse_and_run(arguments)
-        sys.stdout.flush()  # here, where a reader that has gone can be told from a failure
+        sys.stdout.flush()  # here, so that a closed pipe is not reported as a failure
         return code
     except UserFacingError as error:
         logging.getLogger("kinect-vo").error("%s", error)
@@ -84,21 +88,26 @@ def _run_reporting_errors(arguments: Sequence[str]) -> int:
         _discard_buffered_output()
         return 0
     except OSError as error:
-        # Files have their own messages: this is the disk that standard output goes to.
+        # Errors of files have their own messages: this is the disk of standard output.
         where = error.filename or "standard output"
         logging.getLogger("kinect-vo").error(
-            "%s: %s; mend that and run again", where, error.strerror
+            "%s: %s; fix this and run again", where, error.strerror
         )
         _discard_buffered_output()
         return 1
 
 
 def _parse_and_run(arguments: Sequence[str]) -> int:
-    """Run what is asked for. Raises UserFacingError, and OSError where output cannot go."""
+    """Parse the arguments and run the command.
+
+    Raises:
+        UserFacingError: If the command fails.
+        OSError: If standard output cannot be written.
+    """
     _set_library_environment()
     try:
         args = _make_parser(arguments).parse_args(arguments)
-    except SystemExit as end:  # after --help, --version, or a mistake that has been told
+    except SystemExit as end:  # after --help, --version, or a reported mistake
         return int(end.code or 0)
     if args.verbose:
         logging.getLogger().setLevel(logging.INFO)
@@ -108,9 +117,10 @@ def _parse_and_run(arguments: Sequence[str]) -> int:
 
 
 def _reopen_closed_streams() -> None:
-    """Started without standard streams (``>&-``), their numbers would go to any file opened next.
+    """Open closed standard streams (``>&-``) on /dev/null.
 
-    A driver's process would then write into that file what it means for standard output.
+    Otherwise the next file to be opened gets the number of standard output, and a driver's process
+    writes its messages into that file.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -119,23 +129,23 @@ def _reopen_closed_streams() -> None:
 
 
 def _discard_buffered_output() -> None:
-    """Whoever read our output has gone (``| head``): Python's flush at exit must not complain."""
+    """Discard the output after the reader has closed the pipe (``| head``): no error at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Parser for all commands; only the one that is asked for is imported, if one is."""
+    """Make the parser of all commands. If one is given, only its module is imported."""
     parser = _OneLineErrorParser(
         prog="kinect-vo",
-        description="Visual odometry for RGB-D cameras: poses over Zenoh, pictures in Rerun.",
+        description="Visual odometry for RGB-D cameras: poses over Zenoh, images in Rerun.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"kinect-vo {version('kinect-vo')}")
     parser.set_defaults(verbose=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    asked = [name for name in COMMANDS if name in arguments[:1]]
-    for name in asked or COMMANDS:
+    requested = [name for name in COMMANDS if name in arguments[:1]]
+    for name in requested or COMMANDS:
         module = importlib.import_module(f"vo_service.cli.{name.replace('-', '_')}")
         sub = commands.add_parser(
             name,
@@ -145,18 +155,18 @@ def _make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(sub)
-        sub.add_argument("--verbose", action="store_true", help="log what goes on, to stderr")
+        sub.add_argument("--verbose", action="store_true", help="log progress to stderr")
         sub.set_defaults(command=module)
     return parser
 
 
 def _set_library_environment() -> None:
-    """Settings that numeric libraries read when they are imported: before any of them is."""
+    """Set the variables that numeric libraries read at import."""
     limit_malloc_arenas()
-    # One thread each: a frame is too small to share, and idle threads spin on the other core.
+    # One thread each: a frame is too small for more, and idle threads spin on the other core.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     if "NUMBA_CACHE_DIR" not in os.environ:
         os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())
-    # OpenCV prints what it makes of a broken image; our own line names the file.
+    # Without OpenCV's own line about a broken image: our error message names the file.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")

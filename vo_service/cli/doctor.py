@@ -1,4 +1,4 @@
-"""``kinect-vo doctor``: what is wrong with the sensor on this computer, and how to mend it."""
+"""``kinect-vo doctor``: check the sensor and this computer, and print how to fix each fault."""
 
 import argparse
 import json
@@ -25,7 +25,7 @@ from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import probe_usb
 
 NAME = "doctor"
-HELP = "check the sensor and this computer, and say how to fix what is wrong"
+HELP = "check the sensor and this computer, and print how to fix each fault"
 EPILOG = """\
 examples:
   kinect-vo doctor
@@ -51,23 +51,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_camera_options(parser)
     parser.add_argument(
         "--seconds", type=parse_seconds, metavar="S", default=DEFAULT_SECONDS,
-        help=f"how long to watch the frames (default: {DEFAULT_SECONDS:g})",
+        help=f"time to check the frames (default: {DEFAULT_SECONDS:g})",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
     parser.add_argument(
         "--report", metavar="FILE.tar.gz", type=Path,
-        help="pack all that a bug report needs, pictures included, into a new file",
+        help="write a new archive for a bug report, with images",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check and print. Raises InputError for what the user gave."""
-    patient = _make_checked_camera(args)
+    """Check and print.
+
+    Raises:
+        InputError: If an option or the configuration is not valid.
+    """
+    checked = _make_checked_camera(args)
     with nullcontext() if args.verbose else quiet_console():
         diagnosis = (
-            _run_checks(args, patient)
+            _run_checks(args, checked)
             if args.report is None
-            else _run_checks_with_report(args, patient)
+            else _run_checks_with_report(args, checked)
         )
     if args.json:
         print(json.dumps(diagnosis))
@@ -76,14 +80,14 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _CheckedCamera:
-    """The camera to be checked, and where to show what goes on."""
+    """The camera to check, and the terminal for progress."""
 
     source: str
     camera: RgbdCamera
     terminal: Terminal
 
     def show_busy(self, check_name: str) -> AbstractContextManager[object]:
-        """Show it, and count the seconds."""
+        """Show the present check while the block runs."""
         return self.terminal.busy(f"kinect-vo doctor: {check_name.replace('-', ' ')}")
 
 
@@ -102,7 +106,7 @@ def _make_checked_camera(args: argparse.Namespace) -> _CheckedCamera:
 
 
 def _run_checks(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
-    """Run the checks and print each as it ends, unless JSON is wanted; all of them as JSON."""
+    """Run the checks, print each result unless JSON is requested, and return all as JSON."""
     context = CheckContext(
         SystemPaths(),
         requested_sensor_for(checked.source),
@@ -125,14 +129,14 @@ def _run_checks(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, 
 
 
 def _run_checks_with_report(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
-    """The same, and all that belongs to it in a file."""
+    """Run the checks as `_run_checks`, and write the report."""
     with open_bug_report(args.report) as report:
         diagnosis = _run_checks(args, checked)
         report.add_json("doctor.json", diagnosis)
         for file in (args.config, args.camera_file):
             if file is not None:
                 report.add_copy(file)
-        with checked.show_busy("recording what the camera sees"):
+        with checked.show_busy("recording frames"):
             pictures = add_report_contents(report, checked.camera)
         size = report.pack()
     print_message(f"{args.report}: {size / 1e6:.1f} MB, {pictures}")
@@ -140,4 +144,4 @@ def _run_checks_with_report(args: argparse.Namespace, checked: _CheckedCamera) -
 
 
 def _discard_frame(frame: RgbdFrame) -> None:
-    """Keep no frame."""
+    """Ignore the frame."""

@@ -1,4 +1,4 @@
-"""``kinect-vo download``: sequences of the TUM RGB-D benchmark, by their short names."""
+"""``kinect-vo download``: download sequences of the TUM RGB-D benchmark by name."""
 
 import argparse
 import re
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--list", action="store_true", help="list all sequences, and download none")
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("recordings"),
-        help="where the sequences' folders go (default: %(default)s)",
+        help="parent folder of the sequences (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--mirror", metavar="URL", type=_parse_url, default=BENCHMARK_URL,
@@ -61,7 +61,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Download one after the other. Raises UserFacingError at the first that cannot be had."""
+    """Download the sequences one by one.
+
+    Raises:
+        UserFacingError: For the first sequence that fails.
+    """
     if args.list:
         print(_format_sequence_table())
         return 0
@@ -78,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
                 _download_sequence(sequence, order, terminal)
     except InterruptedBySignal as interruption:
         terminal.clear()
-        print_message("interrupted; what has come is kept: give the same command again to go on")
+        print_message("interrupted; run the same command again to resume the download")
         return interruption.exit_code
     return 0
 
@@ -86,17 +90,17 @@ def run(args: argparse.Namespace) -> int:
 def _download_sequence(
     sequence: BenchmarkSequence, request: DownloadRequest, terminal: Terminal
 ) -> None:
-    place = sequence_folder(sequence, request)
-    if place.exists():
-        terminal.write_line(f"{sequence.name}: there already; to have it anew, remove {place}")
+    folder = sequence_folder(sequence, request)
+    if folder.exists():
+        terminal.write_line(f"{sequence.name}: exists; to download it again, remove {folder}")
     else:
         download_sequence(sequence, request, DownloadProgress(terminal, sequence.name))
     terminal.clear()
-    print(place, flush=True)
+    print(folder, flush=True)
 
 
 def _format_sequence_table() -> str:
-    """All names, aligned, with what is known of them."""
+    """Format all sequences as a table."""
     width = max(len(sequence.name) for sequence in SEQUENCES)
     lines = [f"{'name'.ljust(width)}  length     about  ground truth"]
     for sequence in SEQUENCES:
@@ -111,12 +115,12 @@ def _parse_url(text: str) -> str:
     """Parse the address of a mirror."""
     parts = urllib.parse.urlsplit(text)
     if parts.scheme not in ("http", "https") or not parts.netloc:
-        raise argparse.ArgumentTypeError(f"{text} is no address: give http://... or https://...")
+        raise argparse.ArgumentTypeError(f"{text} is not a URL: give http://... or https://...")
     return text
 
 
 def _parse_sha256(text: str) -> str:
     """Parse a SHA-256 digest."""
     if not _SHA256_PATTERN.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"{text} is no SHA-256 digest: give its 64 digits")
+        raise argparse.ArgumentTypeError(f"{text} is not a SHA-256 digest: give its 64 digits")
     return text

@@ -1,4 +1,4 @@
-"""``kinect-vo evaluate``: how far a trajectory is from the ground truth."""
+"""``kinect-vo evaluate``: compare a trajectory with its ground truth."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ with a pose at the stamp of every pose counts as one per frame; otherwise the co
 
 A metric that cannot be computed is "-" in the table and null in JSON.
 """
-# What `replay` prints under the same keys, and two files of poses cannot tell.
+# Keys of the summary of `replay` that are unknown from two trajectory files.
 REPLAY_ONLY_KEYS = ("failed", "skipped", "stage_ms", "cpu_ms_per_frame")
 
 
@@ -45,12 +45,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
     parser.add_argument(
         "--picture", metavar="FILE", type=Path,
-        help="draw the trajectory beside the truth (.png or .svg)",
+        help="plot the trajectory and the ground truth (.png or .svg)",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare and print. Raises InputError or UserFacingError, each with one line."""
+    """Compare and print.
+
+    Raises:
+        UserFacingError: If a file cannot be read or written, or if the trajectories do not match.
+    """
     truth_file: Path = args.groundtruth
     if truth_file.is_dir():
         truth_file = truth_file / "groundtruth.txt"
@@ -68,9 +72,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def read_listed_frame_stamps_s(folder: Path) -> Array | None:
-    """Stamps of the frames that a recording lists; None if the folder is not a recording.
+    """Read the stamps of a recording's frames.
 
-    Raises InputError if it is one and its lists cannot be read.
+    Returns:
+        (N,) stamps, s; None if the folder is not a recording.
+
+    Raises:
+        InputError: If the recording's lists cannot be read.
     """
     lists = [["associations.txt"], ["rgb.txt", "depth.txt"]]
     if not any(all((folder / name).is_file() for name in names) for names in lists):

@@ -1,4 +1,4 @@
-"""Compiling or loading kernels before the first frame, with progress."""
+"""Warm-up: compile or load the kernels before the first frame, with progress."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -20,24 +20,37 @@ T = TypeVar("T")
 
 
 def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> float:
-    """Compile or load the method's kernels, as `prepared` does; returns the seconds it took."""
+    """Compile or load the kernels of the configured method.
+
+    Args:
+        config: Gives the method.
+        terminal: Shows progress.
+        stop: Stop request.
+
+    Returns:
+        Time taken, s.
+
+    Raises:
+        KeyboardInterrupt: If a stop is requested.
+        UserFacingError: If the compiled kernels cannot be written.
+    """
     return run_warm_up(partial(warm_up, config.odometry.method), terminal, stop)
 
 
 def prepare_loop_closure(terminal: Terminal, stop: StopSignal) -> float:
-    """The same for what knows places again."""
+    """Compile or load the kernels of loop closure; otherwise as `prepare_kernels`."""
     from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
 
     taken_s = run_warm_up(warm_up_loop_closure, terminal, stop)
-    with suppress(OSError):  # it is done again next time
+    with suppress(OSError):  # without the mark, it is repeated next time
         _loops_mark().touch()
     return taken_s
 
 
 def loops_are_prepared() -> bool:
-    """Whether `prepare_loop_closure` has been done before, with this source.
+    """Whether `prepare_loop_closure` has run before with this source.
 
-    The service needs it no more then: it is its map's process that loads the kernels.
+    If so, the service skips it: only the mapper's process loads these kernels.
     """
     return _loops_mark().exists()
 
@@ -49,12 +62,18 @@ def _loops_mark() -> Path:
 def run_warm_up(
     warm_up_function: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: StopSignal
 ) -> T:
-    """Do what compiles or loads kernels, with progress: `work` gets whom to tell its stages.
+    """Run a warm-up function, with progress.
 
-    Raises KeyboardInterrupt, between two kernels, when asked to stop; UserFacingError if what was
-    compiled cannot be kept.
+    Args:
+        warm_up_function: Compiles or loads kernels; it calls its argument with each stage.
+        terminal: Shows progress.
+        stop: Stop request; checked between two kernels.
+
+    Raises:
+        KeyboardInterrupt: If a stop is requested.
+        UserFacingError: If the compiled kernels cannot be written.
     """
-    # One thread: the service's latency must not depend on who else needs the other core.
+    # One thread: the service's latency must not depend on the load of the other cores.
     cv2.setNumThreads(1)
     label = "preparing the numeric kernels (longer the first time)"
     with interruptible(stop.check), terminal.busy(label) as busy:
@@ -62,8 +81,8 @@ def run_warm_up(
             result = warm_up_function(busy.set_detail)
         except OSError as error:
             raise UserFacingError(
-                f"{cache_folder()}: the compiled kernels cannot be kept: {error.strerror}; free "
-                "some space, or name a folder elsewhere in XDG_CACHE_HOME"
+                f"{cache_folder()}: the compiled kernels cannot be written: {error.strerror}; free "
+                "some space, or set XDG_CACHE_HOME to another folder"
             ) from error
         stop.check()
     return result

@@ -1,4 +1,4 @@
-"""``kinect-vo listen``: print the poses that a kinect-vo publishes, from a process of its own."""
+"""``kinect-vo listen``: print the poses that a running kinect-vo publishes."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ A line is: stamp x y z qx qy qz qw state. Changes of the status and of the map->
 stderr. The command waits for a publisher that has not started or has stopped. Ctrl-C ends it.
 """
 
-# How long a publisher that is already there may take to say so.
+# Time for the first message of a running publisher.
 _STARTUP_WAIT_S = 1.0
 
 
@@ -53,7 +53,11 @@ def _parse_count(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print until `--count` poses have come, Ctrl-C, or nobody reads what is printed."""
+    """Print until `--count` poses are received, Ctrl-C, or the reader closes the pipe.
+
+    Raises:
+        InputError: If the prefix or the Zenoh configuration is not valid.
+    """
     prefix = check_prefix(args.prefix)
     printer: PosePrinter = JsonPosePrinter() if args.json else TextPosePrinter()
     where = args.config_file or args.connect
@@ -70,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 class _PosePrintingSubscriber:
-    """Takes samples from Zenoh's threads and prints them on the caller's."""
+    """Receives samples on Zenoh's threads and prints them on the caller's thread."""
 
     def __init__(self, publisher: str, printer: PosePrinter, count: float) -> None:
         self._publisher = publisher
@@ -87,18 +91,18 @@ class _PosePrintingSubscriber:
         }
 
     def subscribe(self, prefix: str, session: zenoh.Session) -> None:
-        """Begin to listen to the keys with this prefix."""
+        """Subscribe to the keys with a prefix."""
         session.declare_subscriber(f"{prefix}/status", self.receive)
         session.declare_subscriber(f"{prefix}/map_odom", self.receive)
         session.declare_subscriber(f"{prefix}/odom", self.receive)
         session.liveliness().declare_subscriber(f"{prefix}/alive", self.receive, history=True)
 
     def receive(self, sample: zenoh.Sample) -> None:
-        """Take one sample."""
+        """Queue one sample; called on a thread of Zenoh."""
         self._samples.put(sample)
 
     def run(self) -> None:
-        """Print until enough poses have come."""
+        """Print until enough poses are received."""
         try:
             self._handle(self._samples.get(timeout=_STARTUP_WAIT_S))
         except Empty:
@@ -111,13 +115,13 @@ class _PosePrintingSubscriber:
         try:
             self._handlers[key.rsplit("/", 1)[-1]](sample)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            print_notice(f"{key}: passed over a message that cannot be read: {error}")
+            print_notice(f"{key}: ignored a message that cannot be read: {error}")
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
             print_notice(f"listening to {self._publisher}")
         else:
-            print_notice(f"{self._publisher} has gone; waiting for it to come back (Ctrl-C ends)")
+            print_notice(f"{self._publisher} disconnected; waiting for it (Ctrl-C ends)")
 
     def _on_status(self, sample: zenoh.Sample) -> None:
         content = json.loads(sample.payload.to_bytes())
@@ -127,13 +131,13 @@ class _PosePrintingSubscriber:
             self._printer.print_status(content)
 
     def _on_map_odom(self, sample: zenoh.Sample) -> None:
-        """Repeated twice a second, with newer stamps: only another one is shown."""
+        """Print the transform if it has changed; it is published again twice a second."""
         message = decode_transform(sample.payload.to_bytes())
-        about = _decode_attachment(sample)
-        found = (message.T_frame_child.tobytes(), about | {"seq": 0})
-        if found != self._last_map_odom:
-            self._last_map_odom = found
-            self._printer.print_map_odom(message, about)
+        attachment = _decode_attachment(sample)
+        map_odom = (message.T_frame_child.tobytes(), attachment | {"seq": 0})
+        if map_odom != self._last_map_odom:
+            self._last_map_odom = map_odom
+            self._printer.print_map_odom(message, attachment)
 
     def _on_odom(self, sample: zenoh.Sample) -> None:
         self._printer.print_pose(
@@ -143,11 +147,11 @@ class _PosePrintingSubscriber:
 
 
 def _decode_attachment(sample: zenoh.Sample) -> dict[str, Any]:
-    """The attachment's JSON, or nothing."""
+    """Decode the attachment's JSON; {} without an attachment."""
     content: dict[str, Any] = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
     return content
 
 
 def _discard_buffered_output() -> None:
-    """Whoever read our output has gone (``| head``): Python's flush at exit must not complain."""
+    """Discard the output after the reader has closed the pipe (``| head``): no error at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -34,7 +34,11 @@ DEFAULT_SIGMA_M, DEFAULT_SIGMA_RAD = 0.003, 0.002
 
 @dataclass(frozen=True)
 class LoopClosureObserverFactory:
-    """Factory of loop closure with the settings of a configuration."""
+    """Factory of loop closure with the settings of a configuration.
+
+    Attributes:
+        map: Settings of the map.
+    """
 
     map: MapConfig
 
@@ -66,7 +70,7 @@ class LoopClosureObserverFactory:
 
 
 class _LoopClosureObserver:
-    """Observer that runs loop closure and measures its processor time."""
+    """Observer that runs loop closure and measures its CPU time."""
 
     def __init__(self, settings: MapConfig) -> None:
         from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure

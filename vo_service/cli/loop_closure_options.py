@@ -20,20 +20,33 @@ if TYPE_CHECKING:  # its libraries are slow to load
 
 
 def add_loop_closure_options(parser: argparse.ArgumentParser) -> None:
-    """Declare both."""
+    """Add --loop-closure and --optimized-trajectory."""
     parser.add_argument(
-        "--loop-closure", action="store_true", help="enable loop closure and correct the trajectory"
+        "--loop-closure",
+        action="store_true",
+        help="enable loop closure and optimize the trajectory",
     )
     parser.add_argument(
         "--optimized-trajectory", metavar="FILE", type=Path,
-        help="write the trajectory as loop closure has optimized it; implies --loop-closure",
+        help="write the trajectory as optimized by loop closure; implies --loop-closure",
     )  # fmt: skip
 
 
 def make_requested_loop_closure(
     args: argparse.Namespace, config: Config, terminal: Terminal, stop: StopSignal
 ) -> "SynchronousLoopClosure | None":
-    """Loops, if they are asked for, and all that they need. Raises as `prepare_loop_closure`."""
+    """Make loop closure if an option requests it, else return None.
+
+    Args:
+        args: The options.
+        config: Gives the table `[map]`.
+        terminal: Shows progress.
+        stop: Stop request.
+
+    Raises:
+        KeyboardInterrupt: If a stop is requested.
+        UserFacingError: If the compiled kernels cannot be written.
+    """
     if args.optimized_trajectory is None and not args.loop_closure:
         return None
     return make_loop_closure(config, terminal, stop)
@@ -42,7 +55,17 @@ def make_requested_loop_closure(
 def make_loop_closure(
     config: Config, terminal: Terminal, stop: StopSignal
 ) -> "SynchronousLoopClosure":
-    """Loops that know no place yet. Raises as `prepare_loop_closure`."""
+    """Make loop closure with an empty map.
+
+    Args:
+        config: Gives the table `[map]`.
+        terminal: Shows progress.
+        stop: Stop request.
+
+    Raises:
+        KeyboardInterrupt: If a stop is requested.
+        UserFacingError: If the compiled kernels cannot be written.
+    """
     prepare_loop_closure(terminal, stop)
     from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
 
@@ -52,7 +75,16 @@ def make_loop_closure(
 def write_optimized_trajectory(
     path: Path, trajectory: Trajectory, published_after_s: float
 ) -> None:
-    """Write a trajectory whole, under published stamps. Raises UserFacingError."""
+    """Write a trajectory file atomically.
+
+    Args:
+        path: The file.
+        trajectory: The trajectory, with stamps on the camera's clock.
+        published_after_s: Offset from the camera's clock to the published clock, s.
+
+    Raises:
+        UserFacingError: If the file cannot be written.
+    """
     lines = map(
         format_pose_line, trajectory.stamps_s + published_after_s, trajectory.T_world_camera
     )
@@ -65,7 +97,13 @@ def write_optimized_trajectory(
 def summarize_loop_closure(
     loop_closure: "SynchronousLoopClosure", truth: Trajectory | None, frames_s: Array
 ) -> LoopClosureSummary:
-    """For the summary: what the loops have changed."""
+    """Summarize loop closure.
+
+    Args:
+        loop_closure: Loop closure after the run.
+        truth: The ground truth; None: unknown.
+        frames_s: (N,) stamps of the recording's frames, s.
+    """
     closer = loop_closure.loop_closer
     return LoopClosureSummary(
         len(closer.database),
@@ -75,13 +113,15 @@ def summarize_loop_closure(
 
 
 def check_optimized_trajectory_path(args: argparse.Namespace) -> None:
-    """Raise InputError for what would only be found out in the end: it could not be written."""
+    """Check before the run that the optimized trajectory can be written.
+
+    Raises:
+        InputError: If it cannot.
+    """
     path: Path | None = args.optimized_trajectory
     if path is None:
         return
     is_file_or_new = path.is_file() or not path.exists()
-    folder = path.parent  # a file is written whole beside the old one, and takes its place
+    folder = path.parent  # the file is written beside the old one, then renamed
     if not (is_file_or_new and folder.is_dir() and os.access(folder, os.W_OK)):
-        raise InputError(
-            f"{path}: cannot write the trajectory; name a file in a folder that you may write to"
-        )
+        raise InputError(f"{path}: cannot write the trajectory; name a file in a writable folder")

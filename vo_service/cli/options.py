@@ -1,4 +1,4 @@
-"""Options that several commands share, and what they change in the configuration."""
+"""Options that several commands share, and their effect on the configuration."""
 
 import argparse
 import math
@@ -15,15 +15,15 @@ from vo_service.odometry.registry import METHODS
 
 
 def add_config_options(parser: argparse.ArgumentParser) -> None:
-    """--config and --method."""
+    """Add --config and --method."""
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
-        "--method", choices=list(METHODS), help="how motion is estimated (default: the config's)"
+        "--method", choices=list(METHODS), help="odometry method (default: the config's)"
     )
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
-    """--camera and --camera-file."""
+    """Add --camera and --camera-file."""
     parser.add_argument(
         "--camera", metavar="SOURCE", type=_parse_source,
         help=f"the camera (default: the config's): {', '.join(CAMERA_USAGES.values())}",
@@ -35,35 +35,35 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """--trajectory, --rerun, --no-publish."""
+    """Add --trajectory, --rerun and --no-publish."""
     parser.add_argument(
         "--trajectory", metavar="FILE", type=Path,
         help="write the poses of the optical camera: stamp tx ty tz qx qy qz qw",
     )  # fmt: skip
     parser.add_argument(
         "--rerun", metavar="TARGET", action="append",
-        help="show it in Rerun: serve (a page on this computer), connect or connect:HOST:PORT "
-        "(a viewer that is open), or FILE.rrd (a recording); may be given several times",
+        help="show the results in Rerun: serve (a page on this computer), connect or "
+        "connect:HOST:PORT (an open viewer), or FILE.rrd (a recording); may be given several times",
     )  # fmt: skip
     add_publish_option(parser)
 
 
 def add_publish_option(parser: argparse.ArgumentParser) -> None:
-    """--no-publish."""
+    """Add --no-publish."""
     parser.add_argument(
-        "--no-publish", action="store_true", help="do not publish over Zenoh, listen nowhere"
+        "--no-publish", action="store_true", help="do not publish over Zenoh, and open no port"
     )
 
 
 def add_prefix_option(parser: argparse.ArgumentParser) -> None:
-    """--prefix."""
+    """Add --prefix."""
     parser.add_argument(
-        "--prefix", metavar="PREFIX", help="of the Zenoh keys (default: the config's)"
+        "--prefix", metavar="PREFIX", help="prefix of the Zenoh keys (default: the config's)"
     )
 
 
 def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
-    """FOLDER..., --config, --camera, --time-limit, --force, --json: of methods that are tried."""
+    """Add FOLDER... and the options of `bench` and `compare`."""
     parser.add_argument(
         "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
     )
@@ -73,7 +73,7 @@ def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--time-limit", metavar="SECONDS", type=parse_seconds, default=3600.0,
-        help="a run that takes longer is ended, and a row says so (default: %(default)g)",
+        help="time limit of a run; a longer run is ended and reported (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
         "--loop-closure", action="store_true",
@@ -84,7 +84,11 @@ def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
 
 
 def load_config(args: argparse.Namespace) -> Config:
-    """The configuration file with the command line's changes. Raises InputError."""
+    """Read the configuration file and apply the options of the command line.
+
+    Raises:
+        InputError: If the file or an option is not valid.
+    """
     config = read_config(args.config)
     if getattr(args, "method", None):
         config = replace(config, odometry=replace(config.odometry, method=args.method))
@@ -92,11 +96,11 @@ def load_config(args: argparse.Namespace) -> Config:
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
     if config.rerun.targets:
         _check_rerun_targets(config.rerun.targets)
-    if getattr(args, "pace", None) is PlaybackMode.LOCKSTEP:  # the same results on a slow machine
+    if getattr(args, "pace", None) is PlaybackMode.LOCKSTEP:  # results must be repeatable
         config = replace(
             config,
             load=replace(config.load, adapt=False),
-            # Another process answers when it can; a replay asks on its own thread (--loop-closure).
+            # A loop closure process replies at any time; --loop-closure of a replay is synchronous.
             map=replace(config.map, loop_closure=False),
         )
     if args.verbose:
@@ -107,7 +111,7 @@ def load_config(args: argparse.Namespace) -> Config:
 
 
 def _check_rerun_targets(targets: Sequence[str]) -> None:
-    """Check targets before anything is opened. Raises InputError."""
+    """Check targets before anything is opened; raise InputError if one is not valid."""
     from vo_service.outputs.rerun.targets import check_targets, prepare_rerun
 
     check_targets(targets)
@@ -115,7 +119,7 @@ def _check_rerun_targets(targets: Sequence[str]) -> None:
 
 
 def _parse_source(text: str) -> str:
-    """Parse a camera; "", of a variable that is not set, would otherwise mean the config's."""
+    """Parse a camera. Refuse "", such as from an unset variable: it would mean the config's."""
     if not text:
         raise argparse.ArgumentTypeError(
             f"is empty: give one of {', '.join(CAMERA_USAGES.values())}"
@@ -124,7 +128,11 @@ def _parse_source(text: str) -> str:
 
 
 def parse_playback_mode(text: str) -> PlaybackMode:
-    """Parse a pace."""
+    """Parse a playback mode.
+
+    Raises:
+        ArgumentTypeError: If there is no such mode.
+    """
     try:
         return PlaybackMode(text)
     except ValueError as error:
@@ -134,12 +142,16 @@ def parse_playback_mode(text: str) -> PlaybackMode:
 
 
 def print_message(text: str) -> None:
-    """Tell the person at the terminal something that is no result."""
+    """Print a message for the user to stderr; results go to stdout."""
     print(text, file=sys.stderr, flush=True)
 
 
 def parse_seconds(text: str) -> float:
-    """Parse a positive number of seconds."""
+    """Parse a positive number of seconds.
+
+    Raises:
+        ArgumentTypeError: If it is none.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -150,7 +162,11 @@ def parse_seconds(text: str) -> float:
 
 
 def parse_count(text: str) -> int:
-    """Parse a whole number, 1 or more."""
+    """Parse a whole number, 1 or more.
+
+    Raises:
+        ArgumentTypeError: If it is none.
+    """
     if not (text.isascii() and text.isdigit() and int(text[:9]) > 0):
         raise argparse.ArgumentTypeError(f"{text} is not a count: give a whole number, 1 or more")
     return int(text)
@@ -163,9 +179,9 @@ def add_connection_options(parser: argparse.ArgumentParser) -> None:
         help="where it publishes (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--prefix", default="kinect", help="its zenoh prefix (default: %(default)s)"
+        "--prefix", default="kinect", help="prefix of its Zenoh keys (default: %(default)s)"
     )
     parser.add_argument(
         "--config-file", metavar="ZENOH.json5", type=Path,
-        help="a Zenoh configuration: for TLS, and instead of --connect where it says where",
+        help="a Zenoh configuration, for TLS; its endpoints, if any, replace --connect",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""How ``kinect-vo listen`` shows poses, and changes of the status and of the map."""
+"""Printers of ``kinect-vo listen``: poses, and changes of the status and of the map."""
 
 import json
 import sys
@@ -8,25 +8,25 @@ from vo_service.outputs.zenoh.cdr import OdometryMessage, TransformMessage
 
 
 def print_notice(text: str) -> None:
-    """Tell a person something that is not a pose."""
+    """Print a notice to stderr; poses go to stdout."""
     print(f"listen: {text}", file=sys.stderr, flush=True)
 
 
 class PosePrinter(Protocol):
-    """How a pose and a change of status or map look on stdout."""
+    """Prints poses and changes of the status and of the map."""
 
     def print_pose(self, message: OdometryMessage, attachment: dict[str, Any]) -> None:
-        """Print one pose; `about` is the sample's attachment."""
+        """Print one pose, with fields of the sample's attachment."""
 
     def print_status(self, content: dict[str, Any]) -> None:
         """Print a status whose state or reason has changed."""
 
     def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
-        """Print how `odom` lies in the map, which has changed; `about` is the attachment."""
+        """Print a changed map->odom transform, with fields of the sample's attachment."""
 
 
 class TextPosePrinter:
-    """One line a pose, in a trajectory file's order; changes of status and map go to stderr."""
+    """Prints poses as lines of a trajectory file; changes of status and map go to stderr."""
 
     def __init__(self) -> None:
         self._last_map: tuple[bool, int] = (True, 0)
@@ -44,11 +44,11 @@ class TextPosePrinter:
         print_notice(f"status {content['state']}{reason}")
 
     def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
-        """Print to stderr what corrects it; a place more is no news."""
+        """Print to stderr after a loop closure or a change of localization, not per keyframe."""
         the_map = (bool(attachment["is_localized"]), int(attachment["loop_closures"]))
         if the_map == self._last_map:
             return
-        self._last_map = is_localized, loops = the_map
+        self._last_map = is_localized, loop_closures = the_map
         if not is_localized:
             print_notice(
                 f"map: {attachment['map_keyframes']} keyframes; its transform to odom is unknown"
@@ -57,16 +57,16 @@ class TextPosePrinter:
         position = " ".join(f"{v:.4f}" for v in message.translation_m)
         quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
         print_notice(
-            f"map: {attachment['map_keyframes']} keyframes, {loops} loop closures; "
+            f"map: {attachment['map_keyframes']} keyframes, {loop_closures} loop closures; "
             f"odom at {position} {quaternion}"
         )
 
 
 class JsonPosePrinter:
-    """One object a line; `kind` is pose, status or map_odom."""
+    """Prints one JSON object per line; `kind` is pose, status or map_odom."""
 
     def print_pose(self, message: OdometryMessage, attachment: dict[str, Any]) -> None:
-        """Print the pose with what the attachment says."""
+        """Print the pose with the fields of the attachment."""
         self._print(
             kind="pose",
             stamp_s=message.stamp_s,
@@ -86,7 +86,7 @@ class JsonPosePrinter:
         self._print(kind="status", **content)
 
     def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
-        """Print the transform with what the attachment says."""
+        """Print the transform with the fields of the attachment."""
         self._print(
             kind="map_odom",
             stamp_s=message.stamp_s,

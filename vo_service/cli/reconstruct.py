@@ -1,4 +1,4 @@
-"""``kinect-vo reconstruct``: a colored surface of what a recording shows."""
+"""``kinect-vo reconstruct``: make a colored mesh from a recording."""
 
 import argparse
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from vo_service.cli.options import add_config_options
 from vo_service.reconstruction.tsdf_config import TsdfConfig
 
 NAME = "reconstruct"
-HELP = "make a colored surface of what a recording shows"
+HELP = "make a colored mesh from a recording"
 EPILOG = """\
 examples:
   kinect-vo reconstruct recordings/desk
@@ -17,8 +17,8 @@ examples:
   kinect-vo reconstruct recordings/tour --loop-closure
 
 Without TRAJECTORY the odometry runs first, and frames that it does not track well are left out.
---loop-closure optimizes its poses: surfaces that are seen again are not drawn twice, and the
-odometry relocalizes after a loss.
+--loop-closure optimizes its poses, so that surfaces seen twice coincide, and the odometry
+relocalizes after a loss.
 OUTPUT receives map.ply (a mesh with colors and normals, in the trajectory's world), top.png,
 perspective.png, view.png, reconstruction.json, and trajectory.txt if the odometry ran.
 Ctrl-C ends the fusion and writes the surface so far; a second Ctrl-C writes nothing more.
@@ -29,7 +29,7 @@ MIN_MEMORY_MB = 20
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    usual = TsdfConfig()
+    defaults = TsdfConfig()
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording, in TUM format")
     parser.add_argument(
         "trajectory", metavar="TRAJECTORY", type=Path, nargs="?",
@@ -43,31 +43,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/reconstruct"),
-        help="where to leave the results (default: %(default)s)",
+        help="folder for the results (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--voxel-m", metavar="M", default=usual.voxel_m,
+        "--voxel-m", metavar="M", default=defaults.voxel_m,
         type=_length_parser(MIN_VOXEL_M, MAX_VOXEL_M),
-        help="the finest detail, in metres (default: %(default)s)",
+        help="voxel size, in metres (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--memory-mb", metavar="MB", type=_megabytes_parser(MIN_MEMORY_MB), default=usual.memory_mb,
-        help="most memory of the map; what comes later is left out (default: %(default)s)",
+        "--memory-mb", metavar="MB", type=_megabytes_parser(MIN_MEMORY_MB),
+        default=defaults.memory_mb,
+        help="memory limit of the map; later surfaces are left out (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--max-depth-m", metavar="M", type=_length_parser(0.1, 20.0), default=usual.max_depth_m,
+        "--max-depth-m", metavar="M", type=_length_parser(0.1, 20.0), default=defaults.max_depth_m,
         help="surfaces farther from the camera are left out (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--rerun", metavar="TARGET", action="append",
-        help="watch it grow in Rerun: serve (a page on this computer), connect or "
-        "connect:HOST:PORT (a viewer that is open), or FILE.rrd; may be given several times",
+        help="show the progress in Rerun: serve (a page on this computer), connect or "
+        "connect:HOST:PORT (an open viewer), or FILE.rrd; may be given several times",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
 
 def _length_parser(min_m: float, max_m: float) -> Callable[[str], float]:
-    """A parser of lengths in metres."""
+    """Make a parser of lengths in metres."""
 
     def metres(text: str) -> float:
         try:
@@ -82,7 +83,7 @@ def _length_parser(min_m: float, max_m: float) -> Callable[[str], float]:
 
 
 def _megabytes_parser(min_mb: int) -> Callable[[str], int]:
-    """A parser of whole numbers."""
+    """Make a parser of whole numbers."""
 
     def megabytes(text: str) -> int:
         if not (text.isascii() and text.isdigit() and len(text) < 8 and int(text) >= min_mb):
@@ -95,7 +96,11 @@ def _megabytes_parser(min_mb: int) -> Callable[[str], int]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the poses, fuse, and leave the results. Raises InputError or UserFacingError."""
+    """Estimate or read the poses, fuse the frames, and write the results.
+
+    Raises:
+        UserFacingError: If an input is not valid, or if a result cannot be written.
+    """
     from vo_service.cli.reconstruct_pipeline import run_reconstruction
 
     return run_reconstruction(args)

@@ -1,4 +1,4 @@
-"""The work of ``kinect-vo reconstruct``."""
+"""Pipeline of ``kinect-vo reconstruct``: poses, fusion, mesh, report."""
 
 import argparse
 import json
@@ -42,11 +42,15 @@ TRAJECTORY_FILE = "trajectory.txt"
 
 
 def run_reconstruction(args: argparse.Namespace) -> int:
-    """Find the poses, fuse, and leave the results. Raises InputError or UserFacingError."""
+    """Estimate or read the poses, fuse the frames, and write the results.
+
+    Raises:
+        UserFacingError: If an input is not valid, or if a result cannot be written.
+    """
     config = load_config(args)
     camera_file = args.camera or config.camera.file
     terminal = Terminal()
-    # Whatever would only fail after the work.
+    # Check before the work, not after it.
     if args.loop_closure and args.trajectory is not None:
         raise InputError(
             f"{args.trajectory}: --loop-closure works only on the odometry's own poses; "
@@ -54,7 +58,7 @@ def run_reconstruction(args: argparse.Namespace) -> int:
         )
     open_tum_folder(args.folder, camera_file)
     poses = None if args.trajectory is None else _read_trajectory(args.trajectory, args.folder)
-    of_places: Mapping[str, int] = {}
+    loop_closure_counts: Mapping[str, int] = {}
     fusion = _make_volume(args)
     create_output_folder(args.output)
     with (
@@ -66,13 +70,13 @@ def run_reconstruction(args: argparse.Namespace) -> int:
         run_warm_up(warm_up_reconstruction, terminal, stop)
         if poses is None:
             recording = TumCamera(args.folder, camera_file)
-            poses, of_places = _track_recording(args, recording, config, terminal, stop)
+            poses, loop_closure_counts = _track_recording(args, recording, config, terminal, stop)
         reconstruction = Reconstructor(fusion, FramePoses(poses), views)
         with TumCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
             reconstruction.run(camera, stop.event, busy.progress_callback("frame"))
         with terminal.busy("making the map") as busy:
             results = _make_results(args.folder, reconstruction, fusion, stop)
-            results = replace(results, loop_closure_counts=of_places)
+            results = replace(results, loop_closure_counts=loop_closure_counts)
             results.save(args.output, busy.set_detail)
     terminal.write_line(
         f"results: {args.output}" + (" (cut short)" if results.is_interrupted else "")
@@ -97,7 +101,7 @@ def _make_volume(args: argparse.Namespace) -> TsdfVolume:
 
 
 def _read_trajectory(trajectory: Path, folder: Path) -> Trajectory:
-    """Poses for a recording. Raises InputError if they are of another one."""
+    """Read the poses of a recording; raise InputError if they belong to another one."""
     poses = read_trajectory(trajectory)
     frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(folder).pairs])
     if not has_match(frames_s, poses.stamps_s).any():
@@ -117,7 +121,7 @@ def _track_recording(
     terminal: Terminal,
     stop: StopSignal,
 ) -> tuple[Trajectory, Mapping[str, int]]:
-    """The odometry's poses, which are left among the results; with loops, how many there were."""
+    """Run the odometry and write its poses; also return counts of loop closure, if enabled."""
     loops = make_loop_closure(config, terminal, stop) if args.loop_closure else None
     poses = track_recording(args.folder, camera, config, terminal, stop, loops)
     lines = map(format_pose_line, poses.stamps_s, poses.T_world_camera)
@@ -134,22 +138,24 @@ def _track_recording(
 def _make_results(
     folder: Path, reconstruction: Reconstructor, volume: TsdfVolume, stop: StopSignal
 ) -> ReconstructionReport:
-    """The map, with a warning where it is not all that was asked for.
+    """Extract the mesh; warn if the memory limit has cut it short.
 
-    Raises InputError if there is no surface in it, KeyboardInterrupt if it was stopped before.
+    Raises:
+        InputError: If the mesh is empty.
+        KeyboardInterrupt: If the mesh is empty because of a stop request.
     """
-    harvest, mesh = reconstruction.result, reconstruction.finish()
-    if harvest.camera is None or not len(mesh.triangles):
+    result, mesh = reconstruction.result, reconstruction.finish()
+    if result.camera is None or not len(mesh.triangles):
         stop.check()
-        raise InputError(f"{folder}: {_empty_result_reason(harvest, volume.config.max_depth_m)}")
-    if harvest.full_at_frame:
+        raise InputError(f"{folder}: {_empty_result_reason(result, volume.config.max_depth_m)}")
+    if result.full_at_frame:
         _log.warning(
-            "the map was full at frame %d of %d: what came into view later is left out; give more "
-            "than --memory-mb %d, or larger voxels than --voxel-m %g",
-            harvest.full_at_frame, harvest.frames, volume.config.memory_mb, volume.config.voxel_m,
+            "the map was full at frame %d of %d: surfaces seen later are left out; give more than "
+            "--memory-mb %d, or larger voxels than --voxel-m %g",
+            result.full_at_frame, result.frames, volume.config.memory_mb, volume.config.voxel_m,
         )  # fmt: skip
-    title = f"{folder.resolve().name}: {harvest.fused} of {harvest.frames} frames, from above"
-    return ReconstructionReport(title, harvest.camera, mesh, harvest, volume, stop.event.is_set())
+    title = f"{folder.resolve().name}: {result.fused} of {result.frames} frames, from above"
+    return ReconstructionReport(title, result.camera, mesh, result, volume, stop.event.is_set())
 
 
 def _empty_result_reason(result: ReconstructionResult, max_depth_m: float) -> str:
@@ -159,6 +165,6 @@ def _empty_result_reason(result: ReconstructionResult, max_depth_m: float) -> st
             "recording with depth, the right depth_factor, or a greater --max-depth-m"
         )
     return (
-        f"{result.fused} of {result.frames} frames could be used, and no surface is known well "
-        "by them; give more frames, or larger voxels with --voxel-m"
+        f"{result.fused} of {result.frames} frames were usable, too few for a surface; give more "
+        "frames, or larger voxels with --voxel-m"
     )

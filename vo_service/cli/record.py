@@ -1,4 +1,4 @@
-"""``kinect-vo record``: any camera into a folder in TUM format."""
+"""``kinect-vo record``: record any camera into a folder in TUM format."""
 
 import argparse
 import math
@@ -42,8 +42,8 @@ The folder can be replayed at any time, also after a crash: an image is listed o
 complete. PNG is lossless, so a replay gives the same trajectory as the camera did.
 """
 POLL_PERIOD_S = 0.25
-# Without a frame for this long, the camera is not waited for any more: a room takes long to paint
-# on a slow computer, and its kernels to compile.
+# Timeouts without a frame, streaming and opening. Opening includes rendering the virtual room and
+# compiling its kernels on a slow computer.
 FRAME_TIMEOUT_S = 10.0
 OPEN_TIMEOUT_S = 120.0
 
@@ -55,15 +55,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_camera_options(parser)
     parser.add_argument(
         "--seconds", type=parse_seconds, metavar="S", default=math.inf,
-        help="stop after S seconds of the camera's time (default: at its end, or at Ctrl-C)",
+        help="stop after S seconds of the camera's clock (default: at its end, or at Ctrl-C)",
     )  # fmt: skip
     parser.add_argument(
-        "--jpeg", action="store_true", help="color as JPEG: a third of the size, not bit for bit"
+        "--jpeg", action="store_true", help="color as JPEG: a third of the size, but lossy"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until the camera ends, the time is up, or Ctrl-C."""
+    """Record until the camera ends, `--seconds` have passed, or Ctrl-C.
+
+    Raises:
+        UserFacingError: If an option is not valid, or if the camera or the disk fails.
+    """
     config = read_config(args.config)
     terminal = Terminal()
     camera = open_camera(
@@ -75,10 +79,12 @@ def run(args: argparse.Namespace) -> int:
     )
     with camera, stop_on_signals() as stop:
         frames = _read_frames(camera, terminal, stop)
-        first = next(frames, None)  # before the folder is made: there may be no camera
+        first = next(frames, None)  # before the folder is created: there may be no camera
         written = 0 if first is None else _write_frames(args, camera, first, frames, terminal)
     terminal.clear()
-    print(f"{written} frames in {args.folder}" if written else "no frame came: nothing is written")
+    print(
+        f"{written} frames in {args.folder}" if written else "no frame received: nothing is written"
+    )
     return stop.exit_code
 
 
@@ -89,7 +95,7 @@ def _write_frames(
     rest: Iterator[RgbdFrame],
     terminal: Terminal,
 ) -> int:
-    """Make the folder; how many frames there are in it at the end."""
+    """Create the folder, write the frames, and return their number."""
     color = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
     with TumWriter(args.folder, ground_truth=camera.ground_truth, color_format=color) as writer:
         for frame in chain([first], rest):
@@ -101,15 +107,17 @@ def _write_frames(
 
 
 def _play_once(synthetic: SyntheticConfig, max_duration_s: float) -> SyntheticConfig:
-    """The virtual Kinect's room without going round, so that there is an end and a ground truth."""
+    """Disable the virtual Kinect's loop, so that it has an end and a ground truth."""
     duration_s = max_duration_s if math.isfinite(max_duration_s) else synthetic.duration_s
     return replace(synthetic, loop=False, duration_s=duration_s)
 
 
 def _read_frames(camera: RgbdCamera, terminal: Terminal, stop: StopSignal) -> Iterator[RgbdFrame]:
-    """Until the camera ends or a stop is asked for; a live camera's under Unix time, as poses are.
+    """Yield frames with published stamps until the camera ends or a stop is requested.
 
-    Raises CameraNotFoundError or, after the first frame, CameraLostError if it sends none for long.
+    Raises:
+        CameraNotFoundError: If there is no first frame in time.
+        CameraLostError: If there is no next frame in time.
     """
     clock = make_publish_clock(camera.clock, 0.0)
     is_first = True
@@ -126,7 +134,7 @@ def _read_frames(camera: RgbdCamera, terminal: Terminal, stop: StopSignal) -> It
 def _read_next_frame(
     camera: RgbdCamera, terminal: Terminal, stop: StopSignal, is_first: bool
 ) -> RgbdFrame | None:
-    """The next frame; None when a stop is asked for before it comes."""
+    """Read the next frame; None if a stop is requested before it."""
     with suppress(FrameTimeout):
         return camera.read(POLL_PERIOD_S)
     begin_s = time.monotonic()
@@ -134,18 +142,18 @@ def _read_next_frame(
         while not stop.event.is_set():
             with suppress(FrameTimeout):
                 return camera.read(POLL_PERIOD_S)
-            condition = camera.status
-            busy.set_detail(str(condition))
-            is_opening = condition.state is CameraState.OPENING
-            patience_s = OPEN_TIMEOUT_S if is_opening else FRAME_TIMEOUT_S
-            if time.monotonic() - begin_s > patience_s:
-                raise _timeout_error(camera, is_first, patience_s)
+            status = camera.status
+            busy.set_detail(str(status))
+            is_opening = status.state is CameraState.OPENING
+            timeout_s = OPEN_TIMEOUT_S if is_opening else FRAME_TIMEOUT_S
+            if time.monotonic() - begin_s > timeout_s:
+                raise _timeout_error(camera, is_first, timeout_s)
     return None
 
 
 def _timeout_error(camera: RgbdCamera, is_first: bool, timeout_s: float) -> CameraError:
-    """Why nothing, or nothing more, is recorded."""
+    """Make the error for a camera that sends no frame."""
     what = f"{camera.name}: no frame for {timeout_s:g} s, the camera is {camera.status}"
     if is_first:
-        return CameraNotFoundError(f"{what}; see to the camera and record again")
+        return CameraNotFoundError(f"{what}; check the camera and record again")
     return CameraLostError(f"{what}; the frames recorded so far are complete")

@@ -1,4 +1,4 @@
-"""``kinect-vo replay``: the odometry over a recorded folder, with its figures at the end."""
+"""``kinect-vo replay``: run the odometry over a recorded folder and print a summary."""
 
 import argparse
 import json
@@ -44,22 +44,22 @@ examples:
   kinect-vo replay recordings/desk --json --no-publish | jq .ate_rmse_m
   kinect-vo replay recordings/tour --optimized-trajectory tour.txt
 
-The folder needs FOLDER/camera.toml, a name that says freiburg1, freiburg2 or freiburg3, or
---camera FILE. With FOLDER/groundtruth.txt the summary says how good the trajectory is.
+The folder needs FOLDER/camera.toml, a name that contains freiburg1, freiburg2 or freiburg3, or
+--camera FILE. With FOLDER/groundtruth.txt the summary contains the errors of the trajectory.
 
-lockstep runs every frame as fast as it goes and repeats bit for bit; subscribers get every pose.
-realtime keeps the recording's own clock and drops what comes too late, as on the robot.
+lockstep runs every frame as fast as possible and repeats bit for bit; subscribers get every pose.
+realtime keeps the recording's own clock and drops late frames, as on the robot.
 
-Several replays can run at once, and beside the service: where the default port is taken, poses are
-published on a free one, which is printed. A port of your own (zenoh.listen) that is taken is an
-error, as is any with --wait-for-subscriber.
+Several replays can run at once, and beside the service: if the default port is taken, poses are
+published on a free one, which is printed. If a configured port (zenoh.listen) is taken, or any port
+with --wait-for-subscriber, the command ends with an error.
 
 --loop-closure recognizes places that were seen before. It relocalizes the camera after a loss, and
 the summary shows the gain. Published poses stay smooth; the optimized trajectory is written to the
 file of --optimized-trajectory.
 """
 
-# What a recording consists of, beside its images.
+# Files of a recording besides its images.
 RECORDING_FILES = ("rgb.txt", "depth.txt", "associations.txt", "groundtruth.txt", "camera.toml")
 
 
@@ -76,26 +76,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_loop_closure_options(parser)
     parser.add_argument(
         "--wait-for-subscriber", metavar="SECONDS", type=parse_seconds, default=0.0,
-        help="begin when someone subscribes to the poses, or after SECONDS",
+        help="start when a subscriber connects, or after SECONDS",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay and print the summary."""
+    """Replay and print the summary.
+
+    Raises:
+        UserFacingError: If an option or the recording is not valid, or if an output fails.
+    """
     config = load_config(args)
     _check_not_overwriting_recording(args)
     check_optimized_trajectory_path(args)
     terminal = Terminal()
-    memory = TrajectoryRecorder()
+    recorder = TrajectoryRecorder()
     with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
-            loops = make_requested_loop_closure(args, config, terminal, stop)
+            loop_closure = make_requested_loop_closure(args, config, terminal, stop)
         request = OutputsConfig(
             playback_mode=args.pace,
             zenoh=None if args.no_publish else config.zenoh,
-            # Who is waited for comes to the port that was agreed on.
+            # An expected subscriber connects to the configured port.
             connect_policy=ConnectOnce if args.wait_for_subscriber else ConnectOnFreePort,
             wait_for_subscriber_s=args.wait_for_subscriber,
             rerun=config.rerun,
@@ -104,25 +108,34 @@ def run(args: argparse.Namespace) -> int:
             log_line=terminal.write_line,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
-        own: list[Output] = [memory, *([loops] if loops else []), progress]
+        own: list[Output] = [recorder, *([loop_closure] if loop_closure else []), progress]
         with open_outputs(request) as opened, stop_on_signals() as stop:
             outputs = [*opened.outputs, *own]
-            feed = SinglePassSource(camera)
-            ending = run_replay(config, camera, feed, outputs, stop, loops or NullLoopClosure())
+            frame_source = SinglePassSource(camera)
+            result = run_replay(
+                config, camera, frame_source, outputs, stop, loop_closure or NullLoopClosure()
+            )
         for output in own:
             output.close()
         truth = camera.ground_truth
         frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(args.folder).pairs])
-        with_loops = summarize_loop_closure(loops, truth, frames_s) if loops else None
-        summary = RunSummary.from_run(
-            ending.statistics, camera.counters, memory.trajectory, truth, frames_s, with_loops
+        loop_closure_summary = (
+            summarize_loop_closure(loop_closure, truth, frames_s) if loop_closure else None
         )
-    if loops and args.optimized_trajectory:
+        summary = RunSummary.from_run(
+            result.statistics,
+            camera.counters,
+            recorder.trajectory,
+            truth,
+            frames_s,
+            loop_closure_summary,
+        )
+    if loop_closure and args.optimized_trajectory:
         write_optimized_trajectory(
-            args.optimized_trajectory, loops.trajectory, memory.publish_offset_s
+            args.optimized_trajectory, loop_closure.trajectory, recorder.publish_offset_s
         )
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
-    return ending.exit_code
+    return result.exit_code
 
 
 def _check_not_overwriting_recording(args: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""``kinect-vo router``: a small Zenoh router, for a fleet without `zenohd`."""
+"""``kinect-vo router``: run a small Zenoh router, for a fleet without `zenohd`."""
 
 import argparse
 from pathlib import Path
@@ -31,17 +31,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Route until stopped. Raises InputError for a file that is wrong or not a router's."""
+    """Route until stopped.
+
+    Raises:
+        InputError: If the file is not valid, or not the configuration of a router.
+    """
     config = ZenohConfig(config_file=args.file, listen=())
     settings = build_zenoh_config(config)
     if settings.get_json("mode") != '"router"':
-        raise InputError(f'{args.file}: this is no router\'s file; write mode: "router" in it')
+        raise InputError(f'{args.file}: not a router\'s configuration; set mode: "router" in it')
     with stop_on_signals() as stop, capture_zenoh_log(), open_session(config) as session:
         log_link_events(session)
         endpoints = ", ".join(configured_endpoints(settings, "listen"))
         print_message(f"router: listening at {endpoints} (Ctrl-C ends)")
-        # Not for ever at once: the kernel may hand the signal to one of Zenoh's threads, and then
-        # nothing wakes this one to act on it.
+        # Wait with a timeout: the kernel may deliver the signal to one of Zenoh's threads, which
+        # does not wake this one.
         while not stop.event.wait(_POLL_PERIOD_S):
             pass
     return 0

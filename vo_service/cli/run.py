@@ -1,4 +1,4 @@
-"""``kinect-vo run``: the odometry as a service, for as long as the robot is on."""
+"""``kinect-vo run``: run the odometry as a service."""
 
 import argparse
 import sys
@@ -57,7 +57,7 @@ reloads the file of --config; without --config it ends the service, as closing t
 existing trajectory file is kept as FILE-0001, FILE-0002 and so on. Ctrl-C or SIGTERM ends the
 service within 5 seconds, with exit code 0.
 """
-# From being asked to end until the process is gone.
+# Time from the stop request to the end of the process.
 MAX_SHUTDOWN_S = 4.5
 
 
@@ -74,7 +74,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until stopped."""
+    """Run the service until stopped.
+
+    Raises:
+        UserFacingError: If the configuration is not valid, or if an output cannot be opened.
+    """
     config = load_config(args)
     set_log_level(config.log.level)
     _rotate_trajectory(args.trajectory)
@@ -82,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     camera = _make_camera(args, config)
     with (
         stop_on_signals() as stop,
-        reload_on_sighup() as hangup,
+        reload_on_sighup() as reload_signal,
         force_exit_after(stop, MAX_SHUTDOWN_S),
         suppress(KeyboardInterrupt),
     ):
@@ -90,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         prepare_kernels(config, terminal, stop)
         if config.map.enabled and config.map.loop_closure and not loops_are_prepared():
             prepare_loop_closure(terminal, stop)
-        _serve(args, config, camera, terminal, stop, hangup)
+        _serve(args, config, camera, terminal, stop, reload_signal)
     return 0
 
 
@@ -100,18 +104,18 @@ def _serve(
     camera: RgbdCamera,
     terminal: Terminal,
     stop: StopSignal,
-    hangup: ReloadSignal,
+    reload_signal: ReloadSignal,
 ) -> None:
-    """Put the parts together, run the loop, and take them apart: the last one opened first."""
+    """Open the parts, run the loop, and close the parts in reverse order."""
     # Imported here because they compile kernels, which `kinect-vo --help` does not need.
     from vo_service.outputs.recorder.flight_recorder import open_recorder
     from vo_service.slam.mapper.live_mapper import open_mapper
 
-    inbox: CommandQueue[Command] = CommandQueue()
+    command_queue: CommandQueue[Command] = CommandQueue()
     reloader = ConfigReloader(config, lambda: load_config(args))
     systemd = SystemdOutput()
-    commands = make_command_endpoint(config.commands, inbox)
-    request = OutputsConfig(
+    commands = make_command_endpoint(config.commands, command_queue)
+    outputs_config = OutputsConfig(
         playback_mode=args.pace,
         zenoh=None if args.no_publish else config.zenoh,
         connect_policy=ConnectWithRetry,
@@ -124,17 +128,17 @@ def _serve(
     )
     with (
         log_access_denied(config.zenoh),
-        open_outputs(request) as opened,
+        open_outputs(outputs_config) as opened,
         closing(systemd),
-        closing(inbox),
+        closing(command_queue),
     ):
-        told: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
+        loggers: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
         live = build_live_service(
             config,
             camera,
             ServiceDependencies(
-                outputs=[*opened.outputs, *told],
-                command_queue=inbox,
+                outputs=[*opened.outputs, *loggers],
+                command_queue=command_queue,
                 recorder=opened.recorder,
                 mapper=opened.mapper,
                 viewers=opened.viewers,
@@ -145,22 +149,22 @@ def _serve(
 
         def reload() -> None:
             with systemd.notify_reloading():
-                inbox.submit_internal(live.make_reload_command(reloader.reload()))
+                command_queue.submit_internal(live.make_reload_command(reloader.reload()))
 
-        # Without a file there is nothing to read again: the terminal has gone.
-        on_hangup = stop.request if args.config is None else reload
-        release_memory()  # all kernels are there
-        run_on_loop_thread(live.service.run, stop, hangup, on_hangup)
+        # Without --config, SIGHUP means that the terminal was closed.
+        on_reload = stop.request if args.config is None else reload
+        release_memory()  # all kernels are loaded
+        run_on_loop_thread(live.service.run, stop, reload_signal, on_reload)
 
 
 def _rotate_trajectory(path: Path | None) -> None:
-    """What an earlier run has written is kept as FILE-0001 and so on. Raises InputError."""
+    """Rename an earlier run's file to FILE-0001 and so on; raise InputError if that fails."""
     if path is not None and path.is_file():
         try:
             rotate_file(path, max_files=sys.maxsize)
         except OSError as error:
             raise InputError(
-                f"{path}: cannot be put aside: {error.strerror}; name another file"
+                f"{path}: cannot be renamed: {error.strerror}; name another file"
             ) from error
 
 

@@ -1,4 +1,4 @@
-"""``kinect-vo service``: install the program as a service of this computer, or take it away."""
+"""``kinect-vo service``: install the program as a systemd service, or uninstall it."""
 
 import argparse
 import os
@@ -30,38 +30,43 @@ checkout, it updates and restarts the service.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's actions."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
-    install = actions.add_parser("install", help="install or bring up to date (as root)")
+    install = actions.add_parser("install", help="install or update the service (as root)")
     install.add_argument(
         "--name", default="", metavar="NAME",
         help="kinect-vo@NAME with /etc/kinect-vo/NAME.toml, one of several on this computer",
     )  # fmt: skip
     install.add_argument(
-        "--enable", action="store_true", help="start it now, and whenever the computer starts"
+        "--enable", action="store_true", help="start the service now and at every boot"
     )
     install.add_argument(
         "--network-tls", action="store_true",
-        help="also the drop-in that opens the network, for the TLS profile",
+        help="also install the drop-in that allows network access, for the TLS profile",
     )  # fmt: skip
-    uninstall = actions.add_parser("uninstall", help="take it away (as root)")
+    uninstall = actions.add_parser("uninstall", help="uninstall the service (as root)")
     uninstall.add_argument(
-        "--purge", action="store_true", help="also /etc/kinect-vo, incidents and compiled kernels"
-    )
+        "--purge", action="store_true",
+        help="also remove /etc/kinect-vo, incidents and compiled kernels",
+    )  # fmt: skip
     for action in (install, uninstall):
         action.add_argument(
             "--root", metavar="DIR", type=Path, default=Path("/"),
             help="a tree other than /, such as an image's; nothing is started",
         )  # fmt: skip
-    show = actions.add_parser("show", help="print a file that is installed")
+    show = actions.add_parser("show", help="print an installed file")
     show.add_argument("file", choices=[*UNITS, DROP_IN, "kinect.toml"])
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it. Raises UserFacingError naming the sudo command where this user may not."""
+    """Install, uninstall or show.
+
+    Raises:
+        UserFacingError: If it fails, or if the user is not root: with the sudo command.
+    """
     if args.action == "show":
         print(read_service_file(args.file), end="")
         return 0
     root: Path = args.root.absolute()
-    before = os.umask(0o022)  # what is installed is for every user to read
+    before = os.umask(0o022)  # installed files are readable by every user
     try:
         _require_root(root, args)
         systemd = Systemd() if root == Path("/") else OfflineSystemd(root)
@@ -76,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def print_line(text: str) -> None:
-    """Tell what was done, at once."""
+    """Print a line without buffering."""
     print(text, flush=True)
 
 

@@ -1,4 +1,4 @@
-"""The odometry over a recording, for the poses that a map is made with."""
+"""Tracking of a recording, for the poses of a reconstruction."""
 
 import logging
 from pathlib import Path
@@ -31,16 +31,28 @@ def track_recording(
     stop: StopSignal,
     loop_closure: "SynchronousLoopClosure | None" = None,
 ) -> Trajectory:
-    """Poses of the longest stretch that was tracked, under the frames' own stamps.
+    """Run the odometry over a recording and return the longest tracked trajectory.
 
-    With loops, as these have corrected them in the end; what they join is one stretch.
-    Raises InputError if there is none, KeyboardInterrupt when asked to stop.
+    Args:
+        folder: Folder of the recording, for error messages.
+        camera: The recording.
+        config: The configuration.
+        terminal: Shows progress.
+        stop: Stop request.
+        loop_closure: If given, the poses are optimized, and trajectories that it connects are one.
+
+    Returns:
+        The trajectory, with the frames' own stamps.
+
+    Raises:
+        InputError: If no frame was tracked.
+        KeyboardInterrupt: If a stop is requested.
     """
     prepare_kernels(config, terminal, stop)
-    memory = TrackedPoseRecorder()
+    recorder = TrackedPoseRecorder()
     with camera:
         progress = ProgressOutput(terminal, "tracking", camera.frame_count)
-        own: list[Output] = [*([loop_closure] if loop_closure else []), memory, progress]
+        own: list[Output] = [*([loop_closure] if loop_closure else []), recorder, progress]
         run_replay(
             config, camera, SinglePassSource(camera), own, stop, loop_closure or NullLoopClosure()
         )
@@ -48,19 +60,19 @@ def track_recording(
         output.close()
     stop.check()
     if loop_closure:
-        memory.apply_correction(
+        recorder.apply_correction(
             loop_closure.trajectory, loop_closure.loop_closer.graph.are_connected
         )
-    poses = memory.longest_trajectory
+    poses = recorder.longest_trajectory
     if not len(poses):
         raise InputError(
-            f"{folder}: the odometry found no motion in any of {memory.frame_count} frames: see "
+            f"{folder}: the odometry found no motion in any of {recorder.frame_count} frames: see "
             "`kinect-vo replay`, or give a trajectory"
         )
-    if memory.epoch_count > 1:
+    if recorder.epoch_count > 1:
         _log.warning(
-            "tracking was lost for good %d times: the map has the longest stretch, %d of %d "
-            "frames; for all of them give a trajectory that knows how the others lie to it",
-            memory.epoch_count - 1, len(poses), memory.frame_count,
+            "tracking restarted %d times after a loss: the map has only the longest part, %d of %d "
+            "frames; for all frames give a trajectory",
+            recorder.epoch_count - 1, len(poses), recorder.frame_count,
         )  # fmt: skip
     return poses

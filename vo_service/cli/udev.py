@@ -1,4 +1,4 @@
-"""``kinect-vo udev``: the rules that let a sensor be opened without root."""
+"""``kinect-vo udev``: install, show or remove the udev rules of the sensors."""
 
 import argparse
 from pathlib import Path
@@ -38,7 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it. Raises UserFacingError naming the sudo command where this user may not."""
+    """Install, uninstall or show.
+
+    Raises:
+        UserFacingError: If it fails, or if the user may not: with the sudo command.
+    """
     if args.action == "show":
         print("\n".join(f"# /{file.path}\n{file.text}" for file in list_system_files()), end="")
         return 0
@@ -55,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _apply_rules() -> None:
-    complaint = apply_rules()
-    if complaint:
-        print_message(f"kinect-vo: warning: {complaint}; restart the computer to apply the change")
+    warning = apply_rules()
+    if warning:
+        print_message(f"kinect-vo: warning: {warning}; restart the computer to apply the change")
     else:
         print("Now unplug the sensor, with its power, and plug it in again.")

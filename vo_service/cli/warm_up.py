@@ -28,7 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compile, or find that all is there."""
+    """Compile the kernels of the configured parts, or load them from the cache.
+
+    Raises:
+        UserFacingError: If the configuration is not valid, or if the kernels cannot be written.
+    """
     config = load_config(args)
     terminal = Terminal()
     with stop_on_signals() as stop:
@@ -49,7 +53,7 @@ def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
     from drivers.core.shared_frames.depth_packing import compile_kernels
 
     begin_s = time.monotonic()
-    on_progress("packing of depth")
+    on_progress("depth packing")
     compile_kernels()
     return time.monotonic() - begin_s
 

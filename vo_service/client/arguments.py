@@ -33,7 +33,11 @@ def check_command_name(name: str) -> None:
 
 
 def encode_arguments(key: str, arguments: Mapping[str, object]) -> bytes | None:
-    """Encode arguments as JSON; None if there are none. Raises InputError."""
+    """Encode arguments as JSON; None if there are none.
+
+    Raises:
+        InputError: If they are not valid.
+    """
     if not arguments:
         return None
     try:
@@ -43,7 +47,11 @@ def encode_arguments(key: str, arguments: Mapping[str, object]) -> bytes | None:
 
 
 def reset_arguments(T_odom_base: Array) -> Mapping[str, object]:
-    """Return the arguments of `reset` for a 4x4 pose. Raises InputError unless it is rigid."""
+    """Return the arguments of `reset` for a 4x4 pose.
+
+    Raises:
+        InputError: Unless it is rigid.
+    """
     try:
         T = np.asarray(T_odom_base, dtype=np.float64)
     except (TypeError, ValueError):

@@ -48,12 +48,12 @@ class PoseClient:
         """Connect to a service.
 
         Args:
-            prefix: prefix of the service's Zenoh keys.
+            prefix: Prefix of the service's Zenoh keys.
             connect: Zenoh endpoint of the service.
             config_file: Zenoh configuration (JSON5, for TLS); its endpoints replace `connect`.
 
         Raises:
-            InputError: an argument is invalid.
+            InputError: An argument is invalid.
         """
         self._prefix = check_prefix(prefix)
         file = None if config_file is None else Path(config_file)
@@ -91,10 +91,10 @@ class PoseClient:
         A slow reader skips to the newest pose; `Pose.missed` counts the skipped ones.
 
         Args:
-            timeout_s: longest wait for the next pose; None waits without limit.
+            timeout_s: Longest wait for the next pose; None waits without limit.
 
         Raises:
-            PoseUnavailable: no pose arrived in time.
+            PoseUnavailable: No pose arrived in time.
         """
         check_timeout(timeout_s)
         return self._poses(self._state.pose.count, timeout_s)
@@ -113,7 +113,7 @@ class PoseClient:
         `is_continuous` and `missed` compare it with this thread's previous pose.
 
         Raises:
-            PoseUnavailable: no pose arrived within `max_age_s`, or tracking is lost.
+            PoseUnavailable: No pose arrived within `max_age_s`, or tracking is lost.
             InputError: `max_age_s` is negative or NaN.
         """
         check_max_age(max_age_s)
@@ -123,8 +123,8 @@ class PoseClient:
         """Query the last pose that the service has published; it may be old.
 
         Raises:
-            CommandRefused: there is no pose yet.
-            ServiceUnavailable: no service replied.
+            CommandRefused: There is no pose yet.
+            ServiceUnavailable: No service replied.
         """
         sample = query(self._sessions(timeout_s), f"{self._prefix}/latest", timeout_s)
         return make_pose(parse_pose_sample(sample, run=0), is_continuous=False, missed=0)
@@ -133,8 +133,8 @@ class PoseClient:
         """Return the map->odom transform: a recent message if there is one, else a query.
 
         Raises:
-            CommandRefused: there is no map.
-            ServiceUnavailable: no service replied.
+            CommandRefused: There is no map.
+            ServiceUnavailable: No service replied.
         """
         latest = self._state.map_odom
         if latest.item is not None and latest.age_s < MAX_SILENCE_S:
@@ -159,7 +159,7 @@ class PoseClient:
         """Return the newest status; `docs/messages.md` lists its fields.
 
         Raises:
-            ServiceUnavailable: no status arrived recently and no service replied.
+            ServiceUnavailable: No status arrived recently and no service replied.
         """
         latest = self._state.status
         if latest.item is not None and latest.age_s < MAX_SILENCE_S:
@@ -178,7 +178,7 @@ class PoseClient:
         """Return the JSON Schemas of the service's messages, by name.
 
         Raises:
-            ServiceUnavailable: no service replied.
+            ServiceUnavailable: No service replied.
         """
         schemas: Mapping[str, Any] = self._query_field("schema", {}, "schemas", dict, timeout_s)
         return schemas
@@ -193,7 +193,7 @@ class PoseClient:
             T_odom_base: 4x4 pose of the base, meters; None is the level pose at the origin.
 
         Raises:
-            InputError: the matrix is not a finite rigid transform.
+            InputError: The matrix is not a finite rigid transform.
         """
         pose = {} if T_odom_base is None else reset_arguments(T_odom_base)
         return int(self._query_field("command/reset", pose, "epoch", int))
@@ -249,7 +249,7 @@ class PoseClient:
         """Send any command by its name and return the fields of its reply.
 
         Raises:
-            InputError: the name or an argument is invalid.
+            InputError: The name or an argument is invalid.
         """
         check_command_name(name)
         reply = self._query(f"command/{name}", timeout_s, arguments)

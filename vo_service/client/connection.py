@@ -26,11 +26,11 @@ class BackgroundConnection:
         """Open the session.
 
         Args:
-            config: endpoints, or the configuration file that holds them.
-            on_open: called once, with the open session.
+            config: Endpoints, or the configuration file that holds them.
+            on_open: Called once, with the open session.
 
         Raises:
-            InputError: the configuration is invalid, so that retrying cannot help.
+            InputError: The configuration is invalid, so that retrying cannot help.
         """
         self._config = config
         self._on_open = on_open

@@ -20,8 +20,8 @@ class PoseUnavailable(Exception):  # noqa: N818 (not necessarily an error)
     """There is no usable pose; the text says why.
 
     Attributes:
-        reason: the same for programs.
-        last: last pose received, however old; None before the first.
+        reason: The same for programs.
+        last: Last pose received, however old; None before the first.
     """
 
     def __init__(self, reason: PoseUnavailableReason, message: str, last: Pose | None) -> None:

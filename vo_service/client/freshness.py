@@ -12,12 +12,12 @@ def require_fresh(state: ServiceState, max_age_s: float, where: str) -> Received
     """Return the newest pose if it is fresh and not lost.
 
     Args:
-        state: messages received so far.
-        max_age_s: greatest age, seconds since the pose arrived.
-        where: the service's prefix and endpoint, for the message.
+        state: Messages received so far.
+        max_age_s: Greatest age, seconds since the pose arrived.
+        where: The service's prefix and endpoint, for the message.
 
     Raises:
-        PoseUnavailable: with the reason.
+        PoseUnavailable: With the reason.
     """
     received = state.pose.item
     if received is None or not state.pose.age_s <= max_age_s:

@@ -26,17 +26,17 @@ class MapOdom:
     map is ``T_map_odom @ pose.T_odom_base`` if `is_localized` holds and both epochs are equal.
 
     Attributes:
-        stamp_s: stamp of the newest pose at publication, Unix seconds.
-        frame_id: name of the map frame.
-        child_frame_id: name of the odom frame.
+        stamp_s: Stamp of the newest pose at publication, Unix seconds.
+        frame_id: Name of the map frame.
+        child_frame_id: Name of the odom frame.
         T_map_odom: 4x4; maps coordinates of odom to the map, meters.
-        seq: number of that pose.
-        epoch: epoch of that pose.
+        seq: Number of that pose.
+        epoch: Epoch of that pose.
         is_localized: False after a reset, a loss or the load of a map, until relocalization
             succeeds; until then the transform is unknown.
-        map_keyframes: number of keyframes in the map.
-        loop_closures: number of loop closures.
-        receive_time_s: time of arrival, this computer's CLOCK_MONOTONIC.
+        map_keyframes: Number of keyframes in the map.
+        loop_closures: Number of loop closures.
+        receive_time_s: Time of arrival, this computer's CLOCK_MONOTONIC.
     """
 
     stamp_s: float
@@ -60,7 +60,7 @@ def parse_map_odom(sample: zenoh.Sample) -> MapOdom:
     """Parse a sample of ``map_odom``.
 
     Raises:
-        ValueError: the message is malformed or of an unknown version.
+        ValueError: The message is malformed or of an unknown version.
     """
     if sample.attachment is None:
         raise ValueError("a map_odom message came without its attachment")

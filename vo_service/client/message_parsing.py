@@ -13,7 +13,11 @@ JsonObject = Mapping[str, Any]
 
 
 def parse_json(payload: zenoh.ZBytes) -> JsonObject:
-    """Parse one of the service's JSON messages. Raises ValueError."""
+    """Parse one of the service's JSON messages.
+
+    Raises:
+        ValueError: If the message is not valid.
+    """
     try:
         content = json.loads(payload.to_bytes())
     except RecursionError as error:
@@ -29,7 +33,11 @@ def parse_json(payload: zenoh.ZBytes) -> JsonObject:
 
 
 def parse_status(payload: zenoh.ZBytes) -> JsonObject:
-    """Parse a status. Raises ValueError."""
+    """Parse a status.
+
+    Raises:
+        ValueError: If it is not valid.
+    """
     status = parse_json(payload)
     check_fields("a status", status, {"state": str, "reason": str, "paused": bool})
     return status

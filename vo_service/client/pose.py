@@ -21,10 +21,10 @@ class ReceivedPose:
     """A pose message on arrival.
 
     Attributes:
-        message: the CDR payload, decoded.
-        attachment: the JSON attachment, decoded.
-        receive_time_s: time of arrival, CLOCK_MONOTONIC.
-        run: how often the service has been started.
+        message: The CDR payload, decoded.
+        attachment: The JSON attachment, decoded.
+        receive_time_s: Time of arrival, CLOCK_MONOTONIC.
+        run: How often the service has been started.
     """
 
     message: OdometryMessage
@@ -38,21 +38,21 @@ class Pose:
     """Pose of the robot's base.
 
     Attributes:
-        stamp_s: stamp of the frame, Unix seconds.
-        frame_id: name of the odom frame.
-        child_frame_id: name of the base frame.
+        stamp_s: Stamp of the frame, Unix seconds.
+        frame_id: Name of the odom frame.
+        child_frame_id: Name of the base frame.
         T_odom_base: 4x4; maps coordinates of the base to odom (x forward, y left, z up), meters.
         pose_covariance: 6x6, accumulated since the epoch began; order x y z rx ry rz, axes of odom.
         twist: (6,) m/s and rad/s, axes of the base.
         twist_covariance: 6x6 of this step, axes of the base.
-        seq: number of the pose, counted by the service.
+        seq: Number of the pose, counted by the service.
         state: "tracking", "degraded" or "lost"; when lost, this is the last good pose.
-        reason: why the state is not "tracking"; at the start of an epoch, why the epoch began.
-        epoch: changes whenever a pose is not continuous with the one before.
-        is_continuous: whether the pose continues this reader's previous one. False for the first
+        reason: Why the state is not "tracking"; at the start of an epoch, why the epoch began.
+        epoch: Changes whenever a pose is not continuous with the one before.
+        is_continuous: Whether the pose continues this reader's previous one. False for the first
             pose, in a new epoch and after a restart of the service.
-        missed: poses between this reader's previous one and this one.
-        receive_time_s: time of arrival, this computer's CLOCK_MONOTONIC.
+        missed: Poses between this reader's previous one and this one.
+        receive_time_s: Time of arrival, this computer's CLOCK_MONOTONIC.
     """
 
     stamp_s: float
@@ -136,11 +136,11 @@ def parse_pose_sample(sample: zenoh.Sample, run: int) -> ReceivedPose:
     """Parse a sample of ``odom`` or ``latest``.
 
     Args:
-        sample: the Zenoh sample.
-        run: how often the service has been started.
+        sample: The Zenoh sample.
+        run: How often the service has been started.
 
     Raises:
-        ValueError: the message is malformed or of an unknown version.
+        ValueError: The message is malformed or of an unknown version.
     """
     if sample.attachment is None:
         raise ValueError("a pose came without its attachment")

@@ -17,14 +17,14 @@ def query(
     """Send a query and return the reply.
 
     Args:
-        sessions: the open session; empty if there is none.
+        sessions: The open session; empty if there is none.
         key: Zenoh key.
-        timeout_s: seconds to wait for the reply.
-        payload: arguments as JSON.
+        timeout_s: Seconds to wait for the reply.
+        payload: Arguments as JSON.
 
     Raises:
-        CommandRefused: with the service's message.
-        ServiceUnavailable: no reply came in time, or it cannot be parsed.
+        CommandRefused: With the service's message.
+        ServiceUnavailable: No reply came in time, or it cannot be parsed.
     """
     for session in sessions:
         for reply in _send_query(session, key, timeout_s, payload):

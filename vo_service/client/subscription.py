@@ -23,10 +23,10 @@ class Latest(Generic[T]):
     """The latest message of one kind. `ServiceState` guards it with its condition.
 
     Attributes:
-        item: the message; None before the first.
-        count: messages received so far.
-        receive_time_s: time of arrival, CLOCK_MONOTONIC.
-        parse_error: why the last message could not be parsed; "" if it could.
+        item: The message; None before the first.
+        count: Messages received so far.
+        receive_time_s: Time of arrival, CLOCK_MONOTONIC.
+        parse_error: Why the last message could not be parsed; "" if it could.
     """
 
     def __init__(self) -> None:

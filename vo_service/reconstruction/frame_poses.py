@@ -60,8 +60,8 @@ class TrackedPoseRecorder:
         """Replace the poses by those of a corrected trajectory and merge connected epochs.
 
         Args:
-            corrected: the corrected trajectory; a frame without a pose in it is dropped.
-            are_connected: whether the transform between two epochs is known.
+            corrected: The corrected trajectory; a frame without a pose in it is dropped.
+            are_connected: Whether the transform between two epochs is known.
         """
         corrected_poses = dict(
             zip(corrected.stamps_s.tolist(), corrected.T_world_camera, strict=True)

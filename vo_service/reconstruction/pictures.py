@@ -28,10 +28,10 @@ def render_top_view(mesh: Mesh, T_level_world: Array, trajectory_m: Array, title
     """Render the map from above, with the camera's trajectory and axes in meters.
 
     Args:
-        mesh: the map.
+        mesh: The map.
         T_level_world: 4x4 transform to level axes.
         trajectory_m: (N, 3) positions of the camera in the world.
-        title: title of the plot.
+        title: Title of the plot.
 
     Returns:
         PNG bytes.
@@ -73,7 +73,7 @@ def render_overview(mesh: Mesh, T_level_world: Array) -> bytes:
     """Render the room from above and behind the first camera, without back faces.
 
     Args:
-        mesh: the map.
+        mesh: The map.
         T_level_world: 4x4 transform to level axes.
 
     Returns:

@@ -30,7 +30,11 @@ end_header
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
-    """Write the mesh atomically. Raises OSError."""
+    """Write the mesh atomically.
+
+    Raises:
+        OSError: If that fails.
+    """
     vertices = np.empty(len(mesh.vertices_m), _VERTEX)
     vertices["position"] = mesh.vertices_m
     vertices["normal"] = mesh.normals

@@ -24,13 +24,13 @@ class ReconstructionResult:
     """Counts and poses of the processed frames.
 
     Attributes:
-        frames: frames read from the recording.
-        without_pose: frames skipped because they have no good pose.
-        without_depth: frames skipped because no depth is in range.
-        full_at_frame: number, from 1, of the first frame that did not fit; 0 if all did.
-        camera: intrinsics of the first frame in the map.
+        frames: Frames read from the recording.
+        without_pose: Frames skipped because they have no good pose.
+        without_depth: Frames skipped because no depth is in range.
+        full_at_frame: Number, from 1, of the first frame that did not fit; 0 if all did.
+        camera: Intrinsics of the first frame in the map.
         poses: T_world_camera (4x4) of each frame in the map.
-        up_direction: up direction from the frames.
+        up_direction: Up direction from the frames.
     """
 
     frames: int = 0
@@ -72,9 +72,9 @@ class Reconstructor:
         """Read an open camera to its end.
 
         Args:
-            camera: the camera.
-            stop: ends the loop early when set.
-            progress: called after each frame with the frames read and the total, 0 if unknown.
+            camera: The camera.
+            stop: Ends the loop early when set.
+            progress: Called after each frame with the frames read and the total, 0 if unknown.
         """
         while not stop.is_set():
             try:

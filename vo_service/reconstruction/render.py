@@ -27,9 +27,9 @@ class OrthographicView:
     Attributes:
         T_view_world: 4x4, to x right, y down and z away from the viewer.
         corner_m: (x, y) of the first pixel's center.
-        pixel_m: size of a pixel.
-        width: pixels per row.
-        height: number of rows.
+        pixel_m: Size of a pixel.
+        width: Pixels per row.
+        height: Number of rows.
     """
 
     T_view_world: Array
@@ -43,8 +43,8 @@ def render_perspective(mesh: Mesh, camera: PinholeCamera, T_camera_world: Array)
     """Render the view of a camera, without back faces.
 
     Args:
-        mesh: the mesh.
-        camera: intrinsics.
+        mesh: The mesh.
+        camera: Intrinsics.
         T_camera_world: 4x4.
 
     Returns:
@@ -100,8 +100,8 @@ def rasterize(
         pixels: (N, 3) column, row and nearness of each vertex, all linear in the image.
         colors: (N, 3) RGB of each vertex.
         triangles: (M, 3) indices of vertices.
-        width: pixels per row.
-        height: number of rows.
+        width: Pixels per row.
+        height: Number of rows.
 
     Returns:
         (H, W, 3) RGB image.

@@ -31,13 +31,13 @@ class ReconstructionReport:
     """A finished map with at least one triangle.
 
     Attributes:
-        title: title of the top view.
-        camera: intrinsics of the frames.
-        mesh: the map.
-        result: counts and poses of the frames.
-        volume: the volume that the map was extracted from.
-        is_interrupted: whether it stopped before the last frame.
-        loop_closure_counts: counts of loop closure, by name; empty without loop closure.
+        title: Title of the top view.
+        camera: Intrinsics of the frames.
+        mesh: The map.
+        result: Counts and poses of the frames.
+        volume: The volume that the map was extracted from.
+        is_interrupted: Whether it stopped before the last frame.
+        loop_closure_counts: Counts of loop closure, by name; empty without loop closure.
     """
 
     title: str
@@ -65,11 +65,11 @@ class ReconstructionReport:
         """Write all files, each atomically, the report last.
 
         Args:
-            folder: an existing folder.
-            report_progress: called with each file's name before it is written.
+            folder: An existing folder.
+            report_progress: Called with each file's name before it is written.
 
         Raises:
-            UserFacingError: a file cannot be written.
+            UserFacingError: A file cannot be written.
         """
         mesh, poses = self.mesh, self.result.poses
         report_progress(MESH_FILE)

@@ -46,9 +46,9 @@ def extract_surface(blocks: VoxelBlockGrid, voxel_m: float, min_weight: float) -
     """Extract the mesh of all voxels with at least a given weight.
 
     Args:
-        blocks: the voxels.
-        voxel_m: edge of a voxel.
-        min_weight: least weight.
+        blocks: The voxels.
+        voxel_m: Edge of a voxel.
+        min_weight: Least weight.
     """
     n = blocks.count
     coordinates, distance_m = blocks.coordinates[:n], blocks.distance_m[:n]

@@ -12,9 +12,9 @@ class TsdfConfig:
     """Resolution and limits of a map.
 
     Attributes:
-        voxel_m: edge of a voxel, the finest detail.
-        memory_mb: memory limit, including mesh extraction.
-        max_depth_m: greater depths are ignored, as they are too coarse.
+        voxel_m: Edge of a voxel, the finest detail.
+        memory_mb: Memory limit, including mesh extraction.
+        max_depth_m: Greater depths are ignored, as they are too coarse.
     """
 
     voxel_m: float = 0.01

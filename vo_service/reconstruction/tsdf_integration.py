@@ -36,11 +36,11 @@ def blocks_to_allocate(
 
     Args:
         depth_m: (H, W), 0 = no reading.
-        intrinsics: fx, fy, cx, cy.
+        intrinsics: Values fx, fy, cx, cy, pixels.
         T_world_camera: 4x4 pose.
-        block_m: edge of a block.
-        margin_m: distance from the surface, along the ray.
-        step_px: spacing of the sampled pixels.
+        block_m: Edge of a block.
+        margin_m: Distance from the surface, along the ray.
+        step_px: Spacing of the sampled pixels.
 
     Returns:
         (N, 3) block coordinates, with duplicates.
@@ -102,8 +102,8 @@ def blocks_in_view(
         coordinates: (M, 3) of all blocks.
         frustum: (4, 3) normals from `frustum_normals`.
         T_camera_world: 4x4.
-        block_m: edge of a block.
-        max_depth_m: greatest depth along the optical axis.
+        block_m: Edge of a block.
+        max_depth_m: Greatest depth along the optical axis.
 
     Returns:
         (N,) block numbers.
@@ -146,12 +146,12 @@ def integrate_frame(
     Args:
         visible_blocks: (N,) block numbers.
         coordinates: (M, 3) of all blocks.
-        voxels: distance, weight and color of `VoxelBlockGrid`, updated in place.
-        images: depth (H, W), weight of each reading (H, W), and BGR (H, W, 3).
-        intrinsics: fx, fy, cx, cy.
+        voxels: Distance, weight and color of `VoxelBlockGrid`, updated in place.
+        images: Depth (H, W), weight of each reading (H, W), and BGR (H, W, 3).
+        intrinsics: Values fx, fy, cx, cy, pixels.
         T_camera_world: 4x4.
-        voxel_m: edge of a voxel.
-        truncation_m: voxels further behind the surface are not updated.
+        voxel_m: Edge of a voxel.
+        truncation_m: Voxels further behind the surface are not updated.
     """
     distance_m, weight, color = voxels
     depth_m, reading_weight, color_bgr = images

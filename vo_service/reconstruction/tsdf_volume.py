@@ -39,7 +39,11 @@ class TsdfVolume:
     """
 
     def __init__(self, config: TsdfConfig) -> None:
-        """Allocate the volume. Raises MemoryError."""
+        """Allocate the volume.
+
+        Raises:
+            MemoryError: If there is not enough memory.
+        """
         self.config = config
         bytes_per_block = BLOCK_BYTES + MESH_BYTES_PER_BLOCK
         self._blocks = VoxelBlockGrid(max(1, config.memory_mb * MEGABYTE // bytes_per_block))
@@ -66,7 +70,7 @@ class TsdfVolume:
         Args:
             depth_m: (H, W), 0 = no reading.
             color_bgr: (H, W, 3).
-            camera: intrinsics of both images.
+            camera: Intrinsics of both images.
             T_world_camera: 4x4 pose.
         """
         blocks, config = self._blocks, self.config

@@ -32,9 +32,9 @@ class VoxelBlockGrid:
     """At most `capacity` blocks. The system provides their memory as they are used.
 
     Attributes:
-        capacity: greatest number of blocks.
-        count: number of blocks.
-        rejected: how often a block did not fit.
+        capacity: Greatest number of blocks.
+        count: Number of blocks.
+        rejected: How often a block did not fit.
         coordinates: (capacity, 3) in blocks; a block's first voxel is at 8 times this.
         distance_m: (capacity, 512) to the nearest surface, positive in front of it.
         weight: (capacity, 512) sum of weights, 1 for each best reading; 0 = never seen.
@@ -43,7 +43,11 @@ class VoxelBlockGrid:
     """
 
     def __init__(self, capacity: int) -> None:
-        """Allocate the grid. Raises MemoryError."""
+        """Allocate the grid.
+
+        Raises:
+            MemoryError: If there is not enough memory.
+        """
         self.capacity = capacity
         self.count = 0
         self.rejected = 0

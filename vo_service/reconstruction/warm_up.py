@@ -14,7 +14,7 @@ def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
     """Compile the kernels, or load them from the cache, by mapping a synthetic wall.
 
     Args:
-        report_stage: called with the name of each stage as it starts.
+        report_stage: Called with the name of each stage as it starts.
 
     Returns:
         Duration in seconds.

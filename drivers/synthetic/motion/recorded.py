@@ -35,7 +35,11 @@ class RecordedMotion(CameraMotion):
 
     @classmethod
     def read(cls, file: Path, config: SyntheticConfig, room_height_m: float) -> "RecordedMotion":
-        """Read and place a track file. Raises InputError if it is broken or too short."""
+        """Read and place a track file.
+
+        Raises:
+            InputError: If it is broken or too short.
+        """
         track = read_trajectory(file)
         available_s = float(track.stamps_s[-1] - track.stamps_s[0]) - config.track_start_s
         if len(track) < 2 or config.track_start_s < 0 or config.duration_s > available_s + 1e-6:

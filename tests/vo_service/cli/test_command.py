@@ -26,5 +26,5 @@ def test_an_unreadable_reply_is_one_line(capfd: pytest.CaptureFixture[str]) -> N
     with running_fake_service(endpoint) as service:
         service.answer_with("command/pause", {"schema": 9})
         outcome = run_in_process(capfd, "command", "pause", "--connect", endpoint)
-    assert outcome.err.startswith("kinect-vo: error: pause: the answer cannot be read: a message")
+    assert outcome.err.startswith("kinect-vo: error: pause: the reply cannot be read: a message")
     assert (outcome.err.count("\n"), outcome.code) == (1, 1)

@@ -64,5 +64,5 @@ def test_kernels_without_disk_space_are_one_line(monkeypatch: pytest.MonkeyPatch
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(kernels, "warm_up", fill)
-    with pytest.raises(UserFacingError, match="cannot be kept: No space left on device; free"):
+    with pytest.raises(UserFacingError, match="cannot be written: No space left on device; free"):
         prepare_kernels(Config(), Terminal(), StopSignal())

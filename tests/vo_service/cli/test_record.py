@@ -71,7 +71,7 @@ def test_a_missing_camera_is_an_error_after_a_timeout_without_a_folder(
     outcome = run_in_process(capfd, "record", tmp_path / "new")
     assert outcome.err == (
         "kinect-vo: error: scripted: no frame for 10 s, the camera is absent: no Kinect found; "
-        "plug one in; see to the camera and record again\n"
+        "plug one in; check the camera and record again\n"
     )
     assert (outcome.code, outcome.out) == (1, "")
     assert not (tmp_path / "new").exists()
@@ -82,7 +82,7 @@ def test_a_stop_before_the_first_frame_creates_no_folder(
 ) -> None:
     have_camera(monkeypatch)
     outcome = run_in_process(capfd, "record", tmp_path / "new")
-    assert (outcome.code, outcome.out) == (0, "no frame came: nothing is written\n")
+    assert (outcome.code, outcome.out) == (0, "no frame received: nothing is written\n")
     assert not (tmp_path / "new").exists()
 
 

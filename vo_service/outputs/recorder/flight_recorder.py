@@ -94,12 +94,12 @@ class FlightRecorder:
         """Start the recorder.
 
         Args:
-            settings: the recorder's settings.
-            state_folder: parent of the folders of incidents and recordings.
-            service_info: copied into each incident as JSON.
+            settings: The recorder's settings.
+            state_folder: Parent of the folders of incidents and recordings.
+            service_info: Copied into each incident as JSON.
 
         Raises:
-            OSError: the memory cannot be allocated.
+            OSError: The memory cannot be allocated.
         """
         self._history = FrameHistory(settings.seconds, settings.max_mb)
         self._memory_fault = ""
@@ -165,17 +165,29 @@ class FlightRecorder:
         self._save_incident_if(self._loss_trigger.is_due(time.monotonic()))
 
     def save(self, reason: str) -> str:
-        """Write an incident; return its folder. Raises CommandError if that is not possible."""
+        """Write an incident; return its folder.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         if not self._history.frames.record_count:
             raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has arrived yet")
         return self._client.save(reason)
 
     def start_recording(self, name: str) -> str:
-        """Start a recording; return its folder. Raises CommandError if that is not possible."""
+        """Start a recording; return its folder.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         return self._client.start_recording(name, self._history.frames.record_count)
 
     def stop_recording(self) -> str:
-        """End the recording; return its folder. Raises CommandError if there is none."""
+        """End the recording; return its folder.
+
+        Raises:
+            CommandError: If there is none.
+        """
         return self._client.stop_recording(self._history.frames.record_count)
 
     def configure(self, settings: RecorderConfig) -> None:
@@ -222,8 +234,8 @@ def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Rec
     """Create the configured recorder; if that fails, a null recorder, so the service still runs.
 
     Args:
-        settings: the recorder's settings.
-        config: the service's configuration, copied into each incident with the versions.
+        settings: The recorder's settings.
+        config: The service's configuration, copied into each incident with the versions.
     """
     if not settings.enabled:
         return NullRecorder("the recorder is switched off (recorder.enabled)")

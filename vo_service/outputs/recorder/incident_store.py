@@ -44,7 +44,11 @@ class FrameHistory:
     """Writer of both rings, for one thread."""
 
     def __init__(self, seconds: float, max_mb: int) -> None:
-        """Allocate the rings. Raises OSError if there is no memory."""
+        """Allocate the rings.
+
+        Raises:
+            OSError: If there is no memory.
+        """
         self.frames = RecordRingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
         try:
             self.statuses = RecordRingWriter("recorder-statuses", STATUS_RING_S, STATUS_RING_BYTES)
@@ -54,7 +58,11 @@ class FrameHistory:
         compile_kernels()
 
     def append(self, item: OdometryUpdate | StampedStatus, missed: int) -> None:
-        """Append an item. `missed` counts dropped items. Raises OSError if there is no memory."""
+        """Append an item. `missed` counts dropped items.
+
+        Raises:
+            OSError: If there is no memory.
+        """
         if isinstance(item, OdometryUpdate):
             write_frame(self.frames, item, pack_depth)
         else:
@@ -108,7 +116,7 @@ class IncidentStore:
         """Remove partial incidents of earlier recorders, and old ones over the quota.
 
         Raises:
-            OSError: the folder is not usable.
+            OSError: The folder is not usable.
         """
         for part in self._incidents(PARTIAL_SUFFIX):
             with suppress(OSError), lock_folder(part):
@@ -132,14 +140,14 @@ class IncidentStore:
         The oldest incidents are deleted to make room.
 
         Args:
-            name: the incident's name; a number is added if it exists.
-            write_content: fills the empty folder that it is given.
+            name: The incident's name; a number is added if it exists.
+            write_content: Fills the empty folder that it is given.
 
         Returns:
             The incident's folder.
 
         Raises:
-            UserFacingError: the disk or `write_content` failed; nothing is left.
+            UserFacingError: The disk or `write_content` failed; nothing is left.
         """
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)

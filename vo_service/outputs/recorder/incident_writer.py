@@ -26,8 +26,8 @@ def select_last_frames(ring: RecordRingReader, seconds: float) -> range:
     """Select the newest frames of the ring that have one camera and rising stamps.
 
     Args:
-        ring: ring of frames.
-        seconds: longest time from the first to the last frame.
+        ring: Ring of frames.
+        seconds: Longest time from the first to the last frame.
 
     Returns:
         Their record numbers.
@@ -70,9 +70,9 @@ class IncidentWriter:
         """Take what to write.
 
         Args:
-            reason: why the incident is written.
-            numbers: record numbers of the frames.
-            read_record: returns a frame's record by its number; None if it is overwritten.
+            reason: Why the incident is written.
+            numbers: Record numbers of the frames.
+            read_record: Returns a frame's record by its number; None if it is overwritten.
             statuses: JSON lines.
             service_info: JSON object about the service.
         """

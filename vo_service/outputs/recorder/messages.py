@@ -12,14 +12,14 @@ class RecorderWorkerConfig:
     """Configuration of the recorder's process: the first message to it.
 
     Attributes:
-        frame_ring: shared memory of the frames.
-        status_ring: shared memory of the statuses.
-        incident_duration_s: time span of an incident, seconds.
-        incidents_folder: folder of the incidents.
-        max_incident_bytes: quota of all incidents together.
-        recordings_folder: folder of the recordings.
+        frame_ring: Shared memory of the frames.
+        status_ring: Shared memory of the statuses.
+        incident_duration_s: Time span of an incident, seconds.
+        incidents_folder: Folder of the incidents.
+        max_incident_bytes: Quota of all incidents together.
+        recordings_folder: Folder of the recordings.
         service_info: JSON object about the service, copied into each incident.
-        log_level: level of the service's log.
+        log_level: Level of the service's log.
     """
 
     frame_ring: RecordRingMemory
@@ -77,9 +77,9 @@ class RecorderStatus(Heartbeat):
     """Status of the recorder's process, every second.
 
     Attributes:
-        recording_names: names of the existing recordings.
-        missed_frames: frames of the current recording that were overwritten too early.
-        error: why a folder is not writable; "" if all are.
+        recording_names: Names of the existing recordings.
+        missed_frames: Frames of the current recording that were overwritten too early.
+        error: Why a folder is not writable; "" if all are.
     """
 
     recording_names: frozenset[str]

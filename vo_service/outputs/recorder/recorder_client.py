@@ -72,7 +72,11 @@ class RecorderClient:
         return f"recorder: {fault}" if fault else ""
 
     def save(self, reason: str) -> str:
-        """Write an incident; return its folder. Raises CommandError if that is not possible."""
+        """Write an incident; return its folder.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         with self._lock:
             self._check_responsive()
             if self._saving_name:
@@ -87,14 +91,14 @@ class RecorderClient:
         """Start a recording.
 
         Args:
-            name: name of its folder.
-            first_frame: record number of its first frame in the ring.
+            name: Name of its folder.
+            first_frame: Record number of its first frame in the ring.
 
         Returns:
             The folder's path.
 
         Raises:
-            CommandError: the name is invalid or taken, or a recording is running.
+            CommandError: The name is invalid or taken, or a recording is running.
         """
         if not fullmatch(NAME_PATTERN, name):
             raise CommandError(
@@ -117,7 +121,7 @@ class RecorderClient:
         """End the recording before a record number; return its folder.
 
         Raises:
-            CommandError: there is no recording.
+            CommandError: There is no recording.
         """
         with self._lock:
             folder, self.recording = self.recording, ""

@@ -38,10 +38,10 @@ class RecordingWriter:
         """Start the thread.
 
         Args:
-            ring: ring of frames.
-            first_frame: record number of the first frame.
-            folder: folder of the recording.
-            send_result: called once, at the end.
+            ring: Ring of frames.
+            first_frame: Record number of the first frame.
+            folder: Folder of the recording.
+            send_result: Called once, at the end.
         """
         self.folder = folder
         self.missed_frames = 0

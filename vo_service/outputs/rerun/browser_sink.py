@@ -23,9 +23,9 @@ class BrowserSink(LiveSink):
     ``ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 ROBOT``.
 
     Args:
-        data_port: port of the data.
-        web_port: port of the web page.
-        history_mb: data kept for a browser that connects late.
+        data_port: Port of the data.
+        web_port: Port of the web page.
+        history_mb: Data kept for a browser that connects late.
     """
 
     def __init__(
@@ -38,7 +38,11 @@ class BrowserSink(LiveSink):
         self._pages: list[WebViewerServer] = []
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Serve page and data from this process. Raises PortTakenError if a port is in use."""
+        """Serve page and data from this process.
+
+        Raises:
+            PortTakenError: If a port is in use.
+        """
         import rerun as rr
 
         from vo_service.outputs.rerun.web_viewer_server import WebViewerServer

@@ -13,7 +13,7 @@ class RerunFaultReporter:
     """Reporter of the current fault.
 
     Attributes:
-        warning: the current fault, "" if there is none.
+        warning: The current fault, "" if there is none.
     """
 
     def __init__(self, address: str) -> None:

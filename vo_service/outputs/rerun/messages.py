@@ -20,11 +20,11 @@ class RerunWorkerConfig:
     """Configuration of the viewer's process: the first message to it.
 
     Attributes:
-        sink: where the data goes.
-        jpeg_quality: quality of the color images, 0 to 100.
-        memory_mb: memory limit of the process.
-        recording_id: the same for all processes and files of a run, which Rerun shows as one.
-        log_level: level of the service's log.
+        sink: Where the data goes.
+        jpeg_quality: Quality of the color images, 0 to 100.
+        memory_mb: Memory limit of the process.
+        recording_id: The same for all processes and files of a run, which Rerun shows as one.
+        log_level: Level of the service's log.
     """
 
     sink: Sink
@@ -154,8 +154,8 @@ class RerunHealth:
     """Heartbeat of the viewer's process, several times a second.
 
     Attributes:
-        fault: the current fault, "" if there is none.
-        data_loss: why data was lost, "" if none was.
+        fault: The current fault, "" if there is none.
+        data_loss: Why data was lost, "" if none was.
     """
 
     fault: str = ""

@@ -47,14 +47,14 @@ class RerunOutput:
     again.
 
     Args:
-        sink: where the data goes.
-        settings: rates and limits.
-        ground_truth: returns the true trajectory once it is known, to be drawn too.
-        playback_mode: whether a replay may wait for the output.
+        sink: Where the data goes.
+        settings: Rates and limits.
+        ground_truth: Returns the true trajectory once it is known, to be drawn too.
+        playback_mode: Whether a replay may wait for the output.
 
     Raises:
         InputError: Rerun is not installed, or the file is not usable.
-        PortTakenError: a port is in use.
+        PortTakenError: A port is in use.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class RerunOutput:
         """Finish the recording within 2.5 s.
 
         Raises:
-            UserFacingError: data was lost; raised by the first call only.
+            UserFacingError: Data was lost; raised by the first call only.
         """
         due_s = time.monotonic() + CLOSE_TIMEOUT_S
         self._worker.close(CLOSE_TIMEOUT_S)
@@ -159,14 +159,14 @@ def open_rerun_output(
     """Open a target as users write it: serve, connect, connect:HOST:PORT or FILE.rrd.
 
     Args:
-        target: the target.
-        settings: rates and limits.
-        ground_truth: as for `RerunOutput`.
-        playback_mode: as for `RerunOutput`.
+        target: The target.
+        settings: Rates and limits.
+        ground_truth: As for `RerunOutput`.
+        playback_mode: As for `RerunOutput`.
 
     Raises:
-        InputError: as `RerunOutput`, or the target is invalid.
-        PortTakenError: as `RerunOutput`.
+        InputError: As `RerunOutput`, or the target is invalid.
+        PortTakenError: As `RerunOutput`.
     """
     for _ in range(MAX_PORT_ATTEMPTS - 1):
         try:

@@ -41,13 +41,13 @@ class RerunPreview(Generic[T]):
     """Preview in one Rerun target: a viewer gets the newest item, a file gets all.
 
     Args:
-        target: serve, connect, connect:HOST:PORT or FILE.rrd.
+        target: One of serve, connect, connect:HOST:PORT or FILE.rrd.
         application: Rerun's application id.
-        load_scene: imports and returns the class that draws items.
+        load_scene: Imports and returns the class that draws items.
 
     Raises:
         InputError: Rerun is not installed, or the target is invalid.
-        PortTakenError: a port is in use.
+        PortTakenError: A port is in use.
     """
 
     def __init__(
@@ -91,14 +91,14 @@ def open_previews(
     """Open a preview for each target.
 
     Args:
-        targets: as for `RerunPreview`.
+        targets: As for `RerunPreview`.
         application: Rerun's application id.
-        load_scene: imports and returns the class that draws items.
-        log_line: called with the address of each preview.
+        load_scene: Imports and returns the class that draws items.
+        log_line: Called with the address of each preview.
 
     Raises:
-        InputError: as `RerunPreview`, or two targets are the same.
-        PortTakenError: as `RerunPreview`.
+        InputError: As `RerunPreview`, or two targets are the same.
+        PortTakenError: As `RerunPreview`.
     """
     check_targets(targets)
     with ExitStack() as stack:

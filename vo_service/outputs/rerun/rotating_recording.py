@@ -28,12 +28,16 @@ class RotatingRecording:
     Imports rerun: only for the viewer's process.
 
     Attributes:
-        fault: the current fault, "" if there is none.
-        data_loss: why data was lost, "" if none was.
+        fault: The current fault, "" if there is none.
+        data_loss: Why data was lost, "" if none was.
     """
 
     def __init__(self, config: RerunWorkerConfig) -> None:
-        """Open the sink. Raises UserFacingError if that fails."""
+        """Open the sink.
+
+        Raises:
+            UserFacingError: If that fails.
+        """
         # At exit, Rerun waits until everything is sent: forever if the viewer is frozen.
         rr.unregister_shutdown()
         self._config = config

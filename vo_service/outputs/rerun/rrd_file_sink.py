@@ -30,8 +30,8 @@ class RrdFileSink:
 
     Args:
         path: FILE.rrd.
-        file_mb: greatest size of one file.
-        files_kept: greatest number of files, FILE.rrd included.
+        file_mb: Greatest size of one file.
+        files_kept: Greatest number of files, FILE.rrd included.
     """
 
     is_persistent = True

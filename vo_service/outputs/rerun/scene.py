@@ -53,8 +53,8 @@ class RerunScene:
 
         Args:
             stream: Rerun's recording stream.
-            initial_state: what was drawn before; the caller extends its trajectory later.
-            jpeg_quality: quality of the color images, 0 to 100.
+            initial_state: What was drawn before; the caller extends its trajectory later.
+            jpeg_quality: Quality of the color images, 0 to 100.
         """
         self._stream = stream
         self._jpeg_quality = jpeg_quality
@@ -89,7 +89,11 @@ class RerunScene:
                 self._stream.log(paths.LOG, rr.TextLog(text, level=rr.TextLogLevel.WARN))
 
     def check_written(self, sink: Sink) -> None:
-        """Check that the logged data has arrived. Raises UserFacingError if not."""
+        """Check that the logged data has arrived.
+
+        Raises:
+            UserFacingError: If the data has not arrived.
+        """
         sink.check(self._stream)
 
     def should_rotate(self, sink: Sink) -> bool:
@@ -226,8 +230,8 @@ def back_project(frame: RgbdFrame, grid_px: int) -> tuple[NDArray[np.float32], N
     """Back-project the depth image on a coarse grid of pixels.
 
     Args:
-        frame: depth and color.
-        grid_px: grid spacing.
+        frame: Depth and color.
+        grid_px: Grid spacing.
 
     Returns:
         (N, 3) points in camera axes, meters, and their (N, 3) RGB colors.

@@ -24,9 +24,9 @@ class Sink(Protocol):
     """Destination of Rerun's data. It is sent to the viewer's process and opened there.
 
     Attributes:
-        address: address or file that the user opens.
-        is_persistent: whether the data is stored.
-        flush_interval_s: how long Rerun may collect data before it sends it.
+        address: Address or file that the user opens.
+        is_persistent: Whether the data is stored.
+        flush_interval_s: How long Rerun may collect data before it sends it.
     """
 
     address: str
@@ -110,7 +110,7 @@ class RunningViewerSink(LiveSink):
     """A Rerun viewer that is already running, such as at rerun+http://127.0.0.1:9876/proxy.
 
     Raises:
-        InputError: the address is invalid.
+        InputError: The address is invalid.
     """
 
     def __init__(self, address: str = f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy") -> None:

@@ -42,8 +42,8 @@ class RerunSupervisor:
     """Thread that starts, watches and restarts the viewer's process.
 
     Attributes:
-        start_error: why the first process could not start; None if it could.
-        data_loss: why data was lost, "" if none was.
+        start_error: Why the first process could not start; None if it could.
+        data_loss: Why data was lost, "" if none was.
     """
 
     def __init__(

@@ -18,7 +18,11 @@ _MIN_HISTORY_MB = 20
 
 
 def make_sink(target: str, settings: RerunConfig = RerunConfig()) -> Sink:  # noqa: B008 (frozen)
-    """Make the sink of a target. Raises InputError if the target is invalid."""
+    """Make the sink of a target.
+
+    Raises:
+        InputError: If the target is invalid.
+    """
     if target == "serve":
         history_mb = max(
             _MIN_HISTORY_MB, (settings.memory_mb - _BASE_PROCESS_MB) // _PROCESS_MB_PER_HISTORY_MB
@@ -41,7 +45,7 @@ def check_targets(targets: Sequence[str]) -> None:
     """Check targets without opening them.
 
     Raises:
-        InputError: a target is invalid, or two are the same and would overwrite each other.
+        InputError: A target is invalid, or two are the same and would overwrite each other.
     """
     seen: dict[str, str] = {}
     for target in targets:
@@ -65,7 +69,11 @@ def _canonical_target(target: str) -> str:
 
 
 def prepare_rerun() -> None:
-    """Prepare the import of rerun. Raises InputError if it is not installed."""
+    """Prepare the import of rerun.
+
+    Raises:
+        InputError: If it is not installed.
+    """
     if find_spec("rerun") is None:
         raise InputError("Rerun is not installed: pip install 'kinect-vo[rerun]'")
     # Rerun reads this when it is loaded; without it, it logs its ports and threads.

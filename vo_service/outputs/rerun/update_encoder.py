@@ -29,7 +29,7 @@ class UpdateEncoder:
     """Encodes scalars for every result and images for some.
 
     Attributes:
-        initial_state: everything drawn so far, for a new process.
+        initial_state: Everything drawn so far, for a new process.
     """
 
     def __init__(self, sink: Sink, image_period_s: float, ground_truth: GroundTruthSource) -> None:

@@ -28,7 +28,11 @@ class ViewerProbe(Protocol):
         """Connect to a viewer. Return False if there is none; may take two seconds."""
 
     def is_responding(self) -> bool:
-        """Return whether it responds. Raises ConnectionError if it has exited since `connect`."""
+        """Return whether it responds.
+
+        Raises:
+            ConnectionError: If it has exited since `connect`.
+        """
 
     def disconnect(self) -> None:
         """Close the connection."""
@@ -72,7 +76,11 @@ class GrpcViewerProbe:
         return True
 
     def is_responding(self) -> bool:
-        """Return whether it responds. Raises ConnectionError if it has exited since `connect`."""
+        """Return whether it responds.
+
+        Raises:
+            ConnectionError: If it has exited since `connect`.
+        """
         if self._socket is None:
             raise ConnectionError
         reply = _encode_frame(_PING, _ACK, next(self._pings).to_bytes(8, "big"))
@@ -148,7 +156,7 @@ def _frame_size(received: bytes) -> int:
     """Return the size of the frame at the start, or of its header while that is incomplete.
 
     Raises:
-        ConnectionError: the frame is too large.
+        ConnectionError: The frame is too large.
     """
     if len(received) < _FRAME_HEADER_BYTES:
         return _FRAME_HEADER_BYTES

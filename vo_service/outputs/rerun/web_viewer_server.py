@@ -33,7 +33,11 @@ _START_TIMEOUT_S = 10.0
 
 
 class WebViewerServer:
-    """Serves the page on loopback until closed. Raises PortTakenError if the port is in use."""
+    """Serves the page on loopback until closed.
+
+    Raises:
+        PortTakenError: If the port is in use.
+    """
 
     def __init__(self, port: int, data_port: int) -> None:
         handler = partial(_PageRequestHandler, _ViewerFiles(), _content_security_policy(data_port))
@@ -118,7 +122,11 @@ def _strip_external_links(page: bytes) -> bytes:
 
 
 def wait_for_port(port: int) -> None:
-    """Wait until a program listens on a port. Raises UserFacingError after ten seconds."""
+    """Wait until a program listens on a port.
+
+    Raises:
+        UserFacingError: After ten seconds.
+    """
     deadline_s = time.monotonic() + _START_TIMEOUT_S
     while time.monotonic() < deadline_s:
         try:
@@ -156,7 +164,7 @@ def no_telemetry_environment(home: Path) -> dict[str, str]:
     """Make an environment for Rerun's programs without usage reports and log output.
 
     Args:
-        home: empty folder for Rerun's settings; it must exist while the program runs.
+        home: Empty folder for Rerun's settings; it must exist while the program runs.
     """
     settings = home / "rerun" / "analytics.json"
     settings.parent.mkdir()

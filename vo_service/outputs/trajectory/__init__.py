@@ -1,1 +1,1 @@
-"""The trajectory, in a file or in memory."""
+"""Trajectory outputs: to a file, or in memory."""

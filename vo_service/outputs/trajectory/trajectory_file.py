@@ -1,4 +1,4 @@
-"""The trajectory as a text file in the TUM RGB-D benchmark's format."""
+"""Output that writes the trajectory to a text file in the TUM RGB-D benchmark's format."""
 
 import logging
 import os
@@ -10,7 +10,7 @@ from drivers.core.queues import BoundedQueue, WorkerThread
 from drivers.core.trajectory import format_pose_line
 from vo_service.types import OdometryUpdate, Status
 
-# Longest wait, at the end, for a disk that hangs.
+# Time limit, at the end, for a disk that hangs.
 CLOSE_TIMEOUT_S = 2.0
 
 logger = logging.getLogger(__name__)
@@ -28,11 +28,11 @@ class TrajectoryFileOutput:
         """Create or empty the file.
 
         Args:
-            path: the file.
-            line_queue: decides what happens to lines if the disk is slow.
+            path: The file.
+            line_queue: Queue of the lines; it blocks or drops if the disk is slow.
 
         Raises:
-            InputError: the file cannot be created.
+            InputError: If the file cannot be created.
         """
         self._path = path
         self._size = 0
@@ -41,14 +41,14 @@ class TrajectoryFileOutput:
             self._file = path.open("wb", buffering=0)
         except OSError as error:
             raise InputError(
-                f"{path}: cannot write the trajectory: {error.strerror}; name a file in a folder "
-                "that you may write to"
+                f"{path}: cannot write the trajectory: {error.strerror}; name a file in a writable "
+                "folder"
             ) from error
         self._worker = WorkerThread("trajectory", line_queue, self._append, self._file.close)
 
     @property
     def warning(self) -> str:
-        """Why the file is incomplete; "" while it is complete."""
+        """Reason why the file is incomplete; "" while it is complete."""
         if self._error is not None:
             return str(self._error)
         if self._worker.dropped:

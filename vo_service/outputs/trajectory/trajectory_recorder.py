@@ -1,4 +1,4 @@
-"""The trajectory in memory, for the summary at the end of a run."""
+"""Output that keeps the trajectory in memory, for the summary at the end of a run."""
 
 import numpy as np
 
@@ -8,14 +8,18 @@ from vo_service.types import OdometryUpdate, Status
 
 
 class TrajectoryRecorder:
-    """Stores the pose of every tracked frame with the camera's stamp."""
+    """Stores the pose of every tracked frame with the camera's stamp.
+
+    Attributes:
+        publish_offset_s: Published stamp minus the frame's stamp, s.
+    """
 
     warning = ""
 
     def __init__(self) -> None:
         self._stamps_s: list[float] = []
         self._poses: list[Array] = []
-        self.publish_offset_s = 0.0  # published stamp minus the frame's
+        self.publish_offset_s = 0.0
 
     def on_update(self, update: OdometryUpdate) -> None:
         """Store one pose if this frame has its own."""

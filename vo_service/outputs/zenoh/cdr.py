@@ -35,7 +35,7 @@ def append_frames(body: bytes, stamp_s: float, frame_id: str, child_frame_id: st
     """Append a ``std_msgs/msg/Header`` and the child frame's name.
 
     Raises:
-        ValueError: the stamp does not fit.
+        ValueError: The stamp does not fit.
     """
     body = _pad_to(body, 4) + _STAMP.pack(*split_stamp(stamp_s))
     return _append_string(_append_string(body, frame_id), child_frame_id)
@@ -56,7 +56,11 @@ def reraise_as_value_error(schema: str) -> Iterator[None]:
 
 
 def strip_header(payload: bytes) -> bytes:
-    """Remove the header. Raises ValueError if it is not little-endian CDR."""
+    """Remove the header.
+
+    Raises:
+        ValueError: If it is not little-endian CDR.
+    """
     if payload[:4] != CDR_HEADER:
         raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
     return payload[4:]
@@ -69,7 +73,7 @@ def read_frames(body: bytes) -> tuple[float, str, str, int]:
         Stamp in seconds, frame, child frame, and the offset after them.
 
     Raises:
-        Exception: the errors that `reraise_as_value_error` handles.
+        Exception: The errors that `reraise_as_value_error` handles.
     """
     sec, nanosec = _STAMP.unpack_from(body)
     frame_id, offset = _read_string(body, _STAMP.size)
@@ -78,7 +82,11 @@ def read_frames(body: bytes) -> tuple[float, str, str, int]:
 
 
 def read_numbers(body: bytes, offset: int, count: int) -> Array:
-    """Read `count` 64-bit floats after an offset. Raises ValueError if there are fewer."""
+    """Read `count` 64-bit floats after an offset.
+
+    Raises:
+        ValueError: If there are fewer.
+    """
     return np.frombuffer(body, "<f8", count, _aligned_offset(offset, 8)).astype(np.float64)
 
 
@@ -86,7 +94,7 @@ def split_stamp(stamp_s: float) -> tuple[int, int]:
     """Split a stamp into whole seconds, rounded down, and nanoseconds (0 to 999 999 999).
 
     Raises:
-        ValueError: the seconds do not fit ROS 2's 32 signed bits (they end in 2038).
+        ValueError: The seconds do not fit ROS 2's 32 signed bits (they end in 2038).
     """
     if not math.isfinite(stamp_s):
         raise ValueError(f"stamp {stamp_s} is not a time")
@@ -125,9 +133,9 @@ class OdometryMessage:
     """One odometry message.
 
     Attributes:
-        stamp_s: stamp of the pose, Unix seconds.
-        frame_id: parent frame of the pose.
-        child_frame_id: frame that moves; the twist is in its axes.
+        stamp_s: Stamp of the pose, Unix seconds.
+        frame_id: Parent frame of the pose.
+        child_frame_id: Frame that moves; the twist is in its axes.
         T_frame_child: 4x4 pose, meters.
         pose_covariance: 6x6, order x y z rx ry rz, axes of `frame_id`.
         twist: (6,) m/s and rad/s.
@@ -158,7 +166,7 @@ def encode_odometry(message: OdometryMessage) -> bytes:
     """Encode a message as CDR.
 
     Raises:
-        ValueError: a number is not finite, or the stamp does not fit.
+        ValueError: A number is not finite, or the stamp does not fit.
     """
     numbers = np.concatenate(
         [
@@ -179,7 +187,7 @@ def decode_odometry(payload: bytes) -> OdometryMessage:
     """Decode a message from `encode_odometry` or any ROS 2 node.
 
     Raises:
-        ValueError: the bytes are not a little-endian Odometry message.
+        ValueError: The bytes are not a little-endian Odometry message.
     """
     body = strip_header(payload)
     with reraise_as_value_error(ODOMETRY_SCHEMA):
@@ -201,9 +209,9 @@ class TransformMessage:
     """Transform between two frames.
 
     Attributes:
-        stamp_s: stamp of the transform, Unix seconds.
-        frame_id: parent frame.
-        child_frame_id: child frame.
+        stamp_s: Stamp of the transform, Unix seconds.
+        frame_id: Parent frame.
+        child_frame_id: Child frame.
         T_frame_child: 4x4, meters.
     """
 
@@ -228,7 +236,7 @@ def encode_transform(message: TransformMessage) -> bytes:
     """Encode a ``TransformStamped`` as CDR.
 
     Raises:
-        ValueError: a number is not finite, or the stamp does not fit.
+        ValueError: A number is not finite, or the stamp does not fit.
     """
     return CDR_HEADER + _append_transform(b"", message)
 
@@ -245,7 +253,7 @@ def decode_transform(payload: bytes) -> TransformMessage:
     """Decode a message from `encode_transform` or any ROS 2 node.
 
     Raises:
-        ValueError: the bytes are not a little-endian TransformStamped message.
+        ValueError: The bytes are not a little-endian TransformStamped message.
     """
     body = strip_header(payload)
     with reraise_as_value_error(TRANSFORM_SCHEMA):

@@ -99,7 +99,11 @@ class ConnectWithRetry:
     """Policy for a robot: retries every two seconds and warns until it succeeds."""
 
     def __init__(self, config: ZenohConfig, now_s: Callable[[], float] = time.monotonic) -> None:
-        """Try to open the session. Raises InputError if retrying would not help."""
+        """Try to open the session.
+
+        Raises:
+            InputError: If retrying would not help.
+        """
         self._config = config
         self._now_s = now_s
         self.description = _describe(config)

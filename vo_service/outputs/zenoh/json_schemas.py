@@ -139,7 +139,11 @@ def all_schemas() -> dict[str, Schema]:
 
 
 def schema_of(annotation: Any) -> Schema:
-    """Return the schema of a field's type. Raises TypeError for an unknown type."""
+    """Return the schema of a field's type.
+
+    Raises:
+        TypeError: For an unknown type.
+    """
     if annotation in _PRIMITIVE_SCHEMAS:
         return _PRIMITIVE_SCHEMAS[annotation]
     if isinstance(annotation, type) and issubclass(annotation, StrEnum):

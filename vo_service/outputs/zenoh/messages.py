@@ -29,7 +29,7 @@ def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     """Encode the pose as CDR ``nav_msgs/msg/Odometry``.
 
     Raises:
-        ValueError: a number is not finite.
+        ValueError: A number is not finite.
     """
     return encode_odometry(
         OdometryMessage(
@@ -66,7 +66,7 @@ def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     """Encode the map->odom transform as CDR ``geometry_msgs/msg/TransformStamped``.
 
     Raises:
-        ValueError: a number is not finite.
+        ValueError: A number is not finite.
     """
     return encode_transform(map_odom_transform(update, frame_ids))
 
@@ -85,13 +85,21 @@ def map_odom_attachment(update: OdometryUpdate) -> bytes:
 
 
 def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
-    """Encode the status as JSON. Raises ValueError if a number is not finite."""
+    """Encode the status as JSON.
+
+    Raises:
+        ValueError: If a number is not finite.
+    """
     content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": dict(versions)}
     return json.dumps(content, allow_nan=False).encode()
 
 
 def result_payload(result: CommandResult) -> bytes:
-    """Encode a command's result as JSON. Raises ValueError if a number is not finite."""
+    """Encode a command's result as JSON.
+
+    Raises:
+        ValueError: If a number is not finite.
+    """
     return json.dumps({"schema": MESSAGE_SCHEMA, **result}, allow_nan=False).encode()
 
 

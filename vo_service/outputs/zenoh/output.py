@@ -34,11 +34,11 @@ class QosProfile:
     """Whether a slow subscriber misses messages or slows the publisher down.
 
     Attributes:
-        congestion: what Zenoh does if a link is congested.
-        make_queue: makes the queue of results.
-        min_idle_checks: successive checks without unread data before the session closes.
-        drain_timeout_s: longest wait for subscribers to read, at the end.
-        close_timeout_s: longest wait for the worker thread, at the end.
+        congestion: What Zenoh does if a link is congested.
+        make_queue: Makes the queue of results.
+        min_idle_checks: Successive checks without unread data before the session closes.
+        drain_timeout_s: Longest wait for subscribers to read, at the end.
+        close_timeout_s: Longest wait for the worker thread, at the end.
     """
 
     congestion: zenoh.CongestionControl
@@ -90,10 +90,10 @@ class ZenohOutput:
     A pose with a number that is not finite is never published; the error is logged and counted.
 
     Args:
-        config: prefix, frames and endpoints.
-        qos: how to treat slow subscribers.
-        connect_policy: opens the session; its errors are raised.
-        extra_endpoints: commands and ROS 2; None is neither.
+        config: Prefix, frames and endpoints.
+        qos: How to treat slow subscribers.
+        connect_policy: Opens the session; its errors are raised.
+        extra_endpoints: Commands and ROS 2; None is neither.
     """
 
     def __init__(

@@ -45,9 +45,9 @@ def serve_queryable(session: zenoh.Session, key: str, handler: QueryHandler) -> 
     query gets no reply.
 
     Args:
-        session: the open session.
+        session: The open session.
         key: Zenoh key.
-        handler: replies to one query.
+        handler: Replies to one query.
 
     Returns:
         The thread.

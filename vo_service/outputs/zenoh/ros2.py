@@ -54,12 +54,12 @@ class RosTopic:
     """A published topic.
 
     Attributes:
-        name: name without the first slash.
-        type: message type.
+        name: Name without the first slash.
+        type: Message type.
         depth: QoS depth.
 
     Raises:
-        InputError: the name is not valid in ROS 2.
+        InputError: The name is not valid in ROS 2.
     """
 
     name: str
@@ -89,8 +89,8 @@ class RosNode:
 
     Attributes:
         domain_id: ROS domain.
-        zid: the session's Zenoh id.
-        name: letters, digits and '_'.
+        zid: The session's Zenoh id.
+        name: Letters, digits and '_'.
     """
 
     domain_id: int
@@ -108,8 +108,8 @@ class RosNode:
         Its QoS is reliable, volatile, keep last `depth`; empty fields have ROS's defaults.
 
         Args:
-            number: unique number of the publisher in this node.
-            topic: the topic.
+            number: Unique number of the publisher in this node.
+            topic: The topic.
         """
         topic_name = "/" + topic.name
         parts = (_mangle(topic_name), topic.type.dds_name, topic.type.hash)
@@ -138,7 +138,7 @@ def encode_attachment(sequence_number: int, source_ns: int, gid: bytes) -> bytes
     """Encode a sample's attachment.
 
     Args:
-        sequence_number: number of the sample, from 1.
+        sequence_number: Number of the sample, from 1.
         source_ns: Unix time, nanoseconds.
         gid: 16 bytes from `publisher_gid`.
     """
@@ -153,7 +153,11 @@ class Ros2Output(Protocol):
     """Output to ROS 2 nodes."""
 
     def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
-        """Publish one pose; `odometry` is its CDR. Raises ValueError if it is not finite."""
+        """Publish one pose; `odometry` is its CDR.
+
+        Raises:
+            ValueError: If it is not finite.
+        """
         ...
 
     def close(self) -> None:
@@ -180,7 +184,7 @@ class Ros2Publisher:
       covariance, so an uncertain one must be absent.
 
     Raises:
-        InputError: the topic's name is not valid in ROS 2, or is `{prefix}/odom`.
+        InputError: The topic's name is not valid in ROS 2, or is `{prefix}/odom`.
     """
 
     def __init__(
@@ -208,7 +212,11 @@ class Ros2Publisher:
         )
 
     def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
-        """Publish one pose; `odometry` is its CDR. Raises ValueError if it is not finite."""
+        """Publish one pose; `odometry` is its CDR.
+
+        Raises:
+            ValueError: If it is not finite.
+        """
         source_ns = time.time_ns()
         self._odometry.put(odometry, source_ns)
         if update.state is TrackingState.LOST:

@@ -85,12 +85,20 @@ def _flatten_endpoints(endpoints: Any, mode: str) -> list[str]:
 
 
 def connect_endpoints(config: ZenohConfig) -> tuple[str, ...]:
-    """Return the endpoints that a session connects to. Raises InputError."""
+    """Return the endpoints that a session connects to.
+
+    Raises:
+        InputError: If the configuration is not valid.
+    """
     return tuple(configured_endpoints(build_zenoh_config(config), "connect"))
 
 
 def session_endpoints(config: ZenohConfig) -> tuple[str, ...]:
-    """Return the endpoints that a session listens on and connects to. Raises InputError."""
+    """Return the endpoints that a session listens on and connects to.
+
+    Raises:
+        InputError: If the configuration is not valid.
+    """
     settings = build_zenoh_config(config)
     return (*configured_endpoints(settings, "listen"), *configured_endpoints(settings, "connect"))
 
@@ -109,7 +117,7 @@ def read_zenoh_config(path: Path) -> zenoh.Config:
     folder of the configuration.
 
     Raises:
-        InputError: the configuration or one of its files cannot be read.
+        InputError: The configuration or one of its files cannot be read.
     """
     try:
         settings = zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
@@ -160,7 +168,7 @@ class ZenohUnavailableError(UserFacingError):
     """Zenoh cannot listen or connect now, but retrying may help.
 
     Attributes:
-        clause: what fails, without advice.
+        clause: What fails, without advice.
     """
 
     def __init__(self, clause: str, advice: str) -> None:
@@ -178,9 +186,9 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
     Returns within a few seconds.
 
     Raises:
-        InputError: an endpoint or the configuration file is invalid.
-        ZenohUnavailableError: the session cannot open now, but retrying may help.
-        ZenohPortInUseError: another program listens on the port.
+        InputError: An endpoint or the configuration file is invalid.
+        ZenohUnavailableError: The session cannot open now, but retrying may help.
+        ZenohPortInUseError: Another program listens on the port.
     """
     settings = build_zenoh_config(config)
     try:
@@ -227,7 +235,7 @@ def build_zenoh_config(config: ZenohConfig) -> zenoh.Config:
     messages. Incoming messages larger than any of the service's are discarded.
 
     Raises:
-        InputError: an endpoint or the configuration file is invalid.
+        InputError: An endpoint or the configuration file is invalid.
     """
     zenoh_default = zenoh.Config()
     settings = read_zenoh_config(config.config_file) if config.config_file else zenoh.Config()

@@ -30,7 +30,7 @@ def check_session_config(config: ZenohConfig) -> str:
         A warning about allowed but dangerous settings, one clause; "" if there are none.
 
     Raises:
-        InputError: a setting is invalid.
+        InputError: A setting is invalid.
     """
     settings = build_zenoh_config(config)
     where = str(config.config_file or "zenoh")

@@ -68,7 +68,7 @@ class SessionEndpoints:
     The token is declared last: a client that sees it finds everything else.
 
     Raises:
-        InputError: the ROS 2 topic is invalid.
+        InputError: The ROS 2 topic is invalid.
     """
 
     def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:

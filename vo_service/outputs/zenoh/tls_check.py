@@ -17,13 +17,13 @@ def check_tls_keys(
     """Check the TLS keys of a configuration.
 
     Args:
-        settings: the configuration.
-        where: its name, for the message.
-        listen: endpoints to listen on.
-        connect: endpoints to connect to.
+        settings: The configuration.
+        where: Its name, for the message.
+        listen: Endpoints to listen on.
+        connect: Endpoints to connect to.
 
     Raises:
-        InputError: a key is missing, not readable or does not match; it names the file.
+        InputError: A key is missing, not readable or does not match; it names the file.
     """
     root = _tls_file(settings, "root_ca_certificate")
     if root:

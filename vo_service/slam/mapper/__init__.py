@@ -1,1 +1,1 @@
-"""The map of the running service: keyframes kept in a process of their own, fused when asked."""
+"""The mapper of the running service: a process that keeps keyframes and fuses them on command."""

@@ -176,11 +176,19 @@ class LiveMapper:
         """Do nothing."""
 
     def save(self, name: str) -> MapState:
-        """Start saving the map. Raises CommandError if that is not possible."""
+        """Start saving the map.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         return self._client.save(name)
 
     def load(self, name: str) -> MapState:
-        """Start loading a map. Raises CommandError if that is not possible."""
+        """Start loading a map.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         return self._client.load(name)
 
     def configure(self, settings: MapConfig) -> None:

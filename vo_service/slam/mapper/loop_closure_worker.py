@@ -34,7 +34,7 @@ class LoopClosureWorker:
         self._pending_query: RingRecord | None = None
 
     def process_record(self, record: RingRecord) -> Sequence[NodeRemoval]:
-        """Add a keyframe, or remember a query; return the removed nodes."""
+        """Add a keyframe, or store a query; return the removed nodes."""
         metadata = decode_metadata(record.metadata)
         if isinstance(metadata.extra, RelocalizationQuery):
             self._pending_query = record  # it replaces an older one
@@ -64,12 +64,20 @@ class LoopClosureWorker:
             self._send(result)
 
     def save(self, store: MapStore, name: str, max_total_bytes: int) -> None:
-        """Write the map. Raises UserFacingError."""
+        """Write the map.
+
+        Raises:
+            UserFacingError: If that fails.
+        """
         write = partial(write_map, contents=self._loop_closer.contents)
         store.write(store.map_file(name), max_total_bytes, write)
 
     def load(self, file: Path) -> int:
-        """Replace the map by that of a file; return its number of keyframes. Raises InputError."""
+        """Replace the map by that of a file; return its number of keyframes.
+
+        Raises:
+            InputError: If it is not valid.
+        """
         with announce_if_slow(f"loading {file}"):
             self._loop_closer = create_loop_closer_from_map(read_map(file), self._settings)
         self._send(self._loop_closer.snapshot)

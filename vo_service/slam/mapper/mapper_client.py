@@ -84,7 +84,11 @@ class MapperClient:
         return f"{NAME}: {fault}" if fault else ""
 
     def save(self, name: str) -> MapState:
-        """Start saving a map. Raises CommandError if that is not possible."""
+        """Start saving a map.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         _check_name(name)
         with self._lock:
             self._check_responsive()
@@ -100,7 +104,11 @@ class MapperClient:
             return self.state
 
     def load(self, name: str) -> MapState:
-        """Start loading a map. Raises CommandError if that is not possible."""
+        """Start loading a map.
+
+        Raises:
+            CommandError: If that is not possible.
+        """
         _check_name(name)
         with self._lock:
             self._check_responsive()

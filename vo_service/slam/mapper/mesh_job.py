@@ -92,7 +92,7 @@ class FusedMesh:
     write: Callable[[Path], None]
 
 
-# Fuses keyframes into a surface. The mapper is given it: SLAM does not know the reconstruction.
+# Fuses keyframes into a mesh. It is passed to the mapper: SLAM does not import the reconstruction.
 FuseKeyframes = Callable[[Iterable[MeshKeyframe], MapConfig], FusedMesh]
 
 

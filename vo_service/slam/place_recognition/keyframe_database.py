@@ -50,7 +50,11 @@ class KeyframeDatabase:
         self._size_bytes += keyframe.size_bytes
 
     def remove(self, number: int) -> None:
-        """Remove a keyframe. Raises KeyError if there is none with this number."""
+        """Remove a keyframe.
+
+        Raises:
+            KeyError: If there is none with this number.
+        """
         self._size_bytes -= self._keyframes.pop(number).size_bytes
 
     def find_similar(

@@ -84,7 +84,11 @@ def _is_index_entry(entry: object) -> bool:
 def require_array(
     arrays: Arrays, name: str, dtype: type[Number], shape: tuple[int, ...]
 ) -> NDArray[Number]:
-    """Return an array of finite numbers with this dtype and shape. Raises ValueError if invalid."""
+    """Return an array of finite numbers with this dtype and shape.
+
+    Raises:
+        ValueError: If they are not valid.
+    """
     if name not in arrays:
         raise ValueError(f"has no {name}")
     array = arrays[name]
@@ -98,7 +102,11 @@ def require_array(
 
 
 def require_poses(arrays: Arrays, name: str, count: int) -> Array:
-    """Return rigid transforms (count, 4, 4). Raises ValueError if invalid."""
+    """Return rigid transforms (count, 4, 4).
+
+    Raises:
+        ValueError: If they are not valid.
+    """
     T = require_array(arrays, name, np.float64, (count, 4, 4))
     if not all(map(is_rigid, T)):
         raise ValueError(f"has an invalid {name}")

@@ -35,7 +35,11 @@ def graph_to_arrays(nodes: Sequence[Node], edges: Sequence[Edge]) -> dict[str, N
 
 
 def nodes_from_arrays(arrays: Arrays) -> list[Node]:
-    """Convert arrays to nodes. Raises ValueError if they are invalid."""
+    """Convert arrays to nodes.
+
+    Raises:
+        ValueError: If they are invalid.
+    """
     number = require_array(arrays, "node/number", np.int64, (ANY_LENGTH,))
     world_id = require_array(arrays, "node/world", np.int64, (len(number),))
     T_world = require_poses(arrays, "node/T_world", len(number))
@@ -45,7 +49,11 @@ def nodes_from_arrays(arrays: Arrays) -> list[Node]:
 
 
 def edges_from_arrays(arrays: Arrays, numbers: Set[int]) -> list[Edge]:
-    """Convert arrays to edges between nodes of these numbers. Raises ValueError if invalid."""
+    """Convert arrays to edges between nodes of these numbers.
+
+    Raises:
+        ValueError: If they are not valid.
+    """
     ends = require_array(arrays, "edge/ends", np.int64, (ANY_LENGTH, 2))
     count = len(ends)
     T = require_poses(arrays, "edge/T", count)
@@ -103,7 +111,11 @@ def keyframes_to_arrays(keyframes: Sequence[MapKeyframe]) -> dict[str, NDArray[n
 
 
 def keyframes_from_arrays(arrays: Arrays) -> list[MapKeyframe]:
-    """Convert arrays to keyframes. Raises ValueError if they are invalid."""
+    """Convert arrays to keyframes.
+
+    Raises:
+        ValueError: If they are invalid.
+    """
     number = require_array(arrays, "place/number", np.int64, (ANY_LENGTH,))
     count = len(number)
     world_id = require_array(arrays, "place/world", np.int64, (count,))

@@ -77,7 +77,11 @@ def write_map(path: Path, contents: MapContents) -> None:
 
 
 def read_map(path: Path) -> MapContents:
-    """Read a map. Raises InputError if it is none, damaged, or of another version."""
+    """Read a map.
+
+    Raises:
+        InputError: If it is none, damaged, or of another version.
+    """
     data = _read_verified(path)
     try:
         return _deserialize(data)

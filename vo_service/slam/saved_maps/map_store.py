@@ -25,12 +25,20 @@ class MapStore:
 
     @property
     def names(self) -> frozenset[str]:
-        """Names of the maps. Raises OSError if the folder cannot be read."""
+        """Names of the maps.
+
+        Raises:
+            OSError: If the folder cannot be read.
+        """
         return frozenset(file.stem for file in self._files())
 
     @property
     def loadable_names(self) -> frozenset[str]:
-        """Names of the maps that can be loaded. Raises OSError if the folder cannot be read."""
+        """Names of the maps that can be loaded.
+
+        Raises:
+            OSError: If the folder cannot be read.
+        """
         return frozenset(file.stem for file in self._files() if file.suffix == MAP_SUFFIX)
 
     def mesh_file(self, name: str) -> Path:
@@ -42,7 +50,11 @@ class MapStore:
         return self.folder / f"{name}{MAP_SUFFIX}"
 
     def clean_up(self) -> None:
-        """Remove partial files of an earlier mapper. Raises OSError."""
+        """Remove partial files of an earlier mapper.
+
+        Raises:
+            OSError: If that fails.
+        """
         if self.folder.is_dir():
             for part in self.folder.glob(f"*{PARTIAL_SUFFIX}"):
                 with suppress(OSError), lock_folder(part):

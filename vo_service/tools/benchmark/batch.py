@@ -25,12 +25,12 @@ class BatchPlan:
     """Runs of a batch.
 
     Attributes:
-        recordings: recordings to run on.
-        factories: method factories by the method's name.
-        folder: cache folder, with one folder per recording and in it one per method.
-        time_limit_s: time limit of each run.
-        force: whether to re-run cached results.
-        observer_factory: makes the observer of each run.
+        recordings: Recordings to run on.
+        factories: Method factories by the method's name.
+        folder: Cache folder, with one folder per recording and in it one per method.
+        time_limit_s: Time limit of each run.
+        force: Whether to re-run cached results.
+        observer_factory: Makes the observer of each run.
     """
 
     recordings: Sequence[BenchmarkRecording]
@@ -58,7 +58,7 @@ def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Ite
     are not run.
 
     Raises:
-        UserFacingError: results cannot be written, or no process can be started.
+        UserFacingError: Results cannot be written, or no process can be started.
     """
     total = len(plan.recordings) * len(plan.factories)
     number = 0

@@ -21,7 +21,7 @@ def make_cache_key(
     Images count by name, size and modification time. The ground truth counts if it is used.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: A file cannot be read.
     """
     content = {
         "versions": dict(versions),

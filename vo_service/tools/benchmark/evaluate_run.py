@@ -33,18 +33,18 @@ class RunEvaluation:
     """A run and its metrics; None means that a metric is not known.
 
     Attributes:
-        batch_result: the run.
-        evaluation: metrics of the trajectory.
-        matched: poses with their ground truth.
-        no_evaluation_reason: why `evaluation` is None; "" otherwise.
-        coverage: fraction of the recording's frames with a pose; with ground truth, only frames
+        batch_result: The run.
+        evaluation: Metrics of the trajectory.
+        matched: Poses with their ground truth.
+        no_evaluation_reason: Why `evaluation` is None; "" otherwise.
+        coverage: Fraction of the recording's frames with a pose; with ground truth, only frames
             that have it count.
-        gap_outcomes: one per gap of the recording; empty without a result.
-        gap_errors: error of the motion across each gap, (1,) each.
+        gap_outcomes: One per gap of the recording; empty without a result.
+        gap_errors: Error of the motion across each gap, (1,) each.
         rpe_frame_without_gaps_m: RPE of one frame without the steps across gaps.
-        steps: number of steps between successive poses of an epoch, both with ground truth.
-        gross_errors: number of these steps with an error of more than 5 cm or 3 degrees.
-        optimized_evaluation: metrics of the trajectory after loop closure, if it was enabled.
+        steps: Number of steps between successive poses of an epoch, both with ground truth.
+        gross_errors: Number of these steps with an error of more than 5 cm or 3 degrees.
+        optimized_evaluation: Metrics of the trajectory after loop closure, if it was enabled.
     """
 
     batch_result: BatchResult

@@ -15,13 +15,13 @@ class RunRequest:
     """Request to the worker, sent once: run a method on a recording.
 
     Attributes:
-        folder: the recording.
-        camera_file: as for `open_tum_folder`.
-        factory: makes the method.
-        log_level: level of the log messages to forward.
-        frame_selection: frames to use.
-        stop_after_compiling: if kernels had to be compiled, end with `KernelsCompiled`.
-        observer_factory: makes the observer of the run.
+        folder: The recording.
+        camera_file: As for `open_tum_folder`.
+        factory: Makes the method.
+        log_level: Level of the log messages to forward.
+        frame_selection: Frames to use.
+        stop_after_compiling: If kernels had to be compiled, end with `KernelsCompiled`.
+        observer_factory: Makes the observer of the run.
     """
 
     folder: Path

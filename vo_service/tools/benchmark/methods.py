@@ -43,7 +43,11 @@ def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
 def make_method_factories(
     names: Sequence[str], unavailable: Sequence[UnavailableMethods], odometry: OdometryConfig
 ) -> Mapping[str, MethodFactory]:
-    """Return factories in the order of the names. Raises InputError if none is available."""
+    """Return factories in the order of the names.
+
+    Raises:
+        InputError: If none is available.
+    """
     absent = {name for entry in unavailable for name in entry.methods}
     present = [name for name in names if name not in absent]
     if not present:

@@ -21,11 +21,11 @@ class BenchmarkRecording:
     """A checked recording, or a selection of its frames.
 
     Attributes:
-        name: name of the recording and of its cache folder.
-        folder: folder of the recording.
-        camera_file: camera file that it was opened with.
-        tum_folder: contents, with the selected frames.
-        frame_selection: the selection.
+        name: Name of the recording and of its cache folder.
+        folder: Folder of the recording.
+        camera_file: Camera file that it was opened with.
+        tum_folder: Contents, with the selected frames.
+        frame_selection: The selection.
     """
 
     name: str
@@ -84,11 +84,11 @@ def open_recordings(folders: Sequence[Path], camera_file: Path | None) -> list[B
     """Check and open recordings before long runs.
 
     Args:
-        folders: folders of the recordings.
-        camera_file: as for `open_tum_folder`.
+        folders: Folders of the recordings.
+        camera_file: As for `open_tum_folder`.
 
     Raises:
-        InputError: a folder is not usable, or two folders have the same name.
+        InputError: A folder is not usable, or two folders have the same name.
     """
     names = [folder.resolve().name for folder in folders]
     for name, count in Counter(names).items():

@@ -67,10 +67,10 @@ class LoopClosureRun:
     """Result of loop closure in a run.
 
     Attributes:
-        trajectory: final optimized poses of the frames that are connected to a map keyframe.
-        map_keyframes: number of map keyframes at the end.
-        loop_closures: number of loop closures at the end.
-        cpu_ms_per_frame: mean processor time per frame, in addition to the method's.
+        trajectory: Final optimized poses of the frames that are connected to a map keyframe.
+        map_keyframes: Number of map keyframes at the end.
+        loop_closures: Number of loop closures at the end.
+        cpu_ms_per_frame: Mean processor time per frame, in addition to the method's.
     """
 
     trajectory: Trajectory
@@ -84,11 +84,11 @@ class CompletedRun:
     """Result of a complete run.
 
     Attributes:
-        frames: result of each frame.
-        trajectory: poses in optical axes; the first camera is the world frame.
-        skipped: number of unreadable frames.
-        stage_ms: median processor time by stage, ms.
-        memory_mb: peak memory of the process, 10^6 bytes.
+        frames: Result of each frame.
+        trajectory: Poses in optical axes; the first camera is the world frame.
+        skipped: Number of unreadable frames.
+        stage_ms: Median processor time by stage, ms.
+        memory_mb: Peak memory of the process, 10^6 bytes.
         loop_closure: None if loop closure was not enabled.
     """
 
@@ -133,10 +133,10 @@ class RunOutcome:
     """Outcome of a run: a result or an error.
 
     Attributes:
-        state: how the run ended.
-        run: the result; empty unless the run is done.
-        error: one line for people; "" if the run is done.
-        details: traceback of a program error.
+        state: How the run ended.
+        run: The result; empty unless the run is done.
+        error: One line for people; "" if the run is done.
+        details: Traceback of a program error.
     """
 
     state: RunState

@@ -43,7 +43,11 @@ class RunRecorder:
             self._stages_ms[stage].append(time_ms)
 
     def finish(self, skipped: int, loop_closure: LoopClosureRun | None = None) -> CompletedRun:
-        """Return the complete run. Raises UserFacingError if a pose is not finite."""
+        """Return the complete run.
+
+        Raises:
+            UserFacingError: If a pose is not finite.
+        """
         poses = np.array(self._poses, np.float64).reshape(-1, 4, 4)
         if not np.isfinite(poses).all():
             raise UserFacingError("a pose is not finite; this is an error of the method, report it")

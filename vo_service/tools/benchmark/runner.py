@@ -39,8 +39,8 @@ def run_method(
     """Run a method on the selected frames.
 
     Raises:
-        UserFacingError: the folder is not usable, or a pose is not finite.
-        KernelsCompiledFirst: kernels had to be compiled, and the request allows to stop then.
+        UserFacingError: The folder is not usable, or a pose is not finite.
+        KernelsCompiledFirst: Kernels had to be compiled, and the request allows to stop then.
     """
     folder = open_tum_folder(request.folder, request.camera_file)
     pairs = request.frame_selection.select(folder.frames.pairs)

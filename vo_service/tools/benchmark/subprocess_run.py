@@ -33,13 +33,13 @@ def run_in_subprocess(
     If kernels have to be compiled, this happens in another subprocess before.
 
     Args:
-        request: the run.
-        time_limit_s: the run is killed after this time.
-        on_progress: is called with each progress message.
-        stop: if set, the run is killed and has no result.
+        request: The run.
+        time_limit_s: The run is killed after this time.
+        on_progress: Is called with each progress message.
+        stop: If set, the run is killed and has no result.
 
     Raises:
-        UserFacingError: no process can be started.
+        UserFacingError: No process can be started.
     """
     result = _run_once(request, time_limit_s, on_progress, stop)
     if isinstance(result, KernelsCompiled):

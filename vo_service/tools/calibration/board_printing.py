@@ -43,7 +43,7 @@ def print_board(board: Board, path: Path) -> str:
     """Write a page to print at 100 % and return the name of its paper.
 
     Raises:
-        InputError: the suffix is not a known format, or the file cannot be written.
+        InputError: The suffix is not a known format, or the file cannot be written.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: the file name must end in {', '.join(FORMATS)}")

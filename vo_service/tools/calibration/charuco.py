@@ -29,7 +29,7 @@ class Charuco:
     """Chessboard whose white squares have markers with the side `marker_m` from a dictionary.
 
     Raises:
-        InputError: the dictionary has too few markers.
+        InputError: The dictionary has too few markers.
     """
 
     layout: BoardLayout

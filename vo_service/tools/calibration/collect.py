@@ -40,14 +40,14 @@ def collect_from_folder(
     """Collect the views of a folder in which the board does not move and has a new pose.
 
     Args:
-        board: the board.
-        folder: recording or folder of images.
-        camera_file: camera file of the recording; None for its own.
-        with_depth: whether to read depth images.
-        terminal: shows the progress.
+        board: The board.
+        folder: Recording or folder of images.
+        camera_file: Camera file of the recording; None for its own.
+        with_depth: Whether to read depth images.
+        terminal: Shows the progress.
 
     Raises:
-        InputError: the folder is not usable, or no image shows the board.
+        InputError: The folder is not usable, or no image shows the board.
     """
     files = list_snapshot_files(folder, with_depth)
     units = read_depth_units(folder, camera_file)

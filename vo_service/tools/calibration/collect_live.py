@@ -45,14 +45,14 @@ def collect_live(
     """Guide the user until the views are complete, the camera ends, or `stop` is set.
 
     Args:
-        board: the board.
-        request: settings.
-        previews: places where the views are shown; may be empty.
-        terminal: shows the instructions.
-        stop: ends the collection.
+        board: The board.
+        request: Settings.
+        previews: Places where the views are shown; may be empty.
+        terminal: Shows the instructions.
+        stop: Ends the collection.
 
     Raises:
-        UserFacingError: no image showed the board, or the camera cannot be opened.
+        UserFacingError: No image showed the board, or the camera cannot be opened.
     """
     selector = ViewSelector(board)
     guide = CoverageGuide(selector, request.view_count, request.with_depth)

@@ -41,13 +41,13 @@ class ColorCalibrationResult:
 
     Attributes:
         size: (width, height) of the images.
-        lens: intrinsics and distortion.
+        lens: Intrinsics and distortion.
         sigma: (9,) standard deviations of fx fy cx cy (pixels) k1 k2 p1 p2 k3.
-        rms_px: root mean square reprojection error of the corners.
-        views: the V views that were used.
+        rms_px: Root mean square reprojection error of the corners.
+        views: The V views that were used.
         T_camera_board: (V, 4, 4) poses of the board.
         residuals_px: (N, 2) for each view: detected minus projected corners.
-        rejected: names of rejected views.
+        rejected: Names of rejected views.
     """
 
     size: tuple[int, int]
@@ -69,7 +69,7 @@ def calibrate_color(views: Sequence[BoardView]) -> ColorCalibrationResult:
     """Fit the lens without outlier views.
 
     Raises:
-        UserFacingError: too few views are left.
+        UserFacingError: Too few views are left.
     """
     inliers, rejected = list(views), list[str]()
     while True:

@@ -49,7 +49,7 @@ class DepthCalibrationResult:
     """Fitted depth camera, and the residuals of the readings.
 
     Attributes:
-        model: the depth camera.
+        model: The depth camera.
         sigma: (13,) standard deviations, in the order of `depth_model.PARAMETER_NAMES`.
         pixels: N readings on the boards.
         residuals_m: (N,) distances of the readings from the board's plane.
@@ -98,13 +98,13 @@ def calibrate_depth(
     """Fit the depth camera to the boards that the color camera saw.
 
     Args:
-        color: fitted color camera; its views have the depth images.
-        layout: layout of the board.
-        depth_factor: values of the depth images per meter.
-        progress: is called with the number of steps done and in total.
+        color: Fitted color camera; its views have the depth images.
+        layout: Layout of the board.
+        depth_factor: Values of the depth images per meter.
+        progress: Is called with the number of steps done and in total.
 
     Raises:
-        UserFacingError: the readings do not lie on the boards, or on too few boards.
+        UserFacingError: The readings do not lie on the boards, or on too few boards.
     """
     fit = _DepthFit(layout, depth_factor)
     undistorted = fit.refine(color, fit.estimate_initial(color), WITHOUT_DISTORTION, GATES)

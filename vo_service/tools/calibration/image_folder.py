@@ -40,7 +40,7 @@ def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
     Photographs without an index file get stamps one second apart.
 
     Raises:
-        InputError: the folder has no images, or an index file is invalid.
+        InputError: The folder has no images, or an index file is invalid.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; check the path")
@@ -71,7 +71,7 @@ def read_snapshots(files: list[SnapshotFiles]) -> Iterator[Snapshot | None]:
     """Yield one snapshot per entry, or None for an unreadable image, which is logged.
 
     Raises:
-        InputError: the images differ in size, so they are not of one camera.
+        InputError: The images differ in size, so they are not of one camera.
     """
     first: Snapshot | None = None
     for entry in files:
@@ -105,7 +105,7 @@ def read_depth_units(folder: Path, given: Path | None) -> DepthUnits:
     """Read the camera file `given` or the folder's own; without one, depth is in millimeters.
 
     Raises:
-        InputError: the camera file is invalid.
+        InputError: The camera file is invalid.
     """
     try:
         camera = find_calibration(folder, given)

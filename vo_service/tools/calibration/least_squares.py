@@ -19,10 +19,10 @@ def minimize_gauss_newton(
     Each parameter must influence some residual; the conditioning is not checked.
 
     Args:
-        residuals: function of the parameters (P,) that returns residuals (N,).
+        residuals: Function of the parameters (P,) that returns residuals (N,).
         start: (P,) initial parameters.
         weights: (N,) weights of the residuals.
-        steps: maximum number of iterations.
+        steps: Maximum number of iterations.
     """
     x = start.copy()
     for _ in range(steps):

@@ -51,7 +51,7 @@ def read_frames(camera: RgbdCamera, stop: threading.Event) -> Iterator[RgbdFrame
     """Yield the camera's frames until its end or `stop`, and None while there is no frame.
 
     Raises:
-        CameraError: there was no frame for `FRAME_TIMEOUT_S`.
+        CameraError: There was no frame for `FRAME_TIMEOUT_S`.
     """
     last_s = time.monotonic()
     while not stop.is_set():

@@ -100,9 +100,9 @@ class CollectedSegments:
     """Segments whose frames have the skew of their stamps only, the fastest first.
 
     Attributes:
-        segments: the segments.
-        camera: camera file of the recording.
-        frame_count: number of processed frames.
+        segments: The segments.
+        camera: Camera file of the recording.
+        frame_count: Number of processed frames.
     """
 
     segments: list[MotionSegment]
@@ -113,7 +113,11 @@ class CollectedSegments:
 def collect_segments_from_folder(
     folder: Path, file: Path | None, terminal: Terminal, stop: threading.Event
 ) -> CollectedSegments:
-    """Collect segments of a recording. Raises InputError if it is not usable."""
+    """Collect segments of a recording.
+
+    Raises:
+        InputError: If it is not usable.
+    """
     camera_file = find_calibration(folder, file)
     with TumCamera(folder, file) as camera:
 
@@ -128,7 +132,11 @@ def collect_segments_from_folder(
 def collect_segments_live(
     source: str, file: Path, sensor: SensorConfig, terminal: Terminal, stop: threading.Event
 ) -> CollectedSegments:
-    """Collect segments of a live camera for a minute, or until `stop`. Raises CameraError."""
+    """Collect segments of a live camera for a minute, or until `stop`.
+
+    Raises:
+        CameraError: If that fails.
+    """
     if source.partition(":")[0] == "synthetic":
         raise InputError("--camera synthetic: its timing is known; record it and name the folder")
     camera_file = read_calibration(file)

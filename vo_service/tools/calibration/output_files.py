@@ -30,7 +30,7 @@ def save_with_backup(path: Path, data: bytes) -> Path | None:
         The path of the backup; None without an existing file.
 
     Raises:
-        UserFacingError: the disk fails; the existing file is then unchanged.
+        UserFacingError: The disk fails; the existing file is then unchanged.
     """
     path = path.resolve()
     backup = None
@@ -45,7 +45,11 @@ def save_with_backup(path: Path, data: bytes) -> Path | None:
 
 
 def save(path: Path, data: bytes) -> None:
-    """Write a file. Raises UserFacingError if the disk fails."""
+    """Write a file.
+
+    Raises:
+        UserFacingError: If the disk fails.
+    """
     try:
         atomic_write(path, data)
     except OSError as error:

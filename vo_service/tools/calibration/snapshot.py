@@ -18,8 +18,8 @@ class Snapshot:
     """Raw images of both cameras at one time.
 
     Attributes:
-        name: name for people: a file, or the number of a frame.
-        stamp_s: time on any clock.
+        name: Name for people: a file, or the number of a frame.
+        stamp_s: Time on any clock.
         color_bgr: (height, width, 3) uint8, distorted.
         depth_raw: (height, width) uint16, not registered; NO_DEPTH without depth.
     """

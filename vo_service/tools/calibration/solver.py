@@ -15,13 +15,13 @@ def solve_calibration(
     """Fit the color camera, then the depth camera to it.
 
     Args:
-        board: the board.
-        collected: views of the board.
-        with_depth: whether to calibrate the depth camera.
-        terminal: shows the progress.
+        board: The board.
+        collected: Views of the board.
+        with_depth: Whether to calibrate the depth camera.
+        terminal: Shows the progress.
 
     Raises:
-        UserFacingError: there are too few or too similar views, or the result is not valid.
+        UserFacingError: There are too few or too similar views, or the result is not valid.
     """
     with terminal.busy("fitting the color camera"):
         color = calibrate_color(collected.views)

@@ -46,11 +46,11 @@ def estimate_timing(
     """Estimate the timing that explains the segments best.
 
     Args:
-        segments: segments, the fastest first; their frames have the skew of their stamps only.
-        on_progress: is called with a description of each step.
+        segments: Segments, the fastest first; their frames have the skew of their stamps only.
+        on_progress: Is called with a description of each step.
 
     Raises:
-        UserFacingError: the segments do not determine the timing.
+        UserFacingError: The segments do not determine the timing.
     """
     check_motion(segments)
     minimum = find_minimum(
@@ -78,7 +78,11 @@ def check_motion(segments: Sequence[MotionSegment]) -> None:
 
 
 def validate_minimum(minimum: TimingMinimum) -> TimingEstimate:
-    """Return the estimate. Raises UserFacingError if it is too uncertain."""
+    """Return the estimate.
+
+    Raises:
+        UserFacingError: If it is too uncertain.
+    """
     sigma_ms = 1e3 * minimum.sigma_s
     if not (minimum.sigma_s <= [MAX_READOUT_SIGMA_S, MAX_DEPTH_OFFSET_SIGMA_S]).all():
         raise UserFacingError(

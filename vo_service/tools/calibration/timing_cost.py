@@ -32,8 +32,8 @@ class SensorTiming:
     """Timing of a sensor.
 
     Attributes:
-        readout_s: time from the first row to the last, of both images.
-        depth_offset_s: true time of a depth image minus its stamp, relative to color.
+        readout_s: Time from the first row to the last, of both images.
+        depth_offset_s: True time of a depth image minus its stamp, relative to color.
     """
 
     readout_s: float
@@ -46,8 +46,8 @@ def timing_costs(
     """Return the mean log standard deviation (N,) of brightness residuals for each timing.
 
     Args:
-        frames: frames of a segment; their skew is the difference of their stamps.
-        assumed: timing for the tracking of the camera.
+        frames: Frames of a segment; their skew is the difference of their stamps.
+        assumed: Timing for the tracking of the camera.
         candidates: N timings.
 
     Returns:

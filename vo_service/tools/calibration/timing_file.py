@@ -13,7 +13,7 @@ def read_timing(path: Path, fallback: CameraCalibration) -> SensorTiming:
     """Return the timing of a camera file, or of `fallback` if the file does not exist.
 
     Raises:
-        InputError: the file is invalid.
+        InputError: The file is invalid.
     """
     camera = read_calibration(path) if path.exists() else fallback
     return SensorTiming(camera.readout_s, camera.depth_offset_s)
@@ -25,17 +25,17 @@ def save_timing(
     """Change the timing in a camera file, or write a new file.
 
     Args:
-        path: the camera file.
-        fallback: contents of a new file, except for the timing.
-        timing: the timing.
-        heading: comment at the top of a new file.
+        path: The camera file.
+        fallback: Contents of a new file, except for the timing.
+        timing: The timing.
+        heading: Comment at the top of a new file.
 
     Returns:
         The path of the backup of an existing file; None without one.
 
     Raises:
-        InputError: the existing file is not a camera file.
-        UserFacingError: the disk fails; the existing file is then unchanged.
+        InputError: The existing file is not a camera file.
+        UserFacingError: The disk fails; the existing file is then unchanged.
     """
     camera = replace(fallback, readout_s=timing.readout_s, depth_offset_s=timing.depth_offset_s)
     text = f"# {heading}\n{format_calibration(camera)}"

@@ -29,9 +29,9 @@ class TimingMinimum:
     """Readout and depth offset (2,) and their standard deviations (2,), s.
 
     Attributes:
-        timing_s: readout and depth offset.
-        sigma_s: their standard deviations.
-        segment_count: number of informative segments.
+        timing_s: Readout and depth offset.
+        sigma_s: Their standard deviations.
+        segment_count: Number of informative segments.
     """
 
     timing_s: Array
@@ -43,7 +43,7 @@ def find_minimum(coarse: CostFunction, fine: CostFunction) -> TimingMinimum:
     """Descend on grids of the coarse cost, then of the fine cost, with interpolation.
 
     Raises:
-        UserFacingError: the costs have no minimum.
+        UserFacingError: The costs have no minimum.
     """
     stages = [(coarse, COARSE_STEP_S), (fine, FINE_STEP_S)]
     center_s = INITIAL_TIMING_S

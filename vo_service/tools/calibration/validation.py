@@ -40,7 +40,11 @@ class ParameterUncertainty:
 
 
 def validate_color(color: ColorCalibrationResult, gaps: Iterable[CoverageGap]) -> list[str]:
-    """Return warnings. Raises UserFacingError if the views do not determine the camera."""
+    """Return warnings.
+
+    Raises:
+        UserFacingError: If the views do not determine the camera.
+    """
     warnings = _check_uncertainties(
         "color", _lens_uncertainties(color.lens.fx, color.lens.fy, color.sigma), gaps
     )
@@ -57,7 +61,11 @@ def validate_color(color: ColorCalibrationResult, gaps: Iterable[CoverageGap]) -
 def validate_depth(
     depth: DepthCalibrationResult, color: ColorCalibrationResult, gaps: Iterable[CoverageGap]
 ) -> list[str]:
-    """Return warnings. Raises UserFacingError if the result is not valid."""
+    """Return warnings.
+
+    Raises:
+        UserFacingError: If the result is not valid.
+    """
     model = depth.model
     distance_m = float(np.linalg.norm(model.vector[TRANSLATION]))
     same_lens = abs(model.lens.fx / color.lens.fx - 1.0) < MAX_SAME_FOCAL_RATIO

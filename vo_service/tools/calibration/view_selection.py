@@ -45,7 +45,7 @@ class BoardPose:
 
     Attributes:
         center: (2,) mean of the corners, relative to the image's width and height.
-        distance_m: distance of the board's center along the optical axis.
+        distance_m: Distance of the board's center along the optical axis.
         normal: (3,) normal in optical axes, towards the camera.
     """
 
@@ -75,11 +75,11 @@ class ViewSelector:
     """Selector of views with a still board at a new pose.
 
     Attributes:
-        corners: corners of the last snapshot.
-        views: accepted views.
-        board_poses: approximate pose of the board in each view.
-        snapshot_count: number of processed snapshots.
-        board_count: number of snapshots that showed the board.
+        corners: Corners of the last snapshot.
+        views: Accepted views.
+        board_poses: Approximate pose of the board in each view.
+        snapshot_count: Number of processed snapshots.
+        board_count: Number of snapshots that showed the board.
     """
 
     def __init__(self, board: Board) -> None:

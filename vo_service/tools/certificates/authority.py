@@ -90,7 +90,11 @@ class CertificateAuthority:
 
 
 def check_name(name: str) -> str:
-    """Return `name`. Raises InputError unless it is valid as a common name and a folder name."""
+    """Return `name`.
+
+    Raises:
+        InputError: Unless it is valid as a common name and a folder name.
+    """
     if not _NAME.fullmatch(name) or name in ("ca.key", "ca.pem"):
         raise InputError(
             f"{name!r} is not a valid certificate name; "

@@ -30,11 +30,11 @@ def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, 
     """Sign tls.key in `folder` with ca.key in `authority`, and write tls.pem to `folder`.
 
     Args:
-        folder: folder of the key to certify.
-        authority: folder with ca.pem and ca.key.
-        name: common name of the certificate.
-        extensions: section of an openssl configuration, one ``key=value`` per line.
-        days: days until the certificate expires.
+        folder: Folder of the key to certify.
+        authority: Folder with ca.pem and ca.key.
+        name: Common name of the certificate.
+        extensions: Section of an openssl configuration, one ``key=value`` per line.
+        days: Days until the certificate expires.
     """
     request, extension_file = folder / "request", folder / "extensions"
     extension_file.write_text(extensions)

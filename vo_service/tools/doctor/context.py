@@ -41,10 +41,10 @@ class CheckContext:
         """Store the sources of the data; nothing is read yet.
 
         Args:
-            paths: paths of the computer's virtual files.
-            requested: the sensor to check.
-            probe_usb: finds the sensors on the USB.
-            probe_stream: opens the camera and reads its frames.
+            paths: Paths of the computer's virtual files.
+            requested: The sensor to check.
+            probe_usb: Finds the sensors on the USB.
+            probe_stream: Opens the camera and reads its frames.
         """
         self.paths = paths
         self.requested = requested
@@ -53,7 +53,11 @@ class CheckContext:
 
     @cached_property
     def sensors(self) -> Sequence[UsbSensor]:
-        """All sensors on the USB. Raises UserFacingError if they cannot be listed."""
+        """All sensors on the USB.
+
+        Raises:
+            UserFacingError: If they cannot be listed.
+        """
         return self._probe_usb()
 
     @property
@@ -63,7 +67,11 @@ class CheckContext:
 
     @cached_property
     def stream(self) -> StreamSample:
-        """Frames and errors of the camera. Raises InputError for invalid user input."""
+        """Frames and errors of the camera.
+
+        Raises:
+            InputError: For invalid user input.
+        """
         return self._probe_stream()
 
     @cached_property

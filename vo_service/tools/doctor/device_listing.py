@@ -24,11 +24,11 @@ class ListedDevice:
     """One connected sensor.
 
     Attributes:
-        camera: value for --camera; "" if the sensor is not supported.
-        name: vendor and model.
+        camera: Value for --camera; "" if the sensor is not supported.
+        name: Vendor and model.
         where: USB bus and port; "" if not known.
-        serial: serial number; "" if not known.
-        error: why it cannot be opened now; "" if no reason is known.
+        serial: Serial number; "" if not known.
+        error: Why it cannot be opened now; "" if no reason is known.
     """
 
     camera: str

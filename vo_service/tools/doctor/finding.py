@@ -24,10 +24,10 @@ class Finding:
     """The result of one check.
 
     Attributes:
-        verdict: result of the check.
-        text: what the check found, one line.
-        fix: what to do about it, one line; "" if nothing.
-        facts: the same for programs: numbers, texts or lists of them; the names have units.
+        verdict: Result of the check.
+        text: What the check found, one line.
+        fix: What to do about it, one line; "" if nothing.
+        facts: The same for programs: numbers, texts or lists of them; the names have units.
     """
 
     verdict: CheckVerdict
@@ -75,5 +75,9 @@ class Check(Protocol):
         ...
 
     def run(self, context: "CheckContext") -> Finding:
-        """Run the check. Raises only InputError, for invalid user input."""
+        """Run the check.
+
+        Raises:
+            InputError: For invalid user input.
+        """
         ...

@@ -23,7 +23,11 @@ def quiet_console() -> Iterator[None]:
 
 @contextmanager
 def log_details_to(file: Path) -> Iterator[None]:
-    """Log everything to a file as well; other handlers do not change. Raises OSError."""
+    """Log everything to a file as well; other handlers do not change.
+
+    Raises:
+        OSError: If that fails.
+    """
     root = logging.getLogger()
     before = root.level
     levels = [(handler, handler.level) for handler in root.handlers]

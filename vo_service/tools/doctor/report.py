@@ -23,15 +23,27 @@ class BugReport:
         self.folder = folder  # files to pack go here
 
     def add_text(self, name: str, text: str) -> None:
-        """Add a text file. Raises OSError."""
+        """Add a text file.
+
+        Raises:
+            OSError: If that fails.
+        """
         (self.folder / name).write_text(text)
 
     def add_json(self, name: str, content: object) -> None:
-        """Add a JSON file. Raises OSError."""
+        """Add a JSON file.
+
+        Raises:
+            OSError: If that fails.
+        """
         self.add_text(name, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
     def add_copy(self, file: Path) -> None:
-        """Add a copy of a file under its own name. Raises OSError."""
+        """Add a copy of a file under its own name.
+
+        Raises:
+            OSError: If that fails.
+        """
         shutil.copyfile(file, self.folder / file.name)
 
     def pack(self) -> int:
@@ -53,8 +65,8 @@ def open_bug_report(file: Path) -> Iterator[BugReport]:
     """Open a report that holds a detailed log of the block.
 
     Raises:
-        InputError: the file name is invalid, the file exists, or its folder is not writable.
-        UserFacingError: the disk fails in the block.
+        InputError: The file name is invalid, the file exists, or its folder is not writable.
+        UserFacingError: The disk fails in the block.
     """
     if not file.name.endswith(SUFFIX) or file.name == SUFFIX:
         raise InputError(f"{file}: the name of a report must end in {SUFFIX}")

@@ -13,7 +13,11 @@ RECORDED_DURATION_S = 5.0
 
 
 def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:
-    """Add the contents; returns a phrase about the recorded frames. Raises OSError."""
+    """Add the contents; returns a phrase about the recorded frames.
+
+    Raises:
+        OSError: If that fails.
+    """
     report.add_json("versions.json", collect_versions())
     report.add_text("usb.txt", format_usb_listing(Path("/")))
     for name, text in read_journals().items():

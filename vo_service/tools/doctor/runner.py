@@ -37,12 +37,12 @@ def run_checks(
     """Yield the result of each check as soon as it is known.
 
     Args:
-        checks: checks to run; each comes after those it needs.
-        context: data for the checks.
-        show_busy: shows the name of a check while it runs.
+        checks: Checks to run; each comes after those it needs.
+        context: Data for the checks.
+        show_busy: Shows the name of a check while it runs.
 
     Raises:
-        InputError: the user's input is invalid.
+        InputError: The user's input is invalid.
     """
     blocked_by: dict[str, str] = {}
     for check in checks:

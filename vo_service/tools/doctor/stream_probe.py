@@ -32,12 +32,12 @@ class StreamSample:
     """Frames and errors of a camera.
 
     Attributes:
-        samples: one per frame.
-        size: columns and rows of the images; None without a frame.
-        first_frame_s: time from `open` to the first frame; None without a frame.
-        counters: the camera's counters at the end.
-        intrinsics_source: where the intrinsics come from.
-        error: why no frame came, or why frames stopped; "" if they came to the end.
+        samples: One per frame.
+        size: Columns and rows of the images; None without a frame.
+        first_frame_s: Time from `open` to the first frame; None without a frame.
+        counters: The camera's counters at the end.
+        intrinsics_source: Where the intrinsics come from.
+        error: Why no frame came, or why frames stopped; "" if they came to the end.
     """
 
     samples: tuple[FrameSample, ...] = ()
@@ -61,12 +61,12 @@ def probe_stream(
     """Open a camera, read frames and close it.
 
     Args:
-        camera: closed camera.
-        seconds: time to read after the first frame; a recording may end earlier.
-        on_frame: is called with each frame.
+        camera: Closed camera.
+        seconds: Time to read after the first frame; a recording may end earlier.
+        on_frame: Is called with each frame.
 
     Raises:
-        InputError: the user's input is invalid.
+        InputError: The user's input is invalid.
     """
     samples: list[FrameSample] = []
     size, error_text = None, ""

@@ -21,7 +21,7 @@ def call_in_subprocess(function: Callable[[], T], timeout_s: float) -> T:
     """Return the result of a picklable function.
 
     Raises:
-        UserFacingError: the function raised it, crashed, or was killed after `timeout_s`.
+        UserFacingError: The function raised it, crashed, or was killed after `timeout_s`.
     """
     command = [sys.executable, "-P", "-m", "vo_service.tools.doctor.subprocess_call"]
     try:

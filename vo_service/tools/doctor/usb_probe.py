@@ -49,16 +49,16 @@ class UsbSensor:
     """A sensor as libusb reports it.
 
     Attributes:
-        model: model of the sensor.
-        is_supported: whether a driver exists for it.
-        camera: its camera device.
-        others: its other USB devices.
-        where: bus and port, as text.
-        serial: serial number; "" if not readable.
-        speed_mbit_s: speed of the USB link; None if not known.
-        open_error: why the camera cannot be opened.
+        model: Model of the sensor.
+        is_supported: Whether a driver exists for it.
+        camera: Its camera device.
+        others: Its other USB devices.
+        where: Bus and port, as text.
+        serial: Serial number; "" if not readable.
+        speed_mbit_s: Speed of the USB link; None if not known.
+        open_error: Why the camera cannot be opened.
         open_error_text: libusb's text for it.
-        has_kernel_driver: whether a kernel driver has the camera; None if not known.
+        has_kernel_driver: Whether a kernel driver has the camera; None if not known.
         audio_interfaces: 2 or more once the audio device has its firmware; None without the device.
     """
 

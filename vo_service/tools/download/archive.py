@@ -58,7 +58,7 @@ class _BoundedGzip(gzip.GzipFile):
     """Decompressed stream of limited size.
 
     Attributes:
-        last_read: the data of the last read; zeros mark the end of an archive.
+        last_read: The data of the last read; zeros mark the end of an archive.
     """
 
     def __init__(self, file: IO[bytes], max_bytes: int) -> None:
@@ -80,9 +80,9 @@ def unpack(archive: Path, folder: Path, on_progress: UnpackProgress) -> None:
     """Unpack a .tgz into a new `folder`. After an error, unpacked files are left there.
 
     Raises:
-        DamagedArchiveError: the archive is incomplete or invalid.
-        UnsafeArchiveError: the archive has unsafe contents.
-        UserFacingError: the disk is full or not writable.
+        DamagedArchiveError: The archive is incomplete or invalid.
+        UnsafeArchiveError: The archive has unsafe contents.
+        UserFacingError: The disk is full or not writable.
     """
     size = archive.stat().st_size
     try:
@@ -131,7 +131,11 @@ def _unpack_one(
 
 
 def safe_path(name: str) -> PurePosixPath:
-    """Return a member's path below the folder. Raises UnsafeArchiveError if it lies outside."""
+    """Return a member's path below the folder.
+
+    Raises:
+        UnsafeArchiveError: If it lies outside.
+    """
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts:
         raise UnsafeArchiveError(f"{name!r}, which lies outside its folder")

@@ -60,7 +60,11 @@ class PartialFile:
         return ""
 
     def restart(self, url: str, validator: str) -> None:
-        """Truncate the file and store new metadata. Raises UserFacingError."""
+        """Truncate the file and store new metadata.
+
+        Raises:
+            UserFacingError: If that fails.
+        """
         try:
             self._file.truncate(0)
             atomic_write(self._metadata_path, json.dumps({"url": url, "mark": validator}).encode())
@@ -68,7 +72,11 @@ class PartialFile:
             raise disk_error(self.path.parent, error) from error
 
     def append(self, data: bytes) -> None:
-        """Append data. Raises UserFacingError after writing as much as possible."""
+        """Append data.
+
+        Raises:
+            UserFacingError: After writing as much as possible.
+        """
         rest = memoryview(data)
         try:
             while rest:

@@ -20,9 +20,9 @@ class DownloadRequest:
     """Settings of a download.
 
     Attributes:
-        output: folder for the sequences' folders.
-        source: address of the benchmark's host or of a mirror.
-        sha256: required digest of the archive, hexadecimal; empty for any.
+        output: Folder for the sequences' folders.
+        source: Address of the benchmark's host or of a mirror.
+        sha256: Required digest of the archive, hexadecimal; empty for any.
     """
 
     output: Path
@@ -44,7 +44,7 @@ def download_sequence(
     archive is unusable.
 
     Raises:
-        UserFacingError: the download fails.
+        UserFacingError: The download fails.
     """
     folder = sequence_folder(sequence, request)
     create_output_folder(request.output)

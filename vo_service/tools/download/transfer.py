@@ -77,9 +77,9 @@ def fetch(url: str, part: PartialFile, on_progress: TransferProgress) -> None:
     """Complete `part` to the whole file at `url`, without its existing part of this version.
 
     Raises:
-        InputError: the address is not usable.
-        TransferInterruptedError: a retry may help; the received part is kept.
-        UserFacingError: another error.
+        InputError: The address is not usable.
+        TransferInterruptedError: A retry may help; the received part is kept.
+        UserFacingError: Another error.
     """
     response = _send_request(url, part)
     if not _is_resumable(response, part):

@@ -35,7 +35,7 @@ def associate(trajectory: Trajectory, truth: Trajectory) -> MatchedPoses:
     ``associate_trajectories``, so the results agree with evo's.
 
     Raises:
-        InputError: fewer than 3 poses have a match.
+        InputError: Fewer than 3 poses have a match.
     """
     if len(trajectory) <= len(truth):
         own_indices = np.flatnonzero(has_match(trajectory.stamps_s, truth.stamps_s))

@@ -21,10 +21,10 @@ class NeesStatistics:
     """NEES of many motions.
 
     Attributes:
-        count: number of motions.
-        mean_per_dof: mean NEES per degree of freedom. 1 is consistent, more is overconfident,
+        count: Number of motions.
+        mean_per_dof: Mean NEES per degree of freedom. 1 is consistent, more is overconfident,
             less is too conservative.
-        fraction_within_95: fraction of motions whose 95 % ellipsoid holds the truth.
+        fraction_within_95: Fraction of motions whose 95 % ellipsoid holds the truth.
     """
 
     count: int

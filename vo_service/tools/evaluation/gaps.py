@@ -32,10 +32,10 @@ class GapOutcome:
     """Result of an odometry at a gap.
 
     Attributes:
-        was_lost_before: the frame before the gap had no pose.
-        lost_frames: frames after the gap without a pose, up to the first one with a pose.
-        is_recovered: a frame after the gap has a pose.
-        has_new_epoch: that pose is not continuous with those before the gap.
+        was_lost_before: The frame before the gap had no pose.
+        lost_frames: Frames after the gap without a pose, up to the first one with a pose.
+        is_recovered: A frame after the gap has a pose.
+        has_new_epoch: That pose is not continuous with those before the gap.
     """
 
     was_lost_before: bool
@@ -70,7 +70,7 @@ def classify_gap(
     """Return how a gap was crossed.
 
     Args:
-        gap: the gap.
+        gap: The gap.
         stamps_s: (N,) stamps of all frames.
         is_good: (N,) whether each frame has a pose.
         epochs: (N,) epoch of each frame.

@@ -22,7 +22,7 @@ def tracked_steps(matched: MatchedPoses, stamps_s: Array, epochs: NDArray[np.int
     Steps into another epoch are left out: there the odometry reports a discontinuity.
 
     Args:
-        matched: matched poses of a trajectory.
+        matched: Matched poses of a trajectory.
         stamps_s: (N,) stamps of all poses of this trajectory.
         epochs: (N,) their epochs.
     """

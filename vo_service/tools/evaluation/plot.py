@@ -30,9 +30,9 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
     The axes are those of the first true camera: right, forward, up. No partial file is left.
 
     Raises:
-        InputError: another suffix, fewer than 3 poses with ground truth within 20 ms, or a file
+        InputError: Another suffix, fewer than 3 poses with ground truth within 20 ms, or a file
             that cannot be created.
-        UserFacingError: the disk is full.
+        UserFacingError: The disk is full.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")

@@ -24,13 +24,13 @@ class Evaluation:
     """Result of `evaluate`; None means that the trajectory is too short for this metric.
 
     Attributes:
-        ate_*: distance from the truth after the best rigid alignment.
-        mean_global_error_m: mean distance from the truth after alignment of the first poses.
-        rpe_frame_*: root mean square of the relative error from frame to frame.
-        rpe_1s_*: the same over one second.
-        coverage: fraction of the frames with truth that have a pose, 0 to 1.
-        poses: number of poses of the trajectory.
-        matched: number of poses with ground truth.
+        ate_*: Distance from the truth after the best rigid alignment.
+        mean_global_error_m: Mean distance from the truth after alignment of the first poses.
+        rpe_frame_*: Root mean square of the relative error from frame to frame.
+        rpe_1s_*: The same over one second.
+        coverage: Fraction of the frames with truth that have a pose, 0 to 1.
+        poses: Number of poses of the trajectory.
+        matched: Number of poses with ground truth.
     """
 
     ate_rmse_m: float
@@ -79,12 +79,12 @@ def evaluate(
     """Compare a trajectory with the ground truth, each in its own world frame.
 
     Args:
-        trajectory: estimated poses.
-        truth: true poses.
+        trajectory: Estimated poses.
+        truth: True poses.
         frame_stamps_s: (F,) ascending stamps of all delivered frames; see `coverage`.
 
     Raises:
-        InputError: fewer than 3 poses have ground truth within 20 ms.
+        InputError: Fewer than 3 poses have ground truth within 20 ms.
     """
     matched = associate(trajectory, truth)
     errors_m = position_errors_m(matched, best_alignment(matched))

@@ -40,12 +40,12 @@ class RunSummary:
         """Evaluate the trajectory if possible and return the summary.
 
         Args:
-            statistics: statistics of the service.
-            counters: counters of the camera.
-            trajectory: estimated poses.
-            ground_truth: true poses; None if not known.
+            statistics: Statistics of the service.
+            counters: Counters of the camera.
+            trajectory: Estimated poses.
+            ground_truth: True poses; None if not known.
             frames_s: (F,) stamps of all delivered frames.
-            loop_closure: results of loop closure; None if disabled.
+            loop_closure: Results of loop closure; None if disabled.
         """
         evaluation = evaluate_if_possible(trajectory, ground_truth, frames_s)
         return cls(statistics, counters, evaluation, loop_closure)
@@ -96,9 +96,9 @@ class LoopClosureSummary:
     """Results of loop closure.
 
     Attributes:
-        places: number of map keyframes at the end.
-        loops: number of loop closures at the end.
-        evaluation: metrics of the optimized trajectory; None without a truth.
+        places: Number of map keyframes at the end.
+        loops: Number of loop closures at the end.
+        evaluation: Metrics of the optimized trajectory; None without a truth.
     """
 
     places: int

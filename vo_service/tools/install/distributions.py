@@ -36,7 +36,7 @@ def list_files(package_distribution: Distribution) -> Iterator[tuple[Path, Path]
     Compiled Python is left out, as are scripts, which name the Python of their own environment.
 
     Raises:
-        UserFacingError: the package does not list its files.
+        UserFacingError: The package does not list its files.
     """
     if package_distribution.name == DISTRIBUTION_NAME:
         yield from _list_own_files(package_distribution)

@@ -40,13 +40,13 @@ class Installer:
         """Install everything for `unit`.
 
         Args:
-            unit: the service.
-            enable: whether to start it now and at boot.
-            network_tls: whether to install the drop-in that opens the network with TLS.
+            unit: The service.
+            enable: Whether to start it now and at boot.
+            network_tls: Whether to install the drop-in that opens the network with TLS.
 
         Raises:
-            UserFacingError: a precondition fails, if possible before any change.
-            OSError: a file cannot be written.
+            UserFacingError: A precondition fails, if possible before any change.
+            OSError: A file cannot be written.
         """
         self._check_preconditions(unit)
         changed = self._install_program()
@@ -113,11 +113,11 @@ class Uninstaller:
         """Stop and remove the service.
 
         Args:
-            purge: whether to delete the configuration and all data, too.
+            purge: Whether to delete the configuration and all data, too.
 
         Raises:
-            UserFacingError: systemd fails.
-            OSError: a file cannot be removed.
+            UserFacingError: Systemd fails.
+            OSError: A file cannot be removed.
         """
         self._systemd.disable_all(self._root)
         drop_ins = sorted((self._root / UNIT_FOLDER).glob(f"kinect-vo*.service.d/{DROP_IN}"))

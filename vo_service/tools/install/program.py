@@ -41,15 +41,15 @@ def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
     An old copy stays until the new one is complete and has run once.
 
     Args:
-        root: root of the file system.
-        on_progress: is called with the name of each step.
+        root: Root of the file system.
+        on_progress: Is called with the name of each step.
 
     Returns:
         False if the same program is already installed.
 
     Raises:
-        UserFacingError: the service could not run the copy.
-        OSError: a file cannot be written.
+        UserFacingError: The service could not run the copy.
+        OSError: A file cannot be written.
     """
     target = root / PROGRAM_FOLDER
     if Path(sys.prefix).resolve() == target.resolve():
@@ -73,7 +73,11 @@ def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
 
 
 def remove_program(root: Path) -> bool:
-    """Remove the copy; returns False if there is none. Raises OSError."""
+    """Remove the copy; returns False if there is none.
+
+    Raises:
+        OSError: If that fails.
+    """
     target = root / PROGRAM_FOLDER
     if not target.exists():
         return False

@@ -17,7 +17,11 @@ class SystemFile:
 
 
 def write_file(path: Path, text: str) -> bool:
-    """Write a world-readable file; returns False if it already has this text. Raises OSError."""
+    """Write a world-readable file; returns False if it already has this text.
+
+    Raises:
+        OSError: If that fails.
+    """
     if path.is_file() and not path.is_symlink() and path.read_text() == text:
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -33,7 +37,11 @@ def write_file(path: Path, text: str) -> bool:
 
 
 def remove_file(path: Path) -> bool:
-    """Remove a file; returns False if it does not exist. Raises OSError."""
+    """Remove a file; returns False if it does not exist.
+
+    Raises:
+        OSError: If that fails.
+    """
     try:
         path.unlink()
     except FileNotFoundError:

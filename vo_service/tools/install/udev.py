@@ -54,7 +54,7 @@ def install(root: Path) -> list[Path]:
     """Write the files that differ and return their paths.
 
     Raises:
-        UserFacingError: a file cannot be written. It names the command for root if needed.
+        UserFacingError: A file cannot be written. It names the command for root if needed.
     """
     written = []
     for file in list_system_files():

@@ -22,7 +22,7 @@ class ServiceUnit:
     """Service of this computer: ``kinect-vo``, or ``kinect-vo@NAME`` with its own Zenoh keys.
 
     Raises:
-        InputError: the name is not a single word.
+        InputError: The name is not a single word.
     """
 
     name: str = ""
@@ -60,7 +60,11 @@ def read_service_file(name: str) -> str:
 
 
 def link_command(root: Path) -> bool:
-    """Link ``kinect-vo`` into the PATH; returns False if the name exists. Raises OSError."""
+    """Link ``kinect-vo`` into the PATH; returns False if the name exists.
+
+    Raises:
+        OSError: If that fails.
+    """
     link = root / COMMAND_LINK
     if os.path.lexists(link):
         return False
@@ -70,7 +74,11 @@ def link_command(root: Path) -> bool:
 
 
 def unlink_command(root: Path) -> bool:
-    """Remove the link; returns False if it is not ours. Raises OSError."""
+    """Remove the link; returns False if it is not ours.
+
+    Raises:
+        OSError: If that fails.
+    """
     link = root / COMMAND_LINK
     if not link.is_symlink() or link.readlink() != Path("/") / SCRIPT_PATH:
         return False

@@ -37,7 +37,7 @@ def test_an_existing_sequence_does_not_change(download: Download, server: WebSer
     first = download(NAME)
     again = download(NAME, NAME)
     assert (again.code, again.out) == (0, first.out * 2)
-    assert again.err.count(f"kinect-vo: info: {NAME}: there already; to have it anew, remove") == 2
+    assert again.err.count(f"kinect-vo: info: {NAME}: exists; to download it again, remove") == 2
     assert len(server.ranges) == 1
 
 
@@ -101,7 +101,7 @@ def test_an_interruption_keeps_the_partial_download(
         process.send_signal(number)
         _, message = process.communicate()
     assert (process.returncode, message.count("\n")) == (code, 1)
-    assert "interrupted; what has come is kept" in message
+    assert "interrupted; run the same command again" in message
 
 
 def test_remains_of_a_killed_process_are_removed(download: Download, output: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_wrong_name_sends_no_request(download: Download, server: WebServer, ou
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [((), "which sequence?"), ((NAME, "fr1/rpy", "--sha256", "a" * 64), "one by one"),
-     ((NAME, "--mirror", "ftp://host/"), "is no address"),
+     ((NAME, "--mirror", "ftp://host/"), "is not a URL"),
      ((NAME, "--sha256", "abc"), "64 digits")],
 )  # fmt: skip
 def test_invalid_arguments_are_reported(

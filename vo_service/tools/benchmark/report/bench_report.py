@@ -26,16 +26,16 @@ class BenchMetadata:
     """Settings of a bench.
 
     Attributes:
-        methods: methods that run, in order.
-        unavailable: requested methods that are not installed.
-        reference_method: baseline for relative figures.
-        frame_steps: every n-th frame is used, with one pass over the recordings for each n.
-        max_frames: number of first frames of each recording to use; None for all.
-        odometry: settings of our methods.
-        camera_file: camera file for all recordings; None for each recording's own.
-        time_limit_s: time limit of each run.
-        observer_factory: made the observer of each run.
-        created: time of the bench.
+        methods: Methods that run, in order.
+        unavailable: Requested methods that are not installed.
+        reference_method: Baseline for relative figures.
+        frame_steps: Every n-th frame is used, with one pass over the recordings for each n.
+        max_frames: Number of first frames of each recording to use; None for all.
+        odometry: Settings of our methods.
+        camera_file: Camera file for all recordings; None for each recording's own.
+        time_limit_s: Time limit of each run.
+        observer_factory: Made the observer of each run.
+        created: Time of the bench.
     """
 
     methods: Sequence[str]

@@ -18,10 +18,10 @@ def format_effective_config(
     """Format a configuration for `--config`.
 
     Args:
-        odometry: the table `[odometry]`.
-        camera_file: camera file; None if not given.
-        tables: additional tables by name.
-        *notes: comments at the top.
+        odometry: The table `[odometry]`.
+        camera_file: Camera file; None if not given.
+        tables: Additional tables by name.
+        *notes: Comments at the top.
     """
     camera = [] if camera_file is None else _format_table("camera", {"file": camera_file})
     summary = "Settings of the methods; all other settings have default values or are not used."

@@ -19,13 +19,13 @@ class ComparisonMetadata:
     """Settings of a comparison.
 
     Attributes:
-        methods: methods that run, in order.
-        config: configuration of our methods.
-        sfm_scale: source of the first scale of `sfm`.
-        camera_file: camera file for all recordings; None for each recording's own.
-        time_limit_s: time limit of each run.
-        observer_factory: made the observer of each run.
-        created: time of the comparison.
+        methods: Methods that run, in order.
+        config: Configuration of our methods.
+        sfm_scale: Source of the first scale of `sfm`.
+        camera_file: Camera file for all recordings; None for each recording's own.
+        time_limit_s: Time limit of each run.
+        observer_factory: Made the observer of each run.
+        created: Time of the comparison.
     """
 
     methods: Sequence[str]

@@ -23,11 +23,11 @@ class Table:
     """Table with named columns.
 
     Attributes:
-        name: name of its file.
-        title: title for people.
-        keys: column names for scripts.
-        headings: column headings for people.
-        rows: cells by row.
+        name: Name of its file.
+        title: Title for people.
+        keys: Column names for scripts.
+        headings: Column headings for people.
+        rows: Cells by row.
     """
 
     name: str
@@ -82,11 +82,11 @@ class MetricColumn:
     """Column of a metric.
 
     Attributes:
-        key: name for scripts.
-        heading: heading for people.
-        value: function that returns the metric of a run.
-        digits: displayed digits after the decimal point.
-        display_factor: factor of the displayed value.
+        key: Name for scripts.
+        heading: Heading for people.
+        value: Function that returns the metric of a run.
+        digits: Displayed digits after the decimal point.
+        display_factor: Factor of the displayed value.
     """
 
     key: str

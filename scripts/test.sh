@@ -46,9 +46,8 @@ check_code() {
     step "Checking types" mypy
     step "Checking the direction of imports" check_imports
 }
-# More processes than processors: many tests wait for a sensor, a viewer or a timeout. But each takes
-# five seconds to import all tests.
-processes=$(($(nproc) + ($(nproc) + 1) / 2))
+# More processes than processors: many tests wait for a sensor, a viewer or a timeout.
+processes=$(($(nproc) * 2))
 case ${1:-} in
 --fast)
     shift

@@ -99,4 +99,4 @@ def test_a_file_of_another_program_is_rejected(network: TlsNetwork) -> None:
     file = network.file("fleet-robot.json5", "ours/robot1")
     done = forked_process.run([*forked_process.KINECT_VO, "router", str(file)])
     assert done.returncode == 2
-    assert 'write mode: "router"' in done.stderr
+    assert 'set mode: "router"' in done.stderr

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.core.process.supervisor import BackgroundWorkerSpec
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import child_pids_of, is_alive, resources_in_use
 from tests.vo_service.outputs.recorder.recorder_inputs import command_error
@@ -24,6 +25,7 @@ from tests.vo_service.slam.mapper.wall_sequence import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import MapConfig
+from vo_service.slam.mapper import mapper_client
 from vo_service.slam.mapper.live_mapper import LiveMapper, open_mapper
 from vo_service.types import NullMapper
 
@@ -75,6 +77,14 @@ def test_keyframes_are_those_of_this_epoch_up_to_the_current_limit(tmp_path: Pat
         wait_until(lambda: opened.state.mesh_keyframes == 1)
 
 
+@pytest.fixture
+def endless_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Meshes that are still being computed when the test kills their process."""
+    spec = BackgroundWorkerSpec("tests.vo_service.slam.mapper.endless_mesh_process", "map")
+    monkeypatch.setattr(mapper_client, "WORKER_SPEC", spec)
+
+
+@pytest.mark.usefixtures("endless_meshes")
 def test_only_one_mesh_is_computed_at_a_time_and_a_killed_job_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -91,6 +101,7 @@ def test_only_one_mesh_is_computed_at_a_time_and_a_killed_job_is_reported(
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
+@pytest.mark.usefixtures("endless_meshes")
 def test_a_killed_process_restarts_with_an_empty_map_and_a_warning(tmp_path: Path) -> None:
     with running_mapper(tmp_path / "maps") as opened:
         move_along_wall(opened, 3)

@@ -30,6 +30,17 @@ def test_a_command_that_computes_nothing_loads_no_heavy_library(arguments: tuple
     assert ended.stdout.splitlines()[-1] == "[] 0"
 
 
+@pytest.mark.parametrize(
+    "worker", ["vo_service.outputs.recorder.worker_main", "vo_service.outputs.rerun.worker_main"]
+)
+def test_a_worker_process_without_kernels_does_not_load_numba(worker: str) -> None:
+    program = f"import sys, {worker}; print('numba' in sys.modules)"
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert ended.stdout == "False\n"
+
+
 INTERRUPTED_EARLY = """
 import sys
 known = set(sys.modules)

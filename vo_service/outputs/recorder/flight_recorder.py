@@ -11,7 +11,7 @@ from drivers.core.errors import UserFacingError
 from drivers.core.files import state_folder
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from vo_service.config_tables import MEGABYTE, RecorderConfig
-from vo_service.outputs.recorder.incident_store import FrameHistory, StampedStatus
+from vo_service.outputs.recorder.frame_history import FrameHistory, StampedStatus
 from vo_service.outputs.recorder.messages import RecorderWorkerConfig
 from vo_service.outputs.recorder.recorder_client import RecorderClient
 from vo_service.types import (

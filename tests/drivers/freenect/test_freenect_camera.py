@@ -50,6 +50,18 @@ def test_each_model_delivers_exactly_the_transmitted_pixels(
     assert kinect.abandoned_transfers == 0
 
 
+def test_counters_continue_when_the_camera_is_opened_again(
+    kinect: KinectSimulator, make_camera: MakeCamera
+) -> None:
+    camera = make_camera(kinect.serial)
+    for opened in (1, 2):
+        with camera:
+            for _ in range(2):
+                camera.read(3.0)
+            assert camera.counters.delivered == 2 * opened
+        assert camera.counters.delivered == 2 * opened
+
+
 def test_frames_are_numbered_stamped_and_described(
     kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:

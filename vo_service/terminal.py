@@ -33,16 +33,21 @@ def announce_if_slow(label: str) -> Iterator[None]:
         label: Text of both lines.
     """
     begin_s = time.monotonic()
-    timer = threading.Timer(SLOW_AFTER_S, announce, [f"{label} ..."])
+    was_announced = threading.Event()
+
+    def announce_begin() -> None:
+        was_announced.set()
+        announce(f"{label} ...")
+
+    timer = threading.Timer(SLOW_AFTER_S, announce_begin)
     timer.daemon = True
     timer.start()
     try:
         yield
     finally:
-        was_announced = timer.finished.is_set()
         timer.cancel()
         timer.join()
-        if was_announced:
+        if was_announced.is_set():
             announce(f"{label}: done after {time.monotonic() - begin_s:.1f} s")
 
 

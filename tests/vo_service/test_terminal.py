@@ -8,6 +8,7 @@ import re
 import pytest
 
 from tests.vo_service.fakes import FakeClock
+from tests.waiting import wait_until
 from vo_service import terminal as terminal_module
 from vo_service.logs import log_to_stderr
 from vo_service.terminal import Terminal, clear_line
@@ -112,14 +113,13 @@ def test_quick_steps_are_not_logged(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_slow_steps_are_logged_with_their_duration(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(terminal_module, "SLOW_AFTER_S", 0.01)
     with log_to_stderr(), Terminal().busy("compiling"):
-        output = ""
-        while not output:
-            output = capsys.readouterr().err
-    assert output == "kinect-vo: info: compiling ...\n"
-    assert re.fullmatch(
-        r"kinect-vo: info: compiling: done after \d+\.\d s\n", capsys.readouterr().err
-    )
+        wait_until(lambda: caplog.messages, "a log line")
+    begin, end = capsys.readouterr().err.splitlines()
+    assert begin == "kinect-vo: info: compiling ..."
+    assert re.fullmatch(r"kinect-vo: info: compiling: done after \d+\.\d s", end)

@@ -10,10 +10,11 @@ _MADV_DONTNEED = 4  # madvise(2)
 _COMPILER_LIBRARY = "libllvmlite"
 
 
-def limit_malloc_arenas(max_arenas: int = 2) -> None:
+def limit_malloc_arenas(max_arenas: int = 1) -> None:
     """Limit the malloc arenas of this process and of the processes that it starts.
 
-    Freed memory stays in the arenas of its threads. The default limit is eight per core.
+    Freed memory stays in the arenas of its threads, and the default limit is eight per core. One
+    is enough: Python's lock keeps the threads from allocating at the same time.
     """
     os.environ.setdefault("MALLOC_ARENA_MAX", str(max_arenas))
     libc = ctypes.CDLL(None)

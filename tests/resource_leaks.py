@@ -5,6 +5,7 @@ import os
 import re
 import threading
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 from tests.forked_process import fork_server_pids
@@ -94,3 +95,12 @@ def _read_text(file: Path) -> str:
         return file.read_text()
     except (FileNotFoundError, ProcessLookupError):
         return ""
+
+
+def open_files(process: int) -> list[str]:
+    """What the open files of a process are; it may close some meanwhile."""
+    files = []
+    for fd in Path(f"/proc/{process}/fd").iterdir():
+        with suppress(FileNotFoundError):
+            files.append(str(fd.readlink()))
+    return files

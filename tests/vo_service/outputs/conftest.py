@@ -11,6 +11,7 @@ import pytest
 from drivers.camera import CameraState, PinholeCamera, RgbdFrame
 from drivers.core.geometry import rigid_transform, so3_exp
 from tests import ports
+from tests.resource_leaks import open_files
 from tests.vo_service.fakes import make_status
 from vo_service.types import (
     CameraReport,
@@ -101,8 +102,7 @@ def _make_debug_data(seq: int) -> TrackingDebug:
 
 
 def _listening_addresses(pid: int) -> set[str]:
-    links = [str(fd.readlink()) for fd in Path(f"/proc/{pid}/fd").iterdir() if fd.is_symlink()]
-    inodes = {link[8:-1] for link in links if link.startswith("socket:[")}
+    inodes = {file[8:-1] for file in open_files(pid) if file.startswith("socket:[")}
     tcp4, tcp6 = (Path(f"/proc/net/{name}").read_text().splitlines() for name in ("tcp", "tcp6"))
     addresses = set()
     for line in tcp4[1:] + tcp6[1:]:

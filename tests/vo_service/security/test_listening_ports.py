@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.resource_leaks import child_pids_of
+from tests.resource_leaks import child_pids_of, open_files
 from tests.vo_service.outputs.conftest import listening
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.waiting import wait_until
@@ -47,10 +47,10 @@ def test_there_is_no_udp_socket_and_no_multicast(service: ServiceProcess) -> Non
         for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
     }
     sockets = {
-        str(fd.readlink())[8:-1]
+        file[8:-1]
         for process in processes(service)
-        for fd in Path(f"/proc/{process}/fd").iterdir()
-        if str(fd.readlink()).startswith("socket:[")
+        for file in open_files(process)
+        if file.startswith("socket:[")
     }
     assert sockets
     assert not sockets & datagrams

@@ -12,7 +12,7 @@ from drivers.core.geometry import Array, inverse
 from drivers.core.trajectory import Trajectory, nearest_indices
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.uncertainty import CovarianceAccumulator
 from vo_service.tools.evaluation.association import STAMP_ROUNDING_S
 from vo_service.tools.evaluation.consistency import motion_error, nees
@@ -69,7 +69,7 @@ def measure(method: str, folder: Path, every: int) -> NormalizedErrors:
         InputError: A frame has no true pose.
     """
     odometry, collector = (
-        METHODS[method](FeatureConfig(), CpuStageTimer()),
+        METHODS[method](MethodConfig(), CpuStageTimer()),
         NormalizedErrorCollector(),
     )
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:

@@ -16,7 +16,7 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.camera import TumCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.gross_errors import count_gross_errors, tracked_steps
 from vo_service.tools.evaluation.metrics import PosePairs
@@ -78,7 +78,7 @@ class HardCaseResult:
 
 def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
     """Track all frames, with the states that the service would publish."""
-    odometry, tracker = METHODS[method](FeatureConfig(), CpuStageTimer()), OdomFrame()
+    odometry, tracker = METHODS[method](MethodConfig(), CpuStageTimer()), OdomFrame()
     stamps_s, estimates, states, epochs = [], [], [], []
     for frame in frames:
         estimate = odometry.estimate(frame)

@@ -30,7 +30,7 @@ from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.reconstruction.frame_poses import FramePoses
 from vo_service.reconstruction.tsdf_config import TsdfConfig
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
@@ -135,7 +135,7 @@ def _measure_map(
 
 def _track(frames: Sequence[RgbdFrame], truth: Trajectory) -> Trajectory:
     """Poses of the odometry in the room, of the frames that have one."""
-    odometry = METHODS["surf"](FeatureConfig(), CpuStageTimer())
+    odometry = METHODS["surf"](MethodConfig(), CpuStageTimer())
     stamps_s: list[float] = []
     poses: list[Array] = []
     for frame in frames:

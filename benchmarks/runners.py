@@ -10,7 +10,7 @@ from drivers.core.trajectory import Trajectory
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
 from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
 from vo_service.types import Estimate, OdometryUpdate
@@ -49,7 +49,7 @@ class OdometryRunner:
     """Only the odometry, without loop closure and optimization."""
 
     def __init__(self, method: str) -> None:
-        self._odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
+        self._odometry = METHODS[method](MethodConfig(), CpuStageTimer())
 
     def estimate_pose(self, frame: RgbdFrame) -> Estimate:
         """See `TrajectoryRunner`."""
@@ -78,7 +78,7 @@ class LoopClosureRunner:
     def __init__(self, method: str, loop_closure: SynchronousLoopClosure) -> None:
         """`loop_closure` may have a loaded map."""
         self.map = loop_closure
-        self._odometry = loop_closure.wrap(METHODS[method](FeatureConfig(), CpuStageTimer()))
+        self._odometry = loop_closure.wrap(METHODS[method](MethodConfig(), CpuStageTimer()))
         self._tracker = OdomFrame()
         self.last_update: OdometryUpdate | None = None
 

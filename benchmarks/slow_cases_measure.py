@@ -12,7 +12,7 @@ from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import Array, inverse, rotation_angle_rad
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.tools.evaluation.association import associate
 
 
@@ -40,7 +40,7 @@ class CreepResult:
 
 def measure_stationary(method: str, frames: Iterable[RgbdFrame]) -> StationaryResult:
     """Track a camera that never moves, without storing its frames."""
-    odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
+    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
     lost, count = 0, 0
     farthest, end = np.zeros(2), np.zeros(2)
     T_camera_first = np.eye(4)

@@ -28,7 +28,7 @@ from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, FeatureConfig, warm_up
+from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, MethodConfig, warm_up
 
 WHOLE_FRAME = "whole frame"
 TIMES = ("median", "99 %", "most", "mean", "budget", "share")
@@ -103,7 +103,7 @@ def main() -> int:
 def stage_times(method: str, frames: Iterator[RgbdFrame]) -> Iterator[Mapping[str, float]]:
     """Yield the milliseconds by stage of each frame, including the whole frame."""
     clock = CpuStageTimer()
-    odometry = METHODS[method](FeatureConfig(), clock)
+    odometry = METHODS[method](MethodConfig(), clock)
     for frame in frames:
         begun_s = time.thread_time()
         odometry.estimate(frame)

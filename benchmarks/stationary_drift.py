@@ -27,7 +27,7 @@ from benchmarks.static_views import StaticView
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, so3_log
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 
 HEAD = (
     f"{'minutes':>7}{'frames':>8}{'lost':>6}{'at most':>10}{'':12}{'rms':>10}{'':12}"
@@ -60,7 +60,7 @@ def measure_drift(
     method: str, frames: Iterable[RgbdFrame], frames_per_report: int
 ) -> Iterator[DriftResult]:
     """Track a camera that never moves; yield the drift after each `frames_per_report` frames."""
-    odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
+    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
     T_first_world, means = np.eye(4), list[Array]()
     max_error, squares, cpu_s, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()
     for count, frame in enumerate(frames, 1):

@@ -24,7 +24,7 @@ from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, FeatureConfig
+from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 
 CalibrationError = Callable[[RgbdFrame], RgbdFrame]
 
@@ -69,7 +69,7 @@ def make_calibration_errors() -> Mapping[str, CalibrationError]:
 
 def format_row(folder: Path, method: str, change: CalibrationError) -> str:
     """Run a method with a calibration error and format its figures."""
-    odometry = METHODS[method](FeatureConfig(), NullStageTimer())
+    odometry = METHODS[method](MethodConfig(), NullStageTimer())
     stamps_s, estimates = [], []
     with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         for frame in read_all_frames(camera):

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.camera import PinholeCamera
+from drivers.camera import PinholeCamera, TimingPrior, TimingSource
 from drivers.core.config import SCHEMA_VERSION, config_field, read_toml, required_field
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, transform_from_pose
@@ -61,6 +61,13 @@ class DepthCameraCalibration:
         return PinholeCamera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
 
 
+# Standard deviations of readout and depth offset: as `calibrate --timing` measures them, and of
+# values that nobody has measured.
+MEASURED_TIMING_SIGMAS_S = (0.001, 0.0005)
+UNKNOWN_TIMING_SIGMAS_S = (0.03, 0.01)
+UNKNOWN_TIMING = TimingPrior(0.0, *UNKNOWN_TIMING_SIGMAS_S, TimingSource.UNKNOWN)
+
+
 @dataclass(frozen=True)
 class CameraCalibration:
     """A pinhole camera with lens distortion (k1 k2 p1 p2 k3, Brown's model as in OpenCV).
@@ -71,6 +78,8 @@ class CameraCalibration:
             the middle row.
         depth_offset_s: Capture time of a depth image minus its stamp, relative to color. A frame's
             skew is this plus the difference of its two stamps.
+        readout_sigma_s: Standard deviation of `readout_s`, see `timing_prior`.
+        depth_offset_sigma_s: Standard deviation of `depth_offset_s`, see `timing_prior`.
     """
 
     width: int = required_field("image width in pixels", minimum=1, maximum=16384)
@@ -96,11 +105,59 @@ class CameraCalibration:
     depth: DepthCameraCalibration | None = config_field(
         None, "the depth camera, if the sensor does not register depth"
     )
+    readout_sigma_s: float | None = config_field(
+        None,
+        "standard deviation of readout_s, 0 = exact; unset = 1 ms, or unknown if readout_s is 0",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    depth_offset_sigma_s: float | None = config_field(
+        None,
+        "standard deviation of depth_offset_s, 0 = exact; unset = 0.5 ms, or unknown if "
+        "depth_offset_s is 0",
+        minimum=0.0,
+        maximum=1.0,
+    )
 
     @property
     def pinhole(self) -> PinholeCamera:
         """The intrinsics without the distortion."""
         return PinholeCamera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+    @property
+    def timing_prior(self) -> TimingPrior | None:
+        """How well the timing is known; None = exactly. A zero without a sigma was not measured."""
+        readout_sigma_s = _timing_sigma_s(self.readout_s, self.readout_sigma_s, 0)
+        offset_sigma_s = _timing_sigma_s(self.depth_offset_s, self.depth_offset_sigma_s, 1)
+        if readout_sigma_s == offset_sigma_s == 0.0:
+            return None
+        is_unknown = (readout_sigma_s, offset_sigma_s) == UNKNOWN_TIMING_SIGMAS_S
+        source = TimingSource.UNKNOWN if is_unknown else TimingSource.CAMERA_FILE
+        return TimingPrior(self.depth_offset_s, readout_sigma_s, offset_sigma_s, source)
+
+
+# Kinects read out in 27 to 33 ms.
+KINECT_READOUT_S = 0.029
+KINECT_TIMING_PRIOR = TimingPrior(0.0, 0.004, 0.005, TimingSource.SENSOR)
+
+
+def kinect_timing(calibration: CameraCalibration | None) -> tuple[float, TimingPrior | None]:
+    """Readout and timing prior of a Kinect: by its camera file, or the usual ones.
+
+    Args:
+        calibration: Contents of the camera file; None without one.
+    """
+    if calibration is not None:
+        prior = calibration.timing_prior
+        if prior is None or prior.source is not TimingSource.UNKNOWN:
+            return calibration.readout_s, prior
+    return KINECT_READOUT_S, KINECT_TIMING_PRIOR
+
+
+def _timing_sigma_s(value_s: float, sigma_s: float | None, index: int) -> float:
+    if sigma_s is not None:
+        return sigma_s
+    return (MEASURED_TIMING_SIGMAS_S if value_s else UNKNOWN_TIMING_SIGMAS_S)[index]
 
 
 def _tum_calibration(
@@ -190,4 +247,10 @@ def _format_color(calibration: CameraCalibration) -> str:
         f"depth_factor = {calibration.depth_factor!r}  # depth image value of one meter\n"
         f"readout_s = {calibration.readout_s!r}  # rolling shutter: first row to last\n"
         f"depth_offset_s = {calibration.depth_offset_s!r}  # depth capture time minus its stamp\n"
+        + _format_sigma("readout_sigma_s", calibration.readout_sigma_s)
+        + _format_sigma("depth_offset_sigma_s", calibration.depth_offset_sigma_s)
     )
+
+
+def _format_sigma(key: str, sigma_s: float | None) -> str:
+    return "" if sigma_s is None else f"{key} = {sigma_s!r}\n"

@@ -72,6 +72,31 @@ class PinholeCamera:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
+class TimingSource(StrEnum):
+    """The origin of a sensor's timing."""
+
+    CAMERA_FILE = "camera file"
+    SENSOR = "usual for the sensor"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class TimingPrior:
+    """How well the timing of a frame is known.
+
+    Attributes:
+        depth_offset_s: Part of the frame's `skew_s` that is not in its stamps.
+        readout_sigma_s: Standard deviation of the frame's `readout_s`.
+        depth_offset_sigma_s: Standard deviation of `depth_offset_s`.
+        source: Where the values come from.
+    """
+
+    depth_offset_s: float
+    readout_sigma_s: float
+    depth_offset_sigma_s: float
+    source: TimingSource
+
+
 @dataclass(frozen=True)
 class RgbdFrame:
     """A color image and the depth image registered to it.
@@ -94,6 +119,7 @@ class RgbdFrame:
             measures it.
         readout_s: Rolling shutter: seconds from the first row to the last of both images. 0 =
             global shutter, or unknown.
+        timing_prior: How well `readout_s` and `skew_s` are known; None = exactly.
     """
 
     seq: int
@@ -108,6 +134,7 @@ class RgbdFrame:
     lost_packets: int = 0
     gravity_m_s2: tuple[float, float, float] | None = None
     readout_s: float = 0.0
+    timing_prior: TimingPrior | None = None
 
     @cached_property
     def depth_m(self) -> NDArray[np.float32]:

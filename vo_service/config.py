@@ -28,9 +28,11 @@ from vo_service.config_tables import (
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.registry import (
     DEFAULT_METHOD,
+    DEFAULT_TIMING_MODE,
     MAX_FEATURES,
     METHODS,
     MIN_FEATURES,
+    TIMING_MODES,
     make_odometry,
 )
 from vo_service.types import Odometry
@@ -80,15 +82,27 @@ class OdometryConfig:
         1000, "features to find in a frame", minimum=MIN_FEATURES, maximum=MAX_FEATURES
     )
     upright: bool = config_field(False, "true for a camera that never rolls: faster, more matches")
+    timing: str = config_field(
+        DEFAULT_TIMING_MODE,
+        '"learned" = learn readout and delay of the sensor (method direct); "fixed" = as told',
+    )
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ValueError(f"method {self.method!r} is unknown; use one of {', '.join(METHODS)}")
+        if self.timing not in TIMING_MODES:
+            raise ValueError(
+                f"timing {self.timing!r} is unknown; use one of {', '.join(TIMING_MODES)}"
+            )
 
     def make_odometry(self, timer: StageTimer) -> Odometry:
         """Make the odometry that the table describes."""
         return make_odometry(
-            self.method, feature_count=self.feature_count, upright=self.upright, timer=timer
+            self.method,
+            feature_count=self.feature_count,
+            upright=self.upright,
+            timing=self.timing,
+            timer=timer,
         )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
 from drivers.core.geometry import Array
 from drivers.core.shared_frames.depth_unpacking import unpack_depth
 from drivers.core.shared_frames.record_ring import RecordRingWriter, RingRecord
@@ -65,6 +65,7 @@ class FrameMetadata:
     lost_packets: int
     gravity_m_s2: tuple[float, float, float] | None
     readout_s: float
+    timing_prior: TimingPrior | None
     published: PublishedOdometry
     depth_bytes: int
     extra: object = None
@@ -128,6 +129,7 @@ def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
         lost_packets=metadata.lost_packets,
         gravity_m_s2=metadata.gravity_m_s2,
         readout_s=metadata.readout_s,
+        timing_prior=metadata.timing_prior,
     )
 
 
@@ -153,6 +155,7 @@ def _make_metadata(update: OdometryUpdate, depth_bytes: int, extra: object) -> F
         lost_packets=frame.lost_packets,
         gravity_m_s2=frame.gravity_m_s2,
         readout_s=frame.readout_s,
+        timing_prior=frame.timing_prior,
         published=published,
         depth_bytes=depth_bytes,
         extra=extra,

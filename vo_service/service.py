@@ -157,7 +157,8 @@ class Service:
     def _publish_status(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""
         state, reason = self._state()
-        warnings = tuple(filter(None, (source.warning for source in self._warning_sources)))
+        sources = (*self._warning_sources, self.statistics)
+        warnings = tuple(filter(None, (source.warning for source in sources)))
         report = (state, *map(_strip_numbers, (reason, *warnings)))
         now_s = time.monotonic()
         if report == self._last_reported and now_s - self._last_reported_s < STATUS_PERIOD_S:
@@ -192,7 +193,7 @@ class Service:
 
     def _camera_report(self) -> CameraReport:
         counters = self._camera.counters
-        return CameraReport(
+        report = CameraReport(
             name=self._camera.name,
             state=self._camera.status.state,
             intrinsics=self._camera.intrinsics_source,
@@ -202,6 +203,17 @@ class Service:
             dropped=counters.dropped,
             skipped=counters.skipped + self.statistics.out_of_order,
             lost_packets=counters.lost_packets,
+        )
+        timing = self.statistics.timing
+        if timing is None:
+            return report
+        return replace(
+            report,
+            readout_ms=1e3 * timing.readout_s,
+            readout_sigma_ms=1e3 * timing.readout_sigma_s,
+            depth_offset_ms=1e3 * timing.depth_offset_s,
+            depth_offset_sigma_ms=1e3 * timing.depth_offset_sigma_s,
+            timing=timing.source,
         )
 
     def _tracking_report(self) -> TrackingReport:

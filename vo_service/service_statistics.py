@@ -10,7 +10,7 @@ from statistics import fmean, median, pstdev
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.types import OdometryUpdate, TimingReport
+from vo_service.types import OdometryUpdate, OnlineTiming, TimingReport
 
 # Number of frames that the status describes.
 WINDOW_FRAMES = 100
@@ -33,6 +33,7 @@ class ServiceStatistics:
         out_of_order: Number of frames skipped because their stamp did not increase.
         start_s: Time of the first result; None before it.
         end_s: Time of the last result.
+        timing: The sensor's timing at the last frame; None if it is taken as exact.
     """
 
     now_s: Callable[[], float] = time.monotonic
@@ -44,6 +45,7 @@ class ServiceStatistics:
     _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     _skew_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     _interval_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
+    timing: OnlineTiming | None = None
     _last_frame: RgbdFrame | None = None
     _result_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_RECORDED_FRAMES))
@@ -61,6 +63,7 @@ class ServiceStatistics:
         """
         self.frames += 1
         self.failed += not update.estimate.ok
+        self.timing = update.estimate.timing
         self.end_s = self.now_s()
         self.start_s = self.end_s if self.start_s is None else self.start_s
         self._cpu_ms.append(cpu_ms)
@@ -71,6 +74,11 @@ class ServiceStatistics:
         for stage, spent_ms in update.stage_ms.items():
             record = self._stages_ms.setdefault(stage, deque(maxlen=MAX_RECORDED_FRAMES))
             record.append(spent_ms)
+
+    @property
+    def warning(self) -> str:
+        """Warning if the frames contradict the timing that was told; "" otherwise."""
+        return self.timing.warning if self.timing else ""
 
     def _add_stamp(self, frame: RgbdFrame) -> None:
         """Add an interval per frame of the camera: frames that were not delivered are no jitter."""

@@ -162,4 +162,5 @@ class FreenectCamera(RgbdCamera):
             lost_packets=newly_lost,
             gravity_m_s2=self._motor_unit.gravity_m_s2,
             readout_s=rectifier.readout_s,
+            timing_prior=rectifier.timing_prior,
         )

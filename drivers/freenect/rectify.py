@@ -8,7 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.calibration import NO_DISTORTION, CameraCalibration, read_calibration
+from drivers.calibration import (
+    NO_DISTORTION,
+    CameraCalibration,
+    kinect_timing,
+    read_calibration,
+)
 from drivers.camera import PinholeCamera
 from drivers.core.errors import InputError
 from drivers.freenect.library import DepthFormat
@@ -69,7 +74,8 @@ class KinectRectifier:
         self.camera = _mirror_intrinsics(pinhole) if is_mirrored else pinhole
         self.depth_format = self._registration.depth_format
         self.depth_factor = self._registration.depth_factor
-        self.readout_s, self.depth_offset_s = calibration.readout_s, calibration.depth_offset_s
+        self.readout_s, self.timing_prior = kinect_timing(calibration)
+        self.depth_offset_s = calibration.depth_offset_s
         self.intrinsics_source = "default" if camera_file is None else f"camera file {camera_file}"
 
     def rectify_color(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:

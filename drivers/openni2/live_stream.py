@@ -161,6 +161,7 @@ class LiveStream:
             device_stamp_s=pair.color_s,
             skew_s=pair.skew_s + self.rectifier.depth_offset_s,
             readout_s=self.rectifier.readout_s,
+            timing_prior=self.rectifier.timing_prior,
         )
 
 

@@ -83,6 +83,7 @@ class OniPlayback:
             camera=self.rectifier.camera,
             skew_s=self.index.skew_s(pair) + self.rectifier.depth_offset_s,
             readout_s=self.rectifier.readout_s,
+            timing_prior=self.rectifier.timing_prior,
         )
 
     def _advance(self, seq: int, delivered: int = 0, skipped: int = 0) -> None:

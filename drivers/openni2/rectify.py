@@ -20,8 +20,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.calibration import NO_DISTORTION, CameraCalibration, read_calibration
-from drivers.camera import PinholeCamera
+from drivers.calibration import (
+    NO_DISTORTION,
+    CameraCalibration,
+    kinect_timing,
+    read_calibration,
+)
+from drivers.camera import PinholeCamera, TimingPrior
 from drivers.core.errors import InputError
 from drivers.rectify import SoftwareRegistration, Undistorter, make_undistorter
 
@@ -89,7 +94,7 @@ class DepthRectifier(Protocol):
 class OpenNI2Rectifier:
     """Converts delivered images to a frame's images.
 
-    The timing is that of the camera file, see `CameraCalibration`, or zero without one.
+    The timing is that of the camera file, see `CameraCalibration`, or the usual one of a Kinect.
     """
 
     camera: PinholeCamera
@@ -99,7 +104,8 @@ class OpenNI2Rectifier:
     depth_rectifier: DepthRectifier
     flip_color: bool
     flip_depth: bool
-    readout_s: float = 0.0
+    readout_s: float
+    timing_prior: TimingPrior | None
     depth_offset_s: float = 0.0
 
     def rectify_color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -142,7 +148,7 @@ def make_rectifier(source: SourceProperties, calibration_file: CalibrationFile) 
         depth_rectifier,
         source.flip_color,
         source.flip_depth,
-        calibration.readout_s,
+        *kinect_timing(calibration),
         calibration.depth_offset_s,
     )
 
@@ -161,6 +167,7 @@ def _make_uncalibrated_rectifier(source: SourceProperties) -> OpenNI2Rectifier:
         undistorter.undistort_depth,
         source.flip_color,
         source.flip_depth,
+        *kinect_timing(None),
     )
 
 

@@ -19,16 +19,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import FrameTimeout, PinholeCamera, PlaybackMode, RgbdFrame
+from drivers.camera import (
+    FrameTimeout,
+    PinholeCamera,
+    PlaybackMode,
+    RgbdFrame,
+    TimingPrior,
+    TimingSource,
+)
 from drivers.core.errors import UserFacingError
 
 SLOT_COUNT = 4
 # Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.
 SLOT_BYTES = 64 * 2**20
-# Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera.
-_HEADER = Struct("=3q 6d 3d 2q 4d")
+# Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera;
+# timing prior with the number of its source.
+_HEADER = Struct("=3q 6d 3d 2q 4d 3d q")
 _HEADER_BYTES = 256  # keeps the images aligned
 _NO_GRAVITY = (math.nan,) * 3
+_NO_TIMING_PRIOR = (math.nan, math.nan, math.nan, 0)
+_TIMING_SOURCES = tuple(TimingSource)
 
 
 class FrameSlots:
@@ -93,6 +103,16 @@ def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float, ...]:
         *(frame.skew_s, frame.readout_s, frame.depth_factor),
         *gravity,
         *(c.width, c.height, c.fx, c.fy, c.cx, c.cy),
+        *_pack_timing_prior(frame.timing_prior),
+    )
+
+
+def _pack_timing_prior(prior: TimingPrior | None) -> tuple[float, ...]:
+    if prior is None:
+        return _NO_TIMING_PRIOR
+    return (
+        *(prior.depth_offset_s, prior.readout_sigma_s, prior.depth_offset_sigma_s),
+        _TIMING_SOURCES.index(prior.source),
     )
 
 
@@ -115,6 +135,17 @@ def _make_frame(
         lost_packets=lost_packets,
         gravity_m_s2=None if math.isnan(gravity[0]) else gravity,
         readout_s=readout_s,
+        timing_prior=_make_timing_prior(*values[18:22]),
+    )
+
+
+def _make_timing_prior(
+    depth_offset_s: float, readout_sigma_s: float, depth_offset_sigma_s: float, source: int
+) -> TimingPrior | None:
+    if math.isnan(depth_offset_s):
+        return None
+    return TimingPrior(
+        depth_offset_s, readout_sigma_s, depth_offset_sigma_s, _TIMING_SOURCES[source]
     )
 
 

@@ -46,6 +46,7 @@ class TumFrameReader:
             skew_s=pair.skew_s + camera.depth_offset_s,
             gravity_m_s2=self._folder.gravity.mean_at(pair.color.stamp_s),
             readout_s=camera.readout_s,
+            timing_prior=camera.timing_prior,
         )
 
 

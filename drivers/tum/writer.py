@@ -14,7 +14,7 @@ from drivers.calibration import (
     CameraCalibration,
     format_calibration,
 )
-from drivers.camera import RgbdFrame
+from drivers.camera import RgbdFrame, TimingSource
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
 from drivers.core.trajectory import Trajectory, format_pose_line
@@ -198,6 +198,19 @@ def _make_calibration(frame: RgbdFrame) -> CameraCalibration:
 
     The depth stamps are written with the whole skew, so the depth offset is zero.
     """
-    c, timing = frame.camera, (frame.readout_s, 0.0)
+    c, prior = frame.camera, frame.timing_prior
+    if prior is None:
+        sigmas_s: tuple[float | None, float | None] = (0.0, 0.0)
+    elif prior.source is TimingSource.UNKNOWN:
+        sigmas_s = (None, None)
+    else:
+        sigmas_s = (prior.readout_sigma_s, prior.depth_offset_sigma_s)
     intrinsics = (c.width, c.height, c.fx, c.fy, c.cx, c.cy)
-    return CameraCalibration(*intrinsics, NO_DISTORTION, frame.depth_factor, *timing)
+    return CameraCalibration(
+        *intrinsics,
+        NO_DISTORTION,
+        frame.depth_factor,
+        frame.readout_s,
+        readout_sigma_s=sigmas_s[0],
+        depth_offset_sigma_s=sigmas_s[1],
+    )

@@ -11,15 +11,20 @@ from drivers.camera import PlaybackMode
 from drivers.registry import CAMERA_USAGES
 from vo_service.config import Config, read_config
 from vo_service.config_tables import DEFAULT_ENDPOINT, LogConfig, LogLevel
-from vo_service.odometry.registry import METHODS
+from vo_service.odometry.registry import METHODS, TIMING_MODES
 
 
 def add_config_options(parser: argparse.ArgumentParser) -> None:
-    """Add --config and --method."""
+    """Add --config, --method and --timing."""
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
         "--method", choices=list(METHODS), help="odometry method (default: the config's)"
     )
+    parser.add_argument(
+        "--timing", choices=list(TIMING_MODES),
+        help="readout and delay of the sensor: learned while the method direct runs, or fixed as "
+        "the camera file tells (default: the config's)",
+    )  # fmt: skip
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
@@ -92,6 +97,8 @@ def load_config(args: argparse.Namespace) -> Config:
     config = read_config(args.config)
     if getattr(args, "method", None):
         config = replace(config, odometry=replace(config.odometry, method=args.method))
+    if getattr(args, "timing", None):
+        config = replace(config, odometry=replace(config.odometry, timing=args.timing))
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
     if config.rerun.targets:

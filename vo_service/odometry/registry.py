@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior, TimingSource
 from drivers.core.errors import InputError
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Odometry
@@ -23,12 +23,23 @@ MIN_FEATURES, MAX_FEATURES = 50, 5000
 IMAGE_SIZE_PX = 256
 
 
+# Whether readout and delay of the sensor are learned while the odometry runs.
+DEFAULT_TIMING_MODE, FIXED_TIMING_MODE = TIMING_MODES = ("learned", "fixed")
+
+
 @dataclass(frozen=True)
-class FeatureConfig:
-    """Settings of the features, for all methods that use them."""
+class MethodConfig:
+    """Settings of the methods; each takes those that it has.
+
+    Attributes:
+        count: SURF features in a frame.
+        upright: Whether the camera never rolls.
+        timing: One of `TIMING_MODES`.
+    """
 
     count: int = 1000
     upright: bool = False
+    timing: str = DEFAULT_TIMING_MODE
 
 
 def make_odometry(
@@ -36,6 +47,7 @@ def make_odometry(
     *,
     feature_count: int = 1000,
     upright: bool = False,
+    timing: str = DEFAULT_TIMING_MODE,
     timer: StageTimer = NullStageTimer(),  # noqa: B008 (it has no state)
 ) -> Odometry:
     """Make an odometry, which starts at the first frame that it gets.
@@ -54,10 +66,13 @@ def make_odometry(
             features), "icp" (depth only) or "sfm" (color only).
         feature_count: SURF features in a frame, from 50 to 5000; "icp" uses none.
         upright: Whether the camera never rolls: faster, and more matches.
+        timing: "learned" (only "direct": readout and delay of the sensor are learned, if the frames
+            do not tell them exactly) or "fixed" (as the frames tell).
         timer: Times the stages of each frame.
 
     Raises:
-        InputError: The method is unknown, or the number of features is out of range.
+        InputError: The method or the timing is unknown, or the number of features is out of
+            range.
     """
     if method not in METHODS:
         raise InputError(f"method {method!r} is unknown; use one of {', '.join(METHODS)}")
@@ -65,10 +80,12 @@ def make_odometry(
         raise InputError(
             f"feature_count {feature_count}: must be from {MIN_FEATURES} to {MAX_FEATURES}"
         )
-    return METHODS[method](FeatureConfig(feature_count, upright), timer)
+    if timing not in TIMING_MODES:
+        raise InputError(f"timing {timing!r} is unknown; use one of {', '.join(TIMING_MODES)}")
+    return METHODS[method](MethodConfig(feature_count, upright, timing), timer)
 
 
-def _make_surf(features: FeatureConfig, timer: StageTimer) -> Odometry:
+def _make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Frame to frame by SURF features."""
     from vo_service.odometry.surf import SurfExtractor
     from vo_service.odometry.surf.odometry import SurfOdometry
@@ -76,22 +93,28 @@ def _make_surf(features: FeatureConfig, timer: StageTimer) -> Odometry:
     return SurfOdometry(SurfExtractor(features.count, features.upright), timer=timer)
 
 
-def _make_direct(features: FeatureConfig, timer: StageTimer) -> Odometry:
+def _make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
     from vo_service.odometry.direct.odometry import DirectOdometry
+    from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
     from vo_service.odometry.surf import SurfExtractor
 
-    return DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
+    def make_tracker() -> DirectOdometry:
+        return DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
+
+    if features.timing == FIXED_TIMING_MODE:
+        return make_tracker()
+    return OnlineTimingOdometry(make_tracker, timer=timer)
 
 
-def _make_icp(_features: FeatureConfig, timer: StageTimer) -> Odometry:
+def _make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:
     """Depth only, point-to-plane ICP."""
     from vo_service.odometry.icp.odometry import IcpOdometry
 
     return IcpOdometry(timer=timer)
 
 
-def _make_sfm(features: FeatureConfig, timer: StageTimer) -> Odometry:
+def _make_sfm(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Color only; the initial scale is from the first depth image."""
     from vo_service.odometry.sfm.odometry import SfmOdometry
     from vo_service.odometry.surf import SurfExtractor
@@ -99,7 +122,7 @@ def _make_sfm(features: FeatureConfig, timer: StageTimer) -> Odometry:
     return SfmOdometry(SurfExtractor(features.count, features.upright), timer=timer)
 
 
-METHODS: Mapping[str, Callable[[FeatureConfig, StageTimer], Odometry]] = {
+METHODS: Mapping[str, Callable[[MethodConfig, StageTimer], Odometry]] = {
     "surf": _make_surf,
     "icp": _make_icp,
     "sfm": _make_sfm,
@@ -111,11 +134,12 @@ METHODS: Mapping[str, Callable[[FeatureConfig, StageTimer], Odometry]] = {
 STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {
     "direct": {
         "images": 0.5,
-        "align": 4.5,
+        "align": 4.2,
         "recovery": 1.0,
         "covariance": 1.0,
         "refine": 0.5,
         "keyframe": 0.5,
+        "timing": 0.3,
     }
 }
 
@@ -144,13 +168,13 @@ def warm_up(method: str, report_stage: Callable[[str], None]) -> float:
         The elapsed seconds.
     """
     start_s = time.monotonic()
-    run_warm_up_frames(lambda: METHODS[method](FeatureConfig(), StageReporter(report_stage)))
+    run_warm_up_frames(lambda: METHODS[method](MethodConfig(), StageReporter(report_stage)))
     return time.monotonic() - start_s
 
 
 def run_warm_up_frames(make_odometry: Callable[[], Odometry]) -> None:
     """Run new odometries on generated frames."""
-    for frames in (_make_corner_frames(), _make_wall_frames()):
+    for frames in (_make_corner_frames(), _make_wall_frames(), _make_pan_frames()):
         odometry = make_odometry()
         for frame in frames:
             odometry.estimate(frame)
@@ -180,6 +204,15 @@ def _make_wall_frames() -> Iterator[RgbdFrame]:
     for number, shift_px in enumerate((0, 2, 72)):
         frame = _make_frame(number, np.roll(_make_texture(0), shift_px, axis=1), wall)
         yield replace(frame, readout_s=1e-6)
+
+
+def _make_pan_frames() -> Iterator[RgbdFrame]:
+    """A texture that moves on a wall, with an uncertain timing, so that it is learned."""
+    prior = TimingPrior(0.0, 0.004, 0.002, TimingSource.SENSOR)
+    wall = np.full((IMAGE_SIZE_PX, IMAGE_SIZE_PX), 2000, np.uint16)
+    for number in range(6):
+        frame = _make_frame(number, np.roll(_make_texture(0), 2 * number, axis=1), wall)
+        yield replace(frame, timing_prior=prior)
 
 
 def _make_frame(

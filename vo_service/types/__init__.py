@@ -50,6 +50,7 @@ from vo_service.types.update import (
     MapSnapshot,
     Odometry,
     OdometryUpdate,
+    OnlineTiming,
     TrackingDebug,
     TrackingState,
 )
@@ -77,6 +78,7 @@ __all__ = [
     "NullRecorder",
     "Odometry",
     "OdometryUpdate",
+    "OnlineTiming",
     "Output",
     "PausableViewer",
     "PauseCommand",

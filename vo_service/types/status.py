@@ -59,6 +59,17 @@ class CameraReport:
     dropped: Annotated[int, "frames dropped because a newer one was available"] = 0
     skipped: Annotated[int, "frames skipped because they were not usable"] = 0
     lost_packets: Annotated[int, "packets lost between the sensor and the computer"] = 0
+    readout_ms: Annotated[float, "rolling shutter: from the first row to the last"] = 0.0
+    readout_sigma_ms: Annotated[float, "its standard deviation; 0 = exact"] = 0.0
+    depth_offset_ms: Annotated[
+        float, "capture time of depth minus its stamp, relative to color"
+    ] = 0.0
+    depth_offset_sigma_ms: Annotated[float, "its standard deviation; 0 = exact"] = 0.0
+    timing: Annotated[
+        str,
+        'source of readout and depth offset: "learned", "camera file", "usual for the sensor", '
+        '"unknown"; "" = exact, or fixed',
+    ] = ""
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,39 @@ class TrackingDebug:
 
 
 @dataclass(frozen=True)
+class OnlineTiming:
+    """The sensor's timing that an odometry uses.
+
+    Attributes:
+        readout_s: Rolling shutter: from the first row to the last.
+        depth_offset_s: Capture time of a depth image minus its stamp, relative to color.
+        readout_sigma_s: Standard deviation of `readout_s`.
+        depth_offset_sigma_s: Standard deviation of `depth_offset_s`.
+        source: Where the values come from: "learned", or see `TimingSource`.
+        contradiction: Readout and depth offset by the frames alone, s, if they contradict what the
+            camera file or the usual values say; None otherwise.
+    """
+
+    readout_s: float
+    depth_offset_s: float
+    readout_sigma_s: float
+    depth_offset_sigma_s: float
+    source: str
+    contradiction: tuple[float, float] | None = None
+
+    @property
+    def warning(self) -> str:
+        """What to do if the frames contradict what they tell; "" if they do not."""
+        if self.contradiction is None:
+            return ""
+        readout_ms, offset_ms = (1e3 * value_s for value_s in self.contradiction)
+        return (
+            f"the frames contradict the told timing: they show a readout of {readout_ms:.0f} ms "
+            f"and a depth offset of {offset_ms:.0f} ms; run kinect-vo calibrate --timing"
+        )
+
+
+@dataclass(frozen=True)
 class Estimate:
     """The result of one frame.
 
@@ -56,6 +89,7 @@ class Estimate:
         inliers: Number of matches that agree with the motion.
         is_reset: Whether the pose is not continuous with the previous one.
         is_next_reference: Whether this frame is the reference of the next motion.
+        timing: The sensor's timing; None if the odometry takes it as exact.
         debug: What a viewer can draw.
     """
 
@@ -69,6 +103,7 @@ class Estimate:
     inliers: int = 0
     is_reset: bool = False
     is_next_reference: bool = True
+    timing: OnlineTiming | None = None
     debug: TrackingDebug = field(default_factory=TrackingDebug)
 
 

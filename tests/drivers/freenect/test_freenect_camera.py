@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.calibration import format_calibration
+from drivers.calibration import KINECT_TIMING_PRIOR, format_calibration
 from drivers.camera import CameraState, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraLostError, CameraNotFoundError
 from drivers.freenect.kinect_source import list_kinects
@@ -155,8 +155,9 @@ def test_the_camera_file_gives_the_timing(
     )
     with make_camera(camera_file=file) as camera:
         frame = camera.read(3.0)
-    assert (unknown.readout_s, frame.readout_s) == (0.0, 0.019)
+    assert (unknown.readout_s, frame.readout_s) == (0.029, 0.019)
     assert frame.skew_s - unknown.skew_s == pytest.approx(0.004, abs=2e-6)
+    assert unknown.timing_prior == KINECT_TIMING_PRIOR
     assert camera.intrinsics_source == f"camera file {file}"
 
 

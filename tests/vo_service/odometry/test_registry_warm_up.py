@@ -6,7 +6,7 @@ from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry import features, ransac
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 from vo_service.odometry.surf import descriptor, detector, guided_matching, packed_pyramid
 
 
@@ -25,7 +25,7 @@ def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:
         if hasattr(each, "signatures") and hasattr(each, "py_func")
     ]
     before = [list(kernel.signatures) for kernel in kernels]
-    odometry = METHODS["surf"](FeatureConfig(), NullStageTimer())
+    odometry = METHODS["surf"](MethodConfig(), NullStageTimer())
     for seq in range(2):
         odometry.estimate(render_corner(np.eye(4), seq))
     lost = odometry.estimate(render_elsewhere(2))

@@ -5,7 +5,8 @@ Stueckler and Cremers, "Dense Continuous-Time Tracking and Mapping with Rolling 
 Cameras" (ICCV 2015) for the time of each row. SURF features recover the pose where that fails.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,6 +108,58 @@ class DirectOdometry:
     def vignetting(self) -> float:
         """Current estimate of the lens's vignetting, see `VignettingEstimate`."""
         return self._vignetting.value
+
+    @property
+    def last_frame(self) -> TrackedFrame | None:
+        """The last good frame that was aligned; None at the start."""
+        return self._track.last_frame if self._track else None
+
+    @property
+    def velocity(self) -> Array:
+        """(6,) twist of the camera at the last good frame, in its own axes, m/s and rad/s."""
+        return self._track.motion_state.velocity if self._track else np.zeros(6)
+
+    @property
+    def keyframes(self) -> Sequence[DirectKeyframe]:
+        """The keyframes, the most recently used one last."""
+        return self._map.keyframes
+
+    @property
+    def active_keyframe(self) -> DirectKeyframe | None:
+        """The keyframe that the next frame is aligned with; None before the first one."""
+        return self._track.keyframe if self._track else None
+
+    def start_at(self, T_world_camera: Array) -> None:
+        """Set the pose of the first frame, before that."""
+        self._T_world_camera = T_world_camera
+
+    def continue_from(self, former: "DirectOdometry", estimate: Estimate) -> Estimate:
+        """Continue another odometry's motion, and return the last estimate relative to it."""
+        self._vignetting = former._vignetting
+        if self._track is None or former._track is None or not estimate.ok:
+            return estimate
+        T_world_reference = former._track.T_world_reference
+        self._track = replace(self._track, T_world_reference=T_world_reference)
+        T_reference_camera = inverse(T_world_reference) @ estimate.T_world_camera
+        return replace(
+            estimate,
+            T_reference_camera=T_reference_camera,
+            is_reset=False,
+            is_next_reference=False,
+        )
+
+    def replace_keyframes(
+        self, keyframes: Sequence[DirectKeyframe], active: DirectKeyframe
+    ) -> None:
+        """Go on with other keyframes of the same world.
+
+        Args:
+            keyframes: All keyframes, the most recently used one last.
+            active: The one of them that the next frame is aligned with.
+        """
+        self._map.keyframes = list(keyframes)
+        if self._track is not None:
+            self._track = replace(self._track, keyframe=active)
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose by aligning this frame with the keyframe.

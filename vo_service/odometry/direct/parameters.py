@@ -217,3 +217,61 @@ EDGE_MARGIN_PX = 8
 MIN_KNOWN_SHARE = 0.25
 # and a surface is static if they have observed at least this share of it.
 MIN_OBSERVED_SHARE = 0.25
+
+# TIMING
+# Pairs of values are of the readout time and of the delay of depth after color, s.
+# Every point of this many is used for the timing.
+TIMING_POINT_STRIDE = 2
+# Share of the true step that one step of the timing makes: residuals are not linear in it.
+TIMING_STEP_RATIO = 0.75
+# Smallest curvature of the residuals' Student's t, as a share of its weight.
+MIN_CURVATURE_RATIO = 0.2
+# Slower views are not used; the weight of a view is half at the second speed. Speeds are in rad/s,
+# as if everything were SCENE_DEPTH_M away.
+MIN_TIMING_SPEED = 0.08
+HALF_WEIGHT_SPEED = 0.2
+SCENE_DEPTH_M = 2.0
+# Weight of a view of the first keyframe, whose velocity is known from later poses only.
+FIRST_KEYFRAME_WEIGHT = 0.3
+# Squared errors of views, relative to their information: forgetting factor, value and number of
+# views before the first one, smallest value, degrees of freedom of their Student's t.
+VIEW_ERROR_DECAY = 0.97
+INITIAL_VIEW_ERROR, INITIAL_VIEWS = 40.0, 4.0
+MIN_VIEW_ERROR = 1.0
+VIEW_DEGREES_OF_FREEDOM = 3.0
+# Sigmas of the error that all views of one keyframe share.
+KEYFRAME_TIMING_SIGMAS_S = (0.004, 0.002)
+# Forgetting factor per keyframe.
+TIMING_DECAY = 0.99
+# Fewest views, and largest sigmas, of an estimate that is used.
+MIN_TIMING_VIEWS = 6
+MAX_TIMING_SIGMAS_S = (0.005, 0.003)
+# The timing in use changes by at least this much, and by this many sigmas.
+MIN_TIMING_CHANGES_S = (0.001, 0.0005)
+MIN_TIMING_CHANGE_SIGMAS = 0.7
+# Below these sigmas only every n-th view is used.
+SETTLED_TIMING_SIGMAS_S = (0.0015, 0.0007)
+SETTLED_VIEW_STRIDE = 3
+# An estimate this close to an instantaneous shutter without delay is one; so is an estimate within
+# this many sigmas of it, if it was one before.
+INSTANT_TIMING_BAND_S = (0.0025, 0.0012)
+INSTANT_TIMING_SIGMAS = 2.0
+# The information is kept over a change of the timing that moves pixels by less than this, px, at
+# this distance from the center, px.
+LINEAR_RANGE_PX = 1.5
+TIMING_RADIUS_PX = 260.0
+# Keyframes whose timing is off by more are forgotten.
+MAX_KEYFRAME_TIMING_ERRORS_S = (0.004, 0.002)
+# The largest interval between poses that a velocity is computed from, s.
+MAX_POSE_INTERVAL_S = 0.08
+# The search for the timing begins with this many frames, at this speed in rad/s.
+NUM_SEARCHED_FRAMES = 8
+MIN_SEARCH_SPEED = 0.2
+# Its steps in readout and delay: three values each.
+SEARCH_STEPS_S = (0.015, 0.008)
+# Difference of the summed logarithms of the residuals' sigmas that halves a timing's weight thrice.
+SEARCH_SCORE_SCALE = 0.5
+# Sigmas of a timing between those that were tried.
+SEARCH_SIGMAS_S = (0.006, 0.004)
+# The frames contradict a timing that is off by this many sigmas.
+CONTRADICTION_SIGMAS = 4.0

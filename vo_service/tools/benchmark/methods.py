@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from drivers.core.errors import InputError
 from vo_service.config import OdometryConfig
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.tools.benchmark.baselines.registry import (
     BASELINES,
     BaselineFactory,
@@ -58,4 +58,4 @@ def make_method_factories(
 def _make_method_factory(name: str, odometry: OdometryConfig) -> MethodFactory:
     if name in METHODS:
         return ConfiguredMethodFactory(replace(odometry, method=name))
-    return BaselineFactory(name, FeatureConfig(odometry.feature_count, odometry.upright))
+    return BaselineFactory(name, MethodConfig(odometry.feature_count, odometry.upright))

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import CameraStatus, PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError, UserFacingError
 from drivers.registry import open_camera
@@ -68,8 +69,10 @@ def collect_live(
             snapshot = make_snapshot(frame, request.with_depth)
             decision = selector.process(snapshot)
             if decision is ViewDecision.ACCEPTED:
-                # Stamps one second apart make the saved frames photographs, not a video.
-                save_frame(replace(frame, stamp_s=float(len(selector.views))))
+                # Stamps one second apart make the saved frames photographs, not a video. A board
+                # does not tell the timing.
+                photograph = replace(frame, readout_s=0.0, timing_prior=UNKNOWN_TIMING)
+                save_frame(replace(photograph, stamp_s=float(len(selector.views))))
                 units = replace(units, depth_factor=frame.depth_factor)
             terminal.show(guide.instruction(decision))
             for preview in previews:

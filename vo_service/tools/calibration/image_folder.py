@@ -32,6 +32,8 @@ class DepthUnits:
     depth_factor: float
     readout_s: float = 0.0
     depth_offset_s: float = 0.0
+    readout_sigma_s: float | None = None
+    depth_offset_sigma_s: float | None = None
 
 
 def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
@@ -113,4 +115,10 @@ def read_depth_units(folder: Path, given: Path | None) -> DepthUnits:
         if given is not None or (folder / CAMERA_FILE_NAME).exists():
             raise
         return DepthUnits(MILLIMETER_DEPTH_FACTOR)
-    return DepthUnits(camera.depth_factor, camera.readout_s, camera.depth_offset_s)
+    return DepthUnits(
+        camera.depth_factor,
+        camera.readout_s,
+        camera.depth_offset_s,
+        camera.readout_sigma_s,
+        camera.depth_offset_sigma_s,
+    )

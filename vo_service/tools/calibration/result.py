@@ -49,7 +49,9 @@ class CalibrationResult:
             self.units.depth_factor,
             self.units.readout_s,
             self.units.depth_offset_s,
-            tables[0] if tables else None,
+            depth=tables[0] if tables else None,
+            readout_sigma_s=self.units.readout_sigma_s,
+            depth_offset_sigma_s=self.units.depth_offset_sigma_s,
         )
 
     def as_table(self) -> str:

@@ -11,9 +11,18 @@ from drivers.core.trajectory import Trajectory
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.text_table import format_columns, format_mm
 from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.types import OnlineTiming
 
 logger = logging.getLogger(__name__)
 
+# These keys are null if the timing is exact, or fixed.
+TIMING_KEYS = (
+    "readout_ms",
+    "readout_sigma_ms",
+    "depth_offset_ms",
+    "depth_offset_sigma_ms",
+    "timing",
+)
 # These keys are null without a ground truth.
 EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 
@@ -65,6 +74,7 @@ class RunSummary:
             "latency_p99_ms": round(timing.latency_p99_ms, 3),
             "cpu_ms_per_frame": round(statistics.cpu_ms_per_frame, 3),
             "stage_ms": {name: round(ms, 3) for name, ms in statistics.stage_ms.items()},
+            **_timing_json(statistics.timing),
             **metrics,
             **(self.loop_closure.as_json() if self.loop_closure else {}),
         }
@@ -85,10 +95,39 @@ class RunSummary:
                 f"{timing.latency_p50_ms:6.1f} ms median, {timing.latency_p99_ms:.1f} ms p99",
             ),
             ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms ({stages})"),
+            *_timing_rows(statistics.timing),
         ]
         rows += self.evaluation.rows() if self.evaluation else []
         rows += self.loop_closure.rows() if self.loop_closure else []
         return format_columns(rows)
+
+
+def _timing_rows(timing: OnlineTiming | None) -> list[tuple[str, str]]:
+    """Return the table rows of the sensor's timing; none if it is exact."""
+    if timing is None:
+        return []
+    values_s = (
+        ("readout", timing.readout_s, timing.readout_sigma_s),
+        ("depth offset", timing.depth_offset_s, timing.depth_offset_sigma_s),
+    )
+    return [
+        (name, f"{1e3 * value_s:6.1f} ms +- {1e3 * sigma_s:.1f} ({timing.source})")
+        for name, value_s, sigma_s in values_s
+    ]
+
+
+def _timing_json(timing: OnlineTiming | None) -> dict[str, Any]:
+    """Return the keys of the sensor's timing; null if it is exact."""
+    if timing is None:
+        return dict.fromkeys(TIMING_KEYS)
+    values = (
+        timing.readout_s,
+        timing.readout_sigma_s,
+        timing.depth_offset_s,
+        timing.depth_offset_sigma_s,
+    )
+    rounded = (round(1e3 * value_s, 3) for value_s in values)
+    return dict(zip(TIMING_KEYS, (*rounded, timing.source), strict=True))
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from importlib import import_module
 
 import numpy as np
 
+from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
@@ -19,7 +20,7 @@ from vo_service.odometry import depth, direct, features, ransac
 from vo_service.odometry.registry import (
     METHODS,
     STAGE_BUDGETS_MS,
-    FeatureConfig,
+    MethodConfig,
     StageReporter,
     warm_up,
 )
@@ -64,12 +65,20 @@ def all_that_may_happen() -> list[RgbdFrame]:
     ]
 
 
+def frames_of_unknown_timing() -> list[RgbdFrame]:
+    """Rolling views whose timing is searched for, and then learned."""
+    views = render_sequence(BRISK, 16, readout_s=0.02)
+    return [replace(view, readout_s=0.0, timing_prior=UNKNOWN_TIMING) for view in views]
+
+
 def test_a_warm_method_compiles_nothing_for_real_frames() -> None:
     warm_up("direct", lambda _: None)
     stages: list[str] = []
     before = compiled()
-    odometry = METHODS["direct"](FeatureConfig(), StageReporter(stages.append))
+    odometry = METHODS["direct"](MethodConfig(), StageReporter(stages.append))
     assert all(odometry.estimate(frame).ok for frame in all_that_may_happen())
+    learning = METHODS["direct"](MethodConfig(), StageReporter(stages.append))
+    assert all(learning.estimate(frame).ok for frame in frames_of_unknown_timing())
     assert set(stages) == set(STAGE_BUDGETS_MS["direct"])
     assert KERNELS
     assert compiled() == before

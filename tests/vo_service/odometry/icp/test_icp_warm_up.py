@@ -5,7 +5,7 @@ import numpy as np
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from vo_service.odometry.icp import depth_pyramid, planes, residuals
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 
 KERNELS = [
     each
@@ -24,7 +24,7 @@ def test_every_stage_is_run_and_reported() -> None:
 def test_a_warm_icp_compiles_nothing_for_a_real_frame() -> None:
     warm_up("icp", lambda _: None)
     before = [list(kernel.signatures) for kernel in KERNELS]
-    odometry = METHODS["icp"](FeatureConfig(), NullStageTimer())
+    odometry = METHODS["icp"](MethodConfig(), NullStageTimer())
     frames = [add_noise(render_view(ROOM, hand_held_pose(k), k), k) for k in range(2)]
     # A frame that another process shares may be read alone.
     frames[1].depth_raw.flags.writeable = False

@@ -4,7 +4,7 @@ from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
 from vo_service.odometry import depth, features
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import METHODS, FeatureConfig, warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 from vo_service.odometry.sfm import bundle_kernels
 
 KERNELS = [
@@ -24,7 +24,7 @@ def test_every_stage_is_run_and_reported() -> None:
 def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:
     warm_up("sfm", lambda _: None)
     before = [list(kernel.signatures) for kernel in KERNELS]
-    estimates = estimate_all(METHODS["sfm"](FeatureConfig(), NullStageTimer()), render_views(6))
+    estimates = estimate_all(METHODS["sfm"](MethodConfig(), NullStageTimer()), render_views(6))
     assert estimates[-1].ok
     assert KERNELS
     assert [list(kernel.signatures) for kernel in KERNELS] == before

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.core.errors import InputError
 from vo_service.config import OdometryConfig
-from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.tools.benchmark.baselines import registry
 from vo_service.tools.benchmark.baselines.registry import (
     BASELINES,
@@ -36,7 +36,7 @@ def test_our_methods_come_first_and_then_the_baselines() -> None:
     odometry = OdometryConfig(feature_count=500)
     factories = make_method_factories(["orb", "icp"], [], odometry)
     assert list(factories) == ["orb", "icp"]
-    assert factories["orb"] == BaselineFactory("orb", FeatureConfig(500))
+    assert factories["orb"] == BaselineFactory("orb", MethodConfig(500))
     assert factories["icp"] == ConfiguredMethodFactory(OdometryConfig("icp", feature_count=500))
 
 

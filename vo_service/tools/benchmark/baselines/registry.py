@@ -10,7 +10,7 @@ from types import ModuleType
 
 from drivers.core.trajectory import Trajectory
 from vo_service.odometry.profiling import StageTimer
-from vo_service.odometry.registry import FeatureConfig, StageReporter, run_warm_up_frames
+from vo_service.odometry.registry import MethodConfig, StageReporter, run_warm_up_frames
 from vo_service.types import Odometry
 
 
@@ -59,11 +59,11 @@ class Baseline:
     """Odometry of another library."""
 
     package: BaselinePackage
-    make: Callable[[FeatureConfig, StageTimer], Odometry]
+    make: Callable[[MethodConfig, StageTimer], Odometry]
 
 
 def _opencv(kind: str) -> Baseline:
-    def make(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+    def make(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
         import cv2
 
         from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
@@ -74,34 +74,34 @@ def _opencv(kind: str) -> Baseline:
     return Baseline(OPENCV, make)
 
 
-def _open3d_icp(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+def _open3d_icp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
     from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
     from vo_service.tools.benchmark.baselines.open3d_odometry import Open3dIcp
 
     return FrameToFrameOdometry(Open3dIcp(OPEN3D.load()))
 
 
-def _open3d_hybrid(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+def _open3d_hybrid(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
     from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
     from vo_service.tools.benchmark.baselines.open3d_odometry import Open3dHybrid
 
     return FrameToFrameOdometry(Open3dHybrid(OPEN3D.load()))
 
 
-def _small_gicp(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+def _small_gicp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
     from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
     from vo_service.tools.benchmark.baselines.small_gicp_odometry import SmallGicp
 
     return FrameToFrameOdometry(SmallGicp(SMALL_GICP.load()))
 
 
-def _sift(features: FeatureConfig, stopwatch: StageTimer) -> Odometry:
+def _sift(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
     from vo_service.tools.benchmark.baselines.opencv_features import sift_odometry
 
     return sift_odometry(features.count, stopwatch)
 
 
-def _orb(features: FeatureConfig, stopwatch: StageTimer) -> Odometry:
+def _orb(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
     from vo_service.tools.benchmark.baselines.opencv_features import orb_odometry
 
     return orb_odometry(features.count, stopwatch)
@@ -124,7 +124,7 @@ class BaselineFactory:
     """`MethodFactory` of a baseline; `features` is for those that use features."""
 
     name: str
-    features: FeatureConfig
+    features: MethodConfig
 
     @property
     def settings(self) -> Mapping[str, object]:

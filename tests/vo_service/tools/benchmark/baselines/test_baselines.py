@@ -10,7 +10,7 @@ from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.odometry.registry import FeatureConfig
+from vo_service.odometry.registry import MethodConfig
 from vo_service.tools.benchmark.baselines.registry import BASELINES, BaselineFactory
 
 DEPTH_ONLY = ("cv2-depth", "open3d-icp", "small-gicp")
@@ -28,7 +28,7 @@ def render(name: str, seq: int) -> RgbdFrame:
 def test_each_tracks_a_few_views_and_fails_on_an_empty_one(name: str) -> None:
     package = BASELINES[name].package
     pytest.importorskip(package.module, reason=f"needs {package.install_command}")
-    odometry = BaselineFactory(name, FeatureConfig()).make(NullStageTimer(), None)
+    odometry = BaselineFactory(name, MethodConfig()).make(NullStageTimer(), None)
     views = [render(name, seq) for seq in range(3)]
     estimates = [odometry.estimate(view) for view in views]
     assert all(e.ok for e in estimates)
@@ -40,7 +40,7 @@ def test_each_tracks_a_few_views_and_fails_on_an_empty_one(name: str) -> None:
 
 def test_a_baseline_is_warmed_up_and_names_its_package() -> None:
     stages: list[str] = []
-    factory = BaselineFactory("cv2-rgb-depth", FeatureConfig())
+    factory = BaselineFactory("cv2-rgb-depth", MethodConfig())
     factory.prepare(stages.append)
     assert stages == ["cv2"]
     assert str(factory.settings["package"]).startswith("opencv-python-headless 5")

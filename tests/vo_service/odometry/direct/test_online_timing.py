@@ -1,0 +1,137 @@
+"""Readout and delay are learned from frames that do not tell them."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from drivers.camera import RgbdFrame, TimingPrior, TimingSource
+from drivers.core.geometry import Array
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    MovingCamera,
+    add_noise,
+    render_view,
+    series_exponential,
+)
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
+from vo_service.odometry.registry import make_odometry
+from vo_service.types import Estimate, OnlineTiming
+
+READOUT_S, DELAY_S = 0.020, 0.008
+UNKNOWN = TimingPrior(0.0, 0.03, 0.01, TimingSource.UNKNOWN)
+# Radius and frequency of a hand's motion: up to 1 rad/s and 0.5 m/s.
+SWING = np.array([0.06, 0.05, 0.04, 0.11, 0.13, 0.10])
+SWING_RAD_S = np.array([7.0, 8.0, 6.0, 9.0, 8.0, 7.0])
+
+
+class SwingingCamera(MovingCamera):
+    """A camera in a hand that shakes it."""
+
+    def poses_at(self, times_s: Array) -> Array:
+        """(T, 4, 4) T_world_camera."""
+        return series_exponential(SWING * np.sin(times_s[:, None] * SWING_RAD_S))
+
+
+@cache
+def swinging_frames(readout_s: float, delay_s: float) -> tuple[RgbdFrame, ...]:
+    """Two seconds with noise; the frames tell neither readout nor delay."""
+    views = [
+        add_noise(render_view(SwingingCamera(), k / 30, readout_s=readout_s, skew_s=delay_s), k)
+        for k in range(60)
+    ]
+    return tuple(replace(f, readout_s=0.0, skew_s=0.0, timing_prior=UNKNOWN) for f in views)
+
+
+def learn(frames: tuple[RgbdFrame, ...]) -> list[Estimate]:
+    odometry = OnlineTimingOdometry(DirectOdometry)
+    return [odometry.estimate(frame) for frame in frames]
+
+
+def last_timing(estimates: list[Estimate]) -> OnlineTiming:
+    timing = estimates[-1].timing
+    assert timing is not None
+    return timing
+
+
+def position_error_m(estimates: list[Estimate]) -> float:
+    """Largest error of the second half of the frames, relative to its first frame."""
+    half = len(estimates) // 2
+    stamps_s = np.arange(half, len(estimates)) / 30
+    true = SwingingCamera().poses_at(stamps_s)
+    ours = np.stack([estimate.T_world_camera for estimate in estimates[half:]])
+    moved = np.linalg.inv(true[0]) @ true, np.linalg.inv(ours[0]) @ ours
+    return float(np.abs(moved[0][:, :3, 3] - moved[1][:, :3, 3]).max())
+
+
+def test_readout_and_delay_are_learned_within_two_seconds() -> None:
+    estimates = learn(swinging_frames(READOUT_S, DELAY_S))
+    timing = last_timing(estimates)
+    assert all(estimate.ok for estimate in estimates)
+    assert abs(timing.readout_s - READOUT_S) < 0.002
+    assert abs(timing.depth_offset_s - DELAY_S) < 0.0015
+    assert timing.source == "learned"
+
+
+def test_learned_timing_makes_the_poses_more_accurate() -> None:
+    frames = swinging_frames(READOUT_S, DELAY_S)
+    fixed = make_odometry("direct", timing="fixed")
+    assert position_error_m(learn(frames)) < 0.5 * position_error_m(
+        [fixed.estimate(frame) for frame in frames]
+    )
+
+
+def test_a_global_shutter_stays_at_exactly_zero() -> None:
+    timing = last_timing(learn(swinging_frames(0.0, 0.0)))
+    assert (timing.readout_s, timing.depth_offset_s) == (0.0, 0.0)
+
+
+def test_the_same_frames_give_the_same_bits() -> None:
+    first, second = (learn(swinging_frames(READOUT_S, DELAY_S)) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        assert (a.T_world_camera == b.T_world_camera).all()
+        assert a.timing == b.timing
+
+
+def test_a_camera_at_rest_learns_nothing() -> None:
+    still = [add_noise(render_view(stamp_s=k / 30), k) for k in range(12)]
+    timing = last_timing(learn(tuple(replace(frame, timing_prior=UNKNOWN) for frame in still)))
+    assert timing == OnlineTiming(0.0, 0.0, 0.03, 0.01, "unknown")
+
+
+def test_a_right_timing_that_was_told_is_not_contradicted() -> None:
+    told = TimingPrior(DELAY_S, 0.0005, 0.0005, TimingSource.CAMERA_FILE)
+    timing = last_timing(
+        learn(
+            tuple(
+                replace(f, readout_s=READOUT_S, skew_s=DELAY_S, timing_prior=told)
+                for f in swinging_frames(READOUT_S, DELAY_S)
+            )
+        )
+    )
+    assert timing.contradiction is None
+    assert timing.warning == ""
+
+
+def test_exact_timing_is_not_estimated() -> None:
+    frames = swinging_frames(0.0, 0.0)[:8]
+    odometry, plain = OnlineTimingOdometry(DirectOdometry), DirectOdometry()
+    for frame in frames:
+        exact = replace(frame, timing_prior=None)
+        estimate = odometry.estimate(exact)
+        assert estimate.timing is None
+        assert (estimate.T_world_camera == plain.estimate(exact).T_world_camera).all()
+
+
+def test_fixed_timing_is_that_of_the_frames() -> None:
+    assert isinstance(make_odometry("direct", timing="fixed"), DirectOdometry)
+
+
+def test_the_motion_relative_to_the_reference_is_continuous_over_the_search() -> None:
+    T_world_reference = np.eye(4)
+    for estimate in learn(swinging_frames(READOUT_S, DELAY_S)):
+        assert not estimate.is_reset
+        moved = T_world_reference @ estimate.T_reference_camera
+        np.testing.assert_allclose(moved, estimate.T_world_camera, atol=1e-9)
+        if estimate.is_next_reference:
+            T_world_reference = estimate.T_world_camera

@@ -1,0 +1,287 @@
+"""Direct odometry that learns readout and delay of the sensor while it runs.
+
+The timing of a frame is a prior, see `TimingPrior`. If it is uncertain, the first moving frames are
+tracked with several timings, and the best one goes on. From then on each tracked view adds to the
+estimate, two frames late, when the velocity at it is known.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImageTiming
+from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.parameters import (
+    FIRST_KEYFRAME_WEIGHT,
+    HALF_WEIGHT_SPEED,
+    MAX_KEYFRAME_TIMING_ERRORS_S,
+    MIN_SEARCH_SPEED,
+    MIN_TIMING_SPEED,
+    NUM_SEARCHED_FRAMES,
+    SCENE_DEPTH_M,
+    SETTLED_TIMING_SIGMAS_S,
+    SETTLED_VIEW_STRIDE,
+    TIMING_STEP_RATIO,
+)
+from vo_service.odometry.direct.timing_equations import (
+    TimingView,
+    accumulate_timing,
+    marginalize,
+)
+from vo_service.odometry.direct.timing_estimate import TimingEstimator
+from vo_service.odometry.direct.timing_frames import TimedFrame, TrackedView, ViewHistory
+from vo_service.odometry.direct.timing_search import needs_search, search_timing
+from vo_service.odometry.profiling import NullStageTimer, StageTimer
+from vo_service.types import Estimate, OnlineTiming
+
+# Fewest frames of a search, if tracking fails.
+MIN_SEARCHED_FRAMES = 3
+
+
+class OnlineTimingOdometry:
+    """Direct odometry with learned timing.
+
+    Args:
+        make_tracker: Makes a `DirectOdometry` that starts at its next frame.
+        timer: Times the stages; not timed if None.
+    """
+
+    def __init__(
+        self, make_tracker: Callable[[], DirectOdometry], timer: StageTimer | None = None
+    ) -> None:
+        self._make_tracker = make_tracker
+        self._timer = timer or NullStageTimer()
+        self._tracker = make_tracker()
+        self._history = ViewHistory()
+        self._estimator: TimingEstimator | None = None
+        self._is_searching = False
+        # The last frames, each with the pose at it; only during the search.
+        self._searched: deque[tuple[TimedFrame, Array]] = deque(maxlen=NUM_SEARCHED_FRAMES)
+        self._view_count = 0
+
+    @property
+    def vignetting(self) -> float:
+        """Current estimate of the lens's vignetting, see `VignettingEstimate`."""
+        return self._tracker.vignetting
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Estimate the camera's pose, see `DirectOdometry.estimate`, and learn from it."""
+        if frame.timing_prior is None:
+            return self._tracker.estimate(frame)
+        timed = TimedFrame.of(frame)
+        if self._estimator is None:
+            self._start(timed)
+        estimate = self._track(timed)
+        if self._is_searching:
+            estimate = self._search(timed, estimate)
+        return replace(estimate, timing=self._report(frame))
+
+    # -- tracking --------------------------------------------------------------------------------
+    def _start(self, timed: TimedFrame) -> None:
+        """Start with what the first frame tells."""
+        sigmas_s = _prior_sigmas_s(timed.frame)
+        self._use(np.zeros(2), sigmas_s, timed)
+        self._is_searching = needs_search(sigmas_s)
+
+    def _use(self, correction: Array, sigmas_s: Array, timed: TimedFrame) -> None:
+        prior = timed.frame.timing_prior
+        stamp_skew_s = timed.told[1] - (prior.depth_offset_s if prior else 0.0)
+        instant = -timed.told if abs(stamp_skew_s) == 0.0 else np.array([-timed.told[0], -np.inf])
+        self._estimator = TimingEstimator(correction, sigmas_s, correction, instant)
+
+    def _track(self, timed: TimedFrame) -> Estimate:
+        assert self._estimator is not None
+        timing = self._estimator.in_use
+        estimate = self._tracker.estimate(timed.with_correction(timing))
+        if estimate.is_reset:
+            self._history.clear()
+        if not estimate.ok:
+            self._history.interrupt()
+            return estimate
+        with self._timer.stage("timing"):
+            if self._learn(self._make_view(timed, timing, estimate)):
+                self._correct_keyframes()
+        return estimate
+
+    def _make_view(self, timed: TimedFrame, timing: Array, estimate: Estimate) -> TrackedView:
+        tracked = self._tracker.last_frame
+        stamp_s = timed.frame.stamp_s
+        if tracked is None or tracked.images.stamp_s != stamp_s:
+            return TrackedView(stamp_s, estimate.T_world_camera, timed.told, timing, None, None)
+        result = tracked.result
+        return TrackedView(
+            stamp_s, estimate.T_world_camera, timed.told, timing, result.keyframe, result.alignment
+        )
+
+    # -- search ----------------------------------------------------------------------------------
+    def _search(self, timed: TimedFrame, estimate: Estimate) -> Estimate:
+        """Search for the timing, once there is motion or tracking fails."""
+        if estimate.is_reset or not (estimate.ok or self._searched):
+            self._searched.clear()
+            return estimate
+        self._searched.append((timed, estimate.T_world_camera))
+        is_full = len(self._searched) == NUM_SEARCHED_FRAMES
+        is_moving = _speed(self._tracker.velocity) > MIN_SEARCH_SPEED
+        has_failed = not estimate.ok and len(self._searched) >= MIN_SEARCHED_FRAMES
+        if not (has_failed or (is_full and is_moving)):
+            return estimate
+        frames = [frame for frame, _ in self._searched]
+        with self._timer.stage("timing"):
+            found = search_timing(frames, _prior_sigmas_s(timed.frame), self._make_tracker)
+        return self._restart(found.mean, found.sigmas_s)
+
+    def _restart(self, correction: Array, sigmas_s: Array) -> Estimate:
+        """Track the searched frames again with another timing, from the first one's pose on."""
+        frames, T_world_first = [frame for frame, _ in self._searched], self._searched[0][1]
+        former = self._tracker
+        self._is_searching = False
+        self._searched.clear()
+        self._history.clear()
+        self._use(correction, sigmas_s, frames[0])
+        self._tracker = self._make_tracker()
+        self._tracker.start_at(T_world_first)
+        estimates = [self._track(frame) for frame in frames]
+        return self._tracker.continue_from(former, estimates[-1])
+
+    # -- learning --------------------------------------------------------------------------------
+    def _learn(self, view: TrackedView) -> bool:
+        """Add a view to the history, and learn from the one whose velocity is now known."""
+        past = self._history.add(view, self._tracker.keyframes)
+        if past is None or past.keyframe is None or past.alignment is None:
+            return False
+        assert self._estimator is not None
+        assert past.velocity is not None
+        self._view_count += 1
+        is_settled = (self._estimator.sigmas_s < SETTLED_TIMING_SIGMAS_S).all()
+        speed = _speed(past.velocity)
+        keyframe_view = self._history.find(past.keyframe.images.stamp_s)
+        if (
+            speed < MIN_TIMING_SPEED
+            or keyframe_view is None
+            or keyframe_view.velocity is None
+            or (is_settled and self._view_count % SETTLED_VIEW_STRIDE)
+        ):
+            return False
+        keyframe, alignment = past.keyframe, past.alignment
+        H, g = accumulate_timing(
+            keyframe.points[0],
+            alignment.samples,
+            alignment.cell_weights,
+            alignment.residual_model,
+            _timing_view(past, keyframe_view),
+        )
+        A, b = marginalize(H, g)
+        weight = speed**4 / (speed**4 + HALF_WEIGHT_SPEED**4)
+        if keyframe_view.is_first:
+            weight *= FIRST_KEYFRAME_WEIGHT
+        return self._estimator.add(
+            keyframe.images.stamp_s, speed, TIMING_STEP_RATIO * weight * A, weight * b
+        )
+
+    def _correct_keyframes(self) -> None:
+        """After a change of the timing: rebuild the active keyframe, forget those far off."""
+        assert self._estimator is not None
+        timing = self._estimator.in_use
+        active = self._tracker.active_keyframe
+        assert active is not None
+        rebuilt = self._rebuild(active, timing)
+        self._tracker.replace_keyframes(
+            [
+                rebuilt if keyframe is active else keyframe
+                for keyframe in self._tracker.keyframes
+                if keyframe is active or self._is_close(keyframe)
+            ],
+            rebuilt,
+        )
+
+    def _rebuild(self, keyframe: DirectKeyframe, timing: Array) -> DirectKeyframe:
+        """Return a keyframe with a corrected timing; the same if its velocity is not known yet."""
+        view = self._history.find(keyframe.images.stamp_s)
+        if view is None or view.velocity is None:
+            return keyframe
+        readout_s, skew_s = (view.told + timing).tolist()
+        shutter = ImageTiming(max(readout_s, 0.0), skew_s)
+        return make_keyframe(
+            keyframe.frame,
+            replace(keyframe.images, shutter=shutter),
+            keyframe.T_world_keyframe,
+            constant_velocity_motion(view.velocity),
+            ALL_STATIC,
+        )
+
+    def _is_close(self, keyframe: DirectKeyframe) -> bool:
+        """Whether a keyframe was made with nearly the timing in use."""
+        view = self._history.find(keyframe.images.stamp_s)
+        assert self._estimator is not None
+        if view is None:
+            return True
+        off = np.abs(_keyframe_timing(keyframe, view) - self._estimator.in_use)
+        return bool((off <= MAX_KEYFRAME_TIMING_ERRORS_S).all())
+
+    # -- report ----------------------------------------------------------------------------------
+    def _report(self, frame: RgbdFrame) -> OnlineTiming:
+        estimator, prior = self._estimator, frame.timing_prior
+        assert estimator is not None
+        assert prior is not None
+        told = np.array([frame.readout_s, prior.depth_offset_s])
+        readout_s, depth_offset_s = (told + estimator.in_use).tolist()
+        by_frames = estimator.contradiction()
+        # An estimate that confirms what was told well is not called learned.
+        is_learned = estimator.is_certain and (
+            estimator.in_use.any() or needs_search(_prior_sigmas_s(frame))
+        )
+        return OnlineTiming(
+            readout_s=readout_s,
+            depth_offset_s=depth_offset_s,
+            readout_sigma_s=float(estimator.sigmas_s[0]),
+            depth_offset_sigma_s=float(estimator.sigmas_s[1]),
+            source="learned" if is_learned else prior.source.value,
+            contradiction=None if by_frames is None else tuple((told + by_frames).tolist()),
+        )
+
+
+def _prior_sigmas_s(frame: RgbdFrame) -> Array:
+    prior = frame.timing_prior
+    assert prior is not None
+    # A value without error keeps its place by a tiny sigma.
+    return np.maximum([prior.readout_sigma_s, prior.depth_offset_sigma_s], 1e-6)
+
+
+def _speed(velocity: Array) -> float:
+    """Speed in rad/s of a velocity (6,), as if everything were `SCENE_DEPTH_M` away."""
+    return float(
+        np.hypot(np.linalg.norm(velocity[3:]), np.linalg.norm(velocity[:3]) / SCENE_DEPTH_M)
+    )
+
+
+def _keyframe_timing(keyframe: DirectKeyframe, view: TrackedView) -> Array:
+    """(2,) correction that a keyframe was made with."""
+    shutter = keyframe.images.shutter
+    return np.array([shutter.readout_s, shutter.skew_s]) - view.told
+
+
+def _timing_view(view: TrackedView, keyframe_view: TrackedView) -> TimingView:
+    keyframe, alignment = view.keyframe, view.alignment
+    assert keyframe is not None
+    assert alignment is not None
+    assert view.velocity is not None
+    assert keyframe_view.velocity is not None
+    T_keyframe_camera = inverse(alignment.T_camera_keyframe)
+    in_keyframe = change_frame(constant_velocity_motion(-view.velocity), T_keyframe_camera)
+    return TimingView(
+        velocity=np.ascontiguousarray(in_keyframe[:6]),
+        assumed_velocity=np.ascontiguousarray(alignment.motion[:6]),
+        keyframe_velocity=-keyframe_view.velocity,
+        assumed_keyframe_velocity=np.ascontiguousarray(-keyframe.motion[:6]),
+        camera_position=np.ascontiguousarray(T_keyframe_camera[:3, 3]),
+        timing=view.timing,
+        keyframe_timing=_keyframe_timing(keyframe, keyframe_view),
+        intrinsics=keyframe.images.intrinsics[0],
+        height=keyframe.images.camera.height,
+    )

@@ -1,0 +1,210 @@
+"""Normal equations of the sensor's timing: readout time and delay of depth after color.
+
+A wrong timing leaves residuals that grow with the velocity and with a row's distance from the
+middle one. Two more columns of the normal equations measure it; pose and brightness are
+marginalized, as they are estimated with it. Rolling shutter as in Kerl, Stueckler and Cremers,
+"Dense Continuous-Time Tracking and Mapping with Rolling Shutter RGB-D Cameras" (ICCV 2015); online
+estimate of a delay as in Qin and Shen, "Online Temporal Calibration for Monocular Visual-Inertial
+Systems" (IROS 2018).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.gauss_newton import fill_jacobian, solve_cholesky
+from vo_service.odometry.direct.keyframe_points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_DEPTH_GRADIENT,
+)
+from vo_service.odometry.direct.parameters import (
+    BRIGHTNESS_WEIGHT,
+    DEGREES_OF_FREEDOM,
+    MIN_CURVATURE_RATIO,
+    TIMING_POINT_STRIDE,
+    TIMING_STEP_RATIO,
+)
+from vo_service.odometry.direct.residuals import (
+    GAIN,
+    OFFSET,
+    residual_variances,
+    student_weight,
+)
+from vo_service.odometry.direct.warping import (
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_V,
+)
+
+# Pose (6), gain, offset, readout, delay.
+NUM_UNKNOWNS = 10
+FIRST_TIMING = 8
+# Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
+_DAMPING_RATIO = 1e-6
+
+
+class TimingView(NamedTuple):
+    """What the timing kernel needs of a view, beside its points and samples.
+
+    Velocities are twists (6,) of the keyframe's points in the keyframe's axes, m/s and rad/s.
+
+    Attributes:
+        velocity: While the frame was taken.
+        assumed_velocity: The same, as the alignment took it.
+        keyframe_velocity: While the keyframe was taken.
+        assumed_keyframe_velocity: The same, as the keyframe's points were made with it.
+        camera_position: (3,) of the frame's camera in the keyframe's axes, m.
+        timing: (2,) readout and delay that the frame was aligned with.
+        keyframe_timing: (2,) those of the keyframe.
+        intrinsics: (4,) of the whole image.
+        height: Rows of the whole image.
+    """
+
+    velocity: Array
+    assumed_velocity: Array
+    keyframe_velocity: Array
+    assumed_keyframe_velocity: Array
+    camera_position: Array
+    timing: Array
+    keyframe_timing: Array
+    intrinsics: Array
+    height: int
+
+
+@inline_kernel
+def _dot(J: Array, velocity: Array) -> float:
+    total = 0.0
+    for k in range(6):
+        total += J[k] * velocity[k]
+    return total
+
+
+@inline_kernel
+def _curvature(residual: float, variance: float) -> float:
+    """Second derivative of Student's t over its weight, bounded."""
+    squared = residual * residual / variance
+    return max((DEGREES_OF_FREEDOM - squared) / (DEGREES_OF_FREEDOM + squared), MIN_CURVATURE_RATIO)
+
+
+@inline_kernel
+def _add_row(H: Array, g: Array, row: Array, weight: float, weighted_residual: float) -> None:
+    for a in range(NUM_UNKNOWNS):
+        weighted = weight * row[a]
+        for b in range(a, NUM_UNKNOWNS):
+            H[a, b] += weighted * row[b]
+        g[a] += row[a] * weighted_residual
+
+
+@kernel
+def accumulate_timing(
+    points: Array, samples: Array, cell_weights: Array, residual_model: Array, view: TimingView
+) -> tuple[Array, Array]:
+    """Normal equations (10, 10), (10,) of pose, brightness, readout and delay of one view."""
+    H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
+    row, J, J_depth = np.zeros(NUM_UNKNOWNS), np.empty(6), np.empty(6)
+    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    variance, variance_depth = residual_variances(residual_model)
+    change = view.velocity - view.assumed_velocity
+    keyframe_change = view.keyframe_velocity - view.assumed_keyframe_velocity
+    readout, delay = view.timing
+    keyframe_readout, keyframe_delay = view.keyframe_timing
+    c = view.camera_position
+    middle_row = 0.5 * (view.height - 1)
+    for i in range(0, len(points), TIMING_POINT_STRIDE):
+        brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
+        if np.isnan(brightness):
+            continue
+        cell, z = int(samples[i, SAMPLE_CELL]), points[i, 2]
+        v_keyframe = view.intrinsics[1] * points[i, 1] / z + view.intrinsics[3]
+        # Times of the rows as shares of the readout.
+        share = (samples[i, SAMPLE_V] - middle_row) / view.height
+        keyframe_share = (v_keyframe - middle_row) / view.height
+        fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J_depth)
+        # Change of the point's depth with the keyframe's delay, m/s.
+        depth_rate = -z * z * _dot(J_depth, view.keyframe_velocity)
+        depth_rate_change = -z * z * _dot(J_depth, keyframe_change)
+        if points[i, HAS_TEXTURE] > 0:
+            residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
+            sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
+            w = student_weight(residual, sample_variance)
+            w *= BRIGHTNESS_WEIGHT * cell_weights[0, cell]
+            curvature = w * _curvature(residual, sample_variance)
+            fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
+            # Only parallax shows an error of the point's depth in its brightness.
+            parallax = (J[0] * c[0] + J[1] * c[1] + J[2] * c[2]) / z
+            by_frame = share * _dot(J, view.velocity)
+            by_keyframe = -keyframe_share * _dot(J, view.keyframe_velocity)
+            by_depth = parallax * depth_rate
+            row[:6] = J
+            row[6], row[7] = -points[i, POINT_BRIGHTNESS], -1.0
+            row[8], row[9] = by_frame + by_keyframe, by_depth
+            linear = (
+                readout * share * _dot(J, change)
+                - keyframe_readout * keyframe_share * _dot(J, keyframe_change)
+                + keyframe_delay * parallax * depth_rate_change
+                - TIMING_STEP_RATIO
+                * (by_frame * readout + by_keyframe * keyframe_readout + by_depth * keyframe_delay)
+            )
+            _add_row(H, g, row, curvature, w * residual + curvature * linear)
+        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
+            w = student_weight(depth, variance_depth) * cell_weights[1, cell]
+            curvature = w * _curvature(depth, variance_depth)
+            moved = _dot(J_depth, view.velocity)
+            by_keyframe = -keyframe_share * _dot(J_depth, view.keyframe_velocity)
+            by_depth = depth_rate / (z * z)
+            row[:6] = J_depth
+            row[6] = row[7] = 0.0
+            row[8], row[9] = share * moved + by_keyframe, moved + by_depth
+            linear = (
+                (readout * share + delay) * _dot(J_depth, change)
+                - keyframe_readout * keyframe_share * _dot(J_depth, keyframe_change)
+                + keyframe_delay * depth_rate_change / (z * z)
+                - TIMING_STEP_RATIO
+                * (
+                    share * moved * readout
+                    + moved * delay
+                    + by_keyframe * keyframe_readout
+                    + by_depth * keyframe_delay
+                )
+            )
+            _add_row(H, g, row, curvature, w * depth + curvature * linear)
+    for a in range(NUM_UNKNOWNS):
+        for b in range(a):
+            H[a, b] = H[b, a]
+    return H, g
+
+
+@kernel
+def marginalize(H: Array, g: Array) -> tuple[Array, Array]:
+    """(2, 2) information and (2,) vector of readout and delay: A x = b at the best timing."""
+    n = FIRST_TIMING
+    scale = np.empty(n)
+    X, Y = np.empty((n, n)), np.empty((n, 3))
+    for a in range(n):
+        scale[a] = 1.0 / np.sqrt(H[a, a] + 1e-12)
+    for a in range(n):
+        for b in range(n):
+            X[a, b] = H[a, b] * scale[a] * scale[b]
+        X[a, a] += _DAMPING_RATIO
+        Y[a, 0], Y[a, 1] = H[a, n] * scale[a], H[a, n + 1] * scale[a]
+        Y[a, 2] = g[a] * scale[a]
+    solved = np.empty((n, 3))
+    for k in range(3):
+        solved[:, k] = solve_cholesky(X, Y[:, k].copy())
+    A, b_vector = np.empty((2, 2)), np.empty(2)
+    for a in range(2):
+        for b in range(2):
+            A[a, b] = H[n + a, n + b]
+            for k in range(n):
+                A[a, b] -= Y[k, a] * solved[k, b]
+        b_vector[a] = -g[n + a]
+        for k in range(n):
+            b_vector[a] += Y[k, a] * solved[k, 2]
+    return A, b_vector

@@ -136,15 +136,16 @@ class DirectOdometry:
     def continue_from(self, former: "DirectOdometry", estimate: Estimate) -> Estimate:
         """Continue another odometry's motion, and return the last estimate relative to it."""
         self._vignetting = former._vignetting
-        if self._track is None or former._track is None or not estimate.ok:
+        if self._track is None or former._track is None:
             return estimate
         T_world_reference = former._track.T_world_reference
         self._track = replace(self._track, T_world_reference=T_world_reference)
+        if not estimate.ok:
+            return estimate
         T_reference_camera = inverse(T_world_reference) @ estimate.T_world_camera
         return replace(
             estimate,
             T_reference_camera=T_reference_camera,
-            is_reset=False,
             is_next_reference=False,
         )
 

@@ -147,6 +147,8 @@ class OnlineTimingOdometry:
         self._tracker = self._make_tracker()
         self._tracker.start_at(T_world_first)
         estimates = [self._track(frame) for frame in frames]
+        if any(estimate.is_reset for estimate in estimates):
+            return replace(estimates[-1], is_reset=True)
         return self._tracker.continue_from(former, estimates[-1])
 
     # -- learning --------------------------------------------------------------------------------

@@ -27,7 +27,8 @@ class TimingSearchResult:
     """The timing that fits best, as a correction of what the frames tell.
 
     Attributes:
-        mean: (2,) readout and delay, s; exactly zero if nothing fits better than no correction.
+        mean: (2,) readout and delay, s; exactly zero if nothing fits clearly better than no
+            correction.
         sigmas_s: (2,) standard deviations.
     """
 
@@ -64,7 +65,8 @@ def search_timing(
     mean = weights @ corrections
     spread = weights @ np.square(corrections - mean)
     sigmas = np.minimum(np.sqrt(spread + np.square(SEARCH_SIGMAS_S)), sigmas_s)
-    is_corrected = corrections[np.argmin(scores)].any()
+    # Frames that hardly tell one timing from another change nothing.
+    is_corrected = scores[0] > scores.min() + 1.0
     return TimingSearchResult(mean if is_corrected else np.zeros(2), sigmas)
 
 

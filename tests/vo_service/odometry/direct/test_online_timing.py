@@ -10,6 +10,8 @@ from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     MovingCamera,
     add_noise,
+    remove_color,
+    remove_depth,
     render_view,
     series_exponential,
 )
@@ -97,6 +99,16 @@ def test_a_camera_at_rest_learns_nothing() -> None:
     still = [add_noise(render_view(stamp_s=k / 30), k) for k in range(12)]
     timing = last_timing(learn(tuple(replace(frame, timing_prior=UNKNOWN) for frame in still)))
     assert timing == OnlineTiming(0.0, 0.0, 0.03, 0.01, "unknown")
+
+
+def test_a_covered_camera_at_rest_learns_nothing() -> None:
+    still = [add_noise(render_view(stamp_s=k / 30), k) for k in range(6)]
+    covered = [remove_depth(remove_color(replace(still[0], stamp_s=k / 30))) for k in (6, 7)]
+    frames = tuple(replace(frame, timing_prior=UNKNOWN) for frame in (*still, *covered))
+    estimates = learn(frames)
+    assert not estimates[-1].ok
+    timing = last_timing(estimates)
+    assert (timing.readout_s, timing.depth_offset_s) == (0.0, 0.0)
 
 
 def test_a_right_timing_that_was_told_is_not_contradicted() -> None:

@@ -16,6 +16,7 @@ from vo_service.odometry.direct.motion import (
     zero_motion,
 )
 from vo_service.odometry.direct.parameters import (
+    BRIGHTNESS_WEIGHT,
     INITIAL_MODEL_UPDATES,
     INITIAL_SIGMAS,
     MAX_STEPS,
@@ -29,8 +30,10 @@ from vo_service.odometry.direct.residuals import (
     IN_IMAGE,
     MAX_POINT_COST,
     OFFSET,
+    RESIDUAL_MODEL_SIZE,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
+    WEIGHT_BRIGHTNESS,
     count_residuals,
     fit_affine_brightness,
     weigh_regions,
@@ -55,7 +58,7 @@ class DirectAlignment:
     Attributes:
         T_camera_keyframe: 4x4.
         motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
-        residual_model: (4,) gain, offset and the two sigmas, see `residuals`.
+        residual_model: (5,) gain, offset, both sigmas and the brightness weight, see `residuals`.
         counts: (7,) of the finest level, see `residuals`.
         samples: (N, COLUMNS) of the finest level's points, see `warping`.
         cell_weights: (2, CELLS) of brightness and of depth.
@@ -107,11 +110,15 @@ def depth_only_weights() -> Array:
     return weights
 
 
-def initial_residual_model(affine_brightness: tuple[float, float] = IDENTITY_BRIGHTNESS) -> Array:
-    """(4,) residual model before the first step."""
-    residual_model = np.empty(4)
+def initial_residual_model(
+    affine_brightness: tuple[float, float] = IDENTITY_BRIGHTNESS,
+    brightness_weight: float = BRIGHTNESS_WEIGHT,
+) -> Array:
+    """(5,) residual model before the first step."""
+    residual_model = np.empty(RESIDUAL_MODEL_SIZE)
     residual_model[GAIN], residual_model[OFFSET] = affine_brightness
     residual_model[SIGMA_BRIGHTNESS], residual_model[SIGMA_DEPTH] = INITIAL_SIGMAS
+    residual_model[WEIGHT_BRIGHTNESS] = brightness_weight
     return residual_model
 
 
@@ -135,7 +142,7 @@ def align(
     """
     # After a reconnection the camera may have images of another size.
     coarsest = min(len(images.gray), len(points)) - 1
-    residual_model = initial_residual_model(affine_brightness)
+    residual_model = initial_residual_model(affine_brightness, images.brightness_weight)
     costs = [
         _mean_cost(points, images, T, prior.motion, residual_model, coarsest)
         for T in initial_guesses

@@ -37,7 +37,6 @@ from vo_service.odometry.direct.keyframe_points import (
 )
 from vo_service.odometry.direct.motion import ACCELERATION_START, NUM_UNKNOWNS
 from vo_service.odometry.direct.parameters import (
-    BRIGHTNESS_WEIGHT,
     COVARIANCE_INFLATION,
     MIN_POSE_SIGMAS,
     MIN_VIEW_OBSERVABILITY,
@@ -46,6 +45,7 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
+    WEIGHT_BRIGHTNESS,
     residual_variances,
     student_weight,
 )
@@ -213,7 +213,7 @@ def accumulate_scores(
         if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
             w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
-            w *= BRIGHTNESS_WEIGHT * cell_weights[0, cell]
+            w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
             row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5

@@ -31,7 +31,6 @@ from vo_service.odometry.direct.motion import (
     se3_log,
 )
 from vo_service.odometry.direct.parameters import (
-    BRIGHTNESS_WEIGHT,
     DAMPING_SIGMAS,
     INITIAL_MODEL_UPDATES,
     TREMOR_SPAN_S,
@@ -41,6 +40,7 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
+    WEIGHT_BRIGHTNESS,
     fit_affine_brightness,
     residual_variances,
     student_weight,
@@ -128,7 +128,7 @@ def solve_level(
         motion: (9,) initial guess, of the keyframe's points in the keyframe's axes.
         prior: Prior of the motion.
         base_weights: (2, CELLS) before the weights of the regions.
-        residual_model: (4,), in and out, see `residuals`.
+        residual_model: (5,), in and out, see `residuals`.
         limits: When the steps end.
 
     Returns:
@@ -173,7 +173,7 @@ def accumulate(points: Array, samples: Array, cell_weights: Array, residual_mode
         if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
             w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
-            w *= BRIGHTNESS_WEIGHT * cell_weights[0, int(samples[i, SAMPLE_CELL])]
+            w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, int(samples[i, SAMPLE_CELL])]
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
             _add_to_sums(sums[int(samples[i, SAMPLE_COLOR_BAND])], J, w, residual)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:

@@ -16,6 +16,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.parameters import (
+    BRIGHTNESS_WEIGHT,
     DARK_BRIGHTNESS,
     MIN_GAIN,
     MIN_IMAGE_PX,
@@ -91,6 +92,7 @@ class ImagePyramid:
         shutter: Times of the rows.
         stamp_s: Of the frame.
         vignetting: Of the lens, see `VignettingEstimate`.
+        brightness_weight: Relative to depth, see `BrightnessWeight`.
     """
 
     gray: tuple[NDArray[np.uint8], ...]
@@ -99,6 +101,7 @@ class ImagePyramid:
     shutter: ImageTiming
     stamp_s: float
     vignetting: float = 0.0
+    brightness_weight: float = BRIGHTNESS_WEIGHT
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
@@ -142,8 +145,12 @@ def scale_intrinsics(intrinsics: Array, level: int) -> Array:
     return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
 
 
-def build_image_pyramid(frame: RgbdFrame, vignetting: float = 0.0) -> ImagePyramid:
-    """Build the image pyramid of a frame."""
+def build_image_pyramid(
+    frame: RgbdFrame,
+    vignetting: float = 0.0,
+    brightness_weight: float = BRIGHTNESS_WEIGHT,
+) -> ImagePyramid:
+    """Build the image pyramid of a frame; see there for the arguments."""
     depth_raw = frame.depth_raw.view()
     depth_raw.flags.writeable = (
         False  # one array type to compile: some cameras' arrays are read-only
@@ -155,6 +162,7 @@ def build_image_pyramid(frame: RgbdFrame, vignetting: float = 0.0) -> ImagePyram
         shutter=ImageTiming(frame.readout_s, frame.skew_s),
         stamp_s=frame.stamp_s,
         vignetting=vignetting,
+        brightness_weight=brightness_weight,
     )
 
 

@@ -238,7 +238,8 @@ def align_jointly(
     fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy(), is_active=True)]
     for other in others:
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
-        fits.append(_KeyframeFit(other, T_other_active, initial_residual_model()))
+        residual_model = initial_residual_model(brightness_weight=images.brightness_weight)
+        fits.append(_KeyframeFit(other, T_other_active, residual_model))
     for step in range(MAX_JOINT_STEPS):
         H, g = np.zeros((6, 6)), np.zeros(6)
         for fit in list(fits):

@@ -18,6 +18,7 @@ from vo_service.odometry.direct.alignment import (
     align,
     uniform_weights,
 )
+from vo_service.odometry.direct.brightness_weight import BrightnessWeight
 from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_uncertainty
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
@@ -100,6 +101,7 @@ class DirectOdometry:
         self._recovery = DirectRecovery(extractor or SurfExtractor())
         self._map = LocalMap()
         self._vignetting = VignettingEstimate()
+        self._brightness_weight = BrightnessWeight()
         self._track: DirectTrack | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
@@ -136,6 +138,7 @@ class DirectOdometry:
     def continue_from(self, former: "DirectOdometry", estimate: Estimate) -> Estimate:
         """Continue another odometry's motion, and return the last estimate relative to it."""
         self._vignetting = former._vignetting
+        self._brightness_weight = former._brightness_weight
         if self._track is None or former._track is None:
             return estimate
         T_world_reference = former._track.T_world_reference
@@ -169,7 +172,7 @@ class DirectOdometry:
         """
         # Pyramid: brightness in four sizes, and inverse depth.
         with self._timer.stage("images"):
-            images = build_image_pyramid(frame, self.vignetting)
+            images = build_image_pyramid(frame, self.vignetting, self._brightness_weight.value)
         if self._track is None:
             return self._start(frame, images, is_reset=False)
         track, motion_state = self._track, self._track.motion_state
@@ -189,6 +192,9 @@ class DirectOdometry:
         # Covariance: a view that constrains too little is accepted for a short time only.
         with self._timer.stage("covariance"):
             uncertainty = self._estimate_uncertainty(images, result, track)
+            self._brightness_weight = self._brightness_weight.update(
+                result.keyframe.points[0], result.alignment
+            )
         reason = uncertainty.rejection_reason
         if reason and not motion_state.is_recently_constrained(images.stamp_s):
             return self._fail(frame, images, track, result, reason)

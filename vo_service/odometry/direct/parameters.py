@@ -56,8 +56,15 @@ MIN_SIGMA_SAMPLES = 50.0
 # Degrees of freedom of the residuals' Student's t. Kerl, Sturm and Cremers, "Robust Odometry
 # Estimation for RGB-D Cameras" (ICRA 2013) use 5.
 DEGREES_OF_FREEDOM = 3.0
-# Weight of brightness relative to depth: neighboring brightness samples share errors.
+# Weight of brightness relative to depth before any view; of brightness whose samples do not share
+# errors; its range.
 BRIGHTNESS_WEIGHT = 0.45
+INDEPENDENT_BRIGHTNESS_WEIGHT = 1.5
+BRIGHTNESS_WEIGHT_RANGE = (0.25, 1.2)
+# Forgetting factor per view of the errors that brightness samples share, number of views before the
+# first one, and fewest samples of a view.
+SHARED_ERROR_DECAY, INITIAL_SHARED_ERROR_VIEWS = 0.99, 4
+MIN_SHARED_ERROR_SAMPLES = 100
 # A sample within this many sigmas agrees with its point; larger residuals cost no more.
 INLIER_GATE_SIGMAS = 3.0
 # A cell of the image moves independently if its cost is this many times the median cost.
@@ -144,8 +151,9 @@ MIN_SAMPLES = 100
 MIN_IN_VIEW_SHARE = 0.25
 # Smallest share of the samples that agree with the keyframe.
 MIN_CONSISTENT_SHARE = 0.75
-# A motion with larger sigmas, as a multiple of the initial ones, is wrong.
-MAX_VALID_SIGMA_RATIO = 1.7
+# A motion with a larger sigma, as a multiple of the initial one, is wrong. Brightness may fit
+# worse: fast motion blurs it, and it is registered to depth within a pixel or two only.
+MAX_VALID_SIGMA_RATIOS = (2.0, 1.7)
 # A frame with a larger share of moving or occluded view is rejected.
 MAX_MOVING_OR_OCCLUDED_SHARE = 0.5
 # A frame with a larger share of occluded view is degraded.

@@ -20,7 +20,7 @@ from vo_service.odometry.direct.parameters import (
     MAX_MOVING_OR_OCCLUDED_SHARE,
     MAX_MOVING_SHARE,
     MAX_UNDEGRADED_OCCLUDED_SHARE,
-    MAX_VALID_SIGMA_RATIO,
+    MAX_VALID_SIGMA_RATIOS,
     MIN_CONSISTENT_SHARE,
     MIN_IN_VIEW_SHARE,
     MIN_MODALITY_SHARE,
@@ -55,8 +55,8 @@ from vo_service.types import TrackingDebug
 # motion is searched for; above the second the motion is wrong.
 SUSPECT_SIGMAS = (SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[0], SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[1])
 MAX_VALID_SIGMAS = (
-    MAX_VALID_SIGMA_RATIO * INITIAL_SIGMAS[0],
-    MAX_VALID_SIGMA_RATIO * INITIAL_SIGMAS[1],
+    MAX_VALID_SIGMA_RATIOS[0] * INITIAL_SIGMAS[0],
+    MAX_VALID_SIGMA_RATIOS[1] * INITIAL_SIGMAS[1],
 )
 # Every 4th point is enough to see.
 POINT_STRIDE = 4

@@ -39,8 +39,10 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_OCCLUSION,
 )
 
-# The residual model: gain and offset of the keyframe's brightness, then the two sigmas.
-GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
+# The residual model: gain and offset of the keyframe's brightness, the two sigmas, and the weight
+# of brightness relative to depth.
+GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH, WEIGHT_BRIGHTNESS = range(5)
+RESIDUAL_MODEL_SIZE = 5
 # Upper bounds of the two sigmas.
 MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIGMAS[1])
 # Rows of the cell weights.
@@ -58,7 +60,7 @@ MAX_POINT_COST = 2.0 * log(1.0 + MAX_SQUARED_RESIDUAL / DEGREES_OF_FREEDOM)
 
 @inline_kernel
 def residual_variances(residual_model: Array) -> tuple[float, float]:
-    """Variances of brightness and of depth by the residual model (4,)."""
+    """Variances of brightness and of depth by the residual model (5,)."""
     return residual_model[SIGMA_BRIGHTNESS] ** 2, residual_model[SIGMA_DEPTH] ** 2
 
 
@@ -76,7 +78,7 @@ def student_weight(residual: float, variance: float) -> float:
 def fit_affine_brightness(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array
 ) -> None:
-    """Update gain, offset and sigmas of the residual model (4,) in place, by one reweighting."""
+    """Update gain, offset and sigmas of the residual model (5,) in place, by one reweighting."""
     n = chi = s = sk = sc = skk = skc = 0.0
     n_depth = chi_depth = 0.0
     gain, offset = residual_model[GAIN], residual_model[OFFSET]

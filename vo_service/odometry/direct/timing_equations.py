@@ -24,7 +24,6 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_DEPTH_GRADIENT,
 )
 from vo_service.odometry.direct.parameters import (
-    BRIGHTNESS_WEIGHT,
     DEGREES_OF_FREEDOM,
     MIN_CURVATURE_RATIO,
     TIMING_POINT_STRIDE,
@@ -33,6 +32,7 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
+    WEIGHT_BRIGHTNESS,
     residual_variances,
     student_weight,
 )
@@ -134,7 +134,7 @@ def accumulate_timing(
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
             sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
             w = student_weight(residual, sample_variance)
-            w *= BRIGHTNESS_WEIGHT * cell_weights[0, cell]
+            w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
             curvature = w * _curvature(residual, sample_variance)
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
             # Only parallax shows an error of the point's depth in its brightness.

@@ -22,6 +22,7 @@ from vo_service.odometry.direct.parameters import (
     HALF_WEIGHT_SPEED,
     MAX_KEYFRAME_TIMING_ERRORS_S,
     MIN_SEARCH_SPEED,
+    MIN_SEARCHED_FRAMES,
     MIN_TIMING_SPEED,
     NUM_SEARCHED_FRAMES,
     SCENE_DEPTH_M,
@@ -39,9 +40,6 @@ from vo_service.odometry.direct.timing_frames import TimedFrame, TrackedView, Vi
 from vo_service.odometry.direct.timing_search import needs_search, search_timing
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Estimate, OnlineTiming
-
-# Fewest frames of a search, if tracking fails.
-MIN_SEARCHED_FRAMES = 3
 
 
 class OnlineTimingOdometry:

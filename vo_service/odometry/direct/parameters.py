@@ -242,15 +242,24 @@ SCENE_DEPTH_M = 2.0
 # Weight of a view of the first keyframe, whose velocity is known from later poses only.
 FIRST_KEYFRAME_WEIGHT = 0.3
 # Squared errors of views, relative to their information: forgetting factor, value and number of
-# views before the first one, smallest value, degrees of freedom of their Student's t.
+# views before the first one, smallest value, degrees of freedom of their Student's t. The first
+# views all have the same weight, as no estimate is known that they could be far from.
 VIEW_ERROR_DECAY = 0.97
-INITIAL_VIEW_ERROR, INITIAL_VIEWS = 40.0, 4.0
+INITIAL_VIEW_ERROR, INITIAL_VIEW_ERROR_VIEWS = 40.0, 4.0
 MIN_VIEW_ERROR = 1.0
 VIEW_DEGREES_OF_FREEDOM = 3.0
+UNWEIGHTED_VIEWS = 4
+# Forgetting factor per view of the squared speed.
+TIMING_SPEED_DECAY = 0.95
 # Sigmas of the error that all views of one keyframe share.
 KEYFRAME_TIMING_SIGMAS_S = (0.004, 0.002)
 # Forgetting factor per keyframe.
 TIMING_DECAY = 0.99
+# If the last keyframes, at most so many, differ from all before by this many sigmas, the timing has
+# changed. Then all before is forgotten: the timing in use stays, with these sigmas.
+NUM_RECENT_TIMING_KEYFRAMES = 6
+TIMING_CHANGE_SIGMAS = 3.5
+FORGOTTEN_TIMING_SIGMAS_S = (0.030, 0.010)
 # Fewest views, and largest sigmas, of an estimate that is used.
 MIN_TIMING_VIEWS = 6
 MAX_TIMING_SIGMAS_S = (0.005, 0.003)
@@ -272,8 +281,10 @@ TIMING_RADIUS_PX = 260.0
 MAX_KEYFRAME_TIMING_ERRORS_S = (0.004, 0.002)
 # The largest interval between poses that a velocity is computed from, s.
 MAX_POSE_INTERVAL_S = 0.08
-# The search for the timing begins with this many frames, at this speed in rad/s.
+# The search for the timing begins with this many frames, at this speed in rad/s; with fewer if
+# tracking fails.
 NUM_SEARCHED_FRAMES = 8
+MIN_SEARCHED_FRAMES = 3
 MIN_SEARCH_SPEED = 0.2
 # Its steps in readout and delay: three values each.
 SEARCH_STEPS_S = (0.015, 0.008)

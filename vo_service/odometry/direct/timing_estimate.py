@@ -1,16 +1,20 @@
 """Estimate of the sensor's timing from the normal equations of many views.
 
 All timings here are corrections (2,) in s of what the frames tell: of the readout time, and of the
-delay of depth after color.
+delay of depth after color. Information is a (2, 3) array [A b] with A x = b at the best timing x.
 """
+
+from collections import deque
 
 import numpy as np
 
 from drivers.core.geometry import Array
+from drivers.core.jit import kernel
 from vo_service.odometry.direct.parameters import (
     CONTRADICTION_SIGMAS,
+    FORGOTTEN_TIMING_SIGMAS_S,
     INITIAL_VIEW_ERROR,
-    INITIAL_VIEWS,
+    INITIAL_VIEW_ERROR_VIEWS,
     INSTANT_TIMING_BAND_S,
     INSTANT_TIMING_SIGMAS,
     KEYFRAME_TIMING_SIGMAS_S,
@@ -20,21 +24,27 @@ from vo_service.odometry.direct.parameters import (
     MIN_TIMING_CHANGES_S,
     MIN_TIMING_VIEWS,
     MIN_VIEW_ERROR,
+    NUM_RECENT_TIMING_KEYFRAMES,
+    TIMING_CHANGE_SIGMAS,
     TIMING_DECAY,
     TIMING_RADIUS_PX,
+    TIMING_SPEED_DECAY,
+    UNWEIGHTED_VIEWS,
     VIEW_DEGREES_OF_FREEDOM,
     VIEW_ERROR_DECAY,
 )
 
-_SHARED_COVARIANCE = np.diag(np.square(KEYFRAME_TIMING_SIGMAS_S))
-_SPEED_DECAY = 0.95
+SHARED_VARIANCES = np.square(KEYFRAME_TIMING_SIGMAS_S)
+# Added to the diagonal of an information before it is inverted, relative to its trace, and 1/s^2.
+RELATIVE_REGULARIZATION, REGULARIZATION = 1e-9, 1e-3
 
 
 class TimingEstimator:
     """Information about the timing, summed over keyframes, and the timing in use.
 
     The views of one keyframe share its errors, so their information is summed first and then
-    limited. Views whose errors are large for their information weigh less (Student's t).
+    limited. Views whose errors are large for their information weigh less (Student's t). If the
+    last keyframes contradict all that was known before, it is forgotten: the timing has changed.
 
     Args:
         mean: (2,) timing before any view.
@@ -47,11 +57,11 @@ class TimingEstimator:
         self.in_use = in_use
         self.estimate = mean
         self.sigmas_s = sigmas_s
-        self._mean, self._prior_information = mean, np.diag(sigmas_s**-2.0)
+        self._told = _prior_information(mean, sigmas_s)
         self._instant = instant
-        # Of all former keyframes, then of the views of the current one.
-        self._information, self._vector = np.zeros((2, 2)), np.zeros(2)
-        self._view_information, self._view_vector = np.zeros((2, 2)), np.zeros(2)
+        # Before any view; of older keyframes; of the last ones; of the views of the current one.
+        self._prior, self._older, self._current = self._told, np.zeros((2, 3)), np.zeros((2, 3))
+        self._recent: deque[Array] = deque()
         self._keyframe_stamp_s = np.nan
         self._view_error, self._view_count, self._views = 0.0, 0.0, 0
         self._squared_speed = 0.0
@@ -65,31 +75,18 @@ class TimingEstimator:
             A: (2, 2) information.
             b: (2,) such that A x = b at the best timing x.
         """
-        self._squared_speed = (
-            _SPEED_DECAY * self._squared_speed + (1.0 - _SPEED_DECAY) * speed**2
-            if self._views
-            else speed**2
-        )
-        weight = self._weigh(A, b)
+        decay = TIMING_SPEED_DECAY if self._views else 0.0
+        self._squared_speed = decay * self._squared_speed + (1.0 - decay) * speed**2
+        view = np.column_stack([A, b])
+        weight = self._weigh(view)
         if keyframe_stamp_s != self._keyframe_stamp_s:
-            self.finish_keyframe()
+            self._finish_keyframe()
             self._keyframe_stamp_s = keyframe_stamp_s
-        self._view_information += weight * A
-        self._view_vector += weight * b
+        self._current += weight * view
         self._views += 1
-        information, vector = self._from_frames()
-        total = information + self._prior_information
-        estimate: Array = np.linalg.inv(total) @ (vector + self._prior_information @ self._mean)
-        self.estimate = estimate
-        self.sigmas_s = np.sqrt(np.diag(np.linalg.inv(total)))
+        self.estimate, covariance = solve_information(self._prior + self._from_frames())
+        self.sigmas_s = np.sqrt(np.diag(covariance))
         return self._update_in_use()
-
-    def finish_keyframe(self) -> None:
-        """Add the information of the current keyframe's views to that of the former ones."""
-        information, vector = self._limit_view_information()
-        self._information = TIMING_DECAY * self._information + information
-        self._vector = TIMING_DECAY * self._vector + vector
-        self._view_information, self._view_vector = np.zeros((2, 2)), np.zeros(2)
 
     @property
     def is_certain(self) -> bool:
@@ -97,22 +94,24 @@ class TimingEstimator:
         return self._views >= MIN_TIMING_VIEWS and bool((self.sigmas_s < MAX_TIMING_SIGMAS_S).all())
 
     def contradiction(self) -> Array | None:
-        """(2,) timing by the frames alone, if it is far from the one before any view."""
-        information, vector = self._from_frames()
-        eigenvalues = np.linalg.eigvalsh(information)
-        if self._views < MIN_TIMING_VIEWS or eigenvalues[0] <= 1e-9 * eigenvalues[1]:
+        """(2,) timing by the frames alone, if it is certain and far from the one before any."""
+        if not self.is_certain:
             return None
-        by_frames: Array = np.linalg.inv(information) @ vector
-        covariance = np.linalg.inv(information) + np.linalg.inv(self._prior_information)
-        off = np.abs(by_frames - self._mean) / np.sqrt(np.diag(covariance))
-        return by_frames if (off > CONTRADICTION_SIGMAS).any() else None
+        from_frames = self._from_frames()
+        by_frames, covariance = solve_information(from_frames)
+        if (np.sqrt(np.diag(covariance)) > MAX_TIMING_SIGMAS_S).any() or squared_disagreement(
+            from_frames, self._told
+        ) <= CONTRADICTION_SIGMAS**2:
+            return None
+        return by_frames
 
-    def _weigh(self, A: Array, b: Array) -> float:
+    def _weigh(self, view: Array) -> float:
         """Weight of a view by its squared error, which the usual one is updated with."""
-        if self._views <= INITIAL_VIEWS:
+        if self._views <= UNWEIGHTED_VIEWS:
             return 1.0
-        off = np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(2), b) - self.estimate
-        error = float(off @ A @ off) / len(off)
+        best, _ = solve_information(view)
+        off = best - self.estimate
+        error = float(off @ view[:, :2] @ off) / len(off)
         degrees = VIEW_DEGREES_OF_FREEDOM
         weight = (degrees + 2.0) / (degrees + 2.0 * error / self._usual_error())
         self._view_error = VIEW_ERROR_DECAY * self._view_error + weight * error
@@ -120,19 +119,41 @@ class TimingEstimator:
         return weight
 
     def _usual_error(self) -> float:
-        total = self._view_error + INITIAL_VIEWS * INITIAL_VIEW_ERROR
-        return max(total / (self._view_count + INITIAL_VIEWS), MIN_VIEW_ERROR)
+        total = self._view_error + INITIAL_VIEW_ERROR_VIEWS * INITIAL_VIEW_ERROR
+        return max(total / (self._view_count + INITIAL_VIEW_ERROR_VIEWS), MIN_VIEW_ERROR)
 
-    def _limit_view_information(self) -> tuple[Array, Array]:
-        """Information of the current keyframe's views; the error that they share is added."""
-        error = self._usual_error()
-        A, b = self._view_information / error, self._view_vector / error
-        gain = np.linalg.inv(np.eye(2) + A @ _SHARED_COVARIANCE)
-        return gain @ A, gain @ b
+    def _finish_keyframe(self) -> None:
+        """Add the information of the current keyframe's views to that of the last keyframes."""
+        self._scale(TIMING_DECAY)
+        self._recent.append(limit_information(self._current, self._usual_error()))
+        self._current = np.zeros((2, 3))
+        self._forget_if_changed()
+        if len(self._recent) > NUM_RECENT_TIMING_KEYFRAMES:
+            self._older = self._older + self._recent.popleft()
 
-    def _from_frames(self) -> tuple[Array, Array]:
-        information, vector = self._limit_view_information()
-        return self._information + information, self._vector + vector
+    def _forget_if_changed(self) -> None:
+        """Forget what the last keyframes contradict, if they do: the change may be at any one."""
+        keyframes = list(self._recent)
+        worst, first = 0.0, 0
+        for k in range(1, len(keyframes)):
+            before = self._prior + self._older + sum(keyframes[:k])
+            squared = squared_disagreement(np.asarray(sum(keyframes[k:])), before)
+            if squared > worst:
+                worst, first = squared, k
+        if worst > TIMING_CHANGE_SIGMAS**2:
+            self._recent = deque(keyframes[first:])
+            self._older = np.zeros((2, 3))
+            self._prior = _prior_information(self.in_use, np.array(FORGOTTEN_TIMING_SIGMAS_S))
+
+    def _scale(self, factor: float) -> None:
+        """Reduce the information from all former keyframes."""
+        self._older = factor * self._older
+        self._recent = deque(factor * information for information in self._recent)
+
+    def _from_frames(self) -> Array:
+        """(2, 3) information without the prior."""
+        current = limit_information(self._current, self._usual_error())
+        return np.asarray(self._older + current + sum(self._recent))
 
     def _update_in_use(self) -> bool:
         if not self.is_certain:
@@ -146,9 +167,8 @@ class TimingEstimator:
         # Residuals are linear in the timing for a short way only.
         flow_px = TIMING_RADIUS_PX * np.sqrt(self._squared_speed) * max(change[0] / 3.0, change[1])
         keep = np.exp(-((flow_px / LINEAR_RANGE_PX) ** 2))
-        self._information, self._vector = keep * self._information, keep * self._vector
-        self._view_information = keep * self._view_information
-        self._view_vector = keep * self._view_vector
+        self._scale(keep)
+        self._current = keep * self._current
         self.in_use = target
         return True
 
@@ -160,3 +180,57 @@ class TimingEstimator:
         if (np.abs(self.estimate - self._instant) < band).all():
             return self._instant
         return np.array([max(self.estimate[0], self._instant[0]), self.estimate[1]])
+
+
+def _prior_information(mean: Array, sigmas_s: Array) -> Array:
+    """(2, 3) information of a timing with standard deviations."""
+    A = np.diag(sigmas_s**-2.0)
+    return np.column_stack([A, A @ mean])
+
+
+@kernel
+def solve_information(information: Array) -> tuple[Array, Array]:
+    """(2,) best timing and its (2, 2) covariance, of an information (2, 3)."""
+    small = RELATIVE_REGULARIZATION * (information[0, 0] + information[1, 1]) + REGULARIZATION
+    covariance = _inverse(information[0, 0] + small, information[0, 1], information[1, 1] + small)
+    return covariance @ np.ascontiguousarray(information[:, 2]), covariance
+
+
+@kernel
+def limit_information(information: Array, error: float) -> Array:
+    """(2, 3) information of a keyframe's views; the error that they share is added.
+
+    Args:
+        information: (2, 3) sum over the views.
+        error: Usual squared error of a view, relative to its information.
+    """
+    # (I + A S)^-1 [A b], with S the covariance of the shared error.
+    a = 1.0 + information[0, 0] / error * SHARED_VARIANCES[0]
+    b = information[0, 1] / error * SHARED_VARIANCES[1]
+    c = information[1, 0] / error * SHARED_VARIANCES[0]
+    d = 1.0 + information[1, 1] / error * SHARED_VARIANCES[1]
+    limited = np.empty((2, 3))
+    for k in range(3):
+        first, second = information[0, k] / error, information[1, k] / error
+        limited[0, k] = (d * first - b * second) / (a * d - b * c)
+        limited[1, k] = (a * second - c * first) / (a * d - b * c)
+    return limited
+
+
+@kernel
+def squared_disagreement(one: Array, other: Array) -> float:
+    """Squared difference, in its standard deviations, of the timings of two informations (2, 3)."""
+    mean, covariance = solve_information(one)
+    other_mean, other_covariance = solve_information(other)
+    off, total = mean - other_mean, covariance + other_covariance
+    return float(off @ _inverse(total[0, 0], total[0, 1], total[1, 1]) @ off)
+
+
+@kernel
+def _inverse(a: float, b: float, d: float) -> Array:
+    """Inverse (2, 2) of the symmetric matrix a, b; b, d."""
+    inverse = np.empty((2, 2))
+    scale = 1.0 / (a * d - b * b)
+    inverse[0, 0], inverse[1, 1] = scale * d, scale * a
+    inverse[0, 1] = inverse[1, 0] = -scale * b
+    return inverse

@@ -8,9 +8,10 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
+from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.keyframe import DirectKeyframe
-from vo_service.odometry.direct.motion import se3_log
+from vo_service.odometry.direct.motion import compose, se3_log
 from vo_service.odometry.direct.parameters import MAX_POSE_INTERVAL_S
 
 # Poses of a velocity: two before the frame, two after it.
@@ -119,20 +120,32 @@ class ViewHistory:
 
 
 def velocity_at(views: Sequence[TrackedView], at: int) -> Array:
-    """(6,) velocity at one view, of the polynomial through the poses of all.
+    """(6,) velocity of the camera at one of several views, in its own axes."""
+    now = views[at]
+    T_world_cameras = np.array([view.T_world_camera for view in views])
+    times_s = np.array([view.stamp_s for view in views]) - now.stamp_s
+    return _fit_velocity(inverse(now.T_world_camera), T_world_cameras, times_s, at)
+
+
+@kernel
+def _fit_velocity(T_camera_world: Array, T_world_cameras: Array, times_s: Array, at: int) -> Array:
+    """(6,) velocity at one pose, of the polynomial through all poses.
 
     The weights are the derivatives of Lagrange's polynomials.
+
+    Args:
+        T_camera_world: 4x4 inverse of that pose.
+        T_world_cameras: (N, 4, 4) all poses.
+        times_s: (N,) their stamps after that of the pose, s.
+        at: Index of the pose.
     """
-    now = views[at]
-    T_camera_world = inverse(now.T_world_camera)
-    times_s = [view.stamp_s - now.stamp_s for view in views]
     velocity = np.zeros(6)
-    for i, view in enumerate(views):
+    for i in range(len(times_s)):
         if i == at:
             continue
         weight = 1.0 / times_s[i]
-        for j, time_s in enumerate(times_s):
+        for j in range(len(times_s)):
             if j not in (i, at):
-                weight *= -time_s / (times_s[i] - time_s)
-        velocity += weight * se3_log(T_camera_world @ view.T_world_camera)
+                weight *= -times_s[j] / (times_s[i] - times_s[j])
+        velocity += weight * se3_log(compose(T_camera_world, T_world_cameras[i]))
     return velocity

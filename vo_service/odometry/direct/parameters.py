@@ -136,8 +136,9 @@ MIN_SCORED_STATIC_SHARE = 0.01
 # The lighting has changed where brightness differs by more than this factor.
 MAX_BRIGHTNESS_RATIO = 1.5
 # Features are not searched for in this many doubtful frames after a search without success: motion
-# blur and darkness last.
-RETRY_INTERVAL_FRAMES = 3
+# blur and darkness last. The number doubles after each one up to the second value, half a second,
+# as long as the frames are doubtful but valid.
+RETRY_INTERVAL_FRAMES, MAX_RETRY_INTERVAL_FRAMES = 3, 15
 # The first keyframe is dropped after this many failures, as it may be distorted by a fast turn;
 # later ones after more.
 MAX_INITIAL_FAILURES = 3

@@ -33,6 +33,7 @@ from vo_service.odometry.direct.parameters import (
     INNOVATION_GATE_SIGMAS,
     MAX_BRIGHTNESS_RATIO,
     MAX_FEATURE_MATCHES,
+    MAX_RETRY_INTERVAL_FRAMES,
     MAX_SEARCHED_KEYFRAMES,
     MIN_SCORE_GAIN,
     MIN_STATIC_WEIGHT,
@@ -141,6 +142,7 @@ class DirectRecovery:
     def __init__(self, extractor: SurfExtractor) -> None:
         self.features = FeatureSearch(extractor)
         self._frames_to_retry = 0
+        self._retry_interval = RETRY_INTERVAL_FRAMES
 
     def recover(
         self,
@@ -151,6 +153,9 @@ class DirectRecovery:
         local_map: LocalMap,
     ) -> TrackingResult:
         """Return the initial alignment, or one that is clearly better."""
+        if rejection_reason(initial.alignment):
+            self._retry_interval = RETRY_INTERVAL_FRAMES
+            self._frames_to_retry = min(self._frames_to_retry, RETRY_INTERVAL_FRAMES)
         if self._frames_to_retry > 0 and not motion_state.is_stale(images.stamp_s):
             self._frames_to_retry -= 1
             result = (
@@ -164,7 +169,12 @@ class DirectRecovery:
         if rejection_reason(result.alignment):
             result = self._recover_by_depth(images, result, motion_state)
         has_failed = result is initial or bool(result.degradation)
-        self._frames_to_retry = RETRY_INTERVAL_FRAMES if has_failed else 0
+        self._frames_to_retry = self._retry_interval if has_failed else 0
+        self._retry_interval = (
+            min(2 * self._retry_interval, MAX_RETRY_INTERVAL_FRAMES)
+            if has_failed
+            else RETRY_INTERVAL_FRAMES
+        )
         return result
 
     def _recover_by_features(

@@ -1,5 +1,6 @@
 """Recovery of a frame that does not fit at its predicted pose."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct.alignment import align, uniform_weights
+from vo_service.odometry.direct.alignment import align, initial_residual_model, uniform_weights
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import reinitialize
@@ -31,7 +32,8 @@ from vo_service.odometry.direct.quality import (
     project_keyframe_points,
     rejection_reason,
 )
-from vo_service.odometry.direct.recovery import DirectRecovery, FeatureSearch
+from vo_service.odometry.direct.recovery import DirectRecovery, FeatureSearch, KeyframeMatch
+from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS, SIGMA_DEPTH, WEIGHT_BRIGHTNESS
 from vo_service.odometry.surf import SurfExtractor
 
 
@@ -81,7 +83,8 @@ def searched(frame: RgbdFrame, first: TrackingResult) -> TrackingResult:
 
 def plausible(found: TrackingResult) -> TrackingResult:
     """The same motion with valid residuals."""
-    fit = np.array([1.0, 0.0, 0.9 * SUSPECT_SIGMAS[0], 0.9 * SUSPECT_SIGMAS[1]])
+    fit = initial_residual_model()
+    fit[SIGMA_BRIGHTNESS:WEIGHT_BRIGHTNESS] = 0.9 * np.array(SUSPECT_SIGMAS)
     alignment = replace(found.alignment, residual_model=fit, counts=at_home().alignment.counts)
     return replace(found, alignment=alignment)
 
@@ -151,6 +154,40 @@ def test_in_darkness_depth_alone_is_tried() -> None:
     assert found.degradation.startswith("depth only: ")
     assert not found.alignment.uses_brightness
     assert_close(T_world_of(found), turned(0.02), 0.003, 0.1)
+
+
+class RecordedSearch(FeatureSearch):
+    """Records whether it was used."""
+
+    has_searched = False
+
+    def find_matches(
+        self, frame: RgbdFrame, keyframes: Sequence[DirectKeyframe]
+    ) -> Iterator[KeyframeMatch]:
+        self.has_searched = True
+        return super().find_matches(frame, keyframes)
+
+
+def doubtful(found: TrackingResult) -> TrackingResult:
+    """The same motion with depth that fits badly, but brightness better than any other motion's."""
+    fit = plausible(found).alignment.residual_model.copy()
+    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = 0.1, 1.1 * SUSPECT_SIGMAS[1]
+    return replace(found, alignment=replace(found.alignment, residual_model=fit))
+
+
+def test_doubtful_frames_that_features_confirm_are_searched_less_and_less_often() -> None:
+    frame, recovery, local_map = looking(0.0, 1), DirectRecovery(SurfExtractor()), LocalMap()
+    local_map.reset(AHEAD)
+    recovery.features = features = RecordedSearch(SurfExtractor())
+    images, first = build_image_pyramid(frame), doubtful(at_home())
+    assert first.needs_recovery
+    searched_frames = []
+    for k in range(60):
+        features.has_searched = False
+        assert recovery.recover(frame, images, first, MOTION_STATE, local_map) is first
+        if features.has_searched:
+            searched_frames.append(k)
+    assert searched_frames == [0, 4, 11, 24, 40, 56]
 
 
 def test_a_failed_recovery_stays_invalid() -> None:

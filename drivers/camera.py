@@ -50,6 +50,11 @@ class SensorConfig:
     )
 
 
+def is_serial(text: str) -> bool:
+    """Whether a device's text is a serial number: some sensors report only zeros."""
+    return bool(text.strip("0"))
+
+
 # Iteration over a camera logs after this time why no frame arrives.
 NO_FRAME_WARNING_S = 1.0
 _log = logging.getLogger(__name__)
@@ -76,6 +81,7 @@ class TimingSource(StrEnum):
     """The origin of a sensor's timing."""
 
     CAMERA_FILE = "camera file"
+    MEMORY = "memory"  # learned at an earlier run, see `TimingMemory`
     SENSOR = "usual for the sensor"
     UNKNOWN = "unknown"
 
@@ -120,6 +126,7 @@ class RgbdFrame:
         readout_s: Rolling shutter: seconds from the first row to the last of both images. 0 =
             global shutter, or unknown.
         timing_prior: How well `readout_s` and `skew_s` are known; None = exactly.
+        serial: Serial number of the sensor; "" if unknown, or a recording.
     """
 
     seq: int
@@ -135,6 +142,7 @@ class RgbdFrame:
     gravity_m_s2: tuple[float, float, float] | None = None
     readout_s: float = 0.0
     timing_prior: TimingPrior | None = None
+    serial: str = ""
 
     @cached_property
     def depth_m(self) -> NDArray[np.float32]:

@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import count
 from typing import Protocol
 
@@ -92,12 +92,21 @@ class PacedSource(SinglePassSource):
 class ReconnectingSource:
     """Opens the camera, and opens it again whenever it disconnects, until stopped.
 
+    Args:
+        camera: The camera.
+        prepare_frame: Is applied to each frame.
+
     Attributes:
         reason: Reason why there is no frame; "" while there are frames.
     """
 
-    def __init__(self, camera: RgbdCamera) -> None:
+    def __init__(
+        self,
+        camera: RgbdCamera,
+        prepare_frame: Callable[[RgbdFrame], RgbdFrame] = lambda frame: frame,
+    ) -> None:
         self._camera = camera
+        self._prepare_frame = prepare_frame
         self.reason = "camera not opened yet"
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
@@ -114,7 +123,7 @@ class ReconnectingSource:
                 for frame in plain.frames(stop):
                     self.reason = plain.reason
                     retry = MIN_RETRY_TICKS
-                    yield frame
+                    yield None if frame is None else self._prepare_frame(frame)
                 self.reason = "the recording has ended"
                 yield from _wait_ticks(count(), stop)
             except CameraError as error:

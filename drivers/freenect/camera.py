@@ -12,6 +12,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
     SensorConfig,
+    is_serial,
 )
 from drivers.core.errors import CameraError, CameraNotFoundError
 from drivers.freenect.device_source import DeviceSource
@@ -59,6 +60,7 @@ class FreenectCamera(RgbdCamera):
         self._depth_filter: DepthFilter = ValidDepthMask(all_depths_to_10_m())
         self._stamp_converter = source.make_stamp_converter()
         self._last_lost_packets = 0
+        self._serial = ""
         self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
@@ -137,6 +139,7 @@ class FreenectCamera(RgbdCamera):
         started = self._session.start()
         self._depth_filter = started.depth_filter
         self._stamp_converter = self._source.make_stamp_converter()
+        self._serial = started.serial if is_serial(started.serial) else ""
         self._motor_unit.open(started.serial)
         self._motor_unit.apply(self._settings)
         self._status = CameraStatus(CameraState.STARTING)
@@ -163,4 +166,5 @@ class FreenectCamera(RgbdCamera):
             gravity_m_s2=self._motor_unit.gravity_m_s2,
             readout_s=rectifier.readout_s,
             timing_prior=rectifier.timing_prior,
+            serial=self._serial,
         )

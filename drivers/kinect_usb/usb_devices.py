@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import usb.core
 import usb.util
 
+from drivers.camera import is_serial
 from drivers.core.errors import CameraNotFoundError
 from drivers.kinect_usb.motor_unit import TIMEOUT_MS
 from drivers.kinect_usb.usb_errors import translate_usb_errors
@@ -101,7 +102,7 @@ class ConnectedSensor:
     def read_serial(self) -> str:
         """Read the serial number that libfreenect uses: the camera's, else the audio device's."""
         camera_serial = self.camera.read_serial()
-        if camera_serial.strip("0"):
+        if is_serial(camera_serial):
             return camera_serial
         audio = [device for device in self.other_devices if device.id.role is UsbRole.AUDIO]
         return next((serial for device in audio if (serial := device.read_serial())), camera_serial)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame, SensorConfig
+from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame, SensorConfig, is_serial
 from drivers.core.errors import CameraError, CameraLostError
 from drivers.openni2.configure import configure_device, start_streams
 from drivers.openni2.decode import IncompleteFrameError, decode_color, decode_depth
@@ -68,6 +68,8 @@ class LiveStream:
             try:
                 source = configure_device(name, self._device, calibration_file, settings)
                 self.rectifier = make_rectifier(source, calibration_file)
+                serial = self._device.serial
+                self._serial = serial if is_serial(serial) else ""
                 start_streams(self._device, settings)
             except OpenNI2Error as error:
                 raise CameraError(f"{name}: {error}; unplug it and plug it in again") from error
@@ -162,6 +164,7 @@ class LiveStream:
             skew_s=pair.skew_s + self.rectifier.depth_offset_s,
             readout_s=self.rectifier.readout_s,
             timing_prior=self.rectifier.timing_prior,
+            serial=self._serial,
         )
 
 

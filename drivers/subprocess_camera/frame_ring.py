@@ -33,8 +33,8 @@ SLOT_COUNT = 4
 # Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.
 SLOT_BYTES = 64 * 2**20
 # Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera;
-# timing prior with the number of its source.
-_HEADER = Struct("=3q 6d 3d 2q 4d 3d q")
+# timing prior with the number of its source; serial number.
+_HEADER = Struct("=3q 6d 3d 2q 4d 3d q 64s")
 _HEADER_BYTES = 256  # keeps the images aligned
 _NO_GRAVITY = (math.nan,) * 3
 _NO_TIMING_PRIOR = (math.nan, math.nan, math.nan, 0)
@@ -92,8 +92,8 @@ class FrameSlots:
         )
 
 
-def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float, ...]:
-    """Return a frame's fields other than the images as numbers; NaN stands for None."""
+def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float | bytes, ...]:
+    """Return a frame's fields other than the images; NaN stands for None."""
     device_stamp_s = math.nan if frame.device_stamp_s is None else frame.device_stamp_s
     gravity = _NO_GRAVITY if frame.gravity_m_s2 is None else frame.gravity_m_s2
     c = frame.camera
@@ -104,6 +104,7 @@ def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float, ...]:
         *gravity,
         *(c.width, c.height, c.fx, c.fy, c.cx, c.cy),
         *_pack_timing_prior(frame.timing_prior),
+        frame.serial.encode(),
     )
 
 
@@ -136,6 +137,7 @@ def _make_frame(
         gravity_m_s2=None if math.isnan(gravity[0]) else gravity,
         readout_s=readout_s,
         timing_prior=_make_timing_prior(*values[18:22]),
+        serial=values[22].rstrip(b"\0").decode(errors="replace"),
     )
 
 

@@ -1,6 +1,7 @@
 """Frames from cameras that go away, fall silent and come back."""
 
 import threading
+from dataclasses import replace
 
 import pytest
 
@@ -100,6 +101,15 @@ def test_the_reason_is_the_camera_status_until_a_frame_comes() -> None:
         "lost: unplugged",
     ]
     assert reasons == [*expected, "", "the recording has ended"]
+
+
+def test_each_frame_is_prepared() -> None:
+    source = ReconnectingSource(
+        ScriptedCamera([make_frame(0), make_frame(1)]), lambda frame: replace(frame, serial="A1")
+    )
+    stop = InstantStop(1)
+    frames = [frame for frame in source.frames(stop) if frame is not None]
+    assert [(frame.seq, frame.serial) for frame in frames] == [(0, "A1"), (1, "A1")]
 
 
 def test_a_lost_camera_is_reopened() -> None:

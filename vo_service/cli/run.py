@@ -40,6 +40,7 @@ from vo_service.signals import (
     stop_on_signals,
 )
 from vo_service.terminal import Terminal
+from vo_service.timing_memory import open_timing_memory
 from vo_service.types import Command, Output
 
 NAME = "run"
@@ -129,18 +130,21 @@ def _serve(
     with (
         log_access_denied(config.zenoh),
         open_outputs(outputs_config) as opened,
+        closing(open_timing_memory(config.odometry.timing)) as timing_memory,
         closing(systemd),
         closing(command_queue),
     ):
         loggers: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
+        outputs = [*opened.outputs, timing_memory, *loggers]
         live = build_live_service(
             config,
             camera,
             ServiceDependencies(
-                outputs=[*opened.outputs, *loggers],
+                outputs=outputs,
                 command_queue=command_queue,
                 recorder=opened.recorder,
                 mapper=opened.mapper,
+                timing_memory=timing_memory,
                 viewers=opened.viewers,
                 warning_sources=[reloader],
                 on_command_config=commands.configure,

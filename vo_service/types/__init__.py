@@ -44,6 +44,7 @@ from vo_service.types.status import (
     field_description,
 )
 from vo_service.types.update import (
+    LEARNED_TIMING,
     NO_MAP,
     Estimate,
     LevelSource,
@@ -56,6 +57,7 @@ from vo_service.types.update import (
 )
 
 __all__ = [
+    "LEARNED_TIMING",
     "NAME_PATTERN",
     "NO_MAP",
     "CameraReport",

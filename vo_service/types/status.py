@@ -67,8 +67,8 @@ class CameraReport:
     depth_offset_sigma_ms: Annotated[float, "its standard deviation; 0 = exact"] = 0.0
     timing: Annotated[
         str,
-        'source of readout and depth offset: "learned", "camera file", "usual for the sensor", '
-        '"unknown"; "" = exact, or fixed',
+        'source of readout and depth offset: "learned", "camera file", "memory" (learned at an '
+        'earlier run), "usual for the sensor", "unknown"; "" = exact, or fixed',
     ] = ""
 
 

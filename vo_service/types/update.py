@@ -34,6 +34,10 @@ class TrackingDebug:
     inlier: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
 
 
+# Source of a timing that the odometry has learned.
+LEARNED_TIMING = "learned"
+
+
 @dataclass(frozen=True)
 class OnlineTiming:
     """The sensor's timing that an odometry uses.
@@ -43,7 +47,7 @@ class OnlineTiming:
         depth_offset_s: Capture time of a depth image minus its stamp, relative to color.
         readout_sigma_s: Standard deviation of `readout_s`.
         depth_offset_sigma_s: Standard deviation of `depth_offset_s`.
-        source: Where the values come from: "learned", or see `TimingSource`.
+        source: Where the values come from: `LEARNED_TIMING`, or see `TimingSource`.
         contradiction: Readout and depth offset by the frames alone, s, if they contradict what the
             camera file or the usual values say; None otherwise.
     """

@@ -177,7 +177,7 @@ def test_the_kinect_with_the_requested_serial_is_opened(
 ) -> None:
     assert list_kinects() == [kinect.serial]
     with make_camera(kinect.serial) as camera:
-        camera.read(3.0)
+        assert camera.read(3.0).serial == kinect.serial
     with pytest.raises(
         CameraNotFoundError, match=f"B999 is on the USB; connected: {kinect.serial}"
     ):

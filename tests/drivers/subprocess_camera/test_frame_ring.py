@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.camera import FrameTimeout, PinholeCamera, PlaybackMode, RgbdFrame
+from drivers.camera import (
+    FrameTimeout,
+    PinholeCamera,
+    PlaybackMode,
+    RgbdFrame,
+    TimingPrior,
+    TimingSource,
+)
 from drivers.core.errors import UserFacingError
 from drivers.subprocess_camera.frame_ring import (
     SLOT_COUNT,
@@ -68,6 +75,8 @@ def test_every_field_is_transferred_unchanged() -> None:
         lost_packets=17,
         gravity_m_s2=(0.1, 9.7, -1.2),
         readout_s=0.019,
+        timing_prior=TimingPrior(0.003, 0.002, 0.001, TimingSource.MEMORY),
+        serial="A00123456789012A",
     )
     with ring(PlaybackMode.LOCKSTEP) as (reader, writer):
         assert writer.acquire(0.0)

@@ -58,6 +58,7 @@ class OnlineTimingOdometry:
         self._tracker = make_tracker()
         self._history = ViewHistory()
         self._estimator: TimingEstimator | None = None
+        self._serial = ""
         self._is_searching = False
         # The last frames, each with the pose at it; only during the search.
         self._searched: deque[tuple[TimedFrame, Array]] = deque(maxlen=NUM_SEARCHED_FRAMES)
@@ -73,7 +74,8 @@ class OnlineTimingOdometry:
         if frame.timing_prior is None:
             return self._tracker.estimate(frame)
         timed = TimedFrame.of(frame)
-        if self._estimator is None:
+        # Another sensor has been plugged in: it has its own timing.
+        if self._estimator is None or frame.serial != self._serial:
             self._start(timed)
         estimate = self._track(timed)
         if self._is_searching:
@@ -82,7 +84,10 @@ class OnlineTimingOdometry:
 
     # -- tracking --------------------------------------------------------------------------------
     def _start(self, timed: TimedFrame) -> None:
-        """Start with what the first frame tells."""
+        """Start with what the first frame of a sensor tells."""
+        self._serial = timed.frame.serial
+        self._history.clear()
+        self._searched.clear()
         sigmas_s = _prior_sigmas_s(timed.frame)
         self._use(np.zeros(2), sigmas_s, timed)
         self._is_searching = needs_search(sigmas_s)

@@ -1,5 +1,6 @@
 """Checks whether the sensor is on the USB, is supported, and has enough bandwidth."""
 
+from drivers.camera import is_serial
 from drivers.core.errors import UserFacingError
 from vo_service.tools.doctor.context import CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
@@ -38,7 +39,7 @@ class SensorPresenceCheck:
 
 
 def _describe_sensor(sensor: UsbSensor) -> str:
-    serial = f", serial {sensor.serial}" if sensor.serial.strip("0") else ""
+    serial = f", serial {sensor.serial}" if is_serial(sensor.serial) else ""
     return f"{sensor.model}, {sensor.where}{serial}"
 
 

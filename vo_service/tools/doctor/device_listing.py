@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from drivers.camera import is_serial
 from drivers.core.errors import UserFacingError
 from drivers.openni2.device import DetectedDevice
 from drivers.openni2.enumeration import list_devices
@@ -78,7 +79,7 @@ def _list_openni2_devices() -> tuple[DetectedDevice, ...]:
 
 
 def _list_kinect(sensor: UsbSensor) -> ListedDevice:
-    has_serial = bool(sensor.serial.strip("0"))
+    has_serial = is_serial(sensor.serial)
     return ListedDevice(
         camera=f"freenect:{sensor.serial}" if has_serial else "freenect",
         name=sensor.model,

@@ -75,6 +75,17 @@ def test_readout_and_delay_are_learned_within_two_seconds() -> None:
     assert timing.source == "learned"
 
 
+def test_another_sensor_starts_with_its_own_prior() -> None:
+    frames = swinging_frames(READOUT_S, DELAY_S)
+    other = replace(frames[-1], stamp_s=frames[-1].stamp_s + 1 / 30, serial="B2")
+    estimates = learn((*frames, other))
+    assert [last_timing(estimates[:-1]).source, last_timing(estimates).source] == [
+        "learned",
+        "unknown",
+    ]
+    assert last_timing(estimates).readout_sigma_s == UNKNOWN.readout_sigma_s
+
+
 def test_learned_timing_makes_the_poses_more_accurate() -> None:
     frames = swinging_frames(READOUT_S, DELAY_S)
     fixed = make_odometry("direct", timing="fixed")

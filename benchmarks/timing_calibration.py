@@ -22,8 +22,7 @@ from benchmarks.rendered_sequences import render_all
 from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.tum.camera import TumCamera
-from vo_service.tools.calibration.motion_segments import FastestSegments
-from vo_service.tools.calibration.timing import estimate_timing
+from vo_service.tools.calibration.timing_measurement import TimingMeasurement
 
 ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"
 
@@ -95,19 +94,11 @@ def main() -> int:
 
 def _row(name: str, case: TimingCase, folder: Path) -> str:
     begin_s = time.process_time()
-    segments = FastestSegments()
+    measurement = TimingMeasurement()
     with TumCamera(folder) as camera:
         for frame in read_all_frames(camera):
-            segments.process(replace(frame, skew_s=0.0))
-    try:
-        result = estimate_timing(segments.segments, lambda text: None)
-    except UserFacingError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        readout = late = "refused"
-    else:
-        timing, sigma = result.timing, result.sigma
-        readout = f"{1e3 * timing.readout_s:.1f} ± {1e3 * sigma.readout_s:.1f}"
-        late = f"{1e3 * timing.depth_offset_s:.1f} ± {1e3 * sigma.depth_offset_s:.1f}"
+            measurement.process(replace(frame, skew_s=0.0))
+    readout, late = (str(value).removesuffix(" ms") for value in measurement.timing.values())
     spent_s = time.process_time() - begin_s
     return ROW.format(
         name, f"{case.readout_ms:g}", readout, f"{case.skew_ms:g}", late, f"{spent_s:.0f}"

@@ -38,8 +38,9 @@ Print the board, glue it to a flat plate and measure a square. Show the board to
 and far, in every corner of the image, tilted each way. Hold it still for a moment each time. With a
 camera the command ends once it has enough views; Ctrl-C uses the views so far.
 
---timing needs no board: shake the camera quickly for a minute, close to textured objects. It writes
-readout_s and depth_offset_s into the camera file and changes nothing else.
+--timing needs no board: shake the camera quickly for 15 s, close to textured objects. It writes
+readout_s and depth_offset_s with their standard deviations into the camera file, and changes
+nothing else.
 
 The camera file is written to --output, else to camera.file of the configuration, else to
 ./camera.toml. An existing file is kept as camera.toml.bak.
@@ -68,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timing", action="store_true",
         help="measure readout_s (rolling shutter) and depth_offset_s (delay of depth after its "
-        "stamps) from a minute of fast motion, without a board",
+        "stamps) from 15 s of fast motion, without a board",
     )  # fmt: skip
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,

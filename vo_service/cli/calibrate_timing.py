@@ -2,28 +2,42 @@
 
 import argparse
 import json
+from collections.abc import Mapping
+from dataclasses import asdict
 from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from drivers.calibration import CAMERA_FILE_NAME, find_calibration
-from drivers.core.errors import InputError
+from drivers.calibration import (
+    CAMERA_FILE_NAME,
+    CameraCalibration,
+    find_calibration,
+)
+from drivers.core.errors import InputError, UserFacingError
+from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.kernels import run_warm_up
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.motion_segments import (
-    SEGMENT_FRAMES,
-    CollectedSegments,
-    collect_segments_from_folder,
-    collect_segments_live,
-)
 from vo_service.tools.calibration.output_files import check_writable
-from vo_service.tools.calibration.timing import TimingEstimate, estimate_timing
-from vo_service.tools.calibration.timing_cost import SensorTiming
-from vo_service.tools.calibration.timing_file import read_timing, save_timing
+from vo_service.tools.calibration.timing import (
+    NOTHING_SAVED_PREFIX,
+    REMEDY,
+    USUAL_TIMING,
+    SensorTiming,
+    combine,
+    is_informative,
+    select_changes,
+    told_timing,
+)
+from vo_service.tools.calibration.timing_file import read_camera, save_timing
+from vo_service.tools.calibration.timing_measurement import (
+    MeasuredTiming,
+    measure_folder,
+    measure_live,
+)
 
 # Options that are valid only with a board.
 BOARD_ONLY_OPTIONS = ("square", "marker", "depth", "keep", "rerun", "picture", "print_board")
@@ -33,8 +47,8 @@ def calibrate_timing(args: argparse.Namespace) -> int:
     """Measure the timing and save it.
 
     Raises:
-        UserFacingError: If an option or the recording is not valid, or if the file cannot be
-            written.
+        UserFacingError: If an option or the recording is not valid, if the result is less certain
+            than what is known, or if the file cannot be written.
     """
     if (args.folder is None) == (args.camera is None):
         raise InputError("name a FOLDER that was recorded, or a camera to shake: --camera")
@@ -42,23 +56,57 @@ def calibrate_timing(args: argparse.Namespace) -> int:
     output = _choose_output(args, config)
     _check_arguments(args, output)
     terminal = Terminal()
-    collected = _collect_segments(args, config, terminal)
-    before = read_timing(output, collected.camera)
-    measured = estimate_timing(collected.segments, terminal.show)
-    terminal.clear()
-    heading = (
-        f"kinect-vo calibrate --timing, {date.today()}: {measured.segment_count} pieces of "
-        f"{SEGMENT_FRAMES} frames"
-    )
-    kept = save_timing(output, collected.camera, measured.timing, heading)
-    files = {"camera_file": str(output), "kept": None if kept is None else str(kept)}
+    measured = _measure(args, config, terminal)
+    camera = read_camera(output, measured.camera)
+    is_kinect = _is_kinect(args.camera, measured.camera)
+    told = told_timing(camera, is_kinect)
+    now = combine(measured.timing, USUAL_TIMING) if is_kinect else measured.timing
+    changes = select_changes(told, now)
+    if not (is_informative(measured.timing) and changes):
+        raise UserFacingError(_refusal(told, measured))
+    heading = f"kinect-vo calibrate --timing, {date.today()}: {measured.frame_count} frames"
+    kept = save_timing(output, measured.camera, changes, heading)
+    values = {"before": told, "measured": measured.timing, "now": told | changes}
     if args.json:
-        print(json.dumps(files | _as_json(before, measured, collected)))
+        files = {"camera_file": str(output), "kept": None if kept is None else str(kept)}
+        print(json.dumps(files | {"frames": measured.frame_count} | _as_json(values)))
         return 0
-    print(_as_table(before, measured, collected))
+    print(f"{measured.frame_count} frames\n")
+    print_saved_timing(values, output, kept)
+    return 0
+
+
+def print_saved_timing(values: Mapping[str, SensorTiming], output: Path, kept: Path | None) -> None:
+    """Print a table of timings, and where the last one is saved.
+
+    Args:
+        values: By heading: a timing. The first one is that of before.
+        output: The camera file.
+        kept: Its backup, if there is one.
+    """
+    print(f"{'':<16}" + "".join(f"{heading:>18}" for heading in values))
+    for key in next(iter(values.values())):
+        print(f"{key:<16}" + "".join(f"{timing[key]!s:>18}" for timing in values.values()))
     backup = f"; the one before is {kept.name}" if kept else ""
     print(f"\nsaved in {output}{backup}")
-    return 0
+
+
+def _is_kinect(source: str | None, camera: CameraCalibration) -> bool:
+    """Whether the usual timing of a Kinect holds: for a sensor, and for a recording of one."""
+    kind, _, argument = (source or "").partition(":")
+    is_sensor = kind in SENSORS and not argument.lower().endswith(ONI_SUFFIX)
+    return is_sensor or told_timing(camera) == USUAL_TIMING
+
+
+def _refusal(told: SensorTiming, measured: MeasuredTiming) -> str:
+    values = (
+        f"{name} {measured.timing[key]} (known: {told[key]})"
+        for name, key in (("readout", "readout_s"), ("depth offset", "depth_offset_s"))
+    )
+    return (
+        f"{NOTHING_SAVED_PREFIX}the camera moved too slowly or too little to determine its timing "
+        f"better than it is known: {', '.join(values)}; {REMEDY}"
+    )
 
 
 def _choose_output(args: argparse.Namespace, config: Config) -> Path:
@@ -88,7 +136,7 @@ def _check_arguments(args: argparse.Namespace, output: Path) -> None:
 def _check_recording(folder: Path, file: Path | None, output: Path) -> None:
     read = find_calibration(folder, file)
     is_read = output.resolve() == (file or folder / CAMERA_FILE_NAME).resolve()
-    offset_s = read_timing(output, read).depth_offset_s
+    offset_s = read_camera(output, read).depth_offset_s
     if offset_s != 0.0 and not is_read:
         raise InputError(
             f"{output}: depth_offset_s = {offset_s:g} may be in the stamps of {folder} already; "
@@ -96,56 +144,22 @@ def _check_recording(folder: Path, file: Path | None, output: Path) -> None:
         )
 
 
-def _collect_segments(
-    args: argparse.Namespace, config: Config, terminal: Terminal
-) -> CollectedSegments:
+def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> MeasuredTiming:
     with stop_on_signals() as stop:
         run_warm_up(partial(warm_up, "direct"), terminal, stop)
         if args.folder is not None:
-            collected = collect_segments_from_folder(
-                args.folder, args.camera_file, terminal, stop.event
-            )
+            measured = measure_folder(args.folder, args.camera_file, terminal, stop.event)
             stop.check()
         else:
             file = args.camera_file or config.camera.file or args.output
-            collected = collect_segments_live(
-                args.camera, file, config.sensor, terminal, stop.event
-            )
+            measured = measure_live(args.camera, file, config.sensor, terminal, stop.event)
     terminal.clear()
-    return collected
+    return measured
 
 
-def _as_table(before: SensorTiming, measured: TimingEstimate, collected: CollectedSegments) -> str:
-    now, sigma = measured.timing, measured.sigma
-    rows = [
-        f"the {measured.segment_count} fastest segments of {SEGMENT_FRAMES} frames, "
-        f"of {collected.frame_count} frames",
-        "",
-        f"{'':<20}{'before':>12}{'now':>20}",
-        _format_row("readout_s", before.readout_s, now.readout_s, sigma.readout_s),
-        _format_row(
-            "depth_offset_s", before.depth_offset_s, now.depth_offset_s, sigma.depth_offset_s
-        ),
-    ]
-    return "\n".join(rows)
-
-
-def _format_row(key: str, before_s: float, now_s: float, sigma_s: float) -> str:
-    now = f"{1e3 * now_s:.1f} ± {1e3 * sigma_s:.1f} ms"
-    return f"{key:<20}{f'{1e3 * before_s:.1f} ms':>12}{now:>20}"
-
-
-def _as_json(
-    before: SensorTiming, measured: TimingEstimate, collected: CollectedSegments
-) -> dict[str, Any]:
-    now, sigma = measured.timing, measured.sigma
+def _as_json(values: Mapping[str, SensorTiming]) -> dict[str, Any]:
+    """Return for each key what was told, measured and saved, with standard deviations."""
     return {
-        "frames": collected.frame_count,
-        "pieces": measured.segment_count,
-        "readout_s": {"before": before.readout_s, "now": now.readout_s, "sigma": sigma.readout_s},
-        "depth_offset_s": {
-            "before": before.depth_offset_s,
-            "now": now.depth_offset_s,
-            "sigma": sigma.depth_offset_s,
-        },
+        key: {heading: asdict(timing[key]) for heading, timing in values.items()}
+        for key in USUAL_TIMING
     }

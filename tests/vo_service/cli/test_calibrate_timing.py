@@ -1,19 +1,24 @@
-"""``calibrate --timing``: from a shaken camera to two keys of its file, and what is refused."""
+"""``calibrate --timing``: from a shaken camera to the keys of its file, and what is refused."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
-from drivers.calibration import CAMERA_FILE_NAME, format_calibration, read_calibration
+from drivers.calibration import (
+    CAMERA_FILE_NAME,
+    KINECT_READOUT_S,
+    CameraCalibration,
+    format_calibration,
+    read_calibration,
+)
+from drivers.camera import RgbdFrame
+from drivers.tum.writer import TumWriter
 from tests.vo_service.cli.cli_runner import run_in_process
-from tests.vo_service.tools.calibration.shaken_sequence import record_repeated, render_segment
-from vo_service.tools.calibration.motion_segments import MotionSegment
-from vo_service.tools.calibration.timing import TimingEstimate
-from vo_service.tools.calibration.timing_cost import SensorTiming
+from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
+from tests.vo_service.odometry.direct.test_online_timing import SwingingCamera
 
 pytestmark = pytest.mark.slow
 
@@ -21,11 +26,29 @@ Capture = pytest.CaptureFixture[str]
 READOUT_S, LATE_S = 0.017, -0.004
 
 
+def record(folder: Path, is_moving: bool = True) -> Path:
+    """A second of a shaken camera; neither its stamps nor its camera file tell the timing."""
+    with TumWriter(folder) as writer:
+        for n in range(30):
+            view = render_view(
+                SwingingCamera(), n / 30 * is_moving, readout_s=READOUT_S, skew_s=LATE_S
+            )
+            writer.write(untimed(add_noise(view, n), n))
+    file = folder / CAMERA_FILE_NAME
+    camera = replace(read_calibration(file), readout_sigma_s=None, depth_offset_sigma_s=None)
+    file.write_text(format_calibration(camera))
+    return folder
+
+
+def untimed(frame: RgbdFrame, seq: int) -> RgbdFrame:
+    """The frame with a stamp at 30 Hz that tells nothing else."""
+    return replace(frame, seq=seq, stamp_s=seq / 30, readout_s=0.0, skew_s=0.0)
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four times the same second; its stamps say nothing of the skew."""
-    folder = tmp_path_factory.mktemp("shaken") / "hand"
-    return record_repeated(folder, render_segment(READOUT_S, LATE_S), 4)
+    """A shaken camera."""
+    return record(tmp_path_factory.mktemp("shaken") / "hand")
 
 
 @pytest.fixture(autouse=True)
@@ -33,58 +56,84 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_shaken_camera_gives_its_readout_and_its_offset(recording: Path, capfd: Capture) -> None:
-    camera = replace(read_calibration(recording / CAMERA_FILE_NAME), depth_offset_s=0.002)
+def write_camera(recording: Path, **timing: Any) -> CameraCalibration:
+    """Write sensor.toml, with a comment and this timing; its contents."""
+    camera = replace(read_calibration(recording / CAMERA_FILE_NAME), **timing)
     Path("sensor.toml").write_text(f"# mine\n{format_calibration(camera)}")
+    return camera
+
+
+def test_a_shaken_camera_gives_its_timing_with_sigmas(recording: Path, capfd: Capture) -> None:
+    camera = write_camera(recording, depth_offset_sigma_s=0.02)
     outcome = run_in_process(
         capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml"
     )
     assert (outcome.code, outcome.error_lines) == (0, "")
-    assert "the 4 fastest segments of 32 frames, of 128 frames\n" in outcome.out
-    assert "saved in sensor.toml; the one before is sensor.toml.bak\n" in outcome.out
+    assert outcome.out.startswith("30 frames\n")
+    assert "0.0 ± 30.0 ms" in outcome.out
+    assert outcome.out.endswith("saved in sensor.toml; the one before is sensor.toml.bak\n")
     found = read_calibration(Path("sensor.toml"))
-    np.testing.assert_allclose(found.readout_s, READOUT_S, atol=0.003)
-    np.testing.assert_allclose(found.depth_offset_s, LATE_S, atol=0.002)
-    assert replace(found, readout_s=0.0, depth_offset_s=0.002) == camera
+    assert found.readout_sigma_s is not None
+    assert found.depth_offset_sigma_s is not None
+    assert found.readout_sigma_s < 0.005
+    assert found.depth_offset_sigma_s < 0.003
+    assert abs(found.readout_s - READOUT_S) < 2 * found.readout_sigma_s
+    assert abs(found.depth_offset_s - LATE_S) < 2 * found.depth_offset_sigma_s
+    found = replace(found, readout_s=0.0, depth_offset_s=0.0)
+    assert replace(found, readout_sigma_s=None, depth_offset_sigma_s=0.02) == camera
     assert Path("sensor.toml").read_text().startswith("# mine\n")
 
 
-def test_slow_motion_is_rejected_and_nothing_is_written(
-    recording: Path, tmp_path: Path, capfd: Capture
+def test_the_recording_of_a_kinect_is_combined_with_the_usual_values(
+    recording: Path, capfd: Capture
 ) -> None:
-    piece = render_segment(0.0, 0.0, frames=1) * 32
-    still = [replace(frame, seq=n, stamp_s=n / 30) for n, frame in enumerate(piece)]
-    folder = record_repeated(tmp_path / "still", still, 4)
-    outcome = run_in_process(
-        capfd, "calibrate", "--timing", folder, "--output", "new.toml", "--json"
+    write_camera(
+        recording, readout_s=KINECT_READOUT_S, readout_sigma_s=0.004, depth_offset_sigma_s=0.005
     )
+    outcome = run_in_process(
+        capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml", "--json"
+    )
+    readout = json.loads(outcome.out)["readout_s"]
+    assert readout["before"] == {"value_s": KINECT_READOUT_S, "sigma_s": 0.004}
+    assert readout["measured"]["value_s"] < readout["now"]["value_s"] < KINECT_READOUT_S
+    assert readout["now"]["sigma_s"] < min(readout["measured"]["sigma_s"], 0.004)
+    assert read_calibration(Path("sensor.toml")).readout_s == readout["now"]["value_s"]
+
+
+def test_values_that_are_known_better_are_kept(recording: Path, capfd: Capture) -> None:
+    write_camera(recording, readout_s=0.018, readout_sigma_s=0.0005)
+    outcome = run_in_process(
+        capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml"
+    )
+    assert outcome.code == 0
+    found = read_calibration(Path("sensor.toml"))
+    assert (found.readout_s, found.readout_sigma_s) == (0.018, 0.0005)
+    assert found.depth_offset_s != 0.0
+
+
+def test_a_camera_at_rest_is_rejected_and_nothing_is_written(
+    tmp_path: Path, capfd: Capture
+) -> None:
+    folder = record(tmp_path / "still", is_moving=False)
+    text = (folder / CAMERA_FILE_NAME).read_text()
+    outcome = run_in_process(capfd, "calibrate", "--timing", folder, "--json")
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith("kinect-vo: error: nothing is saved: the camera moved too slowly")
+    assert "readout 0.0 ± 30.0 ms (known: 0.0 ± 30.0 ms)" in outcome.err
     assert outcome.err.count("\n") == 1
-    assert not Path("new.toml").exists()
+    assert (folder / CAMERA_FILE_NAME).read_text() == text
 
 
-def test_a_live_camera_is_observed_for_a_minute_and_only_json_is_printed(
+def test_a_live_camera_is_observed_for_a_minute_at_most(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
-    seen: list[MotionSegment] = []
-
-    def measure(pieces: list[MotionSegment], tell: Callable[[str], None]) -> TimingEstimate:
-        seen.extend(pieces)
-        return TimingEstimate(SensorTiming(0.0203, -0.0012), SensorTiming(0.0004, 0.0003), 4)
-
-    monkeypatch.setattr("vo_service.cli.calibrate_timing.estimate_timing", measure)
-    # Two of the four pieces are seen within this time.
-    monkeypatch.setattr("vo_service.tools.calibration.motion_segments.CAPTURE_DURATION_S", 2.4)
-    file = Path("live.toml")
-    file.write_text((recording / CAMERA_FILE_NAME).read_text())
-    camera = ("--camera", f"tum:{recording}", "--camera-file", file)
+    # 22 of the frames are seen within this time.
+    monkeypatch.setattr("vo_service.tools.calibration.timing_measurement.CAPTURE_DURATION_S", 0.71)
+    write_camera(recording)
+    camera = ("--camera", f"tum:{recording}", "--camera-file", "sensor.toml")
     result = json.loads(run_in_process(capfd, "calibrate", "--timing", *camera, "--json").out)
-    assert (result["camera_file"], result["kept"]) == ("live.toml", str(file.resolve()) + ".bak")
-    assert (result["frames"], result["pieces"], len(seen)) == (64, 4, 2)
-    assert result["readout_s"] == {"before": 0.0, "now": 0.0203, "sigma": 0.0004}
-    assert result["depth_offset_s"] == {"before": 0.0, "now": -0.0012, "sigma": 0.0003}
-    assert read_calibration(file).depth_offset_s == -0.0012
+    assert (result["camera_file"], result["frames"]) == ("sensor.toml", 22)
+    assert result["kept"] == str(Path("sensor.toml.bak").resolve())
 
 
 MISTAKES = {

@@ -69,6 +69,11 @@ class OnlineTimingOdometry:
         """Current estimate of the lens's vignetting, see `VignettingEstimate`."""
         return self._tracker.vignetting
 
+    @property
+    def timing_estimator(self) -> TimingEstimator | None:
+        """Present estimator of the timing, as corrections of what frames tell; None = not yet."""
+        return self._estimator
+
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose, see `DirectOdometry.estimate`, and learn from it."""
         if frame.timing_prior is None:

@@ -1,123 +1,121 @@
-"""Estimation of a sensor's readout time and depth offset from fast motion."""
+"""A sensor's timing with standard deviations: what is told, what is measured, what is saved."""
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from drivers.core.errors import UserFacingError
-from drivers.core.geometry import Array
-from vo_service.tools.calibration.motion_segments import SEGMENT_FRAMES, MotionSegment
-from vo_service.tools.calibration.timing_cost import SensorTiming, timing_costs
-from vo_service.tools.calibration.timing_search import (
-    NOTHING_SAVED_PREFIX,
-    TimingMinimum,
-    find_minimum,
+from drivers.calibration import (
+    KINECT_READOUT_S,
+    KINECT_TIMING_PRIOR,
+    UNKNOWN_TIMING_SIGMAS_S,
+    CameraCalibration,
+    kinect_timing,
 )
+from vo_service.remembered_timing import RememberedTiming
 
-# Minimum number of segments; the search starts with this many of the fastest.
-MIN_SEGMENTS, COARSE_SEGMENTS = 4, 4
-# Slower segments do not determine the timing.
-MIN_SPEED_SIGMA_RAD_S = 0.05
-# Largest standard deviations that are saved, of the readout and of the depth offset.
-MAX_READOUT_SIGMA_S, MAX_DEPTH_OFFSET_SIGMA_S = 0.002, 0.0012
-# A smaller readout cannot be zero within its uncertainty.
-MIN_READOUT_S = -0.004
+NOTHING_SAVED_PREFIX = "nothing is saved: "
+# Two values contradict each other if they are further apart than this many standard deviations.
+CONTRADICTION_SIGMAS = 3.0
+# A measurement tells something if its standard deviations are below this part of unknown ones.
+MAX_SIGMA_RATIO = 0.5
 # Digits of saved seconds, below the accuracy.
 DIGITS = 5
-REMEDY = (
-    "shake the camera to and fro like a hand, for a minute, near objects with texture and depth"
-)
+REMEDY = "shake the camera to and fro like a hand, for 15 s, near objects with texture and depth"
 
 
 @dataclass(frozen=True)
-class TimingEstimate:
-    """Estimated timing with standard deviations."""
+class TimingValue:
+    """A time and its standard deviation, s."""
 
-    timing: SensorTiming
-    sigma: SensorTiming
-    segment_count: int
+    value_s: float
+    sigma_s: float
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.value_s:.1f} ± {1e3 * self.sigma_s:.1f} ms"
+
+    def contradicts(self, other: "TimingValue") -> bool:
+        """Whether both can hardly be the same time."""
+        sigma_s = math.hypot(self.sigma_s, other.sigma_s)
+        return abs(self.value_s - other.value_s) > CONTRADICTION_SIGMAS * sigma_s
+
+    def combined_with(self, other: "TimingValue") -> "TimingValue":
+        """Return the mean of two independent values, weighted by their information."""
+        weight, other_weight = self.sigma_s**-2, other.sigma_s**-2
+        total = weight + other_weight
+        mean_s = (weight * self.value_s + other_weight * other.value_s) / total
+        return TimingValue(mean_s, total**-0.5)
 
 
-def estimate_timing(
-    segments: Sequence[MotionSegment], on_progress: Callable[[str], None]
-) -> TimingEstimate:
-    """Estimate the timing that explains the segments best.
+# By the key of the camera file: "readout_s" and "depth_offset_s".
+SensorTiming = dict[str, TimingValue]
+
+
+def make_timing(
+    readout_s: float, depth_offset_s: float, readout_sigma_s: float, depth_offset_sigma_s: float
+) -> SensorTiming:
+    """Make a timing of its four numbers."""
+    return {
+        "readout_s": TimingValue(readout_s, readout_sigma_s),
+        "depth_offset_s": TimingValue(depth_offset_s, depth_offset_sigma_s),
+    }
+
+
+def remembered_as_timing(remembered: RememberedTiming) -> SensorTiming:
+    """Return what a service has learned."""
+    return make_timing(
+        remembered.readout_s,
+        remembered.depth_offset_s,
+        remembered.readout_sigma_s,
+        remembered.depth_offset_sigma_s,
+    )
+
+
+USUAL_TIMING = make_timing(
+    KINECT_READOUT_S,
+    KINECT_TIMING_PRIOR.depth_offset_s,
+    KINECT_TIMING_PRIOR.readout_sigma_s,
+    KINECT_TIMING_PRIOR.depth_offset_sigma_s,
+)
+
+
+def told_timing(camera: CameraCalibration, is_kinect: bool = False) -> SensorTiming:
+    """Return what a camera file tells: a standard deviation of 0 is exact.
 
     Args:
-        segments: Segments, the fastest first; their frames have the skew of their stamps only.
-        on_progress: Is called with a description of each step.
-
-    Raises:
-        UserFacingError: The segments do not determine the timing.
+        camera: Contents of the file.
+        is_kinect: Whether the usual values hold if the file tells none.
     """
-    check_motion(segments)
-    minimum = find_minimum(
-        _make_cost_function(segments[:COARSE_SEGMENTS], on_progress),
-        _make_cost_function(segments, on_progress),
-    )
-    return validate_minimum(minimum)
-
-
-def check_motion(segments: Sequence[MotionSegment]) -> None:
-    """Raise UserFacingError if there is obviously too little motion."""
-    if len(segments) < MIN_SEGMENTS:
-        raise UserFacingError(
-            f"{NOTHING_SAVED_PREFIX}the recording is too short: {len(segments)} segments of "
-            f"{SEGMENT_FRAMES} frames without a gap, at least {MIN_SEGMENTS} are needed; "
-            "record one minute"
-        )
-    speed_sigma_deg_s = math.degrees(segments[MIN_SEGMENTS - 1].speed_sigma_rad_s)
-    if speed_sigma_deg_s < math.degrees(MIN_SPEED_SIGMA_RAD_S):
-        raise UserFacingError(
-            f"{NOTHING_SAVED_PREFIX}the camera moved too slowly to determine its timing: its speed "
-            f"changed by {speed_sigma_deg_s:.1f} degrees a second (at least "
-            f"{math.degrees(MIN_SPEED_SIGMA_RAD_S):.0f} are needed); {REMEDY}"
-        )
-
-
-def validate_minimum(minimum: TimingMinimum) -> TimingEstimate:
-    """Return the estimate.
-
-    Raises:
-        UserFacingError: If it is too uncertain.
-    """
-    sigma_ms = 1e3 * minimum.sigma_s
-    if not (minimum.sigma_s <= [MAX_READOUT_SIGMA_S, MAX_DEPTH_OFFSET_SIGMA_S]).all():
-        raise UserFacingError(
-            f"{NOTHING_SAVED_PREFIX}the camera moved too slowly or too little to determine its "
-            f"timing: readout ±{sigma_ms[0]:.1f} ms (at most {1e3 * MAX_READOUT_SIGMA_S:g}), "
-            f"depth offset ±{sigma_ms[1]:.1f} ms (at most {1e3 * MAX_DEPTH_OFFSET_SIGMA_S:g}); "
-            f"{REMEDY}"
-        )
-    readout_s, depth_offset_s = (round(float(value), DIGITS) for value in minimum.timing_s)
-    if readout_s < MIN_READOUT_S:
-        raise UserFacingError(
-            f"{NOTHING_SAVED_PREFIX}the rows seem to be read from bottom to top, in "
-            f"{-1e3 * readout_s:.0f} ms; check that the images are not upside down"
-        )
-    return TimingEstimate(
-        SensorTiming(max(readout_s, 0.0), depth_offset_s),
-        SensorTiming(*map(float, minimum.sigma_s)),
-        minimum.segment_count,
+    if is_kinect:
+        readout_s, prior = kinect_timing(camera)
+    else:
+        readout_s, prior = camera.readout_s, camera.timing_prior
+    if prior is None:
+        return make_timing(readout_s, camera.depth_offset_s, 0.0, 0.0)
+    return make_timing(
+        readout_s, prior.depth_offset_s, prior.readout_sigma_s, prior.depth_offset_sigma_s
     )
 
 
-def _make_cost_function(
-    segments: Sequence[MotionSegment], on_progress: Callable[[str], None]
-) -> Callable[[Array, Array], Array]:
-    def cost_table(assumed_s: Array, candidates_s: Array) -> Array:
-        assumed = SensorTiming(*assumed_s)
-        candidates = [SensorTiming(*candidate_s) for candidate_s in candidates_s]
-        rows = []
-        for number, segment in enumerate(segments, 1):
-            readout_ms, offset_ms = 1e3 * assumed_s
-            on_progress(
-                f"around readout {readout_ms:.1f} ms, depth offset {offset_ms:.1f} ms: "
-                f"segment {number}/{len(segments)}"
-            )
-            rows.append(timing_costs(segment.frames, assumed, candidates))
-        return np.array(rows)
+def combine(measured: SensorTiming, prior: SensorTiming) -> SensorTiming:
+    """Combine a measurement with a prior."""
+    return {key: value.combined_with(prior[key]) for key, value in measured.items()}
 
-    return cost_table
+
+def is_informative(measured: SensorTiming) -> bool:
+    """Whether the motion was fast enough to tell anything."""
+    sigmas_s = [value.sigma_s for value in measured.values()]
+    limits_s = [MAX_SIGMA_RATIO * sigma_s for sigma_s in UNKNOWN_TIMING_SIGMAS_S]
+    return all(sigma_s <= limit_s for sigma_s, limit_s in zip(sigmas_s, limits_s, strict=True))
+
+
+def select_changes(told: SensorTiming, now: SensorTiming) -> SensorTiming:
+    """Return the values that are at least as certain as what is told, or contradict it."""
+    return {
+        key: _rounded(key, value)
+        for key, value in now.items()
+        if value.sigma_s <= told[key].sigma_s or value.contradicts(told[key])
+    }
+
+
+def _rounded(key: str, value: TimingValue) -> TimingValue:
+    value_s = max(value.value_s, 0.0) if key == "readout_s" else value.value_s
+    return TimingValue(round(value_s, DIGITS), round(value.sigma_s, DIGITS))

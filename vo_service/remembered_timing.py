@@ -1,17 +1,23 @@
 """The timing that a live service has learned of a sensor: one file per serial number."""
 
+import logging
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from urllib.parse import quote
 
 from drivers.camera import RgbdFrame, TimingPrior, TimingSource
 from drivers.core.config import SCHEMA_VERSION, read_toml, required_field
-from drivers.core.errors import InputError
-from drivers.core.files import atomic_write
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import atomic_write, state_folder
 
 # The exposure may be another one at the next start, so remembered values are at best this certain.
 MIN_REMEMBERED_SIGMAS_S = (0.002, 0.001)
 SUFFIX = ".toml"
+# Parent of the state folders of services that systemd runs.
+SYSTEMD_STATE_FOLDERS = Path("/var/lib")
+logger = logging.getLogger(__name__)
 # Digits of saved seconds, below the accuracy.
 _DIGITS = 6
 
@@ -68,6 +74,37 @@ class RememberedTiming:
 def timing_folder(state_folder: Path) -> Path:
     """Return the folder of the files below the service's state folder."""
     return state_folder / "timing"
+
+
+def memory_folders() -> list[Path]:
+    """Return the existing folders of this user's services, and of those of systemd if readable."""
+    folders = list(SYSTEMD_STATE_FOLDERS.glob("kinect-vo*"))
+    with suppress(UserFacingError):
+        folders.append(state_folder())
+    return [timing_folder(folder) for folder in dict.fromkeys(folders)]
+
+
+def find_remembered_timings(folders: Iterable[Path]) -> dict[str, RememberedTiming]:
+    """Find what services have learned, by serial number; the newest of each. Damaged files warn."""
+    found: dict[str, tuple[float, RememberedTiming]] = {}
+    for folder in folders:
+        for path in _list_files(folder):
+            try:
+                written_s = path.stat().st_mtime
+                timing = read_toml(path, RememberedTiming)
+            except (OSError, InputError) as error:
+                logger.warning("%s", error)
+                continue
+            if timing.serial not in found or written_s > found[timing.serial][0]:
+                found[timing.serial] = written_s, timing
+    return {serial: timing for serial, (_, timing) in found.items()}
+
+
+def _list_files(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix == SUFFIX)
+    except OSError:
+        return []
 
 
 def timing_file(folder: Path, serial: str) -> Path:

@@ -33,6 +33,7 @@ examples:
   kinect-vo calibrate --board chessboard:9x6 --square 0.035 views --depth --picture coverage.png
   kinect-vo calibrate --timing --camera freenect --camera-file camera.toml
   kinect-vo calibrate --timing recordings/shaken
+  kinect-vo calibrate --save-learnt --camera-file camera.toml
 
 Print the board, glue it to a flat plate and measure a square. Show the board to the camera: near
 and far, in every corner of the image, tilted each way. Hold it still for a moment each time. With a
@@ -40,7 +41,8 @@ camera the command ends once it has enough views; Ctrl-C uses the views so far.
 
 --timing needs no board: shake the camera quickly for 15 s, close to textured objects. It writes
 readout_s and depth_offset_s with their standard deviations into the camera file, and changes
-nothing else.
+nothing else. --save-learnt writes the same values as a live service has learned them; no camera is
+needed.
 
 The camera file is written to --output, else to camera.file of the configuration, else to
 ./camera.toml. An existing file is kept as camera.toml.bak.
@@ -70,6 +72,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--timing", action="store_true",
         help="measure readout_s (rolling shutter) and depth_offset_s (delay of depth after its "
         "stamps) from 15 s of fast motion, without a board",
+    )  # fmt: skip
+    parser.add_argument(
+        "--save-learnt", action="store_true",
+        help="write the timing that kinect-vo run has learned of a sensor into the camera file",
+    )  # fmt: skip
+    parser.add_argument(
+        "--serial", metavar="SERIAL",
+        help="with --save-learnt: serial number of the sensor (default: the only one)",
     )  # fmt: skip
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
@@ -148,6 +158,12 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         UserFacingError: If an option or a view is not valid, or if a file cannot be written.
     """
+    if args.save_learnt:
+        from vo_service.cli.calibrate_learnt import save_learnt
+
+        return save_learnt(args)
+    if args.serial is not None:
+        raise InputError("--serial chooses what --save-learnt writes; add --save-learnt")
     if args.timing:
         # Imported here: it loads the kernels of an odometry, which a board does not need.
         from vo_service.cli.calibrate_timing import calibrate_timing

@@ -1,13 +1,9 @@
 """``kinect-vo calibrate --timing``: measure readout and depth offset from fast motion."""
 
 import argparse
-import json
-from collections.abc import Mapping
-from dataclasses import asdict
 from datetime import date
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from drivers.calibration import (
     CAMERA_FILE_NAME,
@@ -17,6 +13,12 @@ from drivers.calibration import (
 from drivers.core.errors import InputError, UserFacingError
 from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.kernels import run_warm_up
+from vo_service.cli.saved_timing import (
+    SavedFile,
+    check_no_board_options,
+    choose_camera_file,
+    print_saved_timing,
+)
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
 from vo_service.signals import stop_on_signals
@@ -39,9 +41,6 @@ from vo_service.tools.calibration.timing_measurement import (
     measure_live,
 )
 
-# Options that are valid only with a board.
-BOARD_ONLY_OPTIONS = ("square", "marker", "depth", "keep", "rerun", "picture", "print_board")
-
 
 def calibrate_timing(args: argparse.Namespace) -> int:
     """Measure the timing and save it.
@@ -53,7 +52,7 @@ def calibrate_timing(args: argparse.Namespace) -> int:
     if (args.folder is None) == (args.camera is None):
         raise InputError("name a FOLDER that was recorded, or a camera to shake: --camera")
     config = read_config(args.config)
-    output = _choose_output(args, config)
+    output = choose_camera_file(args, config, "--timing")
     _check_arguments(args, output)
     terminal = Terminal()
     measured = _measure(args, config, terminal)
@@ -67,28 +66,9 @@ def calibrate_timing(args: argparse.Namespace) -> int:
     heading = f"kinect-vo calibrate --timing, {date.today()}: {measured.frame_count} frames"
     kept = save_timing(output, measured.camera, changes, heading)
     values = {"before": told, "measured": measured.timing, "now": told | changes}
-    if args.json:
-        files = {"camera_file": str(output), "kept": None if kept is None else str(kept)}
-        print(json.dumps(files | {"frames": measured.frame_count} | _as_json(values)))
-        return 0
-    print(f"{measured.frame_count} frames\n")
-    print_saved_timing(values, output, kept)
+    source = {"frames": measured.frame_count}
+    print_saved_timing(args, source, values, SavedFile(output, kept))
     return 0
-
-
-def print_saved_timing(values: Mapping[str, SensorTiming], output: Path, kept: Path | None) -> None:
-    """Print a table of timings, and where the last one is saved.
-
-    Args:
-        values: By heading: a timing. The first one is that of before.
-        output: The camera file.
-        kept: Its backup, if there is one.
-    """
-    print(f"{'':<16}" + "".join(f"{heading:>18}" for heading in values))
-    for key in next(iter(values.values())):
-        print(f"{key:<16}" + "".join(f"{timing[key]!s:>18}" for timing in values.values()))
-    backup = f"; the one before is {kept.name}" if kept else ""
-    print(f"\nsaved in {output}{backup}")
 
 
 def _is_kinect(source: str | None, camera: CameraCalibration) -> bool:
@@ -109,25 +89,9 @@ def _refusal(told: SensorTiming, measured: MeasuredTiming) -> str:
     )
 
 
-def _choose_output(args: argparse.Namespace, config: Config) -> Path:
-    """Choose the camera file to change."""
-    named: Path | None = args.output or args.camera_file or config.camera.file
-    if named is not None:
-        return named
-    if args.folder is not None:
-        return Path(args.folder / CAMERA_FILE_NAME)
-    raise InputError(
-        "--timing puts its result into a camera file: name it with --camera-file, or make one "
-        "first, from views of a board"
-    )
-
-
 def _check_arguments(args: argparse.Namespace, output: Path) -> None:
     """Check before the work, not after it."""
-    given = [name for name in BOARD_ONLY_OPTIONS if getattr(args, name)]
-    if given:
-        option = f"--{given[0].replace('_', '-')}"
-        raise InputError(f"{option} is about a board, which --timing does without; leave one out")
+    check_no_board_options(args, "--timing")
     check_writable(output)
     if args.folder is not None:
         _check_recording(args.folder, args.camera_file, output)
@@ -155,11 +119,3 @@ def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> Me
             measured = measure_live(args.camera, file, config.sensor, terminal, stop.event)
     terminal.clear()
     return measured
-
-
-def _as_json(values: Mapping[str, SensorTiming]) -> dict[str, Any]:
-    """Return for each key what was told, measured and saved, with standard deviations."""
-    return {
-        key: {heading: asdict(timing[key]) for heading, timing in values.items()}
-        for key in USUAL_TIMING
-    }

@@ -69,7 +69,7 @@ def test_a_shaken_camera_gives_its_timing_with_sigmas(recording: Path, capfd: Ca
         capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml"
     )
     assert (outcome.code, outcome.error_lines) == (0, "")
-    assert outcome.out.startswith("30 frames\n")
+    assert outcome.out.startswith("frames: 30\n")
     assert "0.0 ± 30.0 ms" in outcome.out
     assert outcome.out.endswith("saved in sensor.toml; the one before is sensor.toml.bak\n")
     found = read_calibration(Path("sensor.toml"))

@@ -16,6 +16,7 @@ MAP = "world/map"
 DEPTH = "depth"
 COUNTS = "plots/counts"
 STAGES = "plots/stages"
+TIMING = "plots/timing"
 LOG = "log"
 
 TIMELINE = "frame"
@@ -41,6 +42,7 @@ def make_blueprint() -> rrb.Blueprint:
     plots = rrb.Horizontal(
         rrb.TimeSeriesView(name="Features, matches, inliers", origin=COUNTS),
         rrb.TimeSeriesView(name="CPU ms by stage", origin=STAGES),
+        rrb.TimeSeriesView(name="Sensor timing, ms", origin=TIMING),
     )
     log = rrb.TextLogView(name="State", origin=LOG)
     return rrb.Blueprint(

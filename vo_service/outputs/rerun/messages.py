@@ -12,7 +12,7 @@ from drivers.core.geometry import Array
 from drivers.core.process.worker_process import LogMessage
 from vo_service.outputs.rerun.bounded_trajectory import BoundedTrajectory
 from vo_service.outputs.rerun.sinks import Sink
-from vo_service.types import TrackingDebug, TrackingState
+from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class TrackingStatus:
 
 @dataclass(frozen=True)
 class FrameScalars:
-    """Values sent for every frame. `counts` and `stage_ms` are plotted by name."""
+    """Values sent for every frame. `counts`, `stage_ms` and `timing` are plotted by name."""
 
     seq: int
     stamp_s: float
@@ -53,6 +53,7 @@ class FrameScalars:
     counts: Mapping[str, int]
     stage_ms: Mapping[str, float]
     state: TrackingStatus
+    timing: OnlineTiming | None
 
 
 @dataclass(frozen=True)

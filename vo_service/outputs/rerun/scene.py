@@ -27,7 +27,7 @@ from vo_service.outputs.rerun.messages import (
     TrajectoryPoint,
 )
 from vo_service.outputs.rerun.sinks import Sink
-from vo_service.types import TrackingDebug, TrackingState
+from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
 
 FEATURE_COLOR = (255, 220, 90)
 MATCH_COLOR = (90, 160, 250)
@@ -59,6 +59,7 @@ class RerunScene:
         self._stream = stream
         self._jpeg_quality = jpeg_quality
         self._last_logged_state: TrackingStatus | None = None
+        self._last_timing: OnlineTiming | None = None
         self._log_static()
         self._log_initial_state(initial_state)
 
@@ -122,6 +123,7 @@ class RerunScene:
         for stage, cpu_ms in scalars.stage_ms.items():
             stream.log(f"{paths.STAGES}/{stage}", rr.Scalars(cpu_ms))
         self._log_state(scalars.state)
+        self._log_timing(scalars.timing)
 
     def _log_static(self) -> None:
         self._stream.log(paths.WORLD, rr.ViewCoordinates.RDF, static=True)
@@ -143,6 +145,25 @@ class RerunScene:
         level = rr.TextLogLevel.INFO if is_tracking else rr.TextLogLevel.WARN
         text = f"{state.state}: {state.reason}" if state.reason else str(state.state)
         self._stream.log(paths.LOG, rr.TextLog(f"{text} (epoch {state.epoch})", level=level))
+
+    def _log_timing(self, timing: OnlineTiming | None) -> None:
+        """Plot the sensor's timing when it changes; log another value or source as text."""
+        last, self._last_timing = self._last_timing, timing
+        if timing is None or timing == last:
+            return
+        values_s = {
+            "readout": (timing.readout_s, timing.readout_sigma_s),
+            "depth offset": (timing.depth_offset_s, timing.depth_offset_sigma_s),
+        }
+        for name, (value_s, sigma_s) in values_s.items():
+            path = f"{paths.TIMING}/{name.replace(' ', '_')}"
+            self._stream.log(path, rr.Scalars(1e3 * value_s))
+            self._stream.log(f"{path}_sigma", rr.Scalars(1e3 * sigma_s))
+        if last is not None and _is_same_timing(timing, last):
+            return
+        parts = [f"{name} {1e3 * v:.1f} ± {1e3 * s:.1f} ms" for name, (v, s) in values_s.items()]
+        text = f"sensor timing: {', '.join(parts)} ({timing.source})"
+        self._stream.log(paths.LOG, rr.TextLog(text, level=rr.TextLogLevel.INFO))
 
     def _log_ground_truth(self, ground_truth: GroundTruth) -> None:
         strip = rr.LineStrips3D(
@@ -186,6 +207,15 @@ class RerunScene:
     def _jpeg(self, image_bgr: NDArray[np.uint8]) -> rr.EncodedImage:
         _, encoded = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality])
         return rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
+
+
+def _is_same_timing(one: OnlineTiming, other: OnlineTiming) -> bool:
+    """Whether two timings differ in their standard deviations only."""
+    return (one.readout_s, one.depth_offset_s, one.source) == (
+        other.readout_s,
+        other.depth_offset_s,
+        other.source,
+    )
 
 
 class _TrajectoryLayer:

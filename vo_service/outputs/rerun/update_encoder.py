@@ -53,6 +53,7 @@ class UpdateEncoder:
             },
             stage_ms=update.stage_ms,
             state=TrackingStatus(update.state, update.reason, update.epoch),
+            timing=estimate.timing,
         )
         yield from self._encode_ground_truth(update)
         now_s = self._rate_clock_s(update.frame.stamp_s)

@@ -9,7 +9,12 @@ from vo_service.tools.doctor.finding import Check
 from vo_service.tools.doctor.firmware import FirmwareCheck
 from vo_service.tools.doctor.libraries import LibrariesCheck
 from vo_service.tools.doctor.stream import FirstFramesCheck, FrameRateCheck, LostPacketsCheck
-from vo_service.tools.doctor.timing import ClockRateCheck, GravityCheck, SkewCheck
+from vo_service.tools.doctor.timing import (
+    ClockRateCheck,
+    GravityCheck,
+    LearnedTimingCheck,
+    SkewCheck,
+)
 
 KINECT_MODELS = frozenset({SensorModel.K1414, SensorModel.K1473, SensorModel.K4W})
 PRIMESENSE_MODELS = frozenset(
@@ -63,6 +68,7 @@ def _stream_checks(has_accelerometer: bool) -> tuple[Check, ...]:
         FrameRateCheck(SENSOR_HZ),
         LostPacketsCheck(),
         SkewCheck(),
+        LearnedTimingCheck(),
         ClockRateCheck(),
         GravityCheck(has_accelerometer),
     )

@@ -5,7 +5,14 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, RgbdCamera, RgbdFrame
+from drivers.camera import (
+    CameraCounters,
+    EndOfStream,
+    FrameTimeout,
+    RgbdCamera,
+    RgbdFrame,
+    TimingPrior,
+)
 from drivers.core.errors import InputError, UserFacingError
 
 POLL_PERIOD_S = 0.1
@@ -25,6 +32,9 @@ class FrameSample:
     device_stamp_s: float | None
     skew_s: float
     gravity_m_s2: tuple[float, float, float] | None
+    readout_s: float
+    timing_prior: TimingPrior | None
+    serial: str
 
 
 @dataclass(frozen=True)
@@ -148,4 +158,7 @@ def _make_sample(frame: RgbdFrame) -> FrameSample:
         device_stamp_s=frame.device_stamp_s,
         skew_s=frame.skew_s,
         gravity_m_s2=frame.gravity_m_s2,
+        readout_s=frame.readout_s,
+        timing_prior=frame.timing_prior,
+        serial=frame.serial,
     )

@@ -1,14 +1,19 @@
-"""Checks of color-depth skew, the device's clock and gravity."""
+"""Checks of color-depth skew, the learned timing, the device's clock and gravity."""
 
 import math
+from collections.abc import Callable, Mapping
 from statistics import median
 
 import numpy as np
 
+from drivers.camera import TimingSource
 from drivers.core.geometry import is_gravity
+from vo_service.remembered_timing import RememberedTiming, find_remembered_timings, memory_folders
+from vo_service.tools.calibration.timing import SensorTiming, make_timing, remembered_as_timing
 from vo_service.tools.doctor.context import CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.stream import MIN_FRAMES_FOR_RATE
+from vo_service.tools.doctor.stream_probe import FrameSample
 
 # At 30 frames a second, color and depth of one frame differ by at most half a period.
 MAX_SKEW_S = 0.017
@@ -33,6 +38,62 @@ class SkewCheck:
                 **facts,
             )
         return passed(text, **facts)
+
+
+def find_learned_timings() -> Mapping[str, RememberedTiming]:
+    """Find what the services on this computer have learned, by serial number."""
+    return find_remembered_timings(memory_folders())
+
+
+class LearnedTimingCheck:
+    """Check what the camera file tells of the sensor's timing against what services learned."""
+
+    name = "timing"
+    needs = ("first-frames",)
+
+    def __init__(
+        self, find_learned: Callable[[], Mapping[str, RememberedTiming]] = find_learned_timings
+    ) -> None:
+        """Set the function that finds what was learned, by serial number."""
+        self._find_learned = find_learned
+
+    def run(self, context: CheckContext) -> Finding:
+        sample = context.stream.samples[-1]
+        told, source = _told_timing(sample), TimingSource.CAMERA_FILE
+        if sample.timing_prior is not None:
+            source = sample.timing_prior.source
+        text = f"{_describe_timing(told)} ({source})"
+        remembered = self._find_learned().get(sample.serial) if sample.serial else None
+        if remembered is None:
+            return passed(f"{text}; nothing learned of this sensor yet", source=source.value)
+        learned = remembered_as_timing(remembered)
+        both = f"{text}; learned: {_describe_timing(learned)}"
+        is_contradicted = any(told[key].contradicts(value) for key, value in learned.items())
+        if source is TimingSource.CAMERA_FILE and is_contradicted:
+            file = context.stream.intrinsics_source.removeprefix("camera file ")
+            return warned(
+                f"the camera file contradicts what was learned: {both}",
+                f"kinect-vo calibrate --save-learnt --serial {sample.serial} --camera-file {file}; "
+                "or measure it with kinect-vo calibrate --timing",
+                source=source.value,
+            )
+        return passed(both, source=source.value)
+
+
+def _told_timing(sample: FrameSample) -> SensorTiming:
+    prior = sample.timing_prior
+    if prior is None:
+        return make_timing(sample.readout_s, 0.0, 0.0, 0.0)
+    return make_timing(
+        sample.readout_s,
+        prior.depth_offset_s,
+        prior.readout_sigma_s,
+        prior.depth_offset_sigma_s,
+    )
+
+
+def _describe_timing(timing: SensorTiming) -> str:
+    return f"readout {timing['readout_s']}, depth offset {timing['depth_offset_s']}"
 
 
 class ClockRateCheck:

@@ -1,6 +1,7 @@
 """Real Rerun recordings, read back."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
 from vo_service.outputs.rerun.messages import TextLog
 from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
 from vo_service.outputs.rerun.scene import back_project
-from vo_service.types import OdometryUpdate, Status
+from vo_service.types import OdometryUpdate, OnlineTiming, Status
 
 pytestmark = pytest.mark.rerun
 
@@ -52,6 +53,34 @@ def test_poses_and_counts_are_recorded_unchanged(tmp_path: Path, make_update: Ma
     expected = [[u.T_world_camera[:3, 3].tolist()] for u in updates]
     np.testing.assert_allclose(np.array(positions), np.array(expected), atol=1e-6)
     assert read_column(path, "/plots/counts/inliers", "Scalars:scalars") == [[7.0]] * 5
+
+
+def test_the_learned_timing_is_plotted_and_its_source_is_logged(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    path = tmp_path / "out.rrd"
+    usual = OnlineTiming(0.029, 0.0, 0.004, 0.005, "usual for the sensor")
+    learned = OnlineTiming(0.0305, -0.0027, 0.0012, 0.0006, "learned")
+    timings = [usual, usual, learned, replace(learned, readout_sigma_s=0.001)]
+    record(path, [with_timing(make_update(seq), timing) for seq, timing in enumerate(timings)])
+    plotted = {
+        name: [value for (value,) in read_column(path, f"/plots/timing/{name}", "Scalars:scalars")]
+        for name in ("readout", "readout_sigma", "depth_offset", "depth_offset_sigma")
+    }
+    assert plotted["readout"] == pytest.approx([29.0, 30.5, 30.5])
+    assert plotted["readout_sigma"] == pytest.approx([4.0, 1.2, 1.0])
+    assert plotted["depth_offset"] == pytest.approx([0.0, -2.7, -2.7])
+    assert plotted["depth_offset_sigma"] == pytest.approx([5.0, 0.6, 0.6])
+    texts = [text for (text,) in read_column(path, "/log", "TextLog:text") if "timing" in text]
+    assert texts == [
+        "sensor timing: readout 29.0 ± 4.0 ms, depth offset 0.0 ± 5.0 ms (usual for the sensor)",
+        "sensor timing: readout 30.5 ± 1.2 ms, depth offset -2.7 ± 0.6 ms (learned)",
+    ]
+
+
+def with_timing(update: OdometryUpdate, timing: OnlineTiming) -> OdometryUpdate:
+    """The update of a frame with this timing."""
+    return replace(update, estimate=replace(update.estimate, timing=timing))
 
 
 def test_a_long_trajectory_is_not_resent_with_each_point(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
 from drivers.camera import CameraCounters
 from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
 from vo_service.tools.doctor.checks import requested_sensor_for
@@ -38,6 +39,9 @@ def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[Fram
         "device_stamp_s": lambda k: 7.0 + k * PERIOD_S,
         "skew_s": lambda k: 0.004,
         "gravity_m_s2": lambda k: (0.0, 9.81, 0.0),
+        "readout_s": lambda k: KINECT_READOUT_S,
+        "timing_prior": lambda k: KINECT_TIMING_PRIOR,
+        "serial": lambda k: "A00123456789012A",
     }
     fields = defaults | changes
     return tuple(

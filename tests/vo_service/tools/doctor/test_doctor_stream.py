@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from drivers.camera import CameraCounters
+from drivers.camera import CameraCounters, TimingPrior, TimingSource
+from tests.vo_service.timing_updates import LEARNED, SERIAL
 from tests.vo_service.tools.doctor.doctor_fakes import (
     PERIOD_S,
     make_capture,
@@ -15,7 +16,12 @@ from tests.vo_service.tools.doctor.doctor_fakes import (
 from vo_service.tools.doctor.finding import Check, CheckVerdict, Finding
 from vo_service.tools.doctor.stream import FirstFramesCheck, FrameRateCheck, LostPacketsCheck
 from vo_service.tools.doctor.stream_probe import StreamSample
-from vo_service.tools.doctor.timing import ClockRateCheck, GravityCheck, SkewCheck
+from vo_service.tools.doctor.timing import (
+    ClockRateCheck,
+    GravityCheck,
+    LearnedTimingCheck,
+    SkewCheck,
+)
 
 CHECKS = (
     FirstFramesCheck(),
@@ -24,6 +30,7 @@ CHECKS = (
     SkewCheck(),
     ClockRateCheck(),
     GravityCheck(True),
+    LearnedTimingCheck(dict),
 )
 
 
@@ -94,6 +101,33 @@ def test_a_skew_beyond_half_a_frame_is_a_warning() -> None:
     finding = run_check(SkewCheck(), with_frames(skew_s=lambda k: -0.021))
     assert finding.verdict is CheckVerdict.WARNING
     assert "21.0 ms apart" in finding.text
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "source", "verdict"),
+    [
+        (0.003, TimingSource.CAMERA_FILE, CheckVerdict.WARNING),
+        (-0.002, TimingSource.CAMERA_FILE, CheckVerdict.PASS),
+        (0.003, TimingSource.SENSOR, CheckVerdict.PASS),
+    ],
+)
+def test_a_camera_file_that_contradicts_what_was_learned_is_a_warning(
+    offset_s: float, source: TimingSource, verdict: CheckVerdict
+) -> None:
+    told = TimingPrior(offset_s, 0.001, 0.0005, source)
+    stream = with_frames(timing_prior=lambda k: told)
+    finding = run_check(LearnedTimingCheck(lambda: {SERIAL: LEARNED}), stream)
+    assert finding.verdict is verdict
+    assert f"depth offset {1e3 * offset_s:.1f} ± 0.5 ms ({source})" in finding.text
+    assert "learned: readout 30.5 ± 1.2 ms, depth offset -2.7 ± 0.6 ms" in finding.text
+    if verdict is CheckVerdict.WARNING:
+        assert f"--save-learnt --serial {SERIAL} --camera-file" in finding.fix
+
+
+def test_another_sensor_has_nothing_learned() -> None:
+    stream = with_frames(serial=lambda k: "B2")
+    finding = run_check(LearnedTimingCheck(lambda: {SERIAL: LEARNED}), stream)
+    assert finding.text.endswith("(usual for the sensor); nothing learned of this sensor yet")
 
 
 @pytest.mark.parametrize(

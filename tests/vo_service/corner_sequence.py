@@ -14,6 +14,7 @@ from tests.vo_service.odometry.synthetic_views import render_corner
 # What a Kinect without a camera file is taken for.
 CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 FRAMES = 12
+RATE_HZ = 25.0
 
 
 def corner_pose(seq: int) -> Array:
@@ -23,12 +24,15 @@ def corner_pose(seq: int) -> Array:
 
 
 def corner_frames(count: int = FRAMES) -> Iterator[RgbdFrame]:
-    """What a Kinect there would see, before its own encoding; depth in whole millimetres."""
+    """What a Kinect there would see, before its own encoding.
+
+    Depth is in whole millimetres and stamps in whole microseconds: every recording holds the same.
+    """
     for seq in range(count):
         view = render_corner(corner_pose(seq), seq, CAMERA)
         depth_mm = np.rint(view.depth_m * 1000.0).astype(np.uint16)
         yield RgbdFrame(
-            seq, view.stamp_s, 0.0, view.color_bgr, depth_mm, depth_factor=1000.0, camera=CAMERA
+            seq, seq / RATE_HZ, 0.0, view.color_bgr, depth_mm, depth_factor=1000.0, camera=CAMERA
         )
 
 

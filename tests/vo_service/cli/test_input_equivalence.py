@@ -19,7 +19,7 @@ from tests.simulators.oni_writer import frames_to_oni_images, write_oni
 from tests.simulators.raw_depth import NOMINAL, raw_to_mm
 from tests.simulators.usb_frames import ColorBgr, DepthMm, write_usb_frames
 from tests.vo_service.cli.cli_runner import count_lines, run_in_process, running_subprocess
-from tests.vo_service.corner_sequence import corner_frames, make_corner_kinect
+from tests.vo_service.corner_sequence import RATE_HZ, corner_frames, make_corner_kinect
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -33,7 +33,7 @@ FEWEST_POINTS = 500
 
 @pytest.fixture(scope="module")
 def frames() -> list[RgbdFrame]:
-    """What is to be seen by every way; depth in whole millimetres."""
+    """What is to be seen by every way, as every recording can hold it."""
     return list(corner_frames(COUNT))
 
 
@@ -83,7 +83,7 @@ def test_an_oni_recording_gives_the_same_bytes_as_a_replay(
 def test_a_fakenect_dump_gives_the_same_bytes_as_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
-    write_fakenect_dump(tmp_path / "dump", images(frames))
+    write_fakenect_dump(tmp_path / "dump", images(frames), RATE_HZ)
     trajectory = served(f"fakenect:{tmp_path / 'dump'}", camera_file, "--pace", "lockstep")
     assert trajectory.read_bytes() == replayed.read_bytes()
 

@@ -126,14 +126,14 @@ def rejection_reason(alignment: DirectAlignment) -> str:
     sampled = int(counts[WITH_DEPTH] + counts[WITH_BRIGHTNESS])
     if sampled < MIN_SAMPLES:
         return f"only {sampled} samples in view"
+    if alignment.uses_brightness and not GAIN_RANGE[0] < model[GAIN] < GAIN_RANGE[1]:
+        return "the brightness changed too much against the keyframe"
     if reason := _inconsistency_reason(counts):
         return reason
     if model[SIGMA_DEPTH] > MAX_VALID_SIGMAS[1]:
         return "the depth does not fit the keyframe"
     if alignment.uses_brightness and model[SIGMA_BRIGHTNESS] > MAX_VALID_SIGMAS[0]:
         return "the brightness does not fit the keyframe"
-    if alignment.uses_brightness and not GAIN_RANGE[0] < model[GAIN] < GAIN_RANGE[1]:
-        return "the brightness changed too much against the keyframe"
     return ""
 
 

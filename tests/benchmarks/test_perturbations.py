@@ -1,0 +1,97 @@
+"""Tiny perturbations of a recording: repeatable frames, stored runs, and the tables."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.perturbations import (
+    MAX_DELAY_ERROR_S,
+    MAX_FOCAL_ERROR_PX,
+    format_baselines,
+    format_spread,
+    make_perturbation,
+)
+from benchmarks.result_cache import Json
+from tests.forked_process import run_module
+from tests.vo_service.fakes import make_frame
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return run_module("benchmarks.perturbations", *arguments)
+
+
+def result(ate_m: float | None, failed: int = 0) -> Json:
+    return {"ate_m": ate_m, "rpe_1s_m": None, "failed": failed}
+
+
+def rows(table: str) -> list[list[str]]:
+    return [line.split() for line in table.splitlines()]
+
+
+def test_a_perturbation_is_tiny_and_the_same_in_every_run() -> None:
+    frame = make_frame(3)
+    frame.color_bgr[:] = 128
+    changed, again, other = (make_perturbation(seed).apply(frame) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(changed.color_bgr, again.color_bgr)
+    assert np.any(changed.color_bgr != other.color_bgr)
+    assert set(np.unique(changed.color_bgr)) == {127, 128, 129}
+    assert 0 < abs(changed.camera.fx - frame.camera.fx) <= MAX_FOCAL_ERROR_PX
+    assert 0 < abs(changed.skew_s) <= MAX_DELAY_ERROR_S
+
+
+def test_noise_does_not_wrap_around_at_black_and_differs_between_frames() -> None:
+    first, second = (make_perturbation(1).apply(make_frame(seq)).color_bgr for seq in (0, 1))
+    assert first.max() == 1
+    assert np.any(first != second)
+
+
+def test_the_ratio_is_that_of_the_largest_to_the_smallest_error() -> None:
+    table = format_spread("direct", result(0.002), [result(0.003), result(0.001), result(0.002, 4)])
+    ate, rpe, failed = rows(table)[1:]
+    assert ate == ["ATE", "2.00", "1.00", "2.00", "3.00", "3.00"]
+    assert rpe == ["RPE/1s", "-", "-", "-", "-", "-"]
+    assert failed == ["failed", "0", "0", "0", "4"]
+
+
+def test_a_perturbed_run_without_error_has_no_ratio() -> None:
+    table = format_spread("direct", result(0.002), [result(0.003), result(None, 9)])
+    assert rows(table)[1] == ["ATE", "2.00", "-", "-", "-", "-"]
+
+
+def test_the_method_is_compared_with_the_best_baseline() -> None:
+    methods = {"direct": result(0.003), "surf": result(0.002), "sfm": result(None)}
+    assert rows(format_baselines("direct", methods))[-1] == ["direct/best", "1.50", "-"]
+
+
+@pytest.mark.slow
+@pytest.mark.subprocess
+def test_finished_runs_are_stored_and_not_repeated(recording: Path, tmp_path: Path) -> None:
+    command = (str(tmp_path), str(recording), "--method", "surf", "--count", "2", "--verbose")
+    first = run(*command)
+    assert first.returncode == 0, first.stderr
+    words = rows(first.stdout)
+    assert [row[0] for row in words[1:4]] == ["1:", "2:", "surf,"]
+    assert float(words[4][1]) < 20.0
+    stored = json.loads((tmp_path / "results.json").read_text())
+    assert len(stored) == 5
+    for key in stored:
+        stored[key]["ate_m"] = 0.123
+    (tmp_path / "results.json").write_text(json.dumps(stored))
+    assert rows(run(*command).stdout)[4] == ["ATE", *["123.00"] * 4, "1.00"]
+
+
+@pytest.mark.subprocess
+def test_a_recording_without_truth_is_a_clear_error(
+    tmp_path: Path, copy_recording: Callable[..., Path]
+) -> None:
+    folder = copy_recording()
+    (folder / "groundtruth.txt").unlink()
+    ended = run(str(tmp_path / "kept"), str(folder))
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines() == [
+        f"error: {folder}: has no groundtruth.txt; name a recording with one"
+    ]

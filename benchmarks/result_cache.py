@@ -20,6 +20,10 @@ class ResultCache:
         if self._file.exists():
             self._results = _read(self._file)
 
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a result of a name."""
+        return name in self._results
+
     def get_or_run(self, name: str, run: Callable[[], Json]) -> Json:
         """Return the result of a name; run and store it if there is none."""
         if name not in self._results:

@@ -1,0 +1,195 @@
+"""Errors of the direct odometry when nobody tells it the sensor's timing.
+
+    python -m benchmarks.learned_timing FOLDER [--seeds 301 302 ...] [--starts RECORDING ...]
+
+Each seed is another room and another virtual Kinect: a readout of 0 to 33 ms, depth 10 ms before to
+15 ms after color and registered up to 3 px off, motion blur of 4 to 20 ms, and another hunting of
+the exposure. The frames are tracked once with the exact timing ("told") and once without any. A
+last row has a global shutter in the first seed's room: its timing must stay exactly zero.
+
+"settled" are the seconds until both errors stay within 2 ms and 1.5 ms; "3 sigma" the share of the
+seconds after which both are within three published standard deviations; "failed" the frames without
+a pose, told and untold. ATE RMSE is in millimeters. The goals are a median ratio of the ATE of at
+most 1.5, no sequence with failed frames or a reset, and 95 % within three sigmas.
+
+--starts prints the ATE of recordings that begin at later frames: with the recording's own timing
+("told"), with zeros ("ignored") and learned. --seeds without numbers skips the virtual Kinects.
+
+FOLDER stores the rendered sequences, 0.5 GB each, and the results in results.json. The same command
+continues after an interruption. Remove results.json when the odometry has changed.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.accuracy import track_changed
+from benchmarks.learned_timing_measure import evaluate_timing
+from benchmarks.learned_timing_sensors import (
+    RandomSensor,
+    make_random_sensor,
+    tell_exactly,
+    tell_nothing,
+)
+from benchmarks.learned_timing_starts import START_FRAMES, START_HEAD, format_start, measure_start
+from benchmarks.rendered_sequences import render_all
+from benchmarks.result_cache import Json, ResultCache
+from drivers.core.errors import UserFacingError
+from vo_service.odometry.registry import warm_up
+
+METHOD = "direct"
+# Rooms that no parameter was chosen with.
+SEEDS = tuple(range(301, 321))
+DURATION_S = 20.0
+TIMING_COLUMNS = ("readout", "learned", "delay", "learned", "settled s", "3 sigma")
+COLUMNS = ("seed", *TIMING_COLUMNS, "told", "untold", "ratio", "failed", "resets")
+TIMING_ROW = "{:>7} | {:>12} | {:>7} | {:>12} | {:>9} | {:>7}"
+ROW = f"| {{:<14}} | {TIMING_ROW} | {{:>6}} | {{:>6}} | {{:>5}} | {{:>7}} | {{:>6}} |"
+SEPARATOR = "|" + "---|" * len(COLUMNS)
+
+
+def main() -> int:
+    """Render and run what has no stored result, and print all."""
+    args = _parser().parse_args()
+    cv2.setNumThreads(1)
+    try:
+        args.folder.mkdir(parents=True, exist_ok=True)
+        cache = ResultCache(args.folder)
+        warm_up(METHOD, lambda stage: None)
+        if args.seeds:
+            print_seeds(cache, args.folder, make_sensors(args.seeds, args.seconds), args.processes)
+        print_starts(cache, args.starts, args.at)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("stopped; the same command continues with the next sequence", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.learned_timing",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", type=Path, help="folder of the sequences and the results")
+    parser.add_argument("--seeds", nargs="*", type=int, default=SEEDS)
+    parser.add_argument("--seconds", type=float, default=DURATION_S, help="length of a sequence")
+    parser.add_argument("--starts", nargs="+", type=Path, default=[], metavar="RECORDING")
+    parser.add_argument("--at", nargs="+", type=int, default=START_FRAMES, metavar="FRAME")
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    return parser
+
+
+def make_sensors(seeds: Sequence[int], duration_s: float) -> dict[str, RandomSensor]:
+    """Make the sensors of the seeds by name; the last one has a global shutter."""
+    sensors = {f"{seed}-{duration_s:g}s": make_random_sensor(seed, duration_s) for seed in seeds}
+    sensors[f"{seeds[0]}-{duration_s:g}s-global"] = make_random_sensor(
+        seeds[0], duration_s, is_global_shutter=True
+    )
+    return sensors
+
+
+def print_seeds(
+    cache: ResultCache, folder: Path, sensors: Mapping[str, RandomSensor], processes: int
+) -> None:
+    """Render and measure what has no result; print a row for each sensor and the summary."""
+    missing = {
+        folder / name: sensor.config for name, sensor in sensors.items() if name not in cache
+    }
+    render_all(missing, lambda line: print(line, file=sys.stderr, flush=True), processes)
+    print(f"{ROW.format(*COLUMNS)}\n{SEPARATOR}", flush=True)
+    results = []
+    for name, sensor in sensors.items():
+        results.append(cache.get_or_run(name, partial(measure_sensor, folder / name, sensor)))
+        print(format_row(name, results[-1]), flush=True)
+    print(f"\n{format_summary(results[:-1])}\n{format_global_shutter(results[-1])}", flush=True)
+
+
+def measure_sensor(folder: Path, sensor: RandomSensor) -> Json:
+    """Track the frames of a sensor, told and untold."""
+    timing = sensor.config.timing
+    _, told = track_changed(METHOD, folder, lambda frame: tell_exactly(sensor.shift_depth(frame)))
+    tracked, untold = track_changed(
+        METHOD, folder, lambda frame: tell_nothing(sensor.shift_depth(frame))
+    )
+    return asdict(evaluate_timing(told, untold, tracked, (timing.readout_s, timing.skew_s)))
+
+
+def format_row(name: str, result: Json) -> str:
+    """One row of the table of sensors."""
+    told, untold = result["told"], result["untold"]
+    cells: list[str] = []
+    for truth_s, learned_s, sigma_s in zip(
+        result["truth_s"], result["learned_s"], result["sigmas_s"], strict=True
+    ):
+        cells += [f"{1e3 * truth_s:.1f}", f"{1e3 * learned_s:.1f} ± {1e3 * sigma_s:.1f}"]
+    settling_s = result["settling_s"]
+    return ROW.format(
+        name,
+        *cells,
+        "never" if settling_s is None else f"{settling_s:.1f}",
+        f"{100 * result['consistent'] / result['seconds']:.0f} %",
+        *(_format_mm(run["ate_m"]) for run in (told, untold)),
+        f"{ate_ratio(result):.2f}",
+        f"{told['failed']}, {untold['failed']}",
+        untold["resets"],
+    )
+
+
+def format_summary(results: Sequence[Json]) -> str:
+    """The figures that have goals, over all sensors."""
+    lost = sum(result["untold"]["failed"] + result["untold"]["resets"] > 0 for result in results)
+    seconds = sum(result["seconds"] for result in results)
+    consistent = sum(result["consistent"] for result in results)
+    settled = sum(result["settling_s"] is not None for result in results)
+    return (
+        f"{len(results)} seeds: median ATE ratio {np.median([ate_ratio(r) for r in results]):.2f} "
+        f"(goal 1.5), with failed frames or a reset {lost} (goal 0), "
+        f"within 3 sigmas {100 * consistent / seconds:.1f} % (goal 95 %), settled {settled}"
+    )
+
+
+def format_global_shutter(result: Json) -> str:
+    """Whether the timing of a global shutter stayed zero."""
+    return f"global shutter: {result['nonzero']} frames with a timing other than zero (goal 0)"
+
+
+def ate_ratio(result: Json) -> float:
+    """ATE untold by that told; infinite if there is none untold, and NaN without any."""
+    told_m, untold_m = result["told"]["ate_m"], result["untold"]["ate_m"]
+    if untold_m is None:
+        return float("inf")
+    return float("nan") if not told_m else float(untold_m / told_m)
+
+
+def print_starts(cache: ResultCache, recordings: Sequence[Path], frames: Sequence[int]) -> None:
+    """Print a row for each recording and each first frame."""
+    if recordings:
+        print(f"\n{START_HEAD}")
+    for recording in recordings:
+        for first in frames:
+            name = f"{recording.resolve()} from {first}"
+            result = cache.get_or_run(name, partial(measure_start, METHOD, recording, first))
+            print(format_start(recording.name, first, result), flush=True)
+
+
+def _format_mm(value_m: float | None) -> str:
+    return "-" if value_m is None else f"{1e3 * value_m:.1f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

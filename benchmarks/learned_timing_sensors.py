@@ -1,0 +1,77 @@
+"""Virtual Kinects of random timing, whose depth is registered with an error."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from drivers.calibration import UNKNOWN_TIMING
+from drivers.camera import RgbdFrame
+from drivers.synthetic.config import ShutterTiming, SyntheticConfig
+
+MAX_READOUT_S = 0.033
+DELAYS_S = (-0.010, 0.015)
+EXPOSURES_S = (0.004, 0.020)
+GAIN_DRIFTS = (0.05, 0.25)
+MAX_REGISTRATION_ERROR_PX = 3.0
+
+
+@dataclass(frozen=True)
+class RandomSensor:
+    """A virtual Kinect and the error of its depth's registration.
+
+    Attributes:
+        config: Room, motion, timing and exposure.
+        shift_px: Columns and rows by which depth is registered too far right and down.
+    """
+
+    config: SyntheticConfig
+    shift_px: tuple[int, int]
+
+    def shift_depth(self, frame: RgbdFrame) -> RgbdFrame:
+        """Register the depth of a frame with the error; there are no readings beyond the border."""
+        T = np.array([[1.0, 0.0, self.shift_px[0]], [0.0, 1.0, self.shift_px[1]]])
+        height, width = frame.depth_raw.shape
+        depth = cv2.warpAffine(frame.depth_raw, T, (width, height), flags=cv2.INTER_NEAREST)
+        return replace(frame, depth_raw=np.asarray(depth, np.uint16))
+
+
+def make_random_sensor(
+    seed: int, duration_s: float, is_global_shutter: bool = False
+) -> RandomSensor:
+    """Draw the sensor of a seed, which is also that of the room and of the motion.
+
+    Raises:
+        InputError: The seed is negative, or the duration is shorter than a frame.
+    """
+    base = SyntheticConfig(seed=seed, duration_s=duration_s)
+    rng = np.random.default_rng([seed, 33])
+    timing = ShutterTiming(
+        round(rng.uniform(0.0, MAX_READOUT_S), 6), round(rng.uniform(*DELAYS_S), 6)
+    )
+    color = replace(
+        base.color,
+        exposure_s=round(rng.uniform(*EXPOSURES_S), 6),
+        gain_drift=round(rng.uniform(*GAIN_DRIFTS), 3),
+    )
+    distance_px = MAX_REGISTRATION_ERROR_PX * np.sqrt(rng.uniform())
+    angle_rad = rng.uniform(0.0, 2.0 * np.pi)
+    shift_px = (round(distance_px * np.cos(angle_rad)), round(distance_px * np.sin(angle_rad)))
+    if is_global_shutter:
+        timing = ShutterTiming(0.0, 0.0)
+    return RandomSensor(replace(base, color=color, timing=timing), shift_px)
+
+
+def tell_nothing(frame: RgbdFrame) -> RgbdFrame:
+    """Make a frame as of a recording whose camera file and stamps have no timing."""
+    return replace(frame, readout_s=0.0, skew_s=0.0, timing_prior=UNKNOWN_TIMING)
+
+
+def tell_exactly(frame: RgbdFrame) -> RgbdFrame:
+    """Make a frame whose timing is taken as exact."""
+    return replace(frame, timing_prior=None)
+
+
+def tell_zero(frame: RgbdFrame) -> RgbdFrame:
+    """Make a frame as of a global shutter, so that nothing is learned."""
+    return replace(frame, readout_s=0.0, skew_s=0.0, timing_prior=None)

@@ -1,0 +1,146 @@
+"""Learned timing of random virtual Kinects, and of recordings that begin later."""
+
+import shutil
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import learned_timing
+from benchmarks.accuracy import Accuracy
+from benchmarks.hard_cases_measure import TrackedSequence
+from benchmarks.learned_timing import format_row, format_summary, main
+from benchmarks.learned_timing_measure import LearnedTiming, evaluate_timing
+from benchmarks.learned_timing_sensors import (
+    MAX_READOUT_S,
+    RandomSensor,
+    make_random_sensor,
+    tell_exactly,
+    tell_nothing,
+)
+from benchmarks.learned_timing_starts import measure_start
+from drivers.camera import PinholeCamera, TimingSource
+from drivers.core.errors import InputError
+from tests.vo_service.fakes import good_estimate, make_frame
+from vo_service.types import OnlineTiming, TrackingState
+
+SMALL = PinholeCamera(160, 120, 131.25, 131.25, 79.5, 59.5)
+GOOD = Accuracy(frames=90, failed=0, resets=0, ate_m=0.002, rpe_1s_m=0.001)
+
+
+def small_sensor(seed: int, duration_s: float, is_global_shutter: bool = False) -> RandomSensor:
+    sensor = make_random_sensor(seed, duration_s, is_global_shutter)
+    return replace(sensor, config=replace(sensor.config, camera=SMALL, texel_m=0.05))
+
+
+def learn(readout_ms: list[float], truth_ms: float = 20.0) -> LearnedTiming:
+    """Three frames a second; the published sigma of the readout is 1 ms, the delay is right."""
+    timings = [OnlineTiming(1e-3 * ms, 0.01, 0.001, 0.0005, "learned") for ms in readout_ms]
+    tracked = TrackedSequence(
+        np.arange(len(timings)) / 3 + 100.0,
+        [replace(good_estimate(np.eye(4)), timing=timing) for timing in timings],
+        [TrackingState.TRACKING] * len(timings),
+        np.zeros(len(timings), np.int64),
+    )
+    return evaluate_timing(GOOD, GOOD, tracked, (1e-3 * truth_ms, 0.01))
+
+
+def test_sensors_differ_between_seeds_and_are_the_same_in_every_run() -> None:
+    sensors = [make_random_sensor(seed, 20.0) for seed in range(100)]
+    assert sensors[7] == make_random_sensor(7, 20.0)
+    readouts_s = np.array([sensor.config.timing.readout_s for sensor in sensors])
+    assert (readouts_s.min(), readouts_s.max()) == pytest.approx((0.0, MAX_READOUT_S), abs=0.002)
+    delays_s = np.array([sensor.config.timing.skew_s for sensor in sensors])
+    assert (delays_s.min(), delays_s.max()) == pytest.approx((-0.010, 0.015), abs=0.002)
+    shifts_px = np.hypot(*np.array([sensor.shift_px for sensor in sensors]).T)
+    assert 2.5 < shifts_px.max() <= 3.7
+
+
+def test_a_negative_seed_is_a_clear_error() -> None:
+    with pytest.raises(InputError, match="seed must be at least 0"):
+        make_random_sensor(-1, 20.0)
+
+
+def test_a_global_shutter_differs_only_in_its_timing() -> None:
+    rolling, instant = make_random_sensor(1, 20.0), make_random_sensor(1, 20.0, True)
+    assert instant.config.timing.readout_s == instant.config.timing.skew_s == 0.0
+    assert replace(instant.config, timing=rolling.config.timing) == rolling.config
+
+
+def test_depth_is_shifted_without_readings_beyond_the_border() -> None:
+    frame = make_frame(0)
+    frame.depth_raw[:] = np.arange(48).reshape(6, 8) + 1
+    shifted = replace(make_random_sensor(1, 1.0), shift_px=(2, -1)).shift_depth(frame).depth_raw
+    np.testing.assert_array_equal(shifted[:5, 2:], frame.depth_raw[1:, :6])
+    assert not shifted[5].any()
+    assert not shifted[:, :2].any()
+
+
+def test_an_untold_frame_has_nothing_of_its_timing() -> None:
+    frame = replace(make_frame(0), readout_s=0.02, skew_s=0.01)
+    untold = tell_nothing(frame)
+    assert (untold.readout_s, untold.skew_s) == (0.0, 0.0)
+    assert untold.timing_prior is not None
+    assert untold.timing_prior.source is TimingSource.UNKNOWN
+    assert tell_exactly(replace(frame, timing_prior=untold.timing_prior)) == frame
+
+
+def test_timing_has_settled_when_it_stays_near_the_truth() -> None:
+    result = learn([0.0, 19.0, 25.0, 18.5, 21.0, 20.0])
+    assert result.settling_s == pytest.approx(1.0)
+    assert result.learned_s == pytest.approx((0.020, 0.010))
+    assert learn([20.0, 20.0, 23.0]).settling_s is None
+    assert learn([20.0]).settling_s == 0.0
+
+
+def test_the_timing_is_compared_with_its_sigma_once_a_second() -> None:
+    result = learn([0.0, 0.0, 22.9, 0.0, 0.0, 23.1, 20.0])
+    assert (result.seconds, result.consistent) == (3, 2)
+
+
+def test_frames_with_a_timing_other_than_zero_are_counted() -> None:
+    assert learn([0.0, 0.0], truth_ms=0.0).nonzero == 2
+    timing = OnlineTiming(0.0, 0.0, 0.001, 0.001, "learned")
+    tracked = TrackedSequence(
+        np.zeros(1), [replace(good_estimate(np.eye(4)), timing=timing)], [], np.zeros(1, np.int64)
+    )
+    assert evaluate_timing(GOOD, GOOD, tracked, (0.0, 0.0)).nonzero == 0
+
+
+def test_the_summary_counts_sequences_with_failed_frames_and_weighs_seconds() -> None:
+    good, bad = asdict(learn([20.0] * 9)), asdict(learn([0.0] * 3))
+    bad["untold"] = asdict(replace(GOOD, failed=1, ate_m=0.008))
+    summary = format_summary([good, good, bad])
+    assert "3 seeds: median ATE ratio 1.00" in summary
+    assert "with failed frames or a reset 1 " in summary
+    assert "within 3 sigmas 85.7 %" in summary
+    cells = [cell.strip() for cell in format_row("7", bad).split("|")]
+    assert cells[6:12] == ["never", "0 %", "2.0", "8.0", "4.00", "0, 1"]
+
+
+@pytest.mark.slow
+def test_a_measured_sequence_is_not_rendered_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(learned_timing, "make_random_sensor", small_sensor)
+    arguments = ["learned_timing", str(tmp_path), "--seeds", "5", "--seconds", "0.4"]
+    monkeypatch.setattr(sys, "argv", [*arguments, "--processes", "1"])
+    assert main() == 0
+    first = capsys.readouterr()
+    assert first.err.count("rendered") == 2
+    assert [line.split()[1] for line in first.out.splitlines()[2:4]] == ["5-0.4s", "5-0.4s-global"]
+    assert "1 seeds: median ATE ratio" in first.out
+    shutil.rmtree(tmp_path / "5-0.4s")
+    assert main() == 0
+    assert not (tmp_path / "5-0.4s").exists()
+    assert capsys.readouterr().out == first.out
+
+
+@pytest.mark.slow
+def test_a_recording_is_measured_from_a_later_frame_on(recording: Path) -> None:
+    result = measure_start("direct", recording, 5)
+    assert [result[key]["frames"] for key in ("told", "ignored", "learned")] == [7, 7, 7]
+    with pytest.raises(InputError, match="has no frame 12; begin at one of 0 to 11"):
+        measure_start("direct", recording, 12)

@@ -48,7 +48,7 @@ def main() -> int:
             f"{'fault':34} {'report':>8} {'recovery':>8}   seconds, slowest of {rounds}", flush=True
         )
         measure_live_faults(folder, rounds)
-        with service_runner(folder / "own", folder / "films") as runner:
+        with service_runner(folder / "own", folder / "sequences") as runner:
             report(
                 "killed, until its first pose",
                 [measure_restart_after_kill(runner) for _ in range(rounds)],
@@ -64,7 +64,7 @@ def measure_live_faults(folder: Path, rounds: int) -> None:
     config = f"connect = {json.dumps([endpoint])}\n{CAMERA}"
     with (
         running_router(endpoint) as router,
-        service_runner(folder / "around", folder / "films", config) as runner,
+        service_runner(folder / "around", folder / "sequences", config) as runner,
     ):
         runner.start().wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
         for fault in ENVIRONMENT_FAULTS:

@@ -24,11 +24,11 @@ def main(file: Path) -> None:
 
     def take(sample: zenoh.Sample) -> None:
         stamp_s = decode_odometry(sample.payload.to_bytes()).stamp_s
-        heard_s = time.monotonic()
+        received_s = time.monotonic()
         attachment = sample.attachment
         assert attachment is not None
         seq = json.loads(attachment.to_bytes())["seq"]
-        latency_ms.setdefault((str(sample.key_expr), seq), 1e3 * (heard_s - stamp_s))
+        latency_ms.setdefault((str(sample.key_expr), seq), 1e3 * (received_s - stamp_s))
 
     config = ZenohConfig(config_file=file, listen=())
     with open_session(config) as session, session.declare_subscriber("*/odom", take):

@@ -98,7 +98,7 @@ def _measure(args: argparse.Namespace, seed: int) -> Json:
     tour = TourSequence(
         config, open_cached_sequence(args.folder, config, terminal), compute_true_poses(config)
     )
-    file = args.folder / f"day-{seed}.places"
+    file = args.folder / f"day-{seed}.keyframes"
     T_room_map = build_map(args.method, tour, file)
     starts = np.linspace(
         tour.second_half_start, len(tour.T_room_camera) - MAX_FRAMES, args.starts, dtype=np.int64

@@ -5,9 +5,9 @@
 In each trial the camera follows a tour for 20 s, is covered for 3 s, and is uncovered at a place
 that it saw before on another lap; with --unseen at a place that it did not see. View overlap is
 computed from true poses and measured depth. Each seed is another room. Its frames of a minute
-(2.8 GB) are stored in FOLDER/films and rendered the first time: two minutes on two idle cores. A
-trial takes five seconds. The results of each seed are stored in FOLDER/results.json; remove that
-file to measure again.
+(2.8 GB) are stored in FOLDER/sequences and rendered the first time: two minutes on two idle
+cores. A trial takes five seconds. The results of each seed are stored in FOLDER/results.json;
+remove that file to measure again.
 
 "old" counts the trials that relocalize in the map from before the cover, "in 1 s" those of them
 within 30 frames, "new" those with a new map, "nowhere" those without a pose in 2 s. "wrong" has a

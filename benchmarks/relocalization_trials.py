@@ -51,11 +51,11 @@ class RelocalizationTrial:
 
 
 def open_cached_sequence(folder: Path, config: SyntheticConfig, terminal: Terminal) -> ImageSource:
-    """Open the rendered frames of a tour in FOLDER/films; render missing ones."""
+    """Open the rendered frames of a tour in FOLDER/sequences; render missing ones."""
     # Each has its own folder: a cache folder is too small for two of this length.
     name = f"{'twins' if config.twin_corners else 'tour'}-{config.seed}"
     progress = terminal.progress_callback(f"rendering room {config.seed}: frame")
-    sequence = render_all(config, folder / "films" / name, progress, THREADS)
+    sequence = render_all(config, folder / "sequences" / name, progress, THREADS)
 
     def read_images(index: int) -> RenderedImages:
         images = sequence.read(index % config.frame_count)

@@ -65,7 +65,7 @@ def main() -> int:
             with running_service(folder, kinect.environment) as service:
                 samples = soak(service, kinect, seconds)
                 exit_code = service.stop()
-                poses = service.heard.poses[samples[0].poses : samples[-1].poses]
+                poses = service.received.poses[samples[0].poses : samples[-1].poses]
     lost = report(samples, poses)
     print(f"the service ended with exit code {exit_code}; {lost} frames lost")
     return 1 if lost or exit_code else 0
@@ -87,11 +87,11 @@ def soak(
 def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> SensorSoakSample:
     """Take a sample, with a status that was received after reading everything else."""
     processes = service.process.pid, service.driver_pid
-    at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.heard.poses)
+    at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.received.poses)
     used_s = process_cpu_s(processes[0]), process_cpu_s(processes[1])
     memory_kb = resident_memory_kb(processes[0]), resident_memory_kb(processes[1])
-    statuses = len(service.heard.statuses)
-    service.wait_for_status(lambda _: len(service.heard.statuses) > statuses)
+    statuses = len(service.received.statuses)
+    service.wait_for_status(lambda _: len(service.received.statuses) > statuses)
     return SensorSoakSample(at_s, sent, poses, service.status, used_s, memory_kb)
 
 

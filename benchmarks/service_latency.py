@@ -95,7 +95,7 @@ def prerender_room() -> None:
     """Render the room into the cache, if needed, for the services started later."""
     print("rendering the room (a minute or two, unless it is cached)", file=sys.stderr)
     progress = Terminal().progress_callback("rendering the room: frame")
-    render_all(SyntheticConfig.fast(), cache_folder() / "films", progress).close()
+    render_all(SyntheticConfig.fast(), cache_folder() / "sequences", progress).close()
 
 
 def run(case: InterferenceCase, seconds: float) -> LatencyResult:

@@ -109,7 +109,7 @@ def prerender_room(folder: Path, config: str) -> None:
     file.write_text(f"schema = 1\n{config}")
     synthetic: SyntheticConfig = read_config(file).synthetic
     progress = Terminal().progress_callback("rendering the room: frame")
-    render_all(synthetic, cache_folder() / "films", progress).close()
+    render_all(synthetic, cache_folder() / "sequences", progress).close()
 
 
 class SoakRun:
@@ -127,7 +127,7 @@ class SoakRun:
 
     def run_until(self, frames: int) -> None:
         """Sample every thousand frames until the record has `frames` frames."""
-        subscriber = self._service.heard
+        subscriber = self._service.received
         while self._record.frames < frames:
             if not subscriber.wait_for(
                 lambda: len(subscriber.poses) > SAMPLE_FRAMES, self._limit_s
@@ -139,7 +139,7 @@ class SoakRun:
             print(f"{self._record.frames} of {frames} frames", file=sys.stderr, flush=True)
 
     def _sample(self) -> SoakSample:
-        subscriber = self._service.heard
+        subscriber = self._service.received
         # The last pose stays: the next sample counts from it.
         poses = subscriber.poses[: SAMPLE_FRAMES + 1]
         del subscriber.poses[:SAMPLE_FRAMES], subscriber.statuses[:-1]

@@ -14,7 +14,7 @@ from drivers.synthetic.config import KINECT_COLOR, SyntheticConfig
 
 def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
     """Yield each frame and its true pose T_world_camera in the room."""
-    render_options = RenderOptions(cache_folder() / "films")
+    render_options = RenderOptions(cache_folder() / "sequences")
     with SyntheticCamera(config, PlaybackMode.LOCKSTEP, render_options) as camera:
         truth: Trajectory | None = None
         for frame in read_all_frames(camera):

@@ -94,7 +94,7 @@ def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
         raise InputError(
             f"{request.camera_file}: the virtual Kinect takes no camera file; leave it out"
         )
-    preparation = RenderOptions(cache_folder() / "films")
+    preparation = RenderOptions(cache_folder() / "sequences")
     return SyntheticCamera(request.synthetic, request.playback_mode, preparation)
 
 

@@ -43,7 +43,7 @@ def tour() -> TourSequence:
 def test_a_camera_that_starts_at_a_mapped_place_is_relocalized(
     tour: TourSequence, tmp_path: Path
 ) -> None:
-    file = tmp_path / "day.places"
+    file = tmp_path / "day.keyframes"
     T_room_map = build_map("direct", tour, file)
     np.testing.assert_allclose(T_room_map, tour.T_room_camera[0] @ inverse(T_BODY_CAMERA))
     outcome = relocalize_in_map("direct", tour, file, T_room_map, tour.second_half_start)

@@ -137,7 +137,7 @@ def _write_frames(folder: Path, args: argparse.Namespace) -> UsbFrames:
 def _synthetic_frames(max_frames: int | None) -> Iterator[tuple[ColorBgr, DepthMm]]:
     config = SyntheticConfig(duration_s=SYNTHETIC_DURATION_S, loop=True)
     count = round(config.duration_s * config.rate_hz)
-    render_options = RenderOptions(cache_folder() / "films")
+    render_options = RenderOptions(cache_folder() / "sequences")
     return camera_frames(
         SyntheticCamera(config, render_options=render_options), min(max_frames or count, count)
     )

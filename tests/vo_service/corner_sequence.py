@@ -1,4 +1,4 @@
-"""A short film on which the odometry works, for a Kinect: a walk past a corner, and back."""
+"""A short sequence on which the odometry works, for a Kinect: a walk past a corner, and back."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,14 +37,14 @@ def corner_frames(count: int = FRAMES) -> Iterator[RgbdFrame]:
 
 
 def write_corner_frames(folder: Path, count: int = FRAMES) -> UsbFrames:
-    """The film of these frames."""
+    """The sequence of these frames."""
     return write_usb_frames(folder, ((f.color_bgr, f.depth_raw) for f in corner_frames(count)))
 
 
 def make_corner_kinect(
-    folder: Path, film: UsbFrames, model: KinectModel = KinectModel.K1414
+    folder: Path, sequence: UsbFrames, model: KinectModel = KinectModel.K1414
 ) -> KinectSimulator:
     """A Kinect that plays it for ever, without a jump."""
-    kinect = KinectSimulator(folder, film, model, registration=IDENTITY)
+    kinect = KinectSimulator(folder, sequence, model, registration=IDENTITY)
     kinect.loop = LoopMode.THERE_AND_BACK
     return kinect

@@ -1,4 +1,4 @@
-"""Stand-ins for the parts around the loop: they answer by script and remember what they heard."""
+"""Stand-ins for the parts around the loop: they answer by script and keep what they received."""
 
 import threading
 from collections.abc import Callable, Sequence

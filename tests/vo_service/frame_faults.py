@@ -1,6 +1,7 @@
-"""What can be wrong with frames while the camera is well: a table, and the film that has it all.
+"""A table of what can be wrong with frames while the camera is well, and a sequence with all of it.
 
-The frames come as fast as they are taken, and none is left out: what is heard depends on no clock.
+The frames come as fast as they are taken, and none is left out: what a subscriber receives depends
+on no clock.
 """
 
 from collections.abc import Sequence
@@ -61,7 +62,7 @@ FRAME_FAULTS = (
 
 
 def frame_span(fault: FrameFault) -> range:
-    """The film's frames that belong to a fault: good ones, those that suffer, good ones."""
+    """The sequence's frames that belong to a fault: good ones, those that suffer, good ones."""
     first = 0
     for each in FRAME_FAULTS:
         length = GOOD_FRAMES + each.count + GOOD_FRAMES
@@ -80,7 +81,7 @@ def faulty_frames(fault: FrameFault) -> range:
 class FaultyCamera(RgbdCamera):
     """Past a corner and back, round and round, through faults of the table; then it ends."""
 
-    name = "film"
+    name = "sequence"
     clock = Clock.RECORDED
 
     def __init__(self, faults: Sequence[FrameFault] = FRAME_FAULTS) -> None:
@@ -127,6 +128,6 @@ class FaultyCamera(RgbdCamera):
 
 
 def view_index(seq: int) -> int:
-    """Which view the film shows as frame `seq`: there and back."""
+    """Which view the sequence shows as frame `seq`: there and back."""
     place = seq % (2 * VIEW_COUNT - 2)
     return min(place, 2 * VIEW_COUNT - 2 - place)

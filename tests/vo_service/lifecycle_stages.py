@@ -28,7 +28,7 @@ def check_nothing(stage: ServiceRunner) -> None:
 class LifecycleStage:
     """A name, what the camera does, and how to get there once the service has been started.
 
-    goes_on  whether statuses are heard from then on
+    goes_on  whether statuses are received from then on
     check    what must hold once the service has ended
     popen    how the service is started
     """
@@ -45,7 +45,7 @@ def reach_starting(stage: ServiceRunner) -> None:
     """It heeds signals, but does not publish yet."""
     process = stage.service.process.pid
     wait_until(lambda: signal.SIGTERM in handled_signals(process), "the service to heed signals")
-    assert not stage.service.heard.statuses
+    assert not stage.service.received.statuses
 
 
 def reach_waiting_for_camera(stage: ServiceRunner) -> None:

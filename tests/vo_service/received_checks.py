@@ -1,4 +1,4 @@
-"""What must hold of everything a subscriber has heard, whatever went wrong with the service."""
+"""What must hold of everything a subscriber has received, whatever went wrong with the service."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -17,7 +17,7 @@ MAX_SILENT_STATUSES = 4
 def check_received(received: RecordingSubscriber, log: str = "") -> None:
     """No number that is none, no order turned round, no silence without a reason, no traceback.
 
-    `heard` is of one life of one service, `log` all that it has said.
+    `received` is of one life of one service, `log` all that it has said.
     """
     assert not received.unreadable
     check_ordering(received.poses)

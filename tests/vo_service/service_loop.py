@@ -1,4 +1,4 @@
-"""The loop over a camera by script, and what its output heard."""
+"""The loop over a camera by script, and what its output received."""
 
 import threading
 from collections.abc import Sequence

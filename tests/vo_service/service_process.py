@@ -41,14 +41,18 @@ class ServiceProcess:
     """The service while it runs."""
 
     def __init__(
-        self, process: "subprocess.Popen[bytes]", heard: RecordingSubscriber, log: Path, port: int
+        self,
+        process: "subprocess.Popen[bytes]",
+        received: RecordingSubscriber,
+        log: Path,
+        port: int,
     ) -> None:
-        self.process, self.heard, self._log, self.port = process, heard, log, port
+        self.process, self.received, self._log, self.port = process, received, log, port
 
     @property
     def status(self) -> StatusContent:
-        """The last one heard."""
-        return self.heard.statuses[-1].content if self.heard.statuses else {}
+        """The last one received."""
+        return self.received.statuses[-1].content if self.received.statuses else {}
 
     @property
     def log(self) -> str:
@@ -67,31 +71,31 @@ class ServiceProcess:
     def wait_for_reason(
         self, reason_text: str, since_s: float, limit_s: float = DEFAULT_TIMEOUT_S
     ) -> float:
-        """Wait until a status gives this reason for having no camera; when that was heard."""
+        """Wait until a status gives this reason for having no camera; when that was received."""
 
         def times_s() -> Iterator[float]:
-            for status in reversed(self.heard.statuses):
+            for status in reversed(self.received.statuses):
                 if status.has_camera_reason(reason_text):
                     yield status.receive_time_s
 
         return self._wait_for_first(times_s, since_s, limit_s, f"a status with {reason_text!r}")
 
     def wait_until_streaming(self, since_s: float, limit_s: float = DEFAULT_TIMEOUT_S) -> float:
-        """Wait for the first pose heard after `since_s`, and a status that agrees; when it was."""
-        heard_s = self._wait_for_first(
-            lambda: (pose.receive_time_s for pose in reversed(self.heard.poses)),
+        """Wait for the first pose after `since_s` and a status that agrees; return when it came."""
+        received_s = self._wait_for_first(
+            lambda: (pose.receive_time_s for pose in reversed(self.received.poses)),
             since_s,
             limit_s,
             "poses",
         )
         self.wait_for_status(lambda status: status["state"] != "no_camera", limit_s)
-        return heard_s
+        return received_s
 
     def wait_for_status(
         self, holds: Callable[[StatusContent], bool], limit_s: float = DEFAULT_TIMEOUT_S
     ) -> None:
         """Wait until the status is so."""
-        agreed = self.heard.wait_for(lambda: bool(self.status) and holds(self.status), limit_s)
+        agreed = self.received.wait_for(lambda: bool(self.status) and holds(self.status), limit_s)
         assert agreed, f"the status never became so; it is {self._describe()}"
 
     def stop(self) -> int:
@@ -106,13 +110,13 @@ class ServiceProcess:
 
         def found() -> list[float]:
             late = []
-            for heard_s in times():
-                if heard_s < since_s:
+            for received_s in times():
+                if received_s < since_s:
                     break
-                late.append(heard_s)
+                late.append(received_s)
             return late
 
-        assert self.heard.wait_for(lambda: bool(found()), limit_s), (
+        assert self.received.wait_for(lambda: bool(found()), limit_s), (
             f"waited in vain for {what}; the status is {self._describe()}"
         )
         return found()[-1]
@@ -155,7 +159,7 @@ def running_service(
         str(config),
         *options,
     ]
-    heard = RecordingSubscriber()
+    received = RecordingSubscriber()
     with log.open("wb") as said:
         process = ForkedProcess(
             command,
@@ -168,9 +172,9 @@ def running_service(
         _wait_until_listening(port, process, log)
         connect = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))
         with open_session(connect) as session:
-            session.declare_subscriber("kinect/odom", heard.on_pose)
-            session.declare_subscriber("kinect/status", heard.on_status)
-            yield ServiceProcess(process, heard, log, port)
+            session.declare_subscriber("kinect/odom", received.on_pose)
+            session.declare_subscriber("kinect/status", received.on_status)
+            yield ServiceProcess(process, received, log, port)
     finally:
         process.kill()
         process.wait()

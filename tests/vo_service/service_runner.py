@@ -36,17 +36,17 @@ color = { distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges
 
 
 class ServiceRunner:
-    """Starts services, one after another, and keeps what is heard of each."""
+    """Starts services, one after another, and keeps what is received of each."""
 
-    def __init__(self, folder: Path, films: Path, more_config: str) -> None:
-        """`films` keeps what is rendered. `more_config` goes on with ``[zenoh]``, then more."""
+    def __init__(self, folder: Path, sequences: Path, more_config: str) -> None:
+        """`sequences` keeps what is rendered. `more_config` goes on with ``[zenoh]``, then more."""
         self.port = free_port()
         self.config = folder / "kinect.toml"
         self._folder = folder
         self._environment = {
             **os.environ,
             "STATE_DIRECTORY": str(folder / "state"),
-            "CACHE_DIRECTORY": str(films),
+            "CACHE_DIRECTORY": str(sequences),
         }
         self._lives: list[ServiceProcess] = []
         listen = f'[zenoh]\nlisten = ["tcp/127.0.0.1:{self.port}"]\n'
@@ -76,14 +76,14 @@ class ServiceRunner:
     ) -> ServiceProcess:
         """Start the service, by `popen`; the one before must be dead."""
         assert not self.has_started or self.service.process.poll() is not None
-        heard = self._subscribe()
+        received = self._subscribe()
         log = self._folder / f"log-{len(self._lives)}.txt"
         command = [*KINECT_VO_WITH_LONG_TIMEOUT, "run", "--config", str(self.config), *options]
         with log.open("wb") as said:
             process = popen(
                 command, env=self._environment, stdout=said, stderr=said, start_new_session=True
             )
-        self._lives.append(ServiceProcess(process, heard, log, self.port))
+        self._lives.append(ServiceProcess(process, received, log, self.port))
         return self.service
 
     def _subscribe(self) -> RecordingSubscriber:
@@ -91,12 +91,12 @@ class ServiceRunner:
         wait_until(lambda: not self.session.info.peers_zid(), "the last service to disconnect")
         for subscriber in self._subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
-        heard, declare = RecordingSubscriber(), self.session.declare_subscriber
+        received, declare = RecordingSubscriber(), self.session.declare_subscriber
         self._subscribers = [
-            declare("kinect/odom", heard.on_pose),
-            declare("kinect/status", heard.on_status),
+            declare("kinect/odom", received.on_pose),
+            declare("kinect/status", received.on_status),
         ]
-        return heard
+        return received
 
     def send_command(self, command: str, **arguments: object) -> Mapping[str, Any]:
         """Send a command; its answer. Fails if it is refused."""
@@ -118,7 +118,7 @@ class ServiceRunner:
     def check(self) -> None:
         """See `check_received`: every life of the service."""
         for life in self._lives:
-            check_received(life.heard, life.log)
+            check_received(life.received, life.log)
 
     def close(self) -> None:
         """Kill what still runs."""
@@ -129,10 +129,12 @@ class ServiceRunner:
 
 
 @contextmanager
-def service_runner(folder: Path, films: Path, more_config: str = CAMERA) -> Iterator[ServiceRunner]:
+def service_runner(
+    folder: Path, sequences: Path, more_config: str = CAMERA
+) -> Iterator[ServiceRunner]:
     """A stage without a service yet; whatever was started on it is killed at the end."""
     folder.mkdir(parents=True, exist_ok=True)
-    stage = ServiceRunner(folder, films, more_config)
+    stage = ServiceRunner(folder, sequences, more_config)
     try:
         yield stage
     finally:

@@ -20,7 +20,7 @@ StatusContent = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class SubscribedPose:
-    """A pose, when it was heard (CLOCK_MONOTONIC), and whether all its numbers are finite."""
+    """A pose, when it was received (CLOCK_MONOTONIC), and whether all its numbers are finite."""
 
     receive_time_s: float
     stamp_s: float
@@ -34,7 +34,7 @@ class SubscribedPose:
 
 @dataclass(frozen=True)
 class SubscribedStatus:
-    """A status, and when it was heard."""
+    """A status, and when it was received."""
 
     receive_time_s: float
     content: StatusContent
@@ -68,7 +68,7 @@ class RecordingSubscriber:
             self._add_status(sample)
 
     def wait_for(self, holds: Callable[[], bool], limit_s: float) -> bool:
-        """Until something holds of what was heard; False if it does not in time."""
+        """Until something holds of what was received; False if it does not in time."""
         with self._news:
             return self._news.wait_for(holds, limit_s)
 

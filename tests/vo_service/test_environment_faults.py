@@ -64,7 +64,7 @@ def runner(render_cache: Path, tmp_path: Path) -> Iterator[ServiceRunner]:
 def test_an_environment_fault_is_reported_and_costs_no_pose(
     fault: EnvironmentFault, around: ServiceEnvironment
 ) -> None:
-    received = around.runner.service.heard
+    received = around.runner.service.received
     first = len(received.poses)
     run_fault(fault, around)
     assert received.wait_for(lambda: len(received.poses) > first + 5, DEFAULT_TIMEOUT_S)
@@ -84,7 +84,7 @@ def test_killed_service_leaves_no_process_and_publishes_after_restart(
     again = runner.start()
     again.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
     wait_until(lambda: not any(is_alive(child) for child in children), "its children to go")
-    assert again.heard.poses[0].epoch == 0
+    assert again.received.poses[0].epoch == 0
     assert again.stop() == 0
     runner.check()
 

@@ -41,14 +41,14 @@ HOUR_S = 3600.0
 
 @dataclass
 class ReceivedSequence:
-    """What a subscriber heard of a film, and which frame each pose is of."""
+    """What a subscriber received of a sequence, and which frame each pose is of."""
 
-    heard: RecordingSubscriber = field(default_factory=RecordingSubscriber)
+    received: RecordingSubscriber = field(default_factory=RecordingSubscriber)
     frame_of_pose: dict[int, int] = field(default_factory=dict)
 
     def poses(self, frames: range) -> list[SubscribedPose]:
-        """Of some frames of the film."""
-        return [pose for pose in self.heard.poses if self.frame_of_pose[pose.seq] in frames]
+        """Of some frames of the sequence."""
+        return [pose for pose in self.received.poses if self.frame_of_pose[pose.seq] in frames]
 
 
 class ClockSetter(CollectingOutput):
@@ -70,20 +70,20 @@ class ClockSetter(CollectingOutput):
 
 
 def shown(sequence: FaultyCamera, collector: CollectingOutput) -> ReceivedSequence:
-    """The film through the loop and over Zenoh, every frame of it."""
+    """The sequence through the loop and over Zenoh, every frame of it."""
     result = ReceivedSequence()
     at = f"tcp/127.0.0.1:{free_port()}"
     output = ZenohOutput(ZenohConfig(listen=(at,)), LOCKSTEP_QOS)
     with open_session(ZenohConfig(listen=(), connect=(at,))) as ours:
-        ours.declare_subscriber("kinect/status", result.heard.on_status)
-        ours.declare_subscriber("kinect/odom", result.heard.on_pose)
+        ours.declare_subscriber("kinect/status", result.received.on_status)
+        ours.declare_subscriber("kinect/odom", result.received.on_pose)
         assert output.wait_for_subscriber(10)
         session.run_replay(
             Config(), sequence, SinglePassSource(sequence), [output, collector], StopSignal()
         )
         output.close()
         last = collector.poses[-1].seq
-        assert result.heard.wait_for(lambda: result.heard.poses[-1].seq == last, 10)
+        assert result.received.wait_for(lambda: result.received.poses[-1].seq == last, 10)
     result.frame_of_pose = {update.seq: update.frame.seq for update in collector.poses}
     return result
 
@@ -118,19 +118,19 @@ def test_a_clock_that_is_set_starts_an_epoch_and_changes_nothing_else(
     clock = LiveClock(realtime_s=setter.now_s)
     monkeypatch.setattr(session, "make_publish_clock", lambda *_: clock)
     sequence = shown(FaultyCamera(faults=()), setter)
-    before, after = sequence.heard.poses[GOOD_FRAMES : GOOD_FRAMES + 2]
+    before, after = sequence.received.poses[GOOD_FRAMES : GOOD_FRAMES + 2]
     assert (after.epoch, after.reason) == (before.epoch + 1, "clock_step")
     assert after.stamp_s - before.stamp_s == pytest.approx(step_s + 1 / 30, abs=0.02)
     assert np.linalg.norm(after.position_m - true_position_m(GOOD_FRAMES + 1)) < DRIFT_M
-    assert len({pose.epoch for pose in sequence.heard.poses}) == 2
-    check_received(sequence.heard)
+    assert len({pose.epoch for pose in sequence.received.poses}) == 2
+    check_received(sequence.received)
 
 
 def test_every_received_message_is_valid(sequence: ReceivedSequence) -> None:
-    check_received(sequence.heard)
+    check_received(sequence.received)
 
 
 def true_position_m(frame: int) -> Array:
-    """Where the film's camera is, in `odom`."""
+    """Where the sequence's camera is, in `odom`."""
     position: Array = R_BODY_OPTICAL @ corner_pose(view_index(frame))[:3, 3]
     return position

@@ -27,8 +27,8 @@ def test_sighup_changes_nothing_and_sigterm_ends_cleanly(
         stage.reach(live)
         service.process.send_signal(signal.SIGHUP)
         if stage.keeps_running:
-            status_count = len(service.heard.statuses)
-            service.wait_for_status(lambda _: len(service.heard.statuses) > status_count + 1)
+            status_count = len(service.received.statuses)
+            service.wait_for_status(lambda _: len(service.received.statuses) > status_count + 1)
         service.process.send_signal(number)
         assert service.process.wait(STOP_TIMEOUT_S) == 0
         assert "ended by force" not in service.log

@@ -25,7 +25,7 @@ from tests.vo_service.subscriber import SubscribedPose
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 
-# How far apart two places of the film are at most, and what odometry may be off in between.
+# How far apart two places of the sequence are at most, and what odometry may be off in between.
 FILM_LENGTH_M = float(np.linalg.norm(corner_pose(FRAMES - 1)[:3, 3]))
 DRIFT_M = 0.03
 TICKS_PER_S = 60_000_000
@@ -33,17 +33,17 @@ WRAP_S = 2**32 / TICKS_PER_S
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
-    """The film that every Kinect here plays."""
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
+    """The sequence that every Kinect here plays."""
     return write_corner_frames(tmp_path_factory.mktemp("corner"))
 
 
 @pytest.fixture(scope="module")
 def kinect(
-    film: UsbFrames, simulated_libusb: Path, tmp_path_factory: pytest.TempPathFactory
+    sequence: UsbFrames, simulated_libusb: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[KinectSimulator]:
     """A 1414, plugged in."""
-    with make_corner_kinect(tmp_path_factory.mktemp("kinect"), film) as kinect:
+    with make_corner_kinect(tmp_path_factory.mktemp("kinect"), sequence) as kinect:
         kinect.waits_for_reader = True  # a machine that is busy is no fault of the service
         yield kinect
 
@@ -63,11 +63,11 @@ def service(
 
 @pytest.fixture(scope="module")
 def late_1473(
-    film: UsbFrames, real_libfreenect: None, tmp_path_factory: pytest.TempPathFactory
+    sequence: UsbFrames, real_libfreenect: None, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[ServiceProcess]:
     """A service that was started before its Kinect was plugged in: a 1473 without firmware."""
     folder = tmp_path_factory.mktemp("late")
-    with make_corner_kinect(folder, film, KinectModel.K1473) as kinect:
+    with make_corner_kinect(folder, sequence, KinectModel.K1473) as kinect:
         kinect.waits_for_reader = True
         kinect.set_firmware_loaded(False)
         kinect.unplug()
@@ -88,9 +88,9 @@ def test_a_sensor_fault_is_reported_and_leaves_nothing_behind(
     fault: SensorFault, kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
     service.wait_until_streaming(time.monotonic())
-    before, so_far = service.resources_in_use(), len(service.heard.poses)
+    before, so_far = service.resources_in_use(), len(service.received.poses)
     run_fault(fault, kinect, service)
-    check_poses(service.heard.poses[max(0, so_far - 1) :])
+    check_poses(service.received.poses[max(0, so_far - 1) :])
     service.wait_for_status(lambda _: service.resources_in_use() <= before)
 
 
@@ -98,19 +98,19 @@ def test_frames_with_lost_packets_are_counted_and_skipped(
     kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
     service.wait_until_streaming(time.monotonic())
-    before, so_far = service.status, len(service.heard.poses)
+    before, so_far = service.status, len(service.received.poses)
     for stream, every in ((KinectStream.DEPTH, 601), (KinectStream.COLOR, 407)):
         kinect.lose_packets(stream, every)
     service.wait_for_status(
         lambda status: (
             status["camera"]["skipped"] >= before["camera"]["skipped"] + 10
-            and len(service.heard.poses) > so_far + 5
+            and len(service.received.poses) > so_far + 5
         )
     )
     for stream in KinectStream:
         kinect.lose_packets(stream, 0)
     assert service.status["camera"]["lost_packets"] >= before["camera"]["lost_packets"] + 10
-    poses = service.heard.poses[so_far:]
+    poses = service.received.poses[so_far:]
     assert len(poses) > 5
     check_poses(poses)
 
@@ -119,13 +119,13 @@ def test_a_kinect_with_a_lower_rate_is_tracked(
     kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
     service.wait_until_streaming(time.monotonic())
-    so_far = len(service.heard.poses)
+    so_far = len(service.received.poses)
     plugged_in_again_at(10, kinect, service)
     service.wait_for_status(
         lambda status: status["state"] == "tracking" and 1.0 < status["timing"]["fps"] < 12.0
     )
     plugged_in_again_at(30, kinect, service)
-    check_poses(service.heard.poses[so_far:])
+    check_poses(service.received.poses[so_far:])
 
 
 def plugged_in_again_at(rate: int, kinect: KinectSimulator, service: ServiceProcess) -> None:
@@ -144,11 +144,11 @@ def test_the_wrap_of_the_kinect_clock_has_no_effect(
     kinect.unplug()
     service.wait_for_reason(NO_KINECT_REASON, time.monotonic())
     kinect.start_ticks = 2**32 - TICKS_PER_S // 2
-    so_far = len(service.heard.poses)
+    so_far = len(service.received.poses)
     kinect.plug()
-    service.wait_for_status(lambda _: len(service.heard.poses) >= so_far + 40)
+    service.wait_for_status(lambda _: len(service.received.poses) >= so_far + 40)
     kinect.start_ticks = 0
-    poses = service.heard.poses[so_far:]
+    poses = service.received.poses[so_far:]
     assert poses[-1].stamp_s - poses[0].stamp_s > 1.0
     assert max(b.stamp_s - a.stamp_s for a, b in pairwise(poses)) < WRAP_S / 2
     check_poses(poses)
@@ -157,10 +157,12 @@ def test_the_wrap_of_the_kinect_clock_has_no_effect(
 @pytest.mark.subprocess
 @pytest.mark.zenoh
 def test_a_service_started_before_its_kinect_waits_for_it(late_1473: ServiceProcess) -> None:
-    first_pose_s = late_1473.heard.poses[0].receive_time_s
-    waited = [status for status in late_1473.heard.statuses if status.receive_time_s < first_pose_s]
+    first_pose_s = late_1473.received.poses[0].receive_time_s
+    waited = [
+        status for status in late_1473.received.statuses if status.receive_time_s < first_pose_s
+    ]
     assert any(status.has_camera_reason(NO_KINECT_REASON) for status in waited)
-    check_poses(late_1473.heard.poses)
+    check_poses(late_1473.received.poses)
 
 
 def test_a_1473_without_firmware_streams_and_its_status_has_the_limitation(
@@ -172,7 +174,7 @@ def test_a_1473_without_firmware_streams_and_its_status_has_the_limitation(
 
 
 def check_poses(poses: list[SubscribedPose]) -> None:
-    """Finite, in order, with stamps that rise, and no step that the film does not have."""
+    """Finite, in order, with stamps that rise, and no step that the sequence does not have."""
     assert all(pose.is_finite for pose in poses)
     for before, after in pairwise(poses):
         assert after.seq > before.seq

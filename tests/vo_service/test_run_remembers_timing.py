@@ -55,13 +55,13 @@ def write_film(folder: Path, count: int) -> UsbFrames:
 
 @pytest.fixture(scope="module")
 def shaken(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
-    """A film of which the timing can be learned."""
+    """A sequence of which the timing can be learned."""
     return write_film(tmp_path_factory.mktemp("shaken"), FILM_FRAMES)
 
 
 @pytest.fixture(scope="module")
 def still(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
-    """A film of which nothing can be learned."""
+    """A sequence of which nothing can be learned."""
     return write_film(tmp_path_factory.mktemp("still"), 1)
 
 

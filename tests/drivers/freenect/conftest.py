@@ -22,7 +22,7 @@ MakeCamera = Callable[..., FreenectCamera]
 
 @pytest.fixture
 def kinect(simulate_kinect: SimulateKinect) -> KinectSimulator:
-    """A 1414 whose film is registered already, so that what comes back is known exactly."""
+    """A 1414 whose sequence is registered already, so that what comes back is known exactly."""
     return plug_in(simulate_kinect)
 
 

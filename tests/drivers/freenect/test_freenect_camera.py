@@ -23,7 +23,7 @@ SWITCHES = 0x106
 
 
 def pattern_seq(frame: RgbdFrame) -> int:
-    """Which frame of the film this is, told by its depth at one near pixel."""
+    """Which frame of the sequence this is, told by its depth at one near pixel."""
     told = [quantize_mm(pattern_frame(seq)[1])[20, 20] for seq in range(FRAME_COUNT)]
     return told.index(frame.depth_raw[20, 20])
 

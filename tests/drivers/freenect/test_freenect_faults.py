@@ -25,7 +25,7 @@ def state_of(camera: FreenectCamera) -> CameraState:
 
 
 def whole_film(camera: FreenectCamera) -> set[tuple[bytes, bytes]]:
-    """Every frame of the film as it looks when nothing is lost."""
+    """Every frame of the sequence as it looks when nothing is lost."""
     whole: set[tuple[bytes, bytes]] = set()
     while len(whole) < FRAME_COUNT:
         whole.add(pixels(camera.read(3.0)))

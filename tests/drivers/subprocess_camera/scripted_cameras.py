@@ -1,4 +1,4 @@
-"""Cameras for a process of their own: one does as a file says, the other plays a short film."""
+"""Cameras for a process of their own: one does as a file says, the other plays a short sequence."""
 
 import os
 import time
@@ -130,7 +130,7 @@ class SingleFrameCamera(FileScriptedCamera):
 class RecordedCamera(FileScriptedCamera):
     """A recording of so many frames, 30 a second, as fast as they are read, or not as fast."""
 
-    name = "film"
+    name = "sequence"
     clock = Clock.RECORDED
 
     def __init__(self, script: Path, count: int, period_s: float = 0.0) -> None:

@@ -19,7 +19,7 @@ FRAMES = 15
 
 @pytest.fixture(scope="module")
 def render_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A cache that keeps the rendered film for the next test."""
+    """A cache that keeps the rendered sequence for the next test."""
     return tmp_path_factory.mktemp("render_cache")
 
 

@@ -112,7 +112,7 @@ def test_a_simulated_kinect_gives_the_poses_of_a_replay_within_its_quantization(
 
 
 def frame_numbers(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
-    """Which frames of the film these are, by the instant at which the Kinect sent them.
+    """Which frames of the sequence these are, by the instant at which the Kinect sent them.
 
     Stamps are late by what held up the image that came soonest so far. So the last one is nearest
     to the truth, and a step between two is never longer than it should be, but may be half of it.

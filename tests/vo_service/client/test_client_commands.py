@@ -38,8 +38,8 @@ CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] 
     ),
     "load-map": (
         lambda client: client.load_map("kitchen"),
-        {"file": "/var/lib/kinect-vo/maps/kitchen.places"},
-        "/var/lib/kinect-vo/maps/kitchen.places",
+        {"file": "/var/lib/kinect-vo/maps/kitchen.keyframes"},
+        "/var/lib/kinect-vo/maps/kitchen.keyframes",
     ),
     "save-incident": (PoseClient.save_incident, FOLDER, FOLDER["folder"]),
 }

@@ -18,7 +18,7 @@ def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     """``kinect-vo run`` with all its defaults but the port."""
     folder = tmp_path_factory.mktemp("service")
     with running_service(folder, {}, source=f"tum:{recording}") as service:
-        wait_until(lambda: bool(service.heard.statuses), "a status")
+        wait_until(lambda: bool(service.received.statuses), "a status")
         yield service
 
 

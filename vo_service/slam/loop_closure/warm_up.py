@@ -24,7 +24,7 @@ def warm_up_loop_closure(report_stage: Callable[[str], None]) -> float:
         The elapsed seconds.
     """
     start_s = time.monotonic()
-    report_stage("places")
+    report_stage("place recognition")
     run_warm_up_frames(_StationaryOdometry)
     return time.monotonic() - start_s
 

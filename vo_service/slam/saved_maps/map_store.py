@@ -10,7 +10,7 @@ from drivers.core.files import PARTIAL_SUFFIX, describe_write_error, folder_size
 from vo_service.config_tables import MEGABYTE
 
 MESH_SUFFIX = ".ply"
-MAP_SUFFIX = ".places"
+MAP_SUFFIX = ".keyframes"
 
 
 class MapStore:

@@ -82,7 +82,7 @@ class RunEvaluation:
         metrics = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
         return {
             "state": self.outcome.state,
-            "trouble": self.outcome.error,
+            "error": self.outcome.error,
             "no_evaluation": self.no_evaluation_reason,
             **(run if is_done else dict.fromkeys(run)),
             **metrics,

@@ -46,7 +46,7 @@ class RunCache:
                 return None
             state = RunState(result["state"])
             if state is not RunState.DONE:
-                return RunOutcome(state, EMPTY_RUN, result["trouble"], self._load_details())
+                return RunOutcome(state, EMPTY_RUN, result["error"], self._load_details())
             return RunOutcome(state, self._load_run(result))
         except (OSError, UserFacingError, ValueError, KeyError, TypeError, AttributeError):
             return None
@@ -78,7 +78,7 @@ class RunCache:
             "key": key,
             **description,
             "state": outcome.state,
-            "trouble": outcome.error,
+            "error": outcome.error,
             **run_as_json(run),
             **loop_closure_as_json(run.loop_closure),
         }

@@ -135,12 +135,12 @@ class LoopClosureSummary:
     """Results of loop closure.
 
     Attributes:
-        places: Number of map keyframes at the end.
+        map_keyframes: Number of map keyframes at the end.
         loops: Number of loop closures at the end.
         evaluation: Metrics of the optimized trajectory; None without a truth.
     """
 
-    places: int
+    map_keyframes: int
     loops: int
     evaluation: Evaluation | None
 
@@ -149,7 +149,7 @@ class LoopClosureSummary:
         ate_m = self.evaluation.ate_rmse_m if self.evaluation else None
         global_m = self.evaluation.mean_global_error_m if self.evaluation else None
         return {
-            "map_keyframes": self.places,
+            "map_keyframes": self.map_keyframes,
             "loop_closures": self.loops,
             "optimized_ate_rmse_m": ate_m,
             "optimized_mean_global_error_m": global_m,
@@ -157,7 +157,7 @@ class LoopClosureSummary:
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the additional table rows."""
-        rows = [("keyframes, loop closures", f"{self.places:6d}, {self.loops}")]
+        rows = [("keyframes, loop closures", f"{self.map_keyframes:6d}, {self.loops}")]
         if self.evaluation is not None:
             optimized = self.evaluation
             rows.append(("optimized ATE, RMSE", format_mm(optimized.ate_rmse_m)))

@@ -21,7 +21,7 @@ def kernels() -> dict[str, list[Any]]:
 def test_its_only_stage_is_reported_and_a_loop_closure_compiles_nothing() -> None:
     sample_edges: list[str] = []
     assert warm_up_loop_closure(sample_edges.append) > 0
-    assert sample_edges == ["places"]
+    assert sample_edges == ["place recognition"]
     before = kernels()
     assert sum(map(bool, before.values())) > 5
     assert make_loop_closer(2 * STEPS + 1).loop_count > 0

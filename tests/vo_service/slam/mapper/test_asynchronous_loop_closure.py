@@ -96,9 +96,9 @@ def test_the_mapper_process_localizes_a_view_of_a_known_keyframe(tmp_path: Path)
 
 
 def test_a_saved_map_is_recognized_after_a_restart(saved: Path) -> None:
-    assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
+    assert sorted(file.name for file in saved.iterdir()) == ["corner.keyframes", "corner.ply"]
     with running_mapper(saved, replace(WITH_LOOP_CLOSURE, load=NAME)) as opened:
-        wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
+        wait_until(lambda: opened.state.loaded.endswith("corner.keyframes"), "the map")
         assert "bad-request" in command_error(lambda: opened.load("../corner"))
         wait_until(lambda: "available: corner" in command_error(lambda: opened.load("attic")))
         assert not opened.loop_closure.snapshot.is_localized
@@ -121,7 +121,7 @@ def test_a_camera_at_rest_is_localized_in_a_loaded_map(saved: Path) -> None:
         opened.on_update(make_update(STEPS))
         wait_until(lambda: opened.state.mesh_keyframes == 1, "a keyframe")
         opened.load(NAME)
-        wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
+        wait_until(lambda: opened.state.loaded.endswith("corner.keyframes"), "the map")
         wait_until(lambda: opened.state.mesh_keyframes == 0, "the keyframe of before to go")
         opened.on_update(make_update(STEPS))
         wait_until(lambda: opened.loop_closure.snapshot.is_localized, "a place that is known")
@@ -131,11 +131,11 @@ def test_a_camera_at_rest_is_localized_in_a_loaded_map(saved: Path) -> None:
 def test_a_damaged_map_is_reported_in_one_line_and_the_service_continues(
     saved: Path, tmp_path: Path
 ) -> None:
-    data = bytearray((saved / "corner.places").read_bytes())
+    data = bytearray((saved / "corner.keyframes").read_bytes())
     data[len(data) // 2] ^= 1
-    (tmp_path / "bad.places").write_bytes(data)
+    (tmp_path / "bad.keyframes").write_bytes(data)
     with running_mapper(tmp_path, replace(WITH_LOOP_CLOSURE, load="bad")) as opened:
-        wait_until(lambda: "bad.places: damaged map" in opened.warning, "the warning")
+        wait_until(lambda: "bad.keyframes: damaged map" in opened.warning, "the warning")
         assert "\n" not in opened.warning
         go(opened, 0, 2)
         assert opened.state.mesh_keyframes > 0
@@ -155,7 +155,7 @@ def test_without_keyframes_there_is_no_loop_closure_and_no_map_can_be_loaded(
 ) -> None:
     with running_mapper(tmp_path, COARSE) as opened:
         assert opened.loop_closure.snapshot.keyframes == 0
-        (tmp_path / "some.places").write_bytes(b"")
+        (tmp_path / "some.keyframes").write_bytes(b"")
         wait_until(
             lambda: "available: some" in command_error(lambda: opened.load("x")), "the folder"
         )

@@ -45,7 +45,7 @@ class ClientFixture:
 
     def load(self, name: str, error: str = "") -> None:
         self.client.load(name)
-        self.supervisor.on_message(LoadMapResult(Path(f"/maps/{name}.places"), 4, error))
+        self.supervisor.on_message(LoadMapResult(Path(f"/maps/{name}.keyframes"), 4, error))
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_a_restarted_process_loads_the_map_again(
     fixture: ClientFixture,
 ) -> None:
     fixture.load("home")
-    assert fixture.client.state.loaded == "/maps/home.places"
+    assert fixture.client.state.loaded == "/maps/home.keyframes"
     assert len(fixture.loaded_events) == 1
     fixture.supervisor.on_exit()
     assert fixture.supervisor.config.map_config.load == "home"
@@ -82,10 +82,10 @@ def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_reported_until_the_n
     fixture: ClientFixture,
 ) -> None:
     fixture.load("home")
-    fixture.load("bad", error="bad.places: damaged map")
-    assert fixture.client.state.loaded == "/maps/home.places"
+    fixture.load("bad", error="bad.keyframes: damaged map")
+    assert fixture.client.state.loaded == "/maps/home.keyframes"
     assert fixture.supervisor.config.map_config.load == "home"
-    assert fixture.client.warning == "map: bad.places: damaged map"
+    assert fixture.client.warning == "map: bad.keyframes: damaged map"
     assert len(fixture.loaded_events) == 1
     fixture.client.load("home")
     assert fixture.client.warning == ""

@@ -88,7 +88,7 @@ def test_a_mesh_uses_the_keyframe_poses_of_the_map(
 ) -> None:
     made = []
     monkeypatch.setattr(desk_module, "MeshJob", lambda file, make, leave: made.append(make))
-    write_map(tmp_path / "corner.places", make_loop_closer(3).contents)
+    write_map(tmp_path / "corner.keyframes", make_loop_closer(3).contents)
     config = MapperWorkerConfig(
         ring.memory, 0, tmp_path, replace(WITH_LOOP_CLOSURE, load="corner"), 0
     )

@@ -39,12 +39,12 @@ def test_a_map_is_saved_on_command_while_poses_continue(runner: ServiceRunner) -
     service.wait_for_status(
         lambda status: status["map"]["mesh_keyframes"] == 1
     )  # the camera stands still
-    first = len(service.heard.poses)
+    first = len(service.received.poses)
     answer = send_map_command(runner, "kitchen")
     file = runner.state_folder / "maps" / "kitchen.ply"
     assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
     service.wait_for_status(lambda status: status["map"]["saved"] == str(file))
-    assert len(service.heard.poses) > first
+    assert len(service.received.poses) > first
     assert service.status["map"]["saving"] == ""
     assert len(read_vertices_m(file)) > 100
     assert "triangles from 1 keyframes" in service.log
@@ -52,12 +52,12 @@ def test_a_map_is_saved_on_command_while_poses_continue(runner: ServiceRunner) -
     assert again.returncode == 1
     assert "map 'kitchen' already exists; choose another name (not-possible)" in again.stderr
     assert send_map_command(runner, "../kitchen").returncode == 2
-    keyframes = str(file.with_suffix(".places"))
+    keyframes = str(file.with_suffix(".keyframes"))
     assert json.loads(send_map_command(runner, "kitchen", "load-map").stdout) == {"file": keyframes}
     service.wait_for_status(lambda status: status["map"]["loaded"] == keyframes)
     service.wait_for_status(
         lambda status: status["map"]["keyframes"] == 2
     )  # that of the map, and what is seen now
-    assert {(pose.state, pose.epoch) for pose in service.heard.poses} == {("tracking", 0)}
+    assert {(pose.state, pose.epoch) for pose in service.received.poses} == {("tracking", 0)}
     assert service.stop() == 0
     runner.check()

@@ -70,7 +70,7 @@ def test_a_run_with_too_few_poses_has_a_reason_for_no_evaluation() -> None:
 
 def test_a_crash_has_a_state_and_no_metrics() -> None:
     metrics = evaluate_run(BatchResult(make_recording(), "icp", CRASH)).as_json()
-    assert (metrics["state"], metrics["trouble"]) == ("crashed", CRASH.error)
+    assert (metrics["state"], metrics["error"]) == ("crashed", CRASH.error)
     assert metrics["frames"] is metrics["cpu_s"] is metrics["coverage"] is None
 
 

@@ -87,7 +87,7 @@ class RelativeResults:
 
 def bench_table(results: Sequence[RelativeResults]) -> Table:
     """Return the table for scripts: one row per recording, frame step and method; all metrics."""
-    run_keys = ["sequence", "every", "frames", "method", "state", "trouble"]
+    run_keys = ["sequence", "every", "frames", "method", "state", "error"]
     metric_keys = [metric.key for metric in ALL_METRICS]
     ratio_keys = [f"{metric.key}_ratio" for metric in RATIO_METRICS]
     loop_closure_metrics = (

@@ -104,7 +104,7 @@ def _table_by_run(
     name: str, title: str, results: Sequence[SequenceResults], metrics: Sequence[MetricColumn]
 ) -> Table:
     head = ["sequence", "method", *(HEADINGS.get(m.key, m.heading) for m in metrics), "state"]
-    keys = ["sequence", "method", *(metric.key for metric in metrics), "state", "trouble"]
+    keys = ["sequence", "method", *(metric.key for metric in metrics), "state", "error"]
     rows = [
         [
             text_cell(result.recording.name),

@@ -92,7 +92,7 @@ def _render_overview(
     yield html_table(time_table(results))
     yield html_paragraph(help_texts.TIME_TEXT, "note")
     if results[0].has_loop_closure:
-        yield html_table(loop_closure_table(results), hidden=("state", "trouble"))
+        yield html_table(loop_closure_table(results), hidden=("state", "error"))
         yield html_paragraph(help_texts.LOOP_CLOSURE_TEXT, "note")
     if any(find_published_results(result.recording.folder) for result in results):
         yield html_paragraph(help_texts.PAPER_TEXT, "note")
@@ -105,7 +105,7 @@ def _render_sequence(
 ) -> Iterator[str]:
     yield f'<h2 id="s{number}">{escape(result.recording.name)}</h2>'
     yield html_paragraph(_sequence_facts(result), "facts")
-    yield html_table(metrics_table([result]), hidden=("sequence", "trouble"))
+    yield html_table(metrics_table([result]), hidden=("sequence", "error"))
     yield from html_run_errors(result)
     for figure in figures[result.recording.name]:
         yield _render_figure(figure)

@@ -107,7 +107,7 @@ def test_every_run_is_a_row_of_all_metrics(floor: SequenceResults) -> None:
     metrics = rows(metrics_table([floor]).as_csv())
     assert [row["method"] for row in metrics] == ["surf", "icp", "sfm"]
     assert [row["state"] for row in metrics] == ["done", "done", "crashed"]
-    assert metrics[2]["trouble"] == CRASH.error
+    assert metrics[2]["error"] == CRASH.error
     assert (metrics[0]["coverage"], metrics[0]["failed"], metrics[2]["coverage"]) == (
         "0.95",
         "2",

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.surf.detector import SCALE, X, Y
 from vo_service.odometry.surf.packed_pyramid import (
@@ -31,10 +32,13 @@ WINDOW_BINS = NUM_BINS // 6  # a sliding window of 60 degrees
 
 
 def disc_weights() -> NDArray[np.float32]:
-    """(13 * 13,) Gaussian of 2.5 s about the keypoint, zero beyond 6 s."""
-    offsets = np.arange(-RADIUS, RADIUS + 1)
-    squared = offsets[:, None] ** 2 + offsets[None, :] ** 2
-    weights = np.exp(-squared / (2 * 2.5**2)) * (squared <= RADIUS**2)
+    """(13 * 15,) Gaussian of 2.5 s about the keypoint, zero beyond 6 s.
+
+    A row has two unused columns: then the differences of all samples are one loop over `gray`.
+    """
+    down, along = np.mgrid[-RADIUS : RADIUS + 1, -RADIUS : RADIUS + 3]
+    squared = down**2 + along**2
+    weights: Array = np.exp(-squared / (2 * 2.5**2)) * (squared <= RADIUS**2)
     return weights.astype(np.float32).ravel()
 
 
@@ -42,27 +46,35 @@ def disc_weights() -> NDArray[np.float32]:
 def dominant_direction(
     gray: NDArray[np.float32],
     weights: NDArray[np.float32],
+    inside: NDArray[np.int64],
     dxs: NDArray[np.float32],
     dys: NDArray[np.float32],
     bins: NDArray[np.int32],
 ) -> tuple[np.float32, np.float32]:
-    """(cos, sin) of the longest sum of Haar responses in any 60-degree window.
+    """Find the longest sum of Haar responses in any 60-degree window.
 
-    gray (15 * 15,) has samples at the keypoint's spacing; dxs, dys and bins are scratch of at least
-    13 * 13.
+    Args:
+        gray: (15 * 15,) samples at the keypoint's spacing.
+        weights: (13 * 15,), see `disc_weights`.
+        inside: (N,) indices of the weights that are not zero.
+        dxs: Scratch, at least as long as `weights`.
+        dys: Scratch, at least as long as `weights`.
+        bins: Scratch, at least as long as `weights`.
+
+    Returns:
+        Cosine and sine of its angle.
     """
-    side = 2 * RADIUS + 1
     sum_x = np.zeros(NUM_BINS, np.float32)
     sum_y = np.zeros(NUM_BINS, np.float32)
-    square = gray.reshape((GRID_SIDE, GRID_SIDE))
-    for i in range(side):
-        for j in range(side):
-            k = i * side + j
-            dxs[k] = weights[k] * (square[i + 1, j + 2] - square[i + 1, j])
-            dys[k] = weights[k] * (square[i + 2, j + 1] - square[i, j + 1])
-    for k in range(side * side):
-        bins[k] = _direction_bin(dxs[k], dys[k])
-    for k in range(side * side):
+    left, right = gray[GRID_SIDE:], gray[GRID_SIDE + 2 :]
+    upper, lower = gray[1:], gray[2 * GRID_SIDE + 1 :]
+    for k in range(weights.size - 2):
+        dx = weights[k] * (right[k] - left[k])
+        dy = weights[k] * (lower[k] - upper[k])
+        dxs[k], dys[k] = dx, dy
+        bins[k] = _direction_bin(dx, dy)
+    for i in range(inside.size):
+        k = inside[i]
         sum_x[bins[k]] += dxs[k]
         sum_y[bins[k]] += dys[k]
     return _find_longest_window(sum_x, sum_y)
@@ -121,12 +133,14 @@ class Templates(NamedTuple):
 
     Attributes:
         disc_weights: See `disc_weights`.
+        inside_disc: (N,) indices of the weights that are not zero.
         disc_grid: (2, 15 * 15) offsets.
         patch_weights: See `patch_weights`.
         patch_grid: (2, 21 * 21) offsets.
     """
 
     disc_weights: NDArray[np.float32]
+    inside_disc: NDArray[np.int64]
     disc_grid: NDArray[np.float32]
     patch_weights: NDArray[np.float32]
     patch_grid: NDArray[np.float32]
@@ -134,8 +148,13 @@ class Templates(NamedTuple):
 
 def make_templates() -> Templates:
     """The weights and grids, which are the same for all keypoints."""
+    weights = disc_weights()
     return Templates(
-        disc_weights(), centered_grid(GRID_SIDE), patch_weights(), centered_grid(PATCH_SIDE)
+        weights,
+        np.flatnonzero(weights),
+        centered_grid(GRID_SIDE),
+        patch_weights(),
+        centered_grid(PATCH_SIDE),
     )
 
 
@@ -186,7 +205,9 @@ def describe(
             sample_bilinear(
                 packed, us[:cells], vs[:cells], where[:cells], squares[:cells], gray[:cells]
             )
-            co, si = dominant_direction(gray[:cells], templates.disc_weights, us, vs, where)
+            co, si = dominant_direction(
+                gray[:cells], templates.disc_weights, templates.inside_disc, us, vs, where
+            )
         directions[n, 0], directions[n, 1] = co, si
         rotate_grid(x, y, spacing * co, spacing * si, templates.patch_grid, us, vs)
         sample_bilinear(packed, us, vs, where, squares, gray)

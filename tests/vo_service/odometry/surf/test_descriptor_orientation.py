@@ -18,10 +18,11 @@ MIDDLE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 
 
 def direction_deg(gray: Array) -> float:
-    cells = (GRID_SIDE - 2) ** 2
-    dxs, dys, bins = np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells, int)
+    weights = disc_weights()
+    dxs, dys = np.empty_like(weights), np.empty_like(weights)
+    bins = np.empty(len(weights), np.int32)
     c, s = dominant_direction(
-        gray.astype(np.float32).ravel(), disc_weights(), dxs, dys, bins.astype(np.int32)
+        gray.astype(np.float32).ravel(), weights, np.flatnonzero(weights), dxs, dys, bins
     )
     return float(np.degrees(np.arctan2(s, c)))
 

@@ -37,8 +37,17 @@ def count_open_files_of(process: int) -> int:
 
 
 def child_pids() -> list[int]:
-    """Process numbers of the unreaped children of this process, without the fork server."""
-    return [child for child in child_pids_of(os.getpid()) if child not in fork_server_pids()]
+    """Process numbers of the unreaped children of this process, without the tests' own helpers."""
+    return [
+        child
+        for child in child_pids_of(os.getpid())
+        if child not in fork_server_pids() and not _is_resource_tracker(child)
+    ]
+
+
+def _is_resource_tracker(process: int) -> bool:
+    """Whether it is multiprocessing's helper, which stays after the first pool of a benchmark."""
+    return any("multiprocessing.resource_tracker" in word for word in command_line_of(process))
 
 
 def resources_in_use_by(process: int) -> Counter[str]:

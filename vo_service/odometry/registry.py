@@ -96,6 +96,7 @@ def _make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
 def _make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
     from vo_service.odometry.direct.odometry import DirectOdometry
+    from vo_service.odometry.direct.online_focal import OnlineFocalOdometry
     from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
     from vo_service.odometry.surf import SurfExtractor
 
@@ -104,7 +105,7 @@ def _make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
 
     if features.timing == FIXED_TIMING_MODE:
         return make_tracker()
-    return OnlineTimingOdometry(make_tracker, timer=timer)
+    return OnlineFocalOdometry(OnlineTimingOdometry(make_tracker, timer=timer), timer=timer)
 
 
 def _make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:

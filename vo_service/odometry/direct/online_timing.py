@@ -74,6 +74,16 @@ class OnlineTimingOdometry:
         """Present estimator of the timing, as corrections of what frames tell; None = not yet."""
         return self._estimator
 
+    @property
+    def is_timing_certain(self) -> bool:
+        """Whether the timing of the last frame is exact, or known well enough to be used."""
+        return self._estimator is None or self._estimator.is_certain
+
+    @property
+    def tracker(self) -> DirectOdometry:
+        """The odometry that tracks the frames."""
+        return self._tracker
+
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose, see `DirectOdometry.estimate`, and learn from it."""
         if frame.timing_prior is None:

@@ -27,6 +27,7 @@ from vo_service.odometry.direct.parameters import (
     MAX_REGION_COST_RATIO,
     MAX_SIGMA_RATIO,
     MIN_CELL_SAMPLES,
+    MIN_CURVATURE_RATIO,
     MIN_SIGMA_SAMPLES,
     MIN_STATIC_WEIGHT,
     SENSOR_SIGMAS,
@@ -72,6 +73,13 @@ def student_weight(residual: float, variance: float) -> float:
         / (DEGREES_OF_FREEDOM + residual * residual / variance)
         / variance
     )
+
+
+@inline_kernel
+def student_curvature(residual: float, variance: float) -> float:
+    """Second derivative of Student's t over its weight, bounded."""
+    squared = residual * residual / variance
+    return max((DEGREES_OF_FREEDOM - squared) / (DEGREES_OF_FREEDOM + squared), MIN_CURVATURE_RATIO)
 
 
 @kernel

@@ -23,17 +23,13 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.direct.parameters import (
-    DEGREES_OF_FREEDOM,
-    MIN_CURVATURE_RATIO,
-    TIMING_POINT_STRIDE,
-    TIMING_STEP_RATIO,
-)
+from vo_service.odometry.direct.parameters import TIMING_POINT_STRIDE, TIMING_STEP_RATIO
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
     WEIGHT_BRIGHTNESS,
     residual_variances,
+    student_curvature,
     student_weight,
 )
 from vo_service.odometry.direct.warping import (
@@ -87,13 +83,6 @@ def _dot(J: Array, velocity: Array) -> float:
 
 
 @inline_kernel
-def _curvature(residual: float, variance: float) -> float:
-    """Second derivative of Student's t over its weight, bounded."""
-    squared = residual * residual / variance
-    return max((DEGREES_OF_FREEDOM - squared) / (DEGREES_OF_FREEDOM + squared), MIN_CURVATURE_RATIO)
-
-
-@inline_kernel
 def _add_row(H: Array, g: Array, row: Array, weight: float, weighted_residual: float) -> None:
     for a in range(NUM_UNKNOWNS):
         weighted = weight * row[a]
@@ -135,7 +124,7 @@ def accumulate_timing(
             sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
             w = student_weight(residual, sample_variance)
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
-            curvature = w * _curvature(residual, sample_variance)
+            curvature = w * student_curvature(residual, sample_variance)
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
             # Only parallax shows an error of the point's depth in its brightness.
             parallax = (J[0] * c[0] + J[1] * c[1] + J[2] * c[2]) / z
@@ -155,7 +144,7 @@ def accumulate_timing(
             _add_row(H, g, row, curvature, w * residual + curvature * linear)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
-            curvature = w * _curvature(depth, variance_depth)
+            curvature = w * student_curvature(depth, variance_depth)
             moved = _dot(J_depth, view.velocity)
             by_keyframe = -keyframe_share * _dot(J_depth, view.keyframe_velocity)
             by_depth = depth_rate / (z * z)

@@ -14,6 +14,7 @@ from vo_service.odometry.direct.parameters import (
     FOCAL_DECAY,
     FOCAL_NONLINEARITY,
     FOCAL_PRIOR_SIGMA,
+    FOCAL_STEP_RATIO,
     FOCAL_VIEW_ERROR,
     KEYFRAME_FOCAL_SIGMA,
     MAX_FOCAL_CORRECTION,
@@ -53,12 +54,12 @@ class FocalEstimator:
             self._former = FOCAL_DECAY * self._from_views()
             self._current = np.zeros((2, 2))
             self._keyframe_stamp_s = keyframe_stamp_s
-        self._current += view
-        self._current[:, 1] += view[:, 0] * self.in_use
+        A, b = FOCAL_STEP_RATIO * view[:, 0], view[:, 1]
+        self._current += np.column_stack([A, b + A * self.in_use])
         mean, sigma = self._prior
-        A, b = self._from_views()[BY_BRIGHTNESS].tolist()
-        self.sigma = 1.0 / sqrt(A + sigma**-2.0)
-        self.estimate = (b + mean * sigma**-2.0) * self.sigma**2
+        information, product = self._from_views()[BY_BRIGHTNESS].tolist()
+        self.sigma = 1.0 / sqrt(information + sigma**-2.0)
+        self.estimate = (product + mean * sigma**-2.0) * self.sigma**2
         return self._update_in_use()
 
     @property

@@ -300,6 +300,8 @@ CONTRADICTION_SIGMAS = 4.0
 # Focal lengths are logarithms of the ratio to that of the frames: 0.01 is 1 % longer.
 # Every point of this many is used for the focal length.
 FOCAL_POINT_STRIDE = 2
+# Share of the true step that one step of the focal length makes: residuals are not linear in it.
+FOCAL_STEP_RATIO = 0.75
 # Sigma of the frames' focal length: a Kinect's usual intrinsics are 1 to 3 % off.
 FOCAL_PRIOR_SIGMA = 0.02
 # Squared error of a keyframe's views, relative to their information: views of a keyframe are alike.
@@ -309,13 +311,13 @@ KEYFRAME_FOCAL_SIGMA = 0.015
 # Forgetting factor per keyframe.
 FOCAL_DECAY = 0.99
 # Largest sigmas, by brightness and by depth, of an estimate that is used.
-MAX_FOCAL_SIGMAS = (0.008, 0.015)
+MAX_FOCAL_SIGMAS = (0.010, 0.020)
 # The focal length in use changes by at least this much, by this many sigmas, and by this share of
 # the disagreement of brightness and depth.
-MIN_FOCAL_CHANGE = 0.005
-MIN_FOCAL_CHANGE_SIGMAS = 2.0
+MIN_FOCAL_CHANGE = 0.004
+MIN_FOCAL_CHANGE_SIGMAS = 1.5
 MIN_FOCAL_DISAGREEMENT_SHARE = 0.5
 # Share of a change that stays uncertain: residuals are not linear in the focal length.
-FOCAL_NONLINEARITY = 0.33
+FOCAL_NONLINEARITY = 0.6
 # Largest correction of the frames' focal length.
 MAX_FOCAL_CORRECTION = 0.1

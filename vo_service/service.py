@@ -204,6 +204,13 @@ class Service:
             skipped=counters.skipped + self.statistics.out_of_order,
             lost_packets=counters.lost_packets,
         )
+        if focal_length := self.statistics.focal_length:
+            report = replace(
+                report,
+                focal_scale=focal_length.scale,
+                focal_scale_sigma=focal_length.sigma,
+                focal_disagreement=focal_length.disagreement or 0.0,
+            )
         timing = self.statistics.timing
         if timing is None:
             return report

@@ -10,7 +10,7 @@ from statistics import fmean, median, pstdev
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.types import OdometryUpdate, OnlineTiming, TimingReport
+from vo_service.types import OdometryUpdate, OnlineFocalLength, OnlineTiming, TimingReport
 
 # Number of frames that the status describes.
 WINDOW_FRAMES = 100
@@ -46,6 +46,7 @@ class ServiceStatistics:
     _skew_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     _interval_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     timing: OnlineTiming | None = None
+    focal_length: OnlineFocalLength | None = None
     _last_frame: RgbdFrame | None = None
     _result_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_RECORDED_FRAMES))
@@ -64,6 +65,7 @@ class ServiceStatistics:
         self.frames += 1
         self.failed += not update.estimate.ok
         self.timing = update.estimate.timing
+        self.focal_length = update.estimate.focal_length
         self.end_s = self.now_s()
         self.start_s = self.end_s if self.start_s is None else self.start_s
         self._cpu_ms.append(cpu_ms)

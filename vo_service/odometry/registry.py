@@ -141,6 +141,7 @@ STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {
         "refine": 0.5,
         "keyframe": 0.5,
         "timing": 0.3,
+        "focal length": 0.3,
     }
 }
 
@@ -208,10 +209,13 @@ def _make_wall_frames() -> Iterator[RgbdFrame]:
 
 
 def _make_pan_frames() -> Iterator[RgbdFrame]:
-    """A texture that moves on a wall, with an uncertain timing, so that it is learned."""
+    """A texture that moves on a wall, with an uncertain timing, so that it is learned.
+
+    After some frames it is certain, and the focal length is learned as well.
+    """
     prior = TimingPrior(0.0, 0.004, 0.002, TimingSource.SENSOR)
     wall = np.full((IMAGE_SIZE_PX, IMAGE_SIZE_PX), 2000, np.uint16)
-    for number in range(6):
+    for number in range(14):
         frame = _make_frame(number, np.roll(_make_texture(0), 2 * number, axis=1), wall)
         yield replace(frame, timing_prior=prior)
 

@@ -70,6 +70,15 @@ class CameraReport:
         'source of readout and depth offset: "learned", "camera file", "memory" (learned at an '
         'earlier run), "usual for the sensor", "unknown"; "" = exact, or fixed',
     ] = ""
+    focal_scale: Annotated[
+        float, "focal length in use of the color camera, relative to the intrinsics"
+    ] = 1.0
+    focal_scale_sigma: Annotated[float, "its standard deviation; 0 = exact, or fixed"] = 0.0
+    focal_disagreement: Annotated[
+        float,
+        "the same by depth minus that by brightness: far from 0, the calibration is wrong; "
+        "0 = not known",
+    ] = 0.0
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,22 @@ class OnlineTiming:
 
 
 @dataclass(frozen=True)
+class OnlineFocalLength:
+    """The color camera's focal length that an odometry uses.
+
+    Attributes:
+        scale: Ratio to that of the frames; exactly 1 while it is not corrected.
+        sigma: Standard deviation of `scale`.
+        disagreement: Difference of the scale by depth from that by brightness, about zero for a
+            calibrated camera; None while unsure.
+    """
+
+    scale: float
+    sigma: float
+    disagreement: float | None
+
+
+@dataclass(frozen=True)
 class Estimate:
     """The result of one frame.
 
@@ -94,6 +110,7 @@ class Estimate:
         is_reset: Whether the pose is not continuous with the previous one.
         is_next_reference: Whether this frame is the reference of the next motion.
         timing: The sensor's timing; None if the odometry takes it as exact.
+        focal_length: Of the color camera; None if the odometry takes it as exact.
         debug: What a viewer can draw.
     """
 
@@ -108,6 +125,7 @@ class Estimate:
     is_reset: bool = False
     is_next_reference: bool = True
     timing: OnlineTiming | None = None
+    focal_length: OnlineFocalLength | None = None
     debug: TrackingDebug = field(default_factory=TrackingDebug)
 
 

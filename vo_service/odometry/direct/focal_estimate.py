@@ -9,7 +9,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.focal_equations import BY_BRIGHTNESS, BY_DEPTH
+from vo_service.odometry.direct.focal_equations import BY_BRIGHTNESS
 from vo_service.odometry.direct.parameters import (
     FOCAL_DECAY,
     FOCAL_NONLINEARITY,
@@ -79,7 +79,7 @@ class FocalEstimator:
     def _forget_views(self) -> None:
         # Of former keyframes; of the views of the current one.
         self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
-        self._keyframe_stamp_s = np.nan
+        self._keyframe_stamp_s: float = np.nan
 
     def _update_in_use(self) -> bool:
         target = min(max(self.estimate, -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)

@@ -4,6 +4,7 @@ The camera file's focal length is a prior. Each tracked view adds to the estimat
 of the sensor is certain: a wrong readout looks like a wrong focal length.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import exp
 
@@ -15,7 +16,7 @@ from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
-from vo_service.types import Estimate
+from vo_service.types import Estimate, OnlineFocalLength
 
 
 class OnlineFocalOdometry:
@@ -34,9 +35,9 @@ class OnlineFocalOdometry:
         self._serial = ""
 
     @property
-    def focal_estimator(self) -> FocalEstimator:
-        """Present estimator of the focal length."""
-        return self._estimator
+    def keyframes(self) -> Sequence[DirectKeyframe]:
+        """The keyframes, the most recently used one last."""
+        return self._odometry.tracker.keyframes
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose, see `DirectOdometry.estimate`, and learn from it."""
@@ -48,9 +49,16 @@ class OnlineFocalOdometry:
             self._estimator = FocalEstimator()
         estimate = self._odometry.estimate(self._correct(frame))
         if estimate.ok and self._odometry.is_timing_certain:
-            with self._timer.stage("focal"):
+            with self._timer.stage("focal length"):
                 self._learn(frame)
-        return estimate
+        return replace(estimate, focal_length=self._report())
+
+    def _report(self) -> OnlineFocalLength:
+        estimator = self._estimator
+        disagreement = estimator.disagreement
+        return OnlineFocalLength(
+            exp(estimator.in_use), estimator.sigma, disagreement[0] if disagreement else None
+        )
 
     def _correct(self, frame: RgbdFrame) -> RgbdFrame:
         if self._estimator.in_use == 0.0:

@@ -11,7 +11,7 @@ from drivers.core.trajectory import Trajectory
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.text_table import format_columns, format_mm
 from vo_service.tools.evaluation import Evaluation, evaluate
-from vo_service.types import OnlineTiming
+from vo_service.types import OnlineFocalLength, OnlineTiming
 
 logger = logging.getLogger(__name__)
 
@@ -23,6 +23,7 @@ TIMING_KEYS = (
     "depth_offset_sigma_ms",
     "timing",
 )
+FOCAL_KEYS = ("focal_scale", "focal_scale_sigma", "focal_disagreement")
 # These keys are null without a ground truth.
 EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 
@@ -75,6 +76,7 @@ class RunSummary:
             "cpu_ms_per_frame": round(statistics.cpu_ms_per_frame, 3),
             "stage_ms": {name: round(ms, 3) for name, ms in statistics.stage_ms.items()},
             **_timing_json(statistics.timing),
+            **_focal_json(statistics.focal_length),
             **metrics,
             **(self.loop_closure.as_json() if self.loop_closure else {}),
         }
@@ -96,6 +98,7 @@ class RunSummary:
             ),
             ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms ({stages})"),
             *_timing_rows(statistics.timing),
+            *_focal_rows(statistics.focal_length),
         ]
         rows += self.evaluation.rows() if self.evaluation else []
         rows += self.loop_closure.rows() if self.loop_closure else []
@@ -128,6 +131,26 @@ def _timing_json(timing: OnlineTiming | None) -> dict[str, Any]:
     )
     rounded = (round(1e3 * value_s, 3) for value_s in values)
     return dict(zip(TIMING_KEYS, (*rounded, timing.source), strict=True))
+
+
+def _focal_rows(focal_length: OnlineFocalLength | None) -> list[tuple[str, str]]:
+    """Return the table row of the focal length; none if it is exact."""
+    if focal_length is None:
+        return []
+    percent = 100.0 * (focal_length.scale - 1.0)
+    text = f"{percent:+6.1f} % +- {100.0 * focal_length.sigma:.1f} of that of the intrinsics"
+    if focal_length.disagreement is not None:
+        text += f"; by depth {100.0 * focal_length.disagreement:+.1f} % more than by brightness"
+    return [("focal length", text)]
+
+
+def _focal_json(focal_length: OnlineFocalLength | None) -> dict[str, Any]:
+    """Return the keys of the focal length; null for what is not known."""
+    if focal_length is None:
+        return dict.fromkeys(FOCAL_KEYS)
+    values = (focal_length.scale, focal_length.sigma, focal_length.disagreement)
+    rounded = (None if value is None else round(value, 5) for value in values)
+    return dict(zip(FOCAL_KEYS, rounded, strict=True))
 
 
 @dataclass(frozen=True)

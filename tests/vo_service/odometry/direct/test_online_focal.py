@@ -1,0 +1,85 @@
+"""The focal length is learned from frames whose intrinsics are wrong."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from drivers.camera import RgbdFrame, TimingPrior, TimingSource
+from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
+from tests.vo_service.odometry.direct.test_online_timing import SwingingCamera
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.online_focal import OnlineFocalOdometry
+from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
+from vo_service.types import Estimate, OnlineFocalLength
+
+TOLD = TimingPrior(0.0, 0.001, 0.0005, TimingSource.CAMERA_FILE)
+
+
+@cache
+def swinging_frames() -> tuple[RgbdFrame, ...]:
+    """Three seconds of a global shutter with noise, and with the right intrinsics."""
+    views = (add_noise(render_view(SwingingCamera(), k / 30), k) for k in range(90))
+    return tuple(replace(view, timing_prior=TOLD) for view in views)
+
+
+def with_focal_error(frame: RgbdFrame, scale: float) -> RgbdFrame:
+    camera = frame.camera
+    return replace(frame, camera=replace(camera, fx=scale * camera.fx, fy=scale * camera.fy))
+
+
+def learn(scale: float) -> tuple[OnlineFocalOdometry, list[Estimate]]:
+    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry))
+    frames = (with_focal_error(frame, scale) for frame in swinging_frames())
+    return odometry, [odometry.estimate(frame) for frame in frames]
+
+
+def last_focal_length(estimates: list[Estimate]) -> OnlineFocalLength:
+    focal_length = estimates[-1].focal_length
+    assert focal_length is not None
+    return focal_length
+
+
+def test_a_wrong_focal_length_is_found() -> None:
+    for error in (0.96, 1.04):
+        _, estimates = learn(error)
+        assert all(estimate.ok for estimate in estimates)
+        assert abs(last_focal_length(estimates).scale * error - 1.0) < 0.01
+
+
+def test_with_right_intrinsics_nothing_changes() -> None:
+    _, estimates = learn(1.0)
+    assert last_focal_length(estimates).scale == 1.0
+    plain = OnlineTimingOdometry(DirectOdometry)
+    for estimate, frame in zip(estimates, swinging_frames(), strict=True):
+        assert (estimate.T_world_camera == plain.estimate(frame).T_world_camera).all()
+
+
+def test_the_same_frames_give_the_same_bits() -> None:
+    (_, first), (_, second) = learn(0.96), learn(0.96)
+    for a, b in zip(first, second, strict=True):
+        assert (a.T_world_camera == b.T_world_camera).all()
+        assert a.focal_length == b.focal_length
+
+
+def test_keyframes_have_the_learned_focal_length() -> None:
+    odometry, estimates = learn(0.96)
+    scale = last_focal_length(estimates).scale
+    told = with_focal_error(swinging_frames()[0], 0.96).camera
+    assert scale > 1.0
+    for keyframe in odometry.keyframes:
+        assert np.isclose(keyframe.images.camera.fx, scale * told.fx, rtol=1e-9)
+
+
+def test_another_sensor_starts_with_its_own_focal_length() -> None:
+    odometry, estimates = learn(0.96)
+    last = with_focal_error(swinging_frames()[-1], 0.96)
+    other = replace(last, stamp_s=last.stamp_s + 1 / 30, serial="B2")
+    assert last_focal_length(estimates).scale > 1.0
+    assert last_focal_length([odometry.estimate(other)]).scale == 1.0
+
+
+def test_exact_frames_are_not_learned_from() -> None:
+    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry))
+    for frame in swinging_frames()[:8]:
+        assert odometry.estimate(replace(frame, timing_prior=None)).focal_length is None

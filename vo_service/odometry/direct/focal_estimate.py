@@ -41,7 +41,9 @@ class FocalEstimator:
         self.in_use = 0.0
         self.estimate, self.sigma = 0.0, FOCAL_PRIOR_SIGMA
         self._prior = (0.0, FOCAL_PRIOR_SIGMA)
-        self._forget_views()
+        # Of former keyframes; of the views of the current one.
+        self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
+        self._keyframe_stamp_s = np.nan
 
     def add(self, keyframe_stamp_s: float, view: Array) -> bool:
         """Add a view; return whether the focal length in use has changed.
@@ -76,11 +78,6 @@ class FocalEstimator:
         A = self._current[:, :1]
         return self._former + self._current / (FOCAL_VIEW_ERROR + KEYFRAME_FOCAL_SIGMA**2 * A)
 
-    def _forget_views(self) -> None:
-        # Of former keyframes; of the views of the current one.
-        self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
-        self._keyframe_stamp_s: float = np.nan
-
     def _update_in_use(self) -> bool:
         target = min(max(self.estimate, -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)
         change = abs(target - self.in_use)
@@ -93,5 +90,6 @@ class FocalEstimator:
             return False
         self._prior = (target, hypot(self.sigma, FOCAL_NONLINEARITY * change))
         self.in_use = target
-        self._forget_views()
+        # Former views are not linear in the change.
+        self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
         return True

@@ -57,6 +57,8 @@ def make_calibration_errors() -> Mapping[str, CalibrationError]:
         "correct": lambda frame: frame,
         "focal length + 1 %": lambda frame: _focal(frame, 1.01),
         "focal length - 1 %": lambda frame: _focal(frame, 0.99),
+        "focal length + 3 %": lambda frame: _focal(frame, 1.03),
+        "focal length - 3 %": lambda frame: _focal(frame, 0.97),
         "center + 3 px": lambda frame: _center(frame, 3.0),
         "depth scale + 1 %": lambda frame: _scale(frame, 1.01),
         "depth scale - 1 %": lambda frame: _scale(frame, 0.99),

@@ -66,8 +66,8 @@ def make_odometry(
             features), "icp" (depth only) or "sfm" (color only).
         feature_count: SURF features in a frame, from 50 to 5000; "icp" uses none.
         upright: Whether the camera never rolls: faster, and more matches.
-        timing: "learned" (only "direct": readout and delay of the sensor are learned, if the frames
-            do not tell them exactly) or "fixed" (as the frames tell).
+        timing: "learned" (only "direct": readout and delay of the sensor and the focal length are
+            learned, if the frames do not tell the timing exactly) or "fixed" (as the frames tell).
         timer: Times the stages of each frame.
 
     Raises:

@@ -7,7 +7,7 @@ from importlib import import_module
 import numpy as np
 
 from drivers.calibration import UNKNOWN_TIMING
-from drivers.camera import RgbdFrame
+from drivers.camera import RgbdFrame, TimingPrior, TimingSource
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
     MovingCamera,
@@ -71,6 +71,13 @@ def frames_of_unknown_timing() -> list[RgbdFrame]:
     return [replace(view, readout_s=0.0, timing_prior=UNKNOWN_TIMING) for view in views]
 
 
+def frames_of_known_timing() -> list[RgbdFrame]:
+    """Rolling views whose timing is certain soon, so that the focal length is learned."""
+    told = TimingPrior(0.0, 0.004, 0.002, TimingSource.CAMERA_FILE)
+    views = render_sequence(BRISK, 16, readout_s=0.02)
+    return [replace(view, timing_prior=told) for view in views]
+
+
 def test_a_warm_method_compiles_nothing_for_real_frames() -> None:
     warm_up("direct", lambda _: None)
     stages: list[str] = []
@@ -79,6 +86,8 @@ def test_a_warm_method_compiles_nothing_for_real_frames() -> None:
     assert all(odometry.estimate(frame).ok for frame in all_that_may_happen())
     learning = METHODS["direct"](MethodConfig(), StageReporter(stages.append))
     assert all(learning.estimate(frame).ok for frame in frames_of_unknown_timing())
+    learning = METHODS["direct"](MethodConfig(), StageReporter(stages.append))
+    assert all(learning.estimate(frame).ok for frame in frames_of_known_timing())
     assert set(stages) == set(STAGE_BUDGETS_MS["direct"])
     assert KERNELS
     assert compiled() == before

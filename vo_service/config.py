@@ -84,7 +84,7 @@ class OdometryConfig:
     upright: bool = config_field(False, "true for a camera that never rolls: faster, more matches")
     timing: str = config_field(
         DEFAULT_TIMING_MODE,
-        '"learned" = learn timing and focal length of the sensor (method direct); "fixed" = as told',
+        '"learned" = learn timing and focal length (method direct); "fixed" = as told',
     )
 
     def __post_init__(self) -> None:

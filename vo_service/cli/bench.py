@@ -15,6 +15,8 @@ from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.cli.options import add_benchmark_options, load_config, parse_count
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
+from vo_service.tools.benchmark.baselines.orb_vocabulary import read_vocabulary_file
+from vo_service.tools.benchmark.baselines.registry import ORB_SLAM3
 from vo_service.tools.benchmark.batch import BatchPlan, run_batch
 from vo_service.tools.benchmark.frame_selection import FrameSelection
 from vo_service.tools.benchmark.methods import (
@@ -47,6 +49,9 @@ examples:
 Each method runs over each folder (TUM format, as for replay) in a process of its own, on one
 processor, one after another. Times do not include reading images. docs/bench.md explains the
 columns. Methods of packages that are not installed are skipped; a note says how to install them.
+
+ORB-SLAM3 needs a DBoW2 vocabulary. Without --orb-vocabulary a small one is trained from each
+recording; a line below the tables says which was used.
 
 --loop-closure also optimizes each trajectory by loop closure and adds columns for the result. The
 methods do not use it, not even after a loss (unlike replay --loop-closure), so their own figures do
@@ -81,6 +86,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="baseline for relative figures (default: the first method)",
     )  # fmt: skip
     parser.add_argument(
+        "--orb-vocabulary", metavar="FILE", type=Path,
+        help="DBoW2 vocabulary of orb-slam3, as text (default: train one from each recording)",
+    )  # fmt: skip
+    parser.add_argument(
         "--output", metavar="FOLDER", type=Path, help="folder for the report and the cached runs"
     )
     add_benchmark_options(parser)
@@ -96,7 +105,8 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args)
     names = list(dict.fromkeys(args.methods))
     unavailable = find_unavailable_methods(names)
-    factories = make_method_factories(names, unavailable, config.odometry)
+    vocabulary = read_vocabulary_file(args.orb_vocabulary) if args.orb_vocabulary else None
+    factories = make_method_factories(names, unavailable, config.odometry, vocabulary)
     metadata = BenchMetadata(
         methods=list(factories),
         unavailable=unavailable,
@@ -109,6 +119,9 @@ def run(args: argparse.Namespace) -> int:
         observer_factory=LoopClosureObserverFactory(config.map)
         if args.loop_closure
         else NULL_OBSERVER,
+        orb_vocabulary=str(factories[ORB_SLAM3].settings["vocabulary"])
+        if ORB_SLAM3 in factories
+        else "",
     )
     recordings = [
         whole.select(FrameSelection(every, args.frames))
@@ -124,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
         for ranking in _run_methods(plan, metadata.reference_method, stop):
             rankings.append(ranking)
             if not args.json:
-                _print_tables(ranking)
+                _print_tables(ranking, metadata.orb_vocabulary)
         write_bench_report(folder, metadata, rankings)
     _print_summary(args, metadata, rankings)
     all_done = all(
@@ -165,13 +178,16 @@ def _run_methods(
         yield RelativeResults(result, reference_method)
 
 
-def _print_tables(results: RelativeResults) -> None:
-    """Print both tables, unless no method has run."""
+def _print_tables(results: RelativeResults, orb_vocabulary: str) -> None:
+    """Print both tables and the vocabulary of ORB-SLAM3, unless no method has run."""
     states = {judged.outcome.state for judged in results.results.evaluations.values()}
     if states == {RunState.NOT_RUN}:
         return
     print(results.error_table().as_text())
-    print(f"{results.cost_table().as_text()}\n", flush=True)
+    print(results.cost_table().as_text())
+    if orb_vocabulary:
+        print(f"{ORB_SLAM3}: vocabulary {orb_vocabulary}")
+    print(flush=True)
 
 
 def _print_summary(

@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from drivers.core.errors import InputError
-from drivers.core.trajectory import Trajectory
+from drivers.tum.folder import TumFolder
 from vo_service.config import OdometryConfig
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.registry import warm_up
@@ -38,8 +38,8 @@ class MethodFactory(Protocol):
         """Compile or load the kernels; `on_progress` is called with each stage."""
         ...
 
-    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
-        """Make the odometry. `truth` is None if the recording has none."""
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+        """Make the odometry. `recording` has the frames that it will get."""
         ...
 
 
@@ -63,7 +63,7 @@ class ConfiguredMethodFactory:
         """Compile or load the kernels."""
         warm_up(self.odometry.method, on_progress)
 
-    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
         """Make the odometry as the service does."""
         return self.odometry.make_odometry(stopwatch)
 
@@ -88,12 +88,13 @@ class TrueScaleSfmFactory:
         """Compile or load the kernels."""
         warm_up(self.odometry.method, on_progress)
 
-    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
         """Make the odometry, with scale from the truth. Raises InputError without a truth."""
         from vo_service.odometry.sfm.odometry import SfmOdometry
         from vo_service.odometry.sfm.scale_source import GivenBaselineScale
         from vo_service.odometry.surf import SurfExtractor
 
+        truth = recording.ground_truth
         if truth is None:
             raise InputError("no groundtruth.txt, which --sfm-scale ground-truth needs")
         return SfmOdometry(

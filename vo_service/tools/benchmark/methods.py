@@ -6,14 +6,18 @@ from dataclasses import dataclass, replace
 from drivers.core.errors import InputError
 from vo_service.config import OdometryConfig
 from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.tools.benchmark.baselines.orb_slam_factory import OrbSlamFactory
+from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
 from vo_service.tools.benchmark.baselines.registry import (
-    BASELINES,
+    BASELINE_NAMES,
+    ORB_SLAM3,
     BaselineFactory,
     BaselinePackage,
+    find_package,
 )
 from vo_service.tools.benchmark.method_factory import ConfiguredMethodFactory, MethodFactory
 
-METHOD_NAMES = (*METHODS, *BASELINES)
+METHOD_NAMES = (*METHODS, *BASELINE_NAMES)
 
 
 @dataclass(frozen=True)
@@ -35,15 +39,24 @@ def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
     """Return one entry per missing package."""
     missing: dict[BaselinePackage, list[str]] = {}
     for name in names:
-        if name in BASELINES and not BASELINES[name].package.is_installed:
-            missing.setdefault(BASELINES[name].package, []).append(name)
+        if name in BASELINE_NAMES and not find_package(name).is_installed:
+            missing.setdefault(find_package(name), []).append(name)
     return [UnavailableMethods(package, methods) for package, methods in missing.items()]
 
 
 def make_method_factories(
-    names: Sequence[str], unavailable: Sequence[UnavailableMethods], odometry: OdometryConfig
+    names: Sequence[str],
+    unavailable: Sequence[UnavailableMethods],
+    odometry: OdometryConfig,
+    orb_vocabulary: VocabularyFile | None = None,
 ) -> Mapping[str, MethodFactory]:
     """Return factories in the order of the names.
+
+    Args:
+        names: Names of the methods.
+        unavailable: Those that cannot run.
+        odometry: Settings of the methods.
+        orb_vocabulary: Vocabulary of ORB-SLAM3; None to train one from each recording.
 
     Raises:
         InputError: If none is available.
@@ -52,10 +65,14 @@ def make_method_factories(
     present = [name for name in names if name not in absent]
     if not present:
         raise InputError("; ".join(map(str, unavailable)))
-    return {name: _make_method_factory(name, odometry) for name in present}
+    return {name: _make_method_factory(name, odometry, orb_vocabulary) for name in present}
 
 
-def _make_method_factory(name: str, odometry: OdometryConfig) -> MethodFactory:
+def _make_method_factory(
+    name: str, odometry: OdometryConfig, orb_vocabulary: VocabularyFile | None
+) -> MethodFactory:
     if name in METHODS:
         return ConfiguredMethodFactory(replace(odometry, method=name))
+    if name == ORB_SLAM3:
+        return OrbSlamFactory(odometry.feature_count, orb_vocabulary)
     return BaselineFactory(name, MethodConfig(odometry.feature_count, odometry.upright))

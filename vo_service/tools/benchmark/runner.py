@@ -6,14 +6,14 @@ all processor time belongs to the method and its threads, and only the newest fr
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from numba.core.event import install_recorder
 
 from drivers.camera import RgbdFrame
 from drivers.tum.camera import TumFrameReader
 from drivers.tum.folder import TumFolder, UnreadableFrameError, open_tum_folder
-from drivers.tum.index_files import FramePair
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.tools.benchmark.messages import RunPreparing, RunProgress, RunRequest
 from vo_service.tools.benchmark.method_factory import MethodFactory
@@ -42,18 +42,19 @@ def run_method(
         UserFacingError: The folder is not usable, or a pose is not finite.
         KernelsCompiledFirst: Kernels had to be compiled, and the request allows to stop then.
     """
-    folder = open_tum_folder(request.folder, request.camera_file)
-    pairs = request.frame_selection.select(folder.frames.pairs)
+    whole = open_tum_folder(request.folder, request.camera_file)
+    pairs = request.frame_selection.select(whole.frames.pairs)
+    recording = replace(whole, frames=replace(whole.frames, pairs=pairs))
     with install_recorder("numba:compile") as compiled:
-        warm_up_method(request.factory, folder, pairs, lambda stage: send(RunPreparing(stage)))
+        warm_up_method(request.factory, recording, lambda stage: send(RunPreparing(stage)))
         request.observer_factory.prepare(lambda stage: send(RunPreparing(stage)))
     if request.stop_after_compiling and compiled.buffer:
         raise KernelsCompiledFirst
     stages, recorder = CpuStageTimer(), RunRecorder()
-    odometry = request.factory.make(stages, folder.ground_truth)
+    odometry = request.factory.make(stages, recording)
     observer = request.observer_factory.make()
     progress_sent_s = 0.0
-    for frame in _read_frames(folder, pairs):
+    for frame in _read_frames(recording):
         observer.observe(frame, _process_frame(recorder, odometry, frame, stages))
         if time.monotonic() - progress_sent_s > PROGRESS_PERIOD_S:
             progress_sent_s = time.monotonic()
@@ -62,17 +63,14 @@ def run_method(
 
 
 def warm_up_method(
-    factory: MethodFactory,
-    folder: TumFolder,
-    pairs: Sequence[FramePair],
-    on_progress: Callable[[str], None],
+    factory: MethodFactory, recording: TumFolder, on_progress: Callable[[str], None]
 ) -> None:
     """Compile or load the kernels, and process the first frames once."""
     factory.prepare(on_progress)
     on_progress("first frames")
-    odometry = factory.make(CpuStageTimer(), folder.ground_truth)
-    reader = TumFrameReader(folder)
-    for seq, pair in enumerate(pairs[:WARM_UP_FRAMES]):
+    odometry = factory.make(CpuStageTimer(), recording)
+    reader = TumFrameReader(recording)
+    for seq, pair in enumerate(recording.frames.pairs[:WARM_UP_FRAMES]):
         try:
             odometry.estimate(reader.read(pair, seq))
         except UnreadableFrameError:  # will be reported in the run
@@ -91,10 +89,10 @@ def _process_frame(
     return estimate
 
 
-def _read_frames(folder: TumFolder, pairs: Sequence[FramePair]) -> Iterator[RgbdFrame]:
+def _read_frames(recording: TumFolder) -> Iterator[RgbdFrame]:
     """Yield the readable frames, and log the others."""
-    reader = TumFrameReader(folder)
-    for seq, pair in enumerate(pairs):
+    reader = TumFrameReader(recording)
+    for seq, pair in enumerate(recording.frames.pairs):
         try:
             frame = reader.read(pair, seq)
         except UnreadableFrameError as error:

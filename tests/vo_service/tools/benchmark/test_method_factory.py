@@ -28,7 +28,7 @@ def test_every_method_is_made_as_in_the_service() -> None:
     assert set(make_method_factories(Config(), list(METHODS), SfmScale.FIRST_DEPTH)) == set(METHODS)
     surf = make_factory("surf")
     assert surf == ConfiguredMethodFactory(OdometryConfig(method="surf"))
-    assert isinstance(surf.make(NullStageTimer(), None), SurfOdometry)
+    assert isinstance(surf.make(NullStageTimer(), make_recording().tum_folder), SurfOdometry)
     assert not surf.uses_truth
 
 
@@ -37,12 +37,13 @@ def test_the_scale_of_sfm_alone_comes_from_the_truth() -> None:
     assert (sfm.uses_truth, surf.uses_truth) == (True, False)
     assert sfm == TrueScaleSfmFactory(OdometryConfig(method="sfm"))
     assert sfm.settings["sfm_scale"] == "ground-truth"
-    assert isinstance(sfm.make(NullStageTimer(), make_recording().truth), SfmOdometry)
+    assert isinstance(sfm.make(NullStageTimer(), make_recording().tum_folder), SfmOdometry)
 
 
 def test_without_truth_there_is_no_such_scale() -> None:
+    recording = make_recording(has_truth=False).tum_folder
     with pytest.raises(InputError, match=r"no groundtruth.txt"):
-        make_factory("sfm", SfmScale.GROUND_TRUTH).make(NullStageTimer(), None)
+        make_factory("sfm", SfmScale.GROUND_TRUTH).make(NullStageTimer(), recording)
 
 
 def test_factories_can_be_pickled() -> None:

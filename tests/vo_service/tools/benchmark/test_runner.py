@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.core.trajectory import Trajectory
+from drivers.tum.folder import TumFolder
 from tests.conftest import FRAMES
 from vo_service.odometry.profiling import StageTimer
 from vo_service.tools.benchmark.frame_selection import FrameSelection
@@ -43,7 +43,7 @@ class RecordingFactory:
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         on_progress("nothing")
 
-    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> "RecordingMethod":
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> "RecordingMethod":
         self.frames.append([])
         return RecordingMethod(self.frames[-1], self.action)
 

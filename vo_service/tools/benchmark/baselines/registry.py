@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from platform import machine
 from types import ModuleType
 
-from drivers.core.trajectory import Trajectory
+from drivers.tum.folder import TumFolder
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.registry import MethodConfig, StageReporter, run_warm_up_frames
 from vo_service.types import Odometry
@@ -52,6 +52,7 @@ OPEN3D = BaselinePackage(
     "open3d", ("open3d-cpu", "open3d") if machine() == "x86_64" else ("open3d",)
 )
 SMALL_GICP = BaselinePackage("small_gicp", ("small-gicp",))
+PYORBSLAM3 = BaselinePackage("pyorbslam3", ("pyorbslam3",))
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,14 @@ BASELINES: Mapping[str, Baseline] = {
     "sift": Baseline(OPENCV, _sift),
     "orb": Baseline(OPENCV, _orb),
 }
+# It has a factory of its own, because it needs the recording.
+ORB_SLAM3 = "orb-slam3"
+BASELINE_NAMES = (*BASELINES, ORB_SLAM3)
+
+
+def find_package(name: str) -> BaselinePackage:
+    """Return the package of one of `BASELINE_NAMES`."""
+    return PYORBSLAM3 if name == ORB_SLAM3 else BASELINES[name].package
 
 
 @dataclass(frozen=True)
@@ -144,8 +153,11 @@ class BaselineFactory:
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Load its library and process warm-up frames."""
         on_progress(BASELINES[self.name].package.module)
-        run_warm_up_frames(lambda: self.make(StageReporter(on_progress), None))
+        run_warm_up_frames(lambda: self._make(StageReporter(on_progress)))
 
-    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
         """Make a new odometry."""
+        return self._make(stopwatch)
+
+    def _make(self, stopwatch: StageTimer) -> Odometry:
         return BASELINES[self.name].make(self.features, stopwatch)

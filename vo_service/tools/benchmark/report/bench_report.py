@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vo_service.config import OdometryConfig
-from vo_service.tools.benchmark.baselines.registry import BASELINES
+from vo_service.tools.benchmark.baselines.registry import BASELINE_NAMES, find_package
 from vo_service.tools.benchmark.methods import UnavailableMethods
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.report.bench_metrics import metric_ratios, metric_values
@@ -35,6 +35,7 @@ class BenchMetadata:
         camera_file: Camera file for all recordings; None for each recording's own.
         time_limit_s: Time limit of each run.
         observer_factory: Made the observer of each run.
+        orb_vocabulary: Vocabulary of ORB-SLAM3; "" if it does not run.
         created: Time of the bench.
     """
 
@@ -47,11 +48,12 @@ class BenchMetadata:
     camera_file: Path | None
     time_limit_s: float
     observer_factory: ObserverFactory = NULL_OBSERVER
+    orb_vocabulary: str = ""
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     def as_json(self) -> dict[str, Any]:
         """Return the settings and versions for report.json."""
-        packages = {BASELINES[name].package for name in self.methods if name in BASELINES}
+        packages = {find_package(name) for name in self.methods if name in BASELINE_NAMES}
         baselines = {package.pip_names[0]: package.version for package in packages}
         return {
             "created": self.created.isoformat(timespec="seconds"),
@@ -64,6 +66,7 @@ class BenchMetadata:
             "camera_file": None if self.camera_file is None else str(self.camera_file),
             "time_limit_s": self.time_limit_s,
             **self.observer_factory.settings,
+            "orb_vocabulary": self.orb_vocabulary or None,
             "versions": {**collect_versions(), **dict(sorted(baselines.items()))},
             "processors": os.cpu_count(),
         }

@@ -28,7 +28,7 @@ def render(name: str, seq: int) -> RgbdFrame:
 def test_each_tracks_a_few_views_and_fails_on_an_empty_one(name: str) -> None:
     package = BASELINES[name].package
     pytest.importorskip(package.module, reason=f"needs {package.install_command}")
-    odometry = BaselineFactory(name, MethodConfig()).make(NullStageTimer(), None)
+    odometry = BASELINES[name].make(MethodConfig(), NullStageTimer())
     views = [render(name, seq) for seq in range(3)]
     estimates = [odometry.estimate(view) for view in views]
     assert all(e.ok for e in estimates)

@@ -8,6 +8,7 @@ from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.tools.benchmark.baselines import registry
 from vo_service.tools.benchmark.baselines.registry import (
     BASELINES,
+    ORB_SLAM3,
     Baseline,
     BaselineFactory,
     BaselinePackage,
@@ -31,7 +32,7 @@ def missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_our_methods_come_first_and_then_the_baselines() -> None:
-    assert (*METHODS, *BASELINES) == METHOD_NAMES
+    assert (*METHODS, *BASELINES, ORB_SLAM3) == METHOD_NAMES
     assert find_unavailable_methods(["surf", "cv2-rgb", "orb"]) == []
     odometry = OdometryConfig(feature_count=500)
     factories = make_method_factories(["orb", "icp"], [], odometry)

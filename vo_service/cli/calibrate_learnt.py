@@ -15,8 +15,12 @@ from vo_service.cli.saved_timing import (
 from vo_service.config import read_config
 from vo_service.remembered_timing import RememberedTiming, find_remembered_timings, memory_folders
 from vo_service.tools.calibration.output_files import check_writable
-from vo_service.tools.calibration.timing import remembered_as_timing, told_timing
-from vo_service.tools.calibration.timing_file import read_camera, save_timing
+from vo_service.tools.calibration.timing import (
+    read_camera,
+    remembered_as_timing,
+    save_timing,
+    told_timing,
+)
 
 
 def save_learnt(args: argparse.Namespace) -> int:

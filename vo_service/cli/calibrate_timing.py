@@ -31,10 +31,11 @@ from vo_service.tools.calibration.timing import (
     SensorTiming,
     combine,
     is_informative,
+    read_camera,
+    save_timing,
     select_changes,
     told_timing,
 )
-from vo_service.tools.calibration.timing_file import read_camera, save_timing
 from vo_service.tools.calibration.timing_measurement import (
     MeasuredTiming,
     measure_folder,

@@ -4,7 +4,7 @@ import argparse
 import json
 from collections.abc import Sequence
 
-from vo_service.tools.doctor.device_listing import (
+from vo_service.tools.doctor.devices import (
     ListedDevice,
     list_available_devices,
     query_openni2,

@@ -13,14 +13,16 @@ from drivers.registry import open_camera
 from vo_service.cli.options import add_camera_options, parse_seconds, print_message
 from vo_service.config import read_config
 from vo_service.terminal import Terminal
-from vo_service.tools.doctor.checks import checks_for, requested_sensor_for
-from vo_service.tools.doctor.context import CheckContext, SystemPaths
-from vo_service.tools.doctor.finding import CheckVerdict
-from vo_service.tools.doctor.logs import quiet_console
+from vo_service.tools.doctor.camera_checks import checks_for, requested_sensor_for
+from vo_service.tools.doctor.check import (
+    CheckContext,
+    CheckVerdict,
+    SystemPaths,
+    diagnosis_as_json,
+    run_checks,
+)
 from vo_service.tools.doctor.printer import FindingPrinter, NullFindingPrinter
-from vo_service.tools.doctor.report import open_bug_report
-from vo_service.tools.doctor.report_contents import add_report_contents
-from vo_service.tools.doctor.runner import diagnosis_as_json, run_checks
+from vo_service.tools.doctor.report import add_report_contents, open_bug_report, quiet_console
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import probe_usb
 

@@ -1,28 +1,116 @@
-"""Collection of views from a live camera, with instructions for the user with the board."""
+"""Views from a live camera, with instructions for the user with the board."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Protocol
 
-from drivers.calibration import UNKNOWN_TIMING
-from drivers.camera import CameraStatus, PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
-from drivers.core.errors import InputError, UserFacingError
+from drivers.calibration import (
+    CAMERA_FILE_NAME,
+    NO_DISTORTION,
+    UNKNOWN_TIMING,
+    CameraCalibration,
+    DepthCameraCalibration,
+    RigidTransform,
+    format_calibration,
+)
+from drivers.camera import (
+    CameraStatus,
+    EndOfStream,
+    FrameTimeout,
+    PlaybackMode,
+    RgbdCamera,
+    RgbdFrame,
+    SensorConfig,
+)
+from drivers.core.errors import CameraError, InputError, UserFacingError
 from drivers.registry import open_camera
 from drivers.tum.writer import TumWriter
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.board import Board
-from vo_service.tools.calibration.collect import BOARD_NOT_FOUND_HINT, CollectedViews
-from vo_service.tools.calibration.coverage import CoverageGuide
-from vo_service.tools.calibration.image_folder import MILLIMETER_DEPTH_FACTOR, DepthUnits
-from vo_service.tools.calibration.live_snapshots import (
-    make_snapshot,
-    read_frames,
-    write_raw_camera_file,
+from vo_service.tools.calibration.board import NO_DEPTH, Board, BoardCorners, BoardView, Snapshot
+from vo_service.tools.calibration.collect_folder import (
+    BOARD_NOT_FOUND_HINT,
+    MILLIMETER_DEPTH_FACTOR,
+    CollectedViews,
+    DepthUnits,
 )
-from vo_service.tools.calibration.preview import BoardPreview, BoardPreviewFrame
-from vo_service.tools.calibration.view_selection import ViewDecision, ViewSelector
+from vo_service.tools.calibration.view_selection import CoverageGuide, ViewDecision, ViewSelector
+
+POLL_PERIOD_S = 0.25
+# A camera without frames for this time has failed.
+FRAME_TIMEOUT_S = 15.0
+# A lens without distortion, and a depth camera at the same place with the same lens: undistortion
+# and registration then move no pixel.
+IDENTITY_POSE = RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+RAW_DEPTH_CALIBRATION = DepthCameraCalibration(525.0, 525.0, 319.5, 239.5, IDENTITY_POSE)
+RAW_COLOR_CALIBRATION = CameraCalibration(
+    640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, 1000.0
+)
+RAW_CALIBRATION = replace(RAW_COLOR_CALIBRATION, depth=RAW_DEPTH_CALIBRATION)
+
+
+@contextmanager
+def write_raw_camera_file(with_depth: bool) -> Iterator[Path]:
+    """Write a temporary camera file with which a driver returns raw images.
+
+    Its `[depth]` table prevents registration by the sensor.
+    """
+    with TemporaryDirectory(prefix="kinect-vo-") as folder:
+        file = Path(folder) / CAMERA_FILE_NAME
+        file.write_text(
+            format_calibration(RAW_CALIBRATION if with_depth else RAW_COLOR_CALIBRATION)
+        )
+        yield file
+
+
+def read_frames(camera: RgbdCamera, stop: threading.Event) -> Iterator[RgbdFrame | None]:
+    """Yield the camera's frames until its end or `stop`, and None while there is no frame.
+
+    Raises:
+        CameraError: There was no frame for `FRAME_TIMEOUT_S`.
+    """
+    last_s = time.monotonic()
+    while not stop.is_set():
+        try:
+            frame = camera.read(POLL_PERIOD_S)
+        except FrameTimeout as error:
+            if time.monotonic() - last_s > FRAME_TIMEOUT_S:
+                reason = camera.status.reason or "the camera sends no frames"
+                raise CameraError(f"{camera.name}: {reason}") from error
+            yield None
+        except EndOfStream:
+            return
+        else:
+            last_s = time.monotonic()
+            yield frame
+
+
+def make_snapshot(frame: RgbdFrame, with_depth: bool) -> Snapshot:
+    """Make a snapshot of a frame."""
+    depth = frame.depth_raw if with_depth else NO_DEPTH
+    return Snapshot(f"frame {frame.seq}", frame.stamp_s, frame.color_bgr, depth)
+
+
+@dataclass(frozen=True)
+class BoardPreviewFrame:
+    """Snapshot with its corners, the accepted views so far, and the next instruction."""
+
+    snapshot: Snapshot
+    corners: BoardCorners
+    views: tuple[BoardView, ...]
+    advice: str
+
+
+class BoardPreview(Protocol):
+    """One place where the preview is shown."""
+
+    def show(self, item: BoardPreviewFrame) -> None:
+        """Show it, soon; never blocks."""
+        ...
 
 
 @dataclass(frozen=True)

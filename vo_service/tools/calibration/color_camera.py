@@ -12,9 +12,8 @@ import numpy as np
 from drivers.calibration import NO_DISTORTION
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from vo_service.tools.calibration.board import BoardCorners
+from vo_service.tools.calibration.board import BoardCorners, BoardView, Lens
 from vo_service.tools.calibration.least_squares import jackknife_sigma
-from vo_service.tools.calibration.snapshot import BoardView, Lens
 
 MIN_VIEWS = 6
 # Groups of views for the jackknife: each fit leaves out one group.

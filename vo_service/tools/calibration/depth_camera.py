@@ -16,14 +16,19 @@ from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.odometry.uncertainty import depth_sigma_m
 from vo_service.tools.calibration.board import BoardLayout
-from vo_service.tools.calibration.board_readings import BoardReadings, collect_board_readings
 from vo_service.tools.calibration.color_camera import (
     JACKKNIFE_GROUPS,
     MIN_SIGNIFICANT_SIGMAS,
     ColorCalibrationResult,
     refit_without_views,
 )
-from vo_service.tools.calibration.depth_model import DISTORTION, PARAMETER_NAMES, DepthModel
+from vo_service.tools.calibration.depth_model import (
+    DISTORTION,
+    PARAMETER_NAMES,
+    BoardReadings,
+    DepthModel,
+    collect_board_readings,
+)
 from vo_service.tools.calibration.least_squares import jackknife_sigma, minimize_gauss_newton
 
 # Maximum distances of inliers from the board's plane, in robust standard deviations: large while

@@ -12,11 +12,15 @@ import numpy as np
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
-from vo_service.tools.calibration.coverage import MIN_ZONE_CORNERS, ZONE_EDGES, count_zone_corners
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
 from vo_service.tools.calibration.output_files import save
 from vo_service.tools.calibration.result import CalibrationResult
-from vo_service.tools.calibration.view_selection import convex_outline
+from vo_service.tools.calibration.view_selection import (
+    MIN_ZONE_CORNERS,
+    ZONE_EDGES,
+    convex_outline,
+    count_zone_corners,
+)
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes

@@ -5,7 +5,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from vo_service.tools.calibration.preview import BoardPreviewFrame
+from vo_service.tools.calibration.collect_live import BoardPreviewFrame
 from vo_service.tools.calibration.view_selection import convex_outline
 
 IMAGE_PATH, CORNERS_PATH, VIEWS_PATH, ADVICE_PATH = (

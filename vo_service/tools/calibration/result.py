@@ -8,12 +8,11 @@ import numpy as np
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
 from drivers.core.geometry import Array, so3_log
-from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration.board import Board, Lens
+from vo_service.tools.calibration.collect_folder import DepthUnits
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
 from vo_service.tools.calibration.depth_model import ROTATION, SCALE_INDEX, TRANSLATION
-from vo_service.tools.calibration.image_folder import DepthUnits
-from vo_service.tools.calibration.snapshot import Lens
 
 ROW_FORMAT = "{:<26}{:>24}{:>24}"
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")

@@ -23,7 +23,7 @@ from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.direct.timing_estimate import TimingEstimator
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.live_snapshots import read_frames
+from vo_service.tools.calibration.collect_live import read_frames
 from vo_service.tools.calibration.timing import (
     SensorTiming,
     make_timing,

@@ -6,8 +6,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TextIO
 
-from vo_service.tools.doctor.finding import CheckVerdict
-from vo_service.tools.doctor.runner import CheckResult
+from vo_service.tools.doctor.check import CheckResult, CheckVerdict
 
 SYMBOLS = {
     CheckVerdict.PASS: "✓",

@@ -1,18 +1,112 @@
-"""Bug report in one packed file, which is written completely or not at all."""
+"""Bug report in one packed file: findings, versions, logs, USB devices and frames."""
 
 import json
+import logging
+import os
+import platform
 import shutil
+import subprocess
 import tarfile
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from drivers.camera import RgbdCamera
 from drivers.core.errors import InputError, UserFacingError
-from vo_service.tools.doctor.logs import log_details_to
+from drivers.tum.encode import ColorFormat
+from drivers.tum.writer import TumWriter
+from vo_service.tools.doctor.stream_probe import probe_stream
+from vo_service.tools.doctor.usb_probe import KernelUsbDevice, list_usb_devices
 
+PYTHON_PACKAGES = (
+    "kinect-vo",
+    "numpy",
+    "opencv-python-headless",
+    "numba",
+    "scipy",
+    "eclipse-zenoh",
+    "rerun-sdk",
+    "pyusb",
+    "pyudev",
+)
+DEBIAN_PACKAGES = ("libfreenect0.5", "libopenni2-0", "libusb-1.0-0", "udev")
+COMMAND_TIMEOUT_S = 10.0
+# The newest lines of the system's logs.
+JOURNAL_COMMANDS = {
+    "journal.txt": ("journalctl", "--no-pager", "--lines=500", "--unit=kinect-vo*"),
+    "kernel.txt": ("journalctl", "--no-pager", "--lines=300", "--dmesg"),
+}
 SUFFIX = ".tar.gz"
 LOG_FILE = "log.txt"
+RECORDED_DURATION_S = 5.0
+OWN_LOGGERS = ("drivers", "vo_service", "kinect-vo")
+
+
+def collect_versions() -> dict[str, str]:
+    """Return names and versions of the installed software; "" if not installed."""
+    python = {name: _python_package_version(name) for name in PYTHON_PACKAGES}
+    debian = {name: _debian_package_version(name) for name in DEBIAN_PACKAGES}
+    return python | debian | _system_versions()
+
+
+def format_usb_listing(root: Path) -> str:
+    """Return one line per USB device that the kernel lists."""
+    devices = list_usb_devices(root / "sys")
+    if not devices:
+        return "the kernel lists no USB devices\n"
+    return "".join(_format_usb_device(device) for device in devices)
+
+
+def read_journals() -> dict[str, str]:
+    """Return file names and texts of the system's logs that this user may read."""
+    texts = {name: run_and_capture(command) for name, command in JOURNAL_COMMANDS.items()}
+    return {name: text for name, text in texts.items() if text}
+
+
+def run_and_capture(command: Sequence[str]) -> str:
+    """Return the output of a command; "" if it is not installed, fails or does not end."""
+    if shutil.which(command[0]) is None:
+        return ""
+    try:
+        process = subprocess.run(
+            command, capture_output=True, text=True, timeout=COMMAND_TIMEOUT_S, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return process.stdout if process.returncode == 0 else ""
+
+
+def _system_versions() -> dict[str, str]:
+    release = platform.freedesktop_os_release() if Path("/etc/os-release").exists() else {}
+    return {
+        "python": platform.python_version(),
+        "os": release.get("PRETTY_NAME", platform.system()),
+        "kernel": platform.release(),
+        "machine": platform.machine(),
+        "processors": str(os.cpu_count() or ""),
+    }
+
+
+def _python_package_version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def _debian_package_version(name: str) -> str:
+    return run_and_capture(["dpkg-query", "--show", "--showformat=${Version}", name])
+
+
+def _format_usb_device(device: KernelUsbDevice) -> str:
+    bus, address = device.bus_and_address
+    drivers = f"  drivers {', '.join(device.drivers)}" if device.drivers else ""
+    return (
+        f"bus {bus:>3} device {address:>3}  {device.path.name:12}  {device.attribute('speed')} "
+        f"Mbit/s  controller {device.controller or '?'}  {device.name}{drivers}\n"
+    )
 
 
 class BugReport:
@@ -86,3 +180,68 @@ def open_bug_report(file: Path) -> Iterator[BugReport]:
             raise UserFacingError(
                 f"{file}: {error.strerror}; no file was written; check the disk and try again"
             ) from error
+
+
+def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:
+    """Add the contents; returns a phrase about the recorded frames.
+
+    Raises:
+        OSError: If that fails.
+    """
+    report.add_json("versions.json", collect_versions())
+    report.add_text("usb.txt", format_usb_listing(Path("/")))
+    for name, text in read_journals().items():
+        report.add_text(name, text)
+    # Depth is lossless. Color is JPEG, so that the file is small enough to send.
+    with TumWriter(report.folder / "frames", color_format=ColorFormat.JPEG) as writer:
+        sample = probe_stream(camera, RECORDED_DURATION_S, writer.write)
+    if sample.error:
+        report.add_text("frames/error.txt", f"{sample.error}\n")
+    if not writer.written:
+        return "without images, because the camera sent none"
+    return f"with {writer.written} camera images: look at them before you send the report"
+
+
+@contextmanager
+def quiet_console() -> Iterator[None]:
+    """Show only errors on the console; findings repeat the drivers' warnings."""
+    levels = [(handler, handler.level) for handler in logging.getLogger().handlers]
+    for handler, level in levels:
+        handler.setLevel(max(level, logging.ERROR))
+    try:
+        yield
+    finally:
+        for handler, level in levels:
+            handler.setLevel(level)
+
+
+@contextmanager
+def log_details_to(file: Path) -> Iterator[None]:
+    """Log everything to a file as well; other handlers do not change.
+
+    Raises:
+        OSError: If that fails.
+    """
+    root = logging.getLogger()
+    before = root.level
+    levels = [(handler, handler.level) for handler in root.handlers]
+    detailed = logging.FileHandler(file)
+    detailed.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    # Details of other packages would hide ours.
+    detailed.addFilter(lambda record: record.levelno > logging.INFO or _is_ours(record.name))
+    for handler, level in levels:
+        handler.setLevel(max(level, before))
+    root.addHandler(detailed)
+    root.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        root.setLevel(before)
+        root.removeHandler(detailed)
+        detailed.close()
+        for handler, level in levels:
+            handler.setLevel(level)
+
+
+def _is_ours(logger: str) -> bool:
+    return logger.partition(".")[0] in OWN_LOGGERS

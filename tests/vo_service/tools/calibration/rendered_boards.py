@@ -9,8 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
-from vo_service.tools.calibration.board import Board, BoardCorners
-from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Lens, Snapshot
+from vo_service.tools.calibration.board import (
+    NO_DEPTH,
+    Board,
+    BoardCorners,
+    BoardView,
+    Lens,
+    Snapshot,
+)
 
 SIZE = (640, 480)
 TEXELS_PER_SQUARE = 48

@@ -9,8 +9,7 @@ import pytest
 from drivers.core.errors import InputError
 from vo_service.tools.calibration.board import Board, BoardLayout
 from vo_service.tools.calibration.board_printing import DOTS_PER_INCH, choose_paper, print_board
-from vo_service.tools.calibration.charuco import Charuco
-from vo_service.tools.calibration.chessboard import Chessboard
+from vo_service.tools.calibration.chessboards import Charuco, Chessboard
 
 CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.025))
 CHARUCO = Charuco(BoardLayout(8, 6, 0.030), 0.021, "4X4_100")

@@ -9,10 +9,10 @@ import pytest
 
 from drivers.calibration import read_calibration
 from drivers.core.errors import InputError
-from vo_service.tools.calibration.chessboard import Chessboard
+from vo_service.tools.calibration.chessboards import Chessboard
+from vo_service.tools.calibration.collect_folder import DepthUnits
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
-from vo_service.tools.calibration.image_folder import DepthUnits
 from vo_service.tools.calibration.output_files import check_writable, save_camera_file
 from vo_service.tools.calibration.plot import draw_plot, write_plot
 from vo_service.tools.calibration.result import CalibrationResult

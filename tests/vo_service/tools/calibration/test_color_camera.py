@@ -12,10 +12,9 @@ from tests.vo_service.tools.calibration.rendered_boards import (
     RenderedKinect,
     random_board_poses,
 )
-from vo_service.tools.calibration.board import BoardCorners
-from vo_service.tools.calibration.chessboard import Chessboard
+from vo_service.tools.calibration.board import BoardCorners, BoardView, Lens
+from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
-from vo_service.tools.calibration.snapshot import BoardView, Lens
 from vo_service.tools.calibration.view_selection import ViewSelector
 
 NO_DISTORTION = replace(COLOR_LENS, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))

@@ -8,10 +8,10 @@ import pytest
 
 from drivers.core.errors import InputError, UserFacingError
 from tests.vo_service.tools.doctor.doctor_fakes import make_usb_device, make_usb_interface
-from vo_service.tools.doctor.report import open_bug_report
-from vo_service.tools.doctor.system_info import (
+from vo_service.tools.doctor.report import (
     collect_versions,
     format_usb_listing,
+    open_bug_report,
     run_and_capture,
 )
 

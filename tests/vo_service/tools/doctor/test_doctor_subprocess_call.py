@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from drivers.core.errors import UserFacingError
-from vo_service.tools.doctor.library_info import load_libraries
+from vo_service.tools.doctor.libraries import load_libraries
 from vo_service.tools.doctor.subprocess_call import call_in_subprocess
 
 pytestmark = pytest.mark.subprocess

@@ -17,8 +17,8 @@ from drivers.camera import (
 )
 from drivers.core.errors import CameraError
 from drivers.rectify import SoftwareRegistration, make_undistorter
-from vo_service.tools.calibration import live_snapshots
-from vo_service.tools.calibration.live_snapshots import read_frames, write_raw_camera_file
+from vo_service.tools.calibration import collect_live
+from vo_service.tools.calibration.collect_live import read_frames, write_raw_camera_file
 
 
 class SilentCamera(RgbdCamera):
@@ -59,7 +59,7 @@ def test_with_the_raw_camera_file_color_is_not_undistorted() -> None:
 def test_a_silent_camera_fails_with_its_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(live_snapshots, "FRAME_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(collect_live, "FRAME_TIMEOUT_S", 0.0)
     with pytest.raises(CameraError, match="silent: no Kinect is plugged in"):
         list(read_frames(SilentCamera(), threading.Event()))
 

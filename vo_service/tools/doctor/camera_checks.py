@@ -2,18 +2,24 @@
 
 from drivers.kinect_usb.usb_ids import SensorModel
 from drivers.registry import ONI_SUFFIX
-from vo_service.tools.doctor.access import ExclusiveAccessCheck, KernelDriverCheck, PermissionCheck
-from vo_service.tools.doctor.bus import ControllerCheck, SensorPresenceCheck, UsbSpeedCheck
-from vo_service.tools.doctor.context import RequestedSensor
-from vo_service.tools.doctor.finding import Check
-from vo_service.tools.doctor.firmware import FirmwareCheck
-from vo_service.tools.doctor.libraries import LibrariesCheck
-from vo_service.tools.doctor.stream import FirstFramesCheck, FrameRateCheck, LostPacketsCheck
-from vo_service.tools.doctor.timing import (
+from vo_service.tools.doctor.check import Check, RequestedSensor
+from vo_service.tools.doctor.libraries import FirmwareCheck, LibrariesCheck
+from vo_service.tools.doctor.stream_checks import (
     ClockRateCheck,
+    FirstFramesCheck,
+    FrameRateCheck,
     GravityCheck,
     LearnedTimingCheck,
+    LostPacketsCheck,
     SkewCheck,
+)
+from vo_service.tools.doctor.usb_checks import (
+    ControllerCheck,
+    ExclusiveAccessCheck,
+    KernelDriverCheck,
+    PermissionCheck,
+    SensorPresenceCheck,
+    UsbSpeedCheck,
 )
 
 KINECT_MODELS = frozenset({SensorModel.K1414, SensorModel.K1473, SensorModel.K4W})

@@ -1,5 +1,6 @@
-"""ChArUco board: a chessboard with markers, which may be partly visible."""
+"""Chessboards, plain and with ChArUco markers, and their choice by the options."""
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,9 +11,21 @@ from numpy.typing import NDArray
 
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
-from vo_service.tools.calibration.board import NO_CORNERS, BoardCorners, BoardLayout, GrayImage
-from vo_service.tools.calibration.chessboard import SUBPIXEL_CRITERIA
+from vo_service.tools.calibration.board import (
+    NO_CORNERS,
+    Board,
+    BoardCorners,
+    BoardLayout,
+    GrayImage,
+)
 
+# Refinement windows have up to 11 x 11 pixels, less if corners are close together.
+MAX_HALF_WINDOW_PX = 5
+MIN_SPACING_PX = 6.0
+SUBPIXEL_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
+FIND_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE
+# The detector extends a board of this size as far as possible.
+MIN_PATTERN = (3, 3)
 # Fewer corners give little information, and may all lie in two rows.
 MIN_CORNERS = 12
 # The refinement window must not include markers, which start an eighth of a square away.
@@ -22,6 +35,69 @@ MIN_SQUARE_PX = 14.0
 DICTIONARIES = sorted(
     name.removeprefix("DICT_") for name in vars(aruco) if name.startswith("DICT_")
 )
+USAGE = "chessboard:9x6 (inner corners) or charuco:8x6 (squares)"
+_BOARD_PATTERN = re.compile(r"(chessboard|charuco):(\d{1,3})x(\d{1,3})")
+MIN_SQUARES, MAX_SQUARES = 3, 100
+# Default side of a marker relative to its square, also for --print-board.
+DEFAULT_MARKER_RATIO = 0.7
+
+
+@dataclass(frozen=True)
+class Chessboard:
+    """Chessboard of black and white squares."""
+
+    layout: BoardLayout
+
+    @property
+    def name(self) -> str:
+        """Name with the number of inner corners, as in the option."""
+        columns, rows = self._inner_corners
+        return f"chessboard of {columns}x{rows} inner corners"
+
+    def find_corners(self, gray: GrayImage) -> BoardCorners:
+        """Find all inner corners or none."""
+        is_found, pixels = cv2.findChessboardCornersSB(gray, self._inner_corners, flags=FIND_FLAGS)
+        if not is_found:
+            return NO_CORNERS
+        columns, rows = self._inner_corners
+        grid = pixels.reshape(rows, columns, 2).astype(np.float64)
+        spacing_px = min(_min_spacing_px(grid), _min_spacing_px(grid.transpose(1, 0, 2)))
+        if spacing_px < MIN_SPACING_PX:
+            return NO_CORNERS
+        half_window = int(min(MAX_HALF_WINDOW_PX, spacing_px / 2 - 1))
+        # More accurate than the detector's subpixel positions, which come from a fitted grid.
+        refined = cv2.cornerSubPix(
+            gray, pixels, (half_window, half_window), (-1, -1), SUBPIXEL_CRITERIA
+        )
+        return BoardCorners(refined.reshape(-1, 2).astype(np.float64), self.layout.inner_corners_m)
+
+    def suggest_other_board(self, gray: GrayImage) -> str:
+        """Return the option for a chessboard of another size in the image, or ""."""
+        flags = FIND_FLAGS | cv2.CALIB_CB_LARGER
+        is_found, _, meta = cv2.findChessboardCornersSBWithMeta(gray, MIN_PATTERN, flags)
+        if not is_found or meta.shape[:2] in (self._inner_corners, self._inner_corners[::-1]):
+            return ""
+        rows, columns = sorted(meta.shape[:2])
+        return f"chessboard:{columns}x{rows}"
+
+    def dark_cells_m(self) -> Array:
+        """Return every other square, starting with the first."""
+        side = self.layout.square_m
+        cells = [
+            (column * side, row * side, side, side)
+            for row in range(self.layout.rows)
+            for column in range(row % 2, self.layout.columns, 2)
+        ]
+        return np.array(cells)
+
+    @property
+    def _inner_corners(self) -> tuple[int, int]:
+        return self.layout.columns - 1, self.layout.rows - 1
+
+
+def _min_spacing_px(grid: Array) -> float:
+    """Return the minimum distance of neighbors along the second axis of (rows, columns, 2)."""
+    return float(np.linalg.norm(np.diff(grid, axis=1), axis=2).min())
 
 
 @dataclass(frozen=True)
@@ -134,12 +210,12 @@ def _square_px(pixels: NDArray[np.float32], points_m: Array, square_m: float) ->
     if H.shape != (3, 3):  # no homography for collinear corners
         return 0.0
     sides = [np.array([square_m, 0.0]), np.array([0.0, square_m])]
-    origins = _project(H, points_m[:, :2])
-    ends = [_project(H, points_m[:, :2] + side) for side in sides]
+    origins = _apply_homography(H, points_m[:, :2])
+    ends = [_apply_homography(H, points_m[:, :2] + side) for side in sides]
     return float(min(np.linalg.norm(end - origins, axis=1).min() for end in ends))
 
 
-def _project(H: Array, points: Array) -> Array:
+def _apply_homography(H: Array, points: Array) -> Array:
     scaled = np.column_stack([points, np.ones(len(points))]) @ H.T
     pixels: Array = scaled[:, :2] / scaled[:, 2:]
     return pixels
@@ -147,3 +223,47 @@ def _project(H: Array, points: Array) -> Array:
 
 def _dictionary(name: str) -> aruco.Dictionary:
     return aruco.getPredefinedDictionary(getattr(aruco, f"DICT_{name}"))
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """Values of --board, --square, --marker and --dictionary."""
+
+    board: str
+    square_m: float | None
+    marker_m: float | None
+    dictionary: str
+
+
+def make_board(options: BoardOptions) -> Board:
+    """Make the board of the options. Raises InputError with the name of a wrong option."""
+    match = _BOARD_PATTERN.fullmatch(options.board)
+    if match is None:
+        raise InputError(f"--board {options.board}: is not a board; write {USAGE}")
+    if options.square_m is None:
+        raise InputError(
+            "--square is missing: measure a square of the printed board and give its side in "
+            "meters, such as --square 0.025"
+        )
+    kind, columns, rows = match[1], int(match[2]), int(match[3])
+    if not (MIN_SQUARES <= columns <= MAX_SQUARES and MIN_SQUARES <= rows <= MAX_SQUARES):
+        raise InputError(
+            f"--board {options.board}: use {MIN_SQUARES} to {MAX_SQUARES} columns and rows"
+        )
+    if kind == "chessboard":
+        return Chessboard(BoardLayout(columns + 1, rows + 1, options.square_m))
+    return _make_charuco(BoardLayout(columns, rows, options.square_m), options)
+
+
+def _make_charuco(layout: BoardLayout, options: BoardOptions) -> Charuco:
+    marker_m = options.marker_m or DEFAULT_MARKER_RATIO * layout.square_m
+    if marker_m >= layout.square_m:
+        raise InputError(
+            f"--marker {marker_m:g}: must be smaller than the square ({layout.square_m:g} m)"
+        )
+    if options.dictionary not in DICTIONARIES:
+        known = ", ".join(name for name in DICTIONARIES if name.endswith("_100"))
+        raise InputError(
+            f"--dictionary {options.dictionary}: is unknown; use one of OpenCV's, such as {known}"
+        )
+    return Charuco(layout, marker_m, options.dictionary)

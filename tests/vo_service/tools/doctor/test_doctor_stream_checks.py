@@ -13,15 +13,17 @@ from tests.vo_service.tools.doctor.doctor_fakes import (
     make_context,
     make_samples,
 )
-from vo_service.tools.doctor.finding import Check, CheckVerdict, Finding
-from vo_service.tools.doctor.stream import FirstFramesCheck, FrameRateCheck, LostPacketsCheck
-from vo_service.tools.doctor.stream_probe import StreamSample
-from vo_service.tools.doctor.timing import (
+from vo_service.tools.doctor.check import Check, CheckVerdict, Finding
+from vo_service.tools.doctor.stream_checks import (
     ClockRateCheck,
+    FirstFramesCheck,
+    FrameRateCheck,
     GravityCheck,
     LearnedTimingCheck,
+    LostPacketsCheck,
     SkewCheck,
 )
+from vo_service.tools.doctor.stream_probe import StreamSample
 
 CHECKS = (
     FirstFramesCheck(),

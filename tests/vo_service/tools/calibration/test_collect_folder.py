@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.core.errors import InputError
-from vo_service.tools.calibration.image_folder import (
+from vo_service.tools.calibration.collect_folder import (
     list_snapshot_files,
     read_depth_units,
     read_snapshots,

@@ -8,12 +8,15 @@ import pytest
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import rigid_transform
 from tests.vo_service.tools.calibration.rendered_boards import RenderedKinect
-from vo_service.tools.calibration.chessboard import Chessboard
+from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
-from vo_service.tools.calibration.coverage import CoverageGap, find_coverage_gaps
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
-from vo_service.tools.calibration.validation import validate_color, validate_depth
-from vo_service.tools.calibration.view_selection import estimate_board_pose
+from vo_service.tools.calibration.solver import validate_color, validate_depth
+from vo_service.tools.calibration.view_selection import (
+    CoverageGap,
+    estimate_board_pose,
+    find_coverage_gaps,
+)
 
 
 def test_good_views_give_no_warning(

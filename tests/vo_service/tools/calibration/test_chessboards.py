@@ -1,4 +1,4 @@
-"""Detection of boards: corners to a tenth of a pixel, or none."""
+"""Chessboards and ChArUco boards are found in images, and their options are checked."""
 
 import cv2
 import numpy as np
@@ -14,8 +14,7 @@ from tests.vo_service.tools.calibration.rendered_boards import (
     random_board_poses,
 )
 from vo_service.tools.calibration.board import Board, BoardCorners, BoardLayout
-from vo_service.tools.calibration.charuco import Charuco
-from vo_service.tools.calibration.chessboard import Chessboard
+from vo_service.tools.calibration.chessboards import BoardOptions, Charuco, Chessboard, make_board
 
 CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.035))
 CHARUCO = Charuco(BoardLayout(8, 6, 0.045), 0.031, "4X4_100")
@@ -97,3 +96,35 @@ def test_about_half_of_a_board_is_printed_black(board: Board) -> None:
     _, _, width_m, height_m = board.dark_cells_m().T
     layout = board.layout
     assert 0.45 < (width_m * height_m).sum() / (layout.width_m * layout.height_m) < 0.75
+
+
+def test_a_chessboard_is_given_by_its_inner_corners() -> None:
+    board = make_board(BoardOptions("chessboard:9x6", 0.025, None, "4X4_100"))
+    assert (board.layout.columns, board.layout.rows) == (10, 7)
+    assert board.name == "chessboard of 9x6 inner corners"
+
+
+def test_a_charuco_board_is_given_by_its_squares() -> None:
+    board = make_board(BoardOptions("charuco:8x6", 0.04, None, "4X4_100"))
+    assert isinstance(board, Charuco)
+    assert (board.layout.columns, board.layout.rows, board.marker_m) == (8, 6, 0.7 * 0.04)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            BoardOptions("chess:9x6", 0.025, None, "4X4_100"),
+            "chess:9x6: is not a board; write chessb",
+        ),
+        (BoardOptions("chessboard:9", 0.025, None, "4X4_100"), "chessboard:9: is not a board"),
+        (BoardOptions("chessboard:9x2", 0.025, None, "4X4_100"), "use 3 to 100 columns and rows"),
+        (BoardOptions("chessboard:9x6", None, None, "4X4_100"), "--square is missing: measure a"),
+        (BoardOptions("charuco:8x6", 0.04, 0.04, "4X4_100"), "must be smaller than the square"),
+        (BoardOptions("charuco:8x6", 0.04, None, "9X9"), "--dictionary 9X9: is unknown; use one"),
+    ],
+)
+def test_a_wrong_option_is_named(options: BoardOptions, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        make_board(options)
+    assert message in str(caught.value)

@@ -20,6 +20,7 @@ from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router
 from tests.vo_service.service_process import ServiceProcess
 from vo_service.client import CommandRefused, PoseClient
+from vo_service.types import SaveMapCommand
 
 Action = Callable[[ServiceProcess], None]
 
@@ -170,7 +171,7 @@ def _save_map(service: ServiceProcess) -> None:
     with PoseClient(connect=f"tcp/127.0.0.1:{service.port}") as client:
         client.wait_for_publisher(5.0)
         with suppress(CommandRefused):  # the previous save is not finished
-            client.save_map(f"map-{time.monotonic_ns()}")
+            client.send(SaveMapCommand(f"map-{time.monotonic_ns()}"))
 
 
 def _make_signal_action(process: "subprocess.Popen[bytes]", number: signal.Signals) -> Action:

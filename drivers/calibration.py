@@ -4,10 +4,12 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from drivers.camera import PinholeCamera, TimingPrior, TimingSource
-from drivers.core.config import SCHEMA_VERSION, config_field, read_toml, required_field
+from drivers.core.config import SCHEMA_VERSION, read_toml
 from drivers.core.errors import InputError
+from drivers.core.fields import Field
 from drivers.core.geometry import Array, transform_from_pose
 
 CAMERA_FILE_NAME = "camera.toml"
@@ -19,10 +21,10 @@ NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 class RigidTransform:
     """A rigid transform as a table of a camera file."""
 
-    translation_m: tuple[float, float, float] = required_field(
-        "x y z in meters", minimum=-10.0, maximum=10.0
-    )
-    quaternion_xyzw: tuple[float, float, float, float] = required_field("x y z w, of length 1")
+    translation_m: Annotated[
+        tuple[float, float, float], Field("x y z in meters", minimum=-10.0, maximum=10.0)
+    ]
+    quaternion_xyzw: Annotated[tuple[float, float, float, float], "x y z w, of length 1"]
 
     def __post_init__(self) -> None:
         if abs(math.hypot(*self.quaternion_xyzw) - 1.0) > 1e-2:
@@ -43,17 +45,21 @@ class DepthCameraCalibration:
         scale: True distance per distance read.
     """
 
-    fx: float = required_field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)
-    fy: float = required_field("vertical focal length in pixels", minimum=1.0, maximum=1e6)
-    cx: float = required_field("column of the principal point in pixels", minimum=-1e5, maximum=1e5)
-    cy: float = required_field("row of the principal point in pixels", minimum=-1e5, maximum=1e5)
-    T_color_depth: RigidTransform = required_field("translation_m and quaternion_xyzw")
-    distortion: Distortion = config_field(
-        NO_DISTORTION, "k1, k2, p1, p2, k3", minimum=-1e3, maximum=1e3
+    fx: Annotated[float, Field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)]
+    fy: Annotated[float, Field("vertical focal length in pixels", minimum=1.0, maximum=1e6)]
+    cx: Annotated[
+        float, Field("column of the principal point in pixels", minimum=-1e5, maximum=1e5)
+    ]
+    cy: Annotated[float, Field("row of the principal point in pixels", minimum=-1e5, maximum=1e5)]
+    T_color_depth: Annotated[RigidTransform, "translation_m and quaternion_xyzw"]
+    distortion: Annotated[Distortion, Field("k1, k2, p1, p2, k3", minimum=-1e3, maximum=1e3)] = (
+        NO_DISTORTION
     )
-    width: int = config_field(640, "depth image width in pixels", minimum=1, maximum=16384)
-    height: int = config_field(480, "depth image height in pixels", minimum=1, maximum=16384)
-    scale: float = config_field(1.0, "true distance per distance read", minimum=0.5, maximum=2.0)
+    width: Annotated[int, Field("depth image width in pixels", minimum=1, maximum=16384)] = 640
+    height: Annotated[int, Field("depth image height in pixels", minimum=1, maximum=16384)] = 480
+    scale: Annotated[float, Field("true distance per distance read", minimum=0.5, maximum=2.0)] = (
+        1.0
+    )
 
     @property
     def pinhole(self) -> PinholeCamera:
@@ -82,42 +88,53 @@ class CameraCalibration:
         depth_offset_sigma_s: Standard deviation of `depth_offset_s`, see `timing_prior`.
     """
 
-    width: int = required_field("image width in pixels", minimum=1, maximum=16384)
-    height: int = required_field("image height in pixels", minimum=1, maximum=16384)
-    fx: float = required_field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)
-    fy: float = required_field("vertical focal length in pixels", minimum=1.0, maximum=1e6)
-    cx: float = required_field("column of the principal point in pixels", minimum=-1e5, maximum=1e5)
-    cy: float = required_field("row of the principal point in pixels", minimum=-1e5, maximum=1e5)
-    distortion: Distortion = required_field(
-        "k1, k2, p1, p2, k3; zeros for none", minimum=-1e3, maximum=1e3
-    )
-    depth_factor: float = required_field(
-        "depth image value of one meter: 5000 for TUM, 1000 for millimeters",
-        minimum=1.0,
-        maximum=1e6,
-    )
-    readout_s: float = config_field(
-        0.0, "seconds from the first row to the last", minimum=0.0, maximum=1.0
-    )
-    depth_offset_s: float = config_field(
-        0.0, "capture time of depth minus its stamp, in seconds", minimum=-0.1, maximum=0.1
-    )
-    depth: DepthCameraCalibration | None = config_field(
-        None, "the depth camera, if the sensor does not register depth"
-    )
-    readout_sigma_s: float | None = config_field(
-        None,
-        "standard deviation of readout_s, 0 = exact; unset = 1 ms, or unknown if readout_s is 0",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    depth_offset_sigma_s: float | None = config_field(
-        None,
-        "standard deviation of depth_offset_s, 0 = exact; unset = 0.5 ms, or unknown if "
-        "depth_offset_s is 0",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    width: Annotated[int, Field("image width in pixels", minimum=1, maximum=16384)]
+    height: Annotated[int, Field("image height in pixels", minimum=1, maximum=16384)]
+    fx: Annotated[float, Field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)]
+    fy: Annotated[float, Field("vertical focal length in pixels", minimum=1.0, maximum=1e6)]
+    cx: Annotated[
+        float, Field("column of the principal point in pixels", minimum=-1e5, maximum=1e5)
+    ]
+    cy: Annotated[float, Field("row of the principal point in pixels", minimum=-1e5, maximum=1e5)]
+    distortion: Annotated[
+        Distortion, Field("k1, k2, p1, p2, k3; zeros for none", minimum=-1e3, maximum=1e3)
+    ]
+    depth_factor: Annotated[
+        float,
+        Field(
+            "depth image value of one meter: 5000 for TUM, 1000 for millimeters",
+            minimum=1.0,
+            maximum=1e6,
+        ),
+    ]
+    readout_s: Annotated[
+        float, Field("seconds from the first row to the last", minimum=0.0, maximum=1.0)
+    ] = 0.0
+    depth_offset_s: Annotated[
+        float,
+        Field("capture time of depth minus its stamp, in seconds", minimum=-0.1, maximum=0.1),
+    ] = 0.0
+    depth: Annotated[
+        DepthCameraCalibration | None, "the depth camera, if the sensor does not register depth"
+    ] = None
+    readout_sigma_s: Annotated[
+        float | None,
+        Field(
+            "standard deviation of readout_s, 0 = exact; unset = 1 ms, or unknown if "
+            "readout_s is 0",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+    ] = None
+    depth_offset_sigma_s: Annotated[
+        float | None,
+        Field(
+            "standard deviation of depth_offset_s, 0 = exact; unset = 0.5 ms, or unknown if "
+            "depth_offset_s is 0",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+    ] = None
 
     @property
     def pinhole(self) -> PinholeCamera:

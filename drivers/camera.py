@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from types import TracebackType
-from typing import Self
+from typing import Annotated, Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.config import config_field, required_field
 from drivers.core.errors import CameraError
+from drivers.core.fields import Field
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
 
@@ -38,16 +38,19 @@ class Led(StrEnum):
 class SensorConfig:
     """Settings of a real sensor, applied whenever it is opened."""
 
-    auto_exposure: bool = config_field(True, "false keeps the current exposure")
-    auto_white_balance: bool = config_field(True, "false keeps the current white balance")
-    mirror: bool = config_field(False, "swap left and right, for a camera that looks into a mirror")
-    led: Led = config_field(Led.GREEN, "LED while the sensor is open")
-    tilt_deg: float | None = config_field(
-        None,
-        "tilt of the head against the horizon; unset = unchanged",
-        minimum=-31.0,
-        maximum=31.0,
-    )
+    auto_exposure: Annotated[bool, "false keeps the current exposure"] = True
+    auto_white_balance: Annotated[bool, "false keeps the current white balance"] = True
+    mirror: Annotated[bool, "swap left and right, for a camera that looks into a mirror"] = False
+    led: Annotated[Led, Field("LED while the sensor is open", is_reloadable=True)] = Led.GREEN
+    tilt_deg: Annotated[
+        float | None,
+        Field(
+            "tilt of the head against the horizon; unset = unchanged",
+            minimum=-31.0,
+            maximum=31.0,
+            is_reloadable=True,
+        ),
+    ] = None
 
 
 def is_serial(text: str) -> bool:
@@ -64,12 +67,12 @@ _log = logging.getLogger(__name__)
 class PinholeCamera:
     """Intrinsics of an undistorted image, in pixels; the center of the first pixel is (0, 0)."""
 
-    width: int = required_field("columns of the image", minimum=1)
-    height: int = required_field("rows of the image", minimum=1)
-    fx: float = required_field("horizontal focal length, pixels", exclusive_minimum=0.0)
-    fy: float = required_field("vertical focal length, pixels", exclusive_minimum=0.0)
-    cx: float = required_field("column of the principal point, pixels")
-    cy: float = required_field("row of the principal point, pixels")
+    width: Annotated[int, Field("columns of the image", minimum=1)]
+    height: Annotated[int, Field("rows of the image", minimum=1)]
+    fx: Annotated[float, Field("horizontal focal length, pixels", exclusive_minimum=0.0)]
+    fy: Annotated[float, Field("vertical focal length, pixels", exclusive_minimum=0.0)]
+    cx: Annotated[float, "column of the principal point, pixels"]
+    cy: Annotated[float, "row of the principal point, pixels"]
 
     @property
     def K(self) -> Array:

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 
 from vo_service import CommandRefused, PoseClient, ServiceUnavailable
+from vo_service.types import ResetCommand
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 
@@ -22,7 +23,7 @@ T_odom_charger = np.array(
 
 with PoseClient(connect=endpoint) as client:
     try:
-        epoch = client.reset(T_odom_charger)
+        epoch = client.send(ResetCommand.to_pose(T_odom_charger)).epoch
     except CommandRefused as error:
         sys.exit(f"refused ({error.code}): {error}")
     except ServiceUnavailable as error:

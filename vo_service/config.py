@@ -5,13 +5,14 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from drivers.camera import SensorConfig
-from drivers.core.config import config_field, read_toml
+from drivers.core.config import read_toml
 from drivers.core.errors import UserFacingError
+from drivers.core.fields import Field, typed_fields
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
 from drivers.registry import CAMERA_USAGES
 from drivers.synthetic.config import SyntheticConfig
@@ -38,33 +39,17 @@ from vo_service.odometry.registry import (
 from vo_service.types import Odometry
 
 logger = logging.getLogger(__name__)
-# Keys that take effect while the service runs; all others take effect at the next start.
-RELOADABLE_KEYS = (
-    "sensor.led",
-    "sensor.tilt_deg",
-    "odometry.feature_count",
-    "commands.per_second",
-    "recorder.save_on_loss",
-    "recorder.total_mb",
-    "map.max_mb",
-    "map.voxel_m",
-    "map.mesh_memory_mb",
-    "map.total_mb",
-    "load.adapt",
-    "load.min_features",
-    "log.level",
-)
 
 
 @dataclass(frozen=True)
 class CameraConfig:
     """`[camera]`: source of the frames."""
 
-    source: str = config_field("synthetic", f"one of {', '.join(CAMERA_USAGES.values())}")
-    file: Path | None = config_field(None, "camera file: intrinsics, distortion, registration")
-    stamp_offset_s: float = config_field(
-        0.0, "added to every published stamp, seconds", minimum=-1.0, maximum=1.0
-    )
+    source: Annotated[str, Field(f"one of {', '.join(CAMERA_USAGES.values())}")] = "synthetic"
+    file: Annotated[Path | None, "camera file: intrinsics, distortion, registration"] = None
+    stamp_offset_s: Annotated[
+        float, Field("added to every published stamp, seconds", minimum=-1.0, maximum=1.0)
+    ] = 0.0
 
     def __post_init__(self) -> None:
         if self.source.partition(":")[0] not in CAMERA_USAGES:
@@ -77,15 +62,20 @@ class CameraConfig:
 class OdometryConfig:
     """`[odometry]`: estimation of the motion."""
 
-    method: str = config_field(DEFAULT_METHOD, f"one of {', '.join(METHODS)}")
-    feature_count: int = config_field(
-        1000, "features to find in a frame", minimum=MIN_FEATURES, maximum=MAX_FEATURES
-    )
-    upright: bool = config_field(False, "true for a camera that never rolls: faster, more matches")
-    timing: str = config_field(
-        DEFAULT_TIMING_MODE,
-        '"learned" = learn timing and focal length (method direct); "fixed" = as told',
-    )
+    method: Annotated[str, Field(f"one of {', '.join(METHODS)}")] = DEFAULT_METHOD
+    feature_count: Annotated[
+        int,
+        Field(
+            "features to find in a frame",
+            minimum=MIN_FEATURES,
+            maximum=MAX_FEATURES,
+            is_reloadable=True,
+        ),
+    ] = 1000
+    upright: Annotated[bool, "true for a camera that never rolls: faster, more matches"] = False
+    timing: Annotated[
+        str, '"learned" = learn timing and focal length (method direct); "fixed" = as told'
+    ] = DEFAULT_TIMING_MODE
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -110,12 +100,11 @@ class OdometryConfig:
 class MountingConfig:
     """`[T_base_camera]`: pose of the camera's optical frame in the robot's base_link."""
 
-    translation_m: tuple[float, float, float] = config_field(
-        (0.0, 0.0, 0.0), "x y z in base_link, m"
-    )
-    quaternion_xyzw: tuple[float, float, float, float] = config_field(
-        (-0.5, 0.5, -0.5, 0.5), "optical axes in base_link; the default looks straight ahead"
-    )
+    translation_m: Annotated[tuple[float, float, float], "x y z in base_link, m"] = (0.0, 0.0, 0.0)
+    quaternion_xyzw: Annotated[
+        tuple[float, float, float, float],
+        "optical axes in base_link; the default looks straight ahead",
+    ] = (-0.5, 0.5, -0.5, 0.5)
 
     def __post_init__(self) -> None:
         if abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) > 1e-2:
@@ -146,6 +135,19 @@ class Config:
     load: LoadConfig = LoadConfig()  # noqa: RUF009 (frozen)
     log: LogConfig = LogConfig()  # noqa: RUF009 (frozen)
     synthetic: SyntheticConfig = SyntheticConfig.fast()  # noqa: RUF009 (frozen)
+
+
+def _reloadable_keys() -> tuple[str, ...]:
+    return tuple(
+        f"{table.name}.{key.name}"
+        for table in typed_fields(Config)
+        for key in typed_fields(table.kind)
+        if key.spec.is_reloadable
+    )
+
+
+# Keys that take effect while the service runs; all others take effect at the next start.
+RELOADABLE_KEYS = _reloadable_keys()
 
 
 def read_config(path: Path | None) -> Config:

@@ -3,15 +3,13 @@
 import dataclasses
 import json
 import math
-import types
-from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
-from drivers.core.config import SCHEMA_VERSION, FieldSpec
-from vo_service.config import RELOADABLE_KEYS, Config
+from drivers.core.config import SCHEMA_VERSION
+from drivers.core.fields import Field, TypedField, typed_fields
+from vo_service.config import Config
 
 REFERENCE_COMMAND = "kinect-vo config reference"
 INTRODUCTION = f"""\
@@ -43,50 +41,24 @@ TABLE_HEADER = (
 )
 
 
-@dataclass(frozen=True)
-class _ConfigKey:
-    """One key of a table.
-
-    Attributes:
-        name: Name of the key.
-        annotation: Type of the value, without ``| None``.
-        default: Default; `dataclasses.MISSING` if required.
-        description: Description and range.
-    """
-
-    name: str
-    annotation: Any
-    default: Any
-    description: FieldSpec
-
-
 def render_reference() -> str:
     """Render the page, with the tables in the order of `Config`."""
-    return INTRODUCTION + "".join(
-        _render_table(key.annotation, key.name) for key in _config_keys(Config)
-    )
+    return INTRODUCTION + "".join(_render_table(key.kind, key.name) for key in typed_fields(Config))
 
 
 def _render_table(kind: Any, path: str, brackets: str = "[{}]") -> str:
     """Render a table's section, then those of the tables inside it."""
     heading = f"\n## `{brackets.format(path)}`\n\n{_table_description(kind, path)}\n\n"
     rows, inner = "", ""
-    for key in _config_keys(kind):
+    for key in typed_fields(kind):
         below = f"{path}.{key.name}"
-        if dataclasses.is_dataclass(key.annotation):
-            inner += _render_table(key.annotation, below)
-        elif dataclasses.is_dataclass(_item_type(key.annotation)):
-            inner += _render_table(_item_type(key.annotation), below, "[[{}]]")
+        if dataclasses.is_dataclass(key.kind):
+            inner += _render_table(key.kind, below)
+        elif dataclasses.is_dataclass(_item_type(key.kind)):
+            inner += _render_table(_item_type(key.kind), below, "[[{}]]")
         else:
             rows += _render_row(key, below)
     return heading + TABLE_HEADER + rows + inner
-
-
-def _config_keys(kind: Any) -> Iterator[_ConfigKey]:
-    hints = get_type_hints(kind)
-    for field in dataclasses.fields(kind):
-        description = field.metadata.get("description", FieldSpec())
-        yield _ConfigKey(field.name, _strip_optional(hints[field.name]), field.default, description)
 
 
 def _table_description(kind: Any, path: str) -> str:
@@ -98,24 +70,24 @@ def _table_description(kind: Any, path: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _render_row(key: _ConfigKey, path: str) -> str:
-    effect = "at once" if path in RELOADABLE_KEYS else "next start"
+def _render_row(key: TypedField, path: str) -> str:
+    effect = "at once" if key.spec.is_reloadable else "next start"
     cells = (
         f"`{key.name}`",
-        _format_type(key.annotation),
-        "*required*" if key.default is dataclasses.MISSING else _format_value(key.default),
-        _format_range(key.description),
-        key.description.description,
+        format_type(key.kind),
+        "*required*" if key.is_required else _format_value(key.default),
+        _format_range(key.spec),
+        key.spec.description,
         effect,
     )
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
 
 
-def _format_type(kind: Any) -> str:
+def format_type(kind: Any) -> str:
     """Name a type in plain English."""
     if get_origin(kind) in (list, tuple):
         items = get_args(kind)
-        one = _format_type(items[0])
+        one = format_type(items[0])
         return f"list of {one}" if items[-1] is ... else f"list of {len(items)} × {one}"
     if issubclass(kind, StrEnum):
         return ", ".join(f'`"{choice}"`' for choice in kind)
@@ -123,11 +95,11 @@ def _format_type(kind: Any) -> str:
     return names[kind]
 
 
-def _format_range(description: FieldSpec) -> str:
-    low, high = description.minimum, description.maximum
+def _format_range(spec: Field) -> str:
+    low, high = spec.minimum, spec.maximum
     if math.isfinite(low) and math.isfinite(high):
         return f"{low:.15g} to {high:.15g}"
-    return description.range_text
+    return spec.range_text
 
 
 def _format_value(value: Any) -> str:
@@ -136,12 +108,6 @@ def _format_value(value: Any) -> str:
         return "unset"
     listed = list(value) if isinstance(value, tuple) else value
     return f"`{json.dumps(listed, default=str)}`"
-
-
-def _strip_optional(kind: Any) -> Any:
-    if get_origin(kind) in (types.UnionType, Union):
-        return next(arm for arm in get_args(kind) if arm is not type(None))
-    return kind
 
 
 def _item_type(kind: Any) -> Any:

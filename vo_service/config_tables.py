@@ -4,9 +4,10 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
-from drivers.core.config import config_field
 from drivers.core.errors import InputError
+from drivers.core.fields import Field
 
 # Unit of the settings whose names end in _mb, bytes.
 MEGABYTE = 1_000_000
@@ -17,54 +18,76 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7450"
 class RerunConfig:
     """`[rerun]`: targets and settings of the viewer."""
 
-    targets: tuple[str, ...] = config_field(
-        (), "any of: serve, connect, connect:HOST:PORT, or a file that ends in .rrd"
+    targets: Annotated[
+        tuple[str, ...], "any of: serve, connect, connect:HOST:PORT, or a file that ends in .rrd"
+    ] = ()
+    picture_hz: Annotated[
+        float,
+        Field("image rate of the viewer, Hz; all else is sent with every frame", minimum=0.1),
+    ] = 10.0
+    jpeg_quality: Annotated[int, Field("JPEG quality of color images", minimum=10, maximum=100)] = (
+        80
     )
-    picture_hz: float = config_field(
-        10.0, "image rate of the viewer, Hz; all else is sent with every frame", minimum=0.1
-    )
-    jpeg_quality: int = config_field(80, "JPEG quality of color images", minimum=10, maximum=100)
-    memory_mb: int = config_field(300, "memory limit of each viewer's process", minimum=250)
-    file_mb: int = config_field(500, "size limit of an .rrd file; the next file follows", minimum=1)
-    files_kept: int = config_field(4, "number of .rrd files to keep, newest first", minimum=1)
+    memory_mb: Annotated[int, Field("memory limit of each viewer's process", minimum=250)] = 300
+    file_mb: Annotated[
+        int, Field("size limit of an .rrd file; the next file follows", minimum=1)
+    ] = 500
+    files_kept: Annotated[int, Field("number of .rrd files to keep, newest first", minimum=1)] = 4
 
 
 @dataclass(frozen=True)
 class RecorderConfig:
     """`[recorder]`: the flight recorder, which keeps the last seconds of frames."""
 
-    enabled: bool = config_field(True, "false disables the flight recorder and recordings")
-    seconds: float = config_field(
-        3.0, "length of an incident before its cause, s", minimum=0.5, maximum=600.0
-    )
-    max_mb: int = config_field(200, "memory limit of the ring of frames", minimum=10)
-    folder: Path | None = config_field(
-        None, "folder of the incidents; unset = below the state folder"
-    )
-    total_mb: int = config_field(
-        2000, "disk limit of all incidents; the oldest are deleted first", minimum=1
-    )
-    save_on_loss: bool = config_field(True, "write an incident whenever tracking is lost")
+    enabled: Annotated[bool, "false disables the flight recorder and recordings"] = True
+    seconds: Annotated[
+        float, Field("length of an incident before its cause, s", minimum=0.5, maximum=600.0)
+    ] = 3.0
+    max_mb: Annotated[int, Field("memory limit of the ring of frames", minimum=10)] = 200
+    folder: Annotated[Path | None, "folder of the incidents; unset = below the state folder"] = None
+    total_mb: Annotated[
+        int,
+        Field(
+            "disk limit of all incidents; the oldest are deleted first",
+            minimum=1,
+            is_reloadable=True,
+        ),
+    ] = 2000
+    save_on_loss: Annotated[
+        bool, Field("write an incident whenever tracking is lost", is_reloadable=True)
+    ] = True
 
 
 @dataclass(frozen=True)
 class MapConfig:
     """`[map]`: keyframes, loop closure, relocalization and saved maps."""
 
-    enabled: bool = config_field(True, "false disables the mapper: no keyframes, no saved maps")
-    loop_closure: bool = config_field(True, "false disables loop closure and relocalization")
-    load: str | None = config_field(None, "name of the map to load at the start; unset = none")
-    max_mb: int = config_field(
-        100, "memory limit of the mesh keyframes; thinned out when full", minimum=10
-    )
-    keyframe_database_mb: int = config_field(
-        100, "memory limit of the keyframe database for loop closure", minimum=5
-    )
-    voxel_m: float = config_field(0.02, "voxel size of the mesh, m", minimum=0.005, maximum=0.5)
-    mesh_memory_mb: int = config_field(300, "extra memory limit while meshing", minimum=50)
-    total_mb: int = config_field(
-        2000, "disk limit of all maps; the oldest are deleted first", minimum=1
-    )
+    enabled: Annotated[bool, "false disables the mapper: no keyframes, no saved maps"] = True
+    loop_closure: Annotated[bool, "false disables loop closure and relocalization"] = True
+    load: Annotated[str | None, "name of the map to load at the start; unset = none"] = None
+    max_mb: Annotated[
+        int,
+        Field(
+            "memory limit of the mesh keyframes; thinned out when full",
+            minimum=10,
+            is_reloadable=True,
+        ),
+    ] = 100
+    keyframe_database_mb: Annotated[
+        int, Field("memory limit of the keyframe database for loop closure", minimum=5)
+    ] = 100
+    voxel_m: Annotated[
+        float, Field("voxel size of the mesh, m", minimum=0.005, maximum=0.5, is_reloadable=True)
+    ] = 0.02
+    mesh_memory_mb: Annotated[
+        int, Field("extra memory limit while meshing", minimum=50, is_reloadable=True)
+    ] = 300
+    total_mb: Annotated[
+        int,
+        Field(
+            "disk limit of all maps; the oldest are deleted first", minimum=1, is_reloadable=True
+        ),
+    ] = 2000
 
 
 @dataclass(frozen=True)
@@ -75,23 +98,24 @@ class ZenohConfig:
         InputError: If the prefix is not valid.
     """
 
-    prefix: str = config_field(
-        "kinect", "first part of every key: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
-    )
-    listen: tuple[str, ...] = config_field(
-        (DEFAULT_ENDPOINT,), "endpoints to listen on; the default accepts this computer only"
-    )
-    connect: tuple[str, ...] = config_field(
-        (), 'endpoints to connect to: a router or another peer, such as "tcp/192.168.1.2:7447"'
-    )
-    config_file: Path | None = config_field(
-        None,
+    prefix: Annotated[
+        str, "first part of every key: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
+    ] = "kinect"
+    listen: Annotated[
+        tuple[str, ...], "endpoints to listen on; the default accepts this computer only"
+    ] = (DEFAULT_ENDPOINT,)
+    connect: Annotated[
+        tuple[str, ...],
+        'endpoints to connect to: a router or another peer, such as "tcp/192.168.1.2:7447"',
+    ] = ()
+    config_file: Annotated[
+        Path | None,
         "a Zenoh configuration (JSON5), for TLS and access control. `listen`, `connect` and "
         "disabled scouting apply unless the file sets them",
-    )
-    odom_frame_id: str = config_field("odom", "parent frame of the poses")
-    child_frame_id: str = config_field("base_link", "child frame of the poses: the robot's base")
-    map_frame_id: str = config_field("map", "fixed frame of the map, parent of `odom`")
+    ] = None
+    odom_frame_id: Annotated[str, "parent frame of the poses"] = "odom"
+    child_frame_id: Annotated[str, "child frame of the poses: the robot's base"] = "base_link"
+    map_frame_id: Annotated[str, "fixed frame of the map, parent of `odom`"] = "map"
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)
@@ -115,10 +139,10 @@ def check_prefix(prefix: str) -> str:
 class Ros2Config:
     """`[ros2]`: publication of the poses for ROS 2. Experimental."""
 
-    enabled: bool = config_field(False, "true also publishes under ROS 2's own keys")
-    domain_id: int = config_field(0, "ROS_DOMAIN_ID of the readers", minimum=0, maximum=232)
-    topic: str = config_field("vo/odom", "topic of the odometry, without the first slash")
-    tf: bool = config_field(True, "also publish the transform on /tf")
+    enabled: Annotated[bool, "true also publishes under ROS 2's own keys"] = False
+    domain_id: Annotated[int, Field("ROS_DOMAIN_ID of the readers", minimum=0, maximum=232)] = 0
+    topic: Annotated[str, "topic of the odometry, without the first slash"] = "vo/odom"
+    tf: Annotated[bool, "also publish the transform on /tf"] = True
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", self.topic, re.ASCII):
@@ -132,20 +156,29 @@ class Ros2Config:
 class CommandConfig:
     """`[commands]`: commands to the service over Zenoh."""
 
-    enabled: bool = config_field(True, "false disables all commands")
-    per_second: float = config_field(
-        10.0, "rate limit of all clients together, commands per second", minimum=0.1, maximum=1000.0
-    )
+    enabled: Annotated[bool, "false disables all commands"] = True
+    per_second: Annotated[
+        float,
+        Field(
+            "rate limit of all clients together, commands per second",
+            minimum=0.1,
+            maximum=1000.0,
+            is_reloadable=True,
+        ),
+    ] = 10.0
 
 
 @dataclass(frozen=True)
 class LoadConfig:
     """`[load]`: load shedding when the machine is too slow: first the viewer, then features."""
 
-    adapt: bool = config_field(True, "false disables load shedding; frames are dropped instead")
-    min_features: int = config_field(
-        300, "least number of features per frame", minimum=50, maximum=5000
-    )
+    adapt: Annotated[
+        bool, Field("false disables load shedding; frames are dropped instead", is_reloadable=True)
+    ] = True
+    min_features: Annotated[
+        int,
+        Field("least number of features per frame", minimum=50, maximum=5000, is_reloadable=True),
+    ] = 300
 
 
 class LogLevel(StrEnum):
@@ -161,4 +194,6 @@ class LogLevel(StrEnum):
 class LogConfig:
     """`[log]`: the log on stderr, and under systemd in the journal."""
 
-    level: LogLevel = config_field(LogLevel.WARNING, "least level: debug, info, warning or error")
+    level: Annotated[
+        LogLevel, Field("least level: debug, info, warning or error", is_reloadable=True)
+    ] = LogLevel.WARNING

@@ -2,7 +2,6 @@
 
 import threading
 from collections import deque
-from collections.abc import Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 from drivers.camera import RgbdCamera
@@ -11,34 +10,41 @@ from vo_service.odom_frame import OdomFrame
 from vo_service.types import (
     Command,
     CommandError,
+    EpochReply,
     ErrorCode,
+    FolderReply,
     LedCommand,
+    LedReply,
+    LoadedMapReply,
     LoadMapCommand,
     Mapper,
     MapState,
+    NoReply,
     NullMapper,
     NullRecorder,
     PauseCommand,
+    PausedReply,
     Recorder,
     ReloadConfig,
     ResetCommand,
     ResumeCommand,
+    SavedMapReply,
     SaveIncidentCommand,
     SaveMapCommand,
     StartRecordingCommand,
     StopRecordingCommand,
     TiltCommand,
+    TiltReply,
 )
 
 MAX_PENDING_COMMANDS = 8
 
-CommandResult = Mapping[str, object]
 C = TypeVar("C")
 C_contra = TypeVar("C_contra", contravariant=True)
 
 
 class CommandFuture(Generic[C]):
-    """A command and its result: the loop sets the result, the sender waits for it.
+    """A command and its reply: the loop sets the reply, the sender waits for it.
 
     Attributes:
         command: The command.
@@ -47,14 +53,14 @@ class CommandFuture(Generic[C]):
     def __init__(self, command: C) -> None:
         self.command = command
         self._is_done = threading.Event()
-        self._result: CommandResult = {}
+        self._reply: object = None
         self._error: CommandError | None = None
 
-    def result(self, timeout_s: float) -> CommandResult:
-        """Wait for the command's result.
+    def result(self, timeout_s: float) -> object:
+        """Wait for the reply of the command, a dataclass.
 
         Raises:
-            CommandError: If the command failed, or if there is no result within `timeout_s`.
+            CommandError: If the command failed, or if there is no reply within `timeout_s`.
         """
         if not self._is_done.wait(timeout_s):
             raise CommandError(
@@ -62,11 +68,11 @@ class CommandFuture(Generic[C]):
             )
         if self._error is not None:
             raise self._error
-        return self._result
+        return self._reply
 
-    def set_result(self, result: CommandResult) -> None:
-        """Set the result of the command, which has succeeded."""
-        self._result = result
+    def set_result(self, reply: object) -> None:
+        """Set the reply of the command, which has succeeded."""
+        self._reply = reply
         self._is_done.set()
 
     def set_exception(self, error: CommandError) -> None:
@@ -189,31 +195,33 @@ class Control:
             except CameraError as error:
                 future.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
 
-    def _execute(self, command: Command) -> CommandResult:
+    def _execute(self, command: Command) -> object:
+        """Execute a command and return its reply."""
         match command:
-            case ResetCommand(T_odom_base):
-                self._odom_frame.reset(T_odom_base)
-                return {"epoch": self._odom_frame.epoch}
+            case ResetCommand():
+                self._odom_frame.reset(command.T_odom_base)
+                return EpochReply(self._odom_frame.epoch)
             case PauseCommand() | ResumeCommand():
                 self.is_paused = isinstance(command, PauseCommand)
-                return {"paused": self.is_paused}
+                return PausedReply(self.is_paused)
             case TiltCommand(tilt_deg):
                 self._camera.set_tilt_deg(tilt_deg)
-                return {"tilt_deg": tilt_deg}
+                return TiltReply(tilt_deg)
             case LedCommand(led):
                 self._camera.set_led(led)
-                return {"led": led}
+                return LedReply(led)
             case StartRecordingCommand(name):
-                return {"folder": self._recorder.start_recording(name)}
+                return FolderReply(self._recorder.start_recording(name))
             case StopRecordingCommand():
-                return {"folder": self._recorder.stop_recording()}
+                return FolderReply(self._recorder.stop_recording())
             case SaveIncidentCommand():
-                return {"folder": self._recorder.save("command")}
+                return FolderReply(self._recorder.save("command"))
             case SaveMapCommand(name):
                 state = self._mapper.save(name)
-                return {"file": state.saving, "keyframes": state.mesh_keyframes}
+                return SavedMapReply(state.saving, state.mesh_keyframes)
             case LoadMapCommand(name):
-                return {"file": self._mapper.load(name).loading}
+                return LoadedMapReply(self._mapper.load(name).loading)
             case ReloadConfig():
                 command.apply()
-                return {}
+                return NoReply()
+        raise TypeError(f"no handler for {command}")

@@ -5,11 +5,13 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import quote
 
 from drivers.camera import RgbdFrame, TimingPrior, TimingSource
-from drivers.core.config import SCHEMA_VERSION, read_toml, required_field
+from drivers.core.config import SCHEMA_VERSION, read_toml
 from drivers.core.errors import InputError, UserFacingError
+from drivers.core.fields import Field
 from drivers.core.files import atomic_write, state_folder
 
 # The exposure may be another one at the next start, so remembered values are at best this certain.
@@ -26,19 +28,19 @@ _DIGITS = 6
 class RememberedTiming:
     """The learned timing of one sensor; its values are as in a camera file."""
 
-    serial: str = required_field("serial number of the sensor")
-    readout_s: float = required_field(
-        "seconds from the first row to the last", minimum=0.0, maximum=1.0
-    )
-    depth_offset_s: float = required_field(
-        "capture time of depth minus its stamp", minimum=-0.1, maximum=0.1
-    )
-    readout_sigma_s: float = required_field(
-        "standard deviation of readout_s", exclusive_minimum=0.0, maximum=1.0
-    )
-    depth_offset_sigma_s: float = required_field(
-        "standard deviation of depth_offset_s", exclusive_minimum=0.0, maximum=1.0
-    )
+    serial: Annotated[str, "serial number of the sensor"]
+    readout_s: Annotated[
+        float, Field("seconds from the first row to the last", minimum=0.0, maximum=1.0)
+    ]
+    depth_offset_s: Annotated[
+        float, Field("capture time of depth minus its stamp", minimum=-0.1, maximum=0.1)
+    ]
+    readout_sigma_s: Annotated[
+        float, Field("standard deviation of readout_s", exclusive_minimum=0.0, maximum=1.0)
+    ]
+    depth_offset_sigma_s: Annotated[
+        float, Field("standard deviation of depth_offset_s", exclusive_minimum=0.0, maximum=1.0)
+    ]
 
     @property
     def prior(self) -> TimingPrior:

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
 
 from drivers.camera import PinholeCamera
-from drivers.core.config import config_field, required_field
 from drivers.core.errors import InputError
+from drivers.core.fields import Field
 from drivers.synthetic.fault_injection import Fault
 
 KINECT_COLOR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
@@ -32,61 +32,72 @@ class MotionKind(StrEnum):
 class ColorSensorModel:
     """The color sensor. The defaults are those of a Kinect v1 indoors."""
 
-    distortion: tuple[float, ...] = config_field(
-        (0.05, -0.10, 0.0005, -0.0005, 0.0), "lens distortion, five values: k1 k2 p1 p2 k3"
+    distortion: Annotated[tuple[float, ...], "lens distortion, five values: k1 k2 p1 p2 k3"] = (
+        0.05,
+        -0.10,
+        0.0005,
+        -0.0005,
+        0.0,
     )
-    noise_sigma: float = config_field(3.0, "noise at mid gray, gray levels", minimum=0.0)
-    softness_px: float = config_field(
-        0.9, "blur of the lens and the color filters, pixels", minimum=0.0
-    )
-    exposure_s: float = config_field(
-        0.012, "motion blur, seconds; 0 = a perfect instant", minimum=0.0
-    )
-    gain_drift: float = config_field(0.12, "relative drift of the brightness; below 1", minimum=0.0)
-    vignetting: float = config_field(
-        0.12, "loss of brightness in the corners, relative", minimum=0.0
-    )
-    smooth_edges: bool = config_field(True, "average four rays where surfaces meet")
+    noise_sigma: Annotated[float, Field("noise at mid gray, gray levels", minimum=0.0)] = 3.0
+    softness_px: Annotated[
+        float, Field("blur of the lens and the color filters, pixels", minimum=0.0)
+    ] = 0.9
+    exposure_s: Annotated[
+        float, Field("motion blur, seconds; 0 = a perfect instant", minimum=0.0)
+    ] = 0.012
+    gain_drift: Annotated[
+        float, Field("relative drift of the brightness; below 1", minimum=0.0)
+    ] = 0.12
+    vignetting: Annotated[
+        float, Field("loss of brightness in the corners, relative", minimum=0.0)
+    ] = 0.12
+    smooth_edges: Annotated[bool, "average four rays where surfaces meet"] = True
 
 
 @dataclass(frozen=True)
 class DepthSensorModel:
     """The infrared projector and camera (Khoshelham and Elberink, Sensors 2012, section 3)."""
 
-    focal_px: float = config_field(
-        580.0, "focal length for an image 640 pixels wide", exclusive_minimum=0.0
+    focal_px: Annotated[
+        float, Field("focal length for an image 640 pixels wide", exclusive_minimum=0.0)
+    ] = 580.0
+    baseline_m: Annotated[
+        float,
+        Field("baseline from the projector to the infrared camera, meters", exclusive_minimum=0.0),
+    ] = 0.075
+    eye_offset_m: Annotated[
+        float, "distance of the infrared camera to the left of the color camera, meters"
+    ] = 0.025
+    registration: Annotated[
+        bool, "false = depth is measured from the color camera, without parallax"
+    ] = True
+    shadows: Annotated[bool, "no reading where the projector's light is occluded"] = True
+    disparity_step_px: Annotated[
+        float, Field("quantization step of the disparity, pixels; 0 = exact", minimum=0.0)
+    ] = 1.0 / 8.0
+    disparity_sigma_px: Annotated[float, Field("noise of the disparity, pixels", minimum=0.0)] = (
+        0.07
     )
-    baseline_m: float = config_field(
-        0.075, "baseline from the projector to the infrared camera, meters", exclusive_minimum=0.0
-    )
-    eye_offset_m: float = config_field(
-        0.025, "distance of the infrared camera to the left of the color camera, meters"
-    )
-    registration: bool = config_field(
-        True, "false = depth is measured from the color camera, without parallax"
-    )
-    shadows: bool = config_field(True, "no reading where the projector's light is occluded")
-    disparity_step_px: float = config_field(
-        1.0 / 8.0, "quantization step of the disparity, pixels; 0 = exact", minimum=0.0
-    )
-    disparity_sigma_px: float = config_field(0.07, "noise of the disparity, pixels", minimum=0.0)
-    lateral_sigma_px: float = config_field(
-        0.7, "ragged edges: mean distance of the pixel whose depth is read", minimum=0.0
-    )
-    min_range_m: float = config_field(0.5, "smallest depth with a reading, meters", minimum=0.0)
-    max_range_m: float = config_field(
-        5.0, "largest depth with a reading, meters", exclusive_minimum=0.0
-    )
+    lateral_sigma_px: Annotated[
+        float,
+        Field("ragged edges: mean distance of the pixel whose depth is read", minimum=0.0),
+    ] = 0.7
+    min_range_m: Annotated[float, Field("smallest depth with a reading, meters", minimum=0.0)] = 0.5
+    max_range_m: Annotated[
+        float, Field("largest depth with a reading, meters", exclusive_minimum=0.0)
+    ] = 5.0
 
 
 @dataclass(frozen=True)
 class ShutterTiming:
     """Timing of the rows. Rows are read top to bottom; a stamp is that of the middle row."""
 
-    readout_s: float = config_field(
-        0.020, "rolling shutter: first row to last, of both images; at most a frame", minimum=0.0
-    )
-    skew_s: float = config_field(0.010, "depth after color, seconds; at most half a frame")
+    readout_s: Annotated[
+        float,
+        Field("rolling shutter: first row to last, of both images; at most a frame", minimum=0.0),
+    ] = 0.020
+    skew_s: Annotated[float, "depth after color, seconds; at most half a frame"] = 0.010
 
 
 class DynamicObjectKind(StrEnum):
@@ -103,17 +114,21 @@ class DynamicObjectConfig:
     It is in the room from `begin_s` to `end_s`.
     """
 
-    kind: DynamicObjectKind = required_field("kind of the moving object")
-    begin_s: float = required_field("when it appears, seconds from the first frame", minimum=0.0)
-    end_s: float = required_field("when it disappears, seconds", exclusive_minimum=0.0)
-    size_m: tuple[float, float, float] = config_field(
-        (0.5, 1.75, 0.3), "width, height and depth, meters", minimum=0.01, maximum=3.0
+    kind: Annotated[DynamicObjectKind, "kind of the moving object"]
+    begin_s: Annotated[float, Field("when it appears, seconds from the first frame", minimum=0.0)]
+    end_s: Annotated[float, Field("when it disappears, seconds", exclusive_minimum=0.0)]
+    size_m: Annotated[
+        tuple[float, float, float],
+        Field("width, height and depth, meters", minimum=0.01, maximum=3.0),
+    ] = (0.5, 1.75, 0.3)
+    distance_m: Annotated[float, Field("distance along the optical axis, meters", minimum=0.2)] = (
+        1.0
     )
-    distance_m: float = config_field(1.0, "distance along the optical axis, meters", minimum=0.2)
-    begin_view: tuple[float, float] = config_field(
-        (-1.8, 0.0), "first place in the image: right and down, in half images from the middle"
-    )
-    end_view: tuple[float, float] = config_field((1.8, 0.0), "last place in the image")
+    begin_view: Annotated[
+        tuple[float, float],
+        "first place in the image: right and down, in half images from the middle",
+    ] = (-1.8, 0.0)
+    end_view: Annotated[tuple[float, float], "last place in the image"] = (1.8, 0.0)
 
     def __post_init__(self) -> None:
         if self.begin_s >= self.end_s:
@@ -128,33 +143,34 @@ class SyntheticConfig:
         InputError: For a value out of range.
     """
 
-    seed: int = config_field(1, "seed of the room and of the motion", minimum=0)
-    duration_s: float = config_field(
-        20.0, "length of the sequence, seconds; at least one frame", exclusive_minimum=0.0
+    seed: Annotated[int, Field("seed of the room and of the motion", minimum=0)] = 1
+    duration_s: Annotated[
+        float,
+        Field("length of the sequence, seconds; at least one frame", exclusive_minimum=0.0),
+    ] = 20.0
+    rate_hz: Annotated[float, Field("frames a second", exclusive_minimum=0.0)] = 30.0
+    camera: Annotated[PinholeCamera, "intrinsics of the color camera"] = KINECT_COLOR
+    depth_factor: Annotated[
+        float, Field("depth value of one meter", minimum=1.0, maximum=10000.0)
+    ] = 1000.0
+    motion: Annotated[MotionKind, "how the camera moves when no track is given"] = (
+        MotionKind.HAND_HELD
     )
-    rate_hz: float = config_field(30.0, "frames a second", exclusive_minimum=0.0)
-    camera: PinholeCamera = config_field(KINECT_COLOR, "intrinsics of the color camera")
-    depth_factor: float = config_field(
-        1000.0, "depth value of one meter", minimum=1.0, maximum=10000.0
-    )
-    motion: MotionKind = config_field(
-        MotionKind.HAND_HELD, "how the camera moves when no track is given"
-    )
-    track: Path | None = config_field(
-        None, "a trajectory in TUM format (optical camera in a z-up world) to follow"
-    )
-    track_start_s: float = config_field(
-        0.0, "start of playback in the track, seconds from its first stamp"
-    )
-    loop: bool = config_field(False, "play forever; the motion then ends where it began")
-    bare_wall: bool = config_field(False, "one wall without texture")
-    twin_corners: bool = config_field(False, "two opposite corners look the same")
-    texel_m: float = config_field(0.0025, "size of a texture's pixel, meters", minimum=0.001)
+    track: Annotated[
+        Path | None, "a trajectory in TUM format (optical camera in a z-up world) to follow"
+    ] = None
+    track_start_s: Annotated[
+        float, "start of playback in the track, seconds from its first stamp"
+    ] = 0.0
+    loop: Annotated[bool, "play forever; the motion then ends where it began"] = False
+    bare_wall: Annotated[bool, "one wall without texture"] = False
+    twin_corners: Annotated[bool, "two opposite corners look the same"] = False
+    texel_m: Annotated[float, Field("size of a texture's pixel, meters", minimum=0.001)] = 0.0025
     color: ColorSensorModel = field(default_factory=ColorSensorModel)
     depth: DepthSensorModel = field(default_factory=DepthSensorModel)
     timing: ShutterTiming = field(default_factory=ShutterTiming)
-    movers: tuple[DynamicObjectConfig, ...] = config_field((), "moving objects")
-    faults: tuple[Fault, ...] = config_field((), "faults to inject, each into a range of frames")
+    movers: Annotated[tuple[DynamicObjectConfig, ...], "moving objects"] = ()
+    faults: Annotated[tuple[Fault, ...], "faults to inject, each into a range of frames"] = ()
 
     def __post_init__(self) -> None:
         half_frame_s = 0.5 / self.rate_hz if self.rate_hz > 0 else 0.0

@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.config import config_field, required_field
 from drivers.core.errors import InputError
+from drivers.core.fields import Field
 
 Image = NDArray[np.uint8]
 Depth = NDArray[np.uint16]
@@ -33,12 +34,10 @@ class FaultKind(StrEnum):
 class Fault:
     """A fault of `count` frames from frame `first`; `seconds` if the kind needs it."""
 
-    kind: FaultKind = required_field("kind of fault")
-    first: int = required_field("number of the first affected frame, from 0", minimum=0)
-    count: int = config_field(1, "number of affected frames", minimum=1)
-    seconds: float = config_field(
-        0.0, "size of a stamp jump, or how long an unplugged camera is away"
-    )
+    kind: Annotated[FaultKind, "kind of fault"]
+    first: Annotated[int, Field("number of the first affected frame, from 0", minimum=0)]
+    count: Annotated[int, Field("number of affected frames", minimum=1)] = 1
+    seconds: Annotated[float, "size of a stamp jump, or how long an unplugged camera is away"] = 0.0
 
     def __post_init__(self) -> None:
         if self.first < 0 or self.count < 1:

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from drivers.camera import Led
 from tests import forked_process
 from tests.conftest import FRAMES
 from tests.drivers.freenect.conftest import plug_in
@@ -23,6 +24,7 @@ from tests.simulators.fixtures import SimulateKinect
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
+from vo_service.types import LedCommand, PauseCommand, ResumeCommand
 
 pytestmark = pytest.mark.subprocess
 
@@ -145,9 +147,9 @@ def test_poses_are_printed(endpoint: str) -> None:
 def test_a_control_loop_runs_while_there_are_poses_and_stops_with_the_reason(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("drive.py", endpoint) as lines:
         lines.wait_for_line(r"^drive: \d\.\d\d m to go$")
-        client.pause()
+        client.send(PauseCommand())
         lines.wait_for_line("^stop: the service is paused$")
-        client.resume()
+        client.send(ResumeCommand())
         lines.wait_for_line("^drive: ")
 
 
@@ -155,9 +157,9 @@ def test_a_control_loop_runs_while_there_are_poses_and_stops_with_the_reason(end
 def test_changes_of_the_status_are_printed(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("watch_status.py", endpoint) as lines:
         lines.wait_for_line(r"^tracking: \d+ poses a second")
-        client.pause()
+        client.send(PauseCommand())
         lines.wait_for_line("^lost: .*paused")
-        client.resume()
+        client.send(ResumeCommand())
         lines.wait_for_line("^tracking: ")
 
 
@@ -279,7 +281,7 @@ def test_service_programs_in_the_documentation_run(endpoint: str, page: str) -> 
 def test_an_impossible_command_is_a_typed_error(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         with pytest.raises(CommandRefused) as caught:
-            client.led("red")
+            client.send(LedCommand(Led.RED))
         assert caught.value.code == "not-possible"
 
 
@@ -288,12 +290,12 @@ def test_after_a_pause_only_poses_in_transit_arrive_and_the_client_gives_the_rea
     endpoint: str,
 ) -> None:
     with PoseClient(connect=endpoint) as client:
-        client.pause()
+        client.send(PauseCommand())
         with pytest.raises(PoseUnavailable):
             next(islice(client.poses(timeout_s=1.0), UNDER_WAY, None))
         # On a busy machine the status may be late as well.
         wait_until(lambda: why_there_is_no_pose(client) is PoseUnavailableReason.PAUSED)
-        client.resume()
+        client.send(ResumeCommand())
 
 
 def why_there_is_no_pose(client: PoseClient) -> PoseUnavailableReason:

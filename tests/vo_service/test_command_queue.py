@@ -6,6 +6,7 @@ from vo_service.control import CommandQueue
 from vo_service.types import (
     Command,
     CommandError,
+    EpochReply,
     ErrorCode,
     PauseCommand,
     ResetCommand,
@@ -25,8 +26,8 @@ def test_pending_commands_are_processed_in_order() -> None:
 def test_a_reply_reaches_the_sender_of_the_command() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     ticket = inbox.submit(ResetCommand())
-    inbox.take_pending()[0].set_result({"epoch": 3})
-    assert ticket.result(1.0) == {"epoch": 3}
+    inbox.take_pending()[0].set_result(EpochReply(3))
+    assert ticket.result(1.0) == EpochReply(3)
 
 
 def test_an_error_reaches_the_sender_of_the_command() -> None:

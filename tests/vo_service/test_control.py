@@ -1,6 +1,5 @@
 """Commands are carried out, or refused with a reason."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -15,20 +14,26 @@ from vo_service.odom_frame import OdomFrame
 from vo_service.types import (
     Command,
     CommandError,
+    EpochReply,
     ErrorCode,
+    FolderReply,
     LedCommand,
+    LedReply,
     MapState,
     NullMapper,
     NullRecorder,
     PauseCommand,
+    PausedReply,
     ReloadConfig,
     ResetCommand,
     ResumeCommand,
+    SavedMapReply,
     SaveIncidentCommand,
     SaveMapCommand,
     StartRecordingCommand,
     StopRecordingCommand,
     TiltCommand,
+    TiltReply,
 )
 
 
@@ -81,9 +86,7 @@ class RecordingMapper(NullMapper):
         return self.state
 
 
-def carry_out(
-    command: Command, control: Control, inbox: CommandQueue[Command]
-) -> Mapping[str, object]:
+def carry_out(command: Command, control: Control, inbox: CommandQueue[Command]) -> object:
     ticket = inbox.submit(command)
     control.process_pending()
     return ticket.result(0.0)
@@ -93,8 +96,8 @@ def test_tilt_and_led_commands_reach_the_camera() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     camera = ScriptedMotorCamera()
     control = Control(OdomFrame(), camera, inbox)
-    assert carry_out(TiltCommand(12.0), control, inbox) == {"tilt_deg": 12.0}
-    assert carry_out(LedCommand(Led.RED), control, inbox) == {"led": "red"}
+    assert carry_out(TiltCommand(12.0), control, inbox) == TiltReply(12.0)
+    assert carry_out(LedCommand(Led.RED), control, inbox) == LedReply(Led.RED)
     assert (camera.tilt_deg, camera.led) == (12.0, Led.RED)
 
 
@@ -121,16 +124,18 @@ def test_recording_commands_reach_the_recorder() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     deck = RecordingRecorder()
     control = Control(OdomFrame(), ScriptedCamera(), inbox, deck)
-    assert carry_out(StartRecordingCommand("desk"), control, inbox) == {"folder": "recordings/desk"}
+    assert carry_out(StartRecordingCommand("desk"), control, inbox) == FolderReply(
+        "recordings/desk"
+    )
     assert control.recording == "recordings/desk"
-    assert carry_out(StopRecordingCommand(), control, inbox) == {"folder": "recordings/desk"}
-    assert carry_out(SaveIncidentCommand(), control, inbox) == {"folder": "incidents/command"}
+    assert carry_out(StopRecordingCommand(), control, inbox) == FolderReply("recordings/desk")
+    assert carry_out(SaveIncidentCommand(), control, inbox) == FolderReply("incidents/command")
 
 
 def test_map_commands_reach_the_mapper() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox, mapper=RecordingMapper())
-    expected = {"file": "maps/kitchen.ply", "keyframes": 12}
+    expected = SavedMapReply("maps/kitchen.ply", 12)
     assert carry_out(SaveMapCommand("kitchen"), control, inbox) == expected
     assert control.map_state.saving == "maps/kitchen.ply"
 
@@ -138,9 +143,9 @@ def test_map_commands_reach_the_mapper() -> None:
 def test_a_reset_returns_the_new_epoch_and_a_pause_the_state() -> None:
     inbox: CommandQueue[Command] = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox)
-    assert carry_out(ResetCommand(), control, inbox) == {"epoch": 1}
-    assert carry_out(PauseCommand(), control, inbox) == {"paused": True}
-    assert carry_out(ResumeCommand(), control, inbox) == {"paused": False}
+    assert carry_out(ResetCommand(), control, inbox) == EpochReply(1)
+    assert carry_out(PauseCommand(), control, inbox) == PausedReply(True)
+    assert carry_out(ResumeCommand(), control, inbox) == PausedReply(False)
 
 
 def test_configuration_changes_are_applied_and_refusals_logged(

@@ -1,16 +1,19 @@
 """``kinect-vo command``: send a command to a running kinect-vo."""
 
 import argparse
+import inspect
 import json
 
 from drivers.core.errors import InputError, UserFacingError
+from drivers.core.fields import typed_fields
 from vo_service.cli.options import add_connection_options, parse_seconds
 from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.client.client import REPLY_TIMEOUT_S
+from vo_service.types import COMMANDS, Command
 
 NAME = "command"
 HELP = "send a command to a running kinect-vo: reset, pause, tilt, record or save"
-EPILOG = """\
+_EPILOG = """\
 examples:
   kinect-vo command reset
   kinect-vo command reset position_m=[1,0,0] quaternion_xyzw=[0,0,0,1]
@@ -21,9 +24,21 @@ examples:
   kinect-vo command save-incident
   kinect-vo command save-map name=kitchen
 
+commands:
+{commands}
+
 A value is JSON or plain text. The reply is one JSON object on standard output. If the service
 refuses a command, an error message says why.
 """
+
+
+def _describe_command(command: type[Command]) -> str:
+    arguments = " ".join(f"{field.name}=..." for field in typed_fields(command))
+    description = (inspect.getdoc(command) or "").partition("\n")[0]
+    return f"  {f'{command.command_name} {arguments}':<42} {description}"
+
+
+EPILOG = _EPILOG.format(commands="\n".join(map(_describe_command, COMMANDS.values())))
 # Error codes that are the sender's mistake.
 _CALLER_ERRORS = ("bad-request", "unknown-command")
 

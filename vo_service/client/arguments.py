@@ -5,13 +5,7 @@ import re
 import threading
 from collections.abc import Mapping
 
-import numpy as np
-
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, is_rigid, quaternion_from_rotation
-
-# A rotation in 32-bit floats may be this far from orthonormal.
-RIGID_TOLERANCE = 1e-3
 
 
 def check_max_age(max_age_s: float) -> None:
@@ -44,23 +38,3 @@ def encode_arguments(key: str, arguments: Mapping[str, object]) -> bytes | None:
         return json.dumps(dict(arguments), allow_nan=False).encode()
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{key}: the arguments cannot be sent as JSON: {error}") from error
-
-
-def reset_arguments(T_odom_base: Array) -> Mapping[str, object]:
-    """Return the arguments of `reset` for a 4x4 pose.
-
-    Raises:
-        InputError: Unless it is rigid.
-    """
-    try:
-        T = np.asarray(T_odom_base, dtype=np.float64)
-    except (TypeError, ValueError):
-        T = np.empty(0)
-    if not is_rigid(T, RIGID_TOLERANCE):
-        raise InputError(
-            "T_odom_base: give a 4x4 matrix of finite numbers, a rotation and a position in meters"
-        )
-    return {
-        "position_m": T[:3, 3].tolist(),
-        "quaternion_xyzw": quaternion_from_rotation(T[:3, :3]).tolist(),
-    }

@@ -1,34 +1,40 @@
 """Client of a running kinect-vo: reads its poses and sends it commands."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
 
 import zenoh
 
-from drivers.core.geometry import Array
 from vo_service.client.arguments import (
     check_command_name,
     check_max_age,
     check_timeout,
     encode_arguments,
-    reset_arguments,
 )
 from vo_service.client.connection import BackgroundConnection
 from vo_service.client.errors import ServiceUnavailable
 from vo_service.client.freshness import MAX_SILENCE_S, pose_unavailable_error, require_fresh
 from vo_service.client.map_odom import MapOdom, parse_map_odom
-from vo_service.client.message_parsing import JsonObject, check_fields, parse_json, parse_status
+from vo_service.client.message_parsing import parse_status
 from vo_service.client.pose import Pose, PoseReader, ThreadLocalReader, make_pose, parse_pose_sample
 from vo_service.client.query import query
 from vo_service.client.subscription import ServiceState, StatusMessage
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
+from vo_service.types import JsonObject, TypedCommand, decode_message, parse_json_message
+from vo_service.types.commands import Reply
 
 # The service gives its loop five seconds for a command.
 REPLY_TIMEOUT_S = 6.0
 # Wait this long for the service's liveliness token; then send the query anyway.
 LIVELINESS_TIMEOUT_S = 1.0
+
+
+@dataclass(frozen=True)
+class _SchemaReply:
+    schemas: dict[str, Any]
 
 
 class PoseClient:
@@ -180,65 +186,31 @@ class PoseClient:
         Raises:
             ServiceUnavailable: No service replied.
         """
-        schemas: Mapping[str, Any] = self._query_field("schema", {}, "schemas", dict, timeout_s)
-        return schemas
+        reply = decode_message(
+            _SchemaReply, self._query("schema", timeout_s), "the reply to schema"
+        )
+        return reply.schemas
 
-    # Commands. Each raises CommandRefused with the service's message, ServiceUnavailable if no
-    # service replied, InputError for arguments that cannot be sent.
+    # Commands
 
-    def reset(self, T_odom_base: Array | None = None) -> int:
-        """Start a new epoch and return its number.
+    def send(self, command: TypedCommand[Reply], timeout_s: float = REPLY_TIMEOUT_S) -> Reply:
+        """Send a command of `vo_service.types` and return its reply.
+
+        Example: ``client.send(TiltCommand(10.0))``.
 
         Args:
-            T_odom_base: 4x4 pose of the base, meters; None is the level pose at the origin.
+            command: The command with its arguments.
+            timeout_s: Longest wait for the reply, seconds.
 
         Raises:
-            InputError: The matrix is not a finite rigid transform.
+            CommandRefused: The service refused the command; the text is its message.
+            ServiceUnavailable: No service replied.
+            InputError: An argument cannot be sent.
         """
-        pose = {} if T_odom_base is None else reset_arguments(T_odom_base)
-        return int(self._query_field("command/reset", pose, "epoch", int))
-
-    def pause(self) -> None:
-        """Stop publishing poses until `resume`."""
-        self.command("pause")
-
-    def resume(self) -> None:
-        """Publish poses again after `pause`."""
-        self.command("resume")
-
-    def tilt(self, tilt_deg: float) -> None:
-        """Tilt the sensor's head to this angle above the horizon, degrees."""
-        self.command("tilt", {"tilt_deg": tilt_deg})
-
-    def led(self, led: str) -> None:
-        """Set the sensor's LED: off, green, red, yellow, blink-green, blink-red-yellow."""
-        self.command("led", {"led": led})
-
-    def start_recording(self, name: str) -> str:
-        """Record frames into a folder of this name; return its path on the service's computer."""
-        return str(self._query_field("command/start-recording", {"name": name}, "folder", str))
-
-    def stop_recording(self) -> str:
-        """End the recording; return the folder's path."""
-        return str(self._query_field("command/stop-recording", {}, "folder", str))
-
-    def save_incident(self) -> str:
-        """Save the flight recorder's last seconds; return the folder's path."""
-        return str(self._query_field("command/save-incident", {}, "folder", str))
-
-    def save_map(self, name: str) -> str:
-        """Start saving the map; return its file.
-
-        It is complete once `map.saved` in the status names it.
-        """
-        return str(self._query_field("command/save-map", {"name": name}, "file", str))
-
-    def load_map(self, name: str) -> str:
-        """Start loading a saved map; return its file.
-
-        It is loaded once `map.loaded` in the status names it.
-        """
-        return str(self._query_field("command/load-map", {"name": name}, "file", str))
+        name = command.command_name
+        given = {key: value for key, value in vars(command).items() if value is not None}
+        reply = self._query(f"command/{name}", timeout_s, given)
+        return decode_message(command.reply_type(), reply, f"the reply to command/{name}")
 
     def command(
         self,
@@ -255,22 +227,16 @@ class PoseClient:
         reply = self._query(f"command/{name}", timeout_s, arguments)
         return {key: value for key, value in reply.items() if key != "schema"}
 
-    def _query(self, name: str, timeout_s: float, arguments: Mapping[str, object]) -> JsonObject:
-        key = f"{self._prefix}/{name}"
-        payload = encode_arguments(key, arguments)
-        return parse_json(query(self._sessions(timeout_s), key, timeout_s, payload).payload)
-
-    def _query_field(
+    def _query(
         self,
         name: str,
-        arguments: Mapping[str, object],
-        field: str,
-        kind: type,
-        timeout_s: float = REPLY_TIMEOUT_S,
-    ) -> Any:
-        reply = self._query(name, timeout_s, arguments)
-        check_fields(f"the reply to {name}", reply, {field: kind})
-        return reply[field]
+        timeout_s: float,
+        arguments: Mapping[str, object] = MappingProxyType({}),
+    ) -> JsonObject:
+        key = f"{self._prefix}/{name}"
+        payload = encode_arguments(key, arguments)
+        sample = query(self._sessions(timeout_s), key, timeout_s, payload)
+        return parse_json_message(sample.payload.to_bytes())
 
     def _sessions(self, timeout_s: float) -> list[zenoh.Session]:
         """Return the session to query on, if any; waits for the service if it is not there."""

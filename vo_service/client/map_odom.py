@@ -6,16 +6,8 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.geometry import Array
-from vo_service.client.message_parsing import check_fields, parse_json
 from vo_service.outputs.zenoh.cdr import decode_transform
-
-_ATTACHMENT_FIELDS = {
-    "seq": int,
-    "epoch": int,
-    "is_localized": bool,
-    "map_keyframes": int,
-    "loop_closures": int,
-}
+from vo_service.types import MapOdomAttachment, decode_message, parse_json_message
 
 
 @dataclass(frozen=True)
@@ -64,14 +56,14 @@ def parse_map_odom(sample: zenoh.Sample) -> MapOdom:
     """
     if sample.attachment is None:
         raise ValueError("a map_odom message came without its attachment")
-    attachment = parse_json(sample.attachment)
-    check_fields("a map_odom message", attachment, _ATTACHMENT_FIELDS)
+    content = parse_json_message(sample.attachment.to_bytes())
+    attachment = decode_message(MapOdomAttachment, content, "a map_odom message")
     message = decode_transform(sample.payload.to_bytes())
     return MapOdom(
         stamp_s=message.stamp_s,
         frame_id=message.frame_id,
         child_frame_id=message.child_frame_id,
         T_map_odom=message.T_frame_child,
-        **{name: attachment[name] for name in _ATTACHMENT_FIELDS},
+        **vars(attachment),
         receive_time_s=time.monotonic(),
     )

@@ -2,18 +2,15 @@
 
 import threading
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import zenoh
 
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.client.message_parsing import check_fields, parse_json
 from vo_service.outputs.zenoh.cdr import OdometryMessage, decode_odometry
+from vo_service.types import OdomAttachment, decode_message, parse_json_message
 
 LOST = "lost"
-_ATTACHMENT_FIELDS = {"seq": int, "state": str, "epoch": int, "reason": str}
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,7 @@ class ReceivedPose:
     """
 
     message: OdometryMessage
-    attachment: Mapping[str, Any]
+    attachment: OdomAttachment
     receive_time_s: float
     run: int
 
@@ -122,10 +119,10 @@ def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
         pose_covariance=message.pose_covariance,
         twist=message.twist,
         twist_covariance=message.twist_covariance,
-        seq=attachment["seq"],
-        state=attachment["state"],
-        reason=attachment["reason"],
-        epoch=attachment["epoch"],
+        seq=attachment.seq,
+        state=attachment.state,
+        reason=attachment.reason,
+        epoch=attachment.epoch,
         is_continuous=is_continuous,
         missed=missed,
         receive_time_s=received.receive_time_s,
@@ -144,25 +141,20 @@ def parse_pose_sample(sample: zenoh.Sample, run: int) -> ReceivedPose:
     """
     if sample.attachment is None:
         raise ValueError("a pose came without its attachment")
-    attachment = parse_json(sample.attachment)
-    check_fields("a pose", attachment, _ATTACHMENT_FIELDS)
+    content = parse_json_message(sample.attachment.to_bytes())
+    attachment = decode_message(OdomAttachment, content, "a pose")
     message = decode_odometry(sample.payload.to_bytes())
     return ReceivedPose(message, attachment, time.monotonic(), run)
 
 
 def _is_continuous(last: ReceivedPose | None, received: ReceivedPose) -> bool:
-    if (
-        last is None
-        or last.run != received.run
-        or received.attachment["seq"] < last.attachment["seq"]
-    ):
+    if last is None or last.run != received.run or received.attachment.seq < last.attachment.seq:
         return False
-    return bool(last.attachment["epoch"] == received.attachment["epoch"])
+    return last.attachment.epoch == received.attachment.epoch
 
 
 def _missed_count(last: ReceivedPose | None, received: ReceivedPose) -> int:
     """Count skipped poses; each run of the service numbers them from 0."""
     if last is None or last.run != received.run:
         return 0
-    between: int = received.attachment["seq"] - last.attachment["seq"] - 1
-    return max(0, between)
+    return max(0, received.attachment.seq - last.attachment.seq - 1)

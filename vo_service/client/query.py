@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import zenoh
 
 from vo_service.client.errors import CommandRefused, ServiceUnavailable
-from vo_service.client.message_parsing import check_fields, parse_json
+from vo_service.types import ErrorReply, decode_message, parse_json_message
 
 # Zenoh's own reply if a service has declared the key but does not reply, as when it hangs.
 _ZENOH_TIMEOUT = b"Timeout"
@@ -49,8 +49,8 @@ def _send_query(
 
 def _error_from_reply(key: str, error: zenoh.ReplyError) -> Exception:
     try:
-        content = parse_json(error.payload)
-        check_fields("an error reply", content, {"error": str, "message": str})
+        content = parse_json_message(error.payload.to_bytes())
+        reply = decode_message(ErrorReply, content, "an error reply")
     except ValueError as unreadable:
         return ServiceUnavailable(f"{key}: cannot parse the reply: {unreadable}")
-    return CommandRefused(content["error"], content["message"])
+    return CommandRefused(reply.error, reply.message)

@@ -10,8 +10,9 @@ from typing import Generic, TypeVar
 import zenoh
 
 from vo_service.client.map_odom import MapOdom, parse_map_odom
-from vo_service.client.message_parsing import JsonObject, parse_status
+from vo_service.client.message_parsing import parse_status
 from vo_service.client.pose import ReceivedPose, parse_pose_sample
+from vo_service.types import JsonObject
 
 logger = logging.getLogger(__name__)
 

@@ -2,23 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, get_args, get_type_hints
+from typing import Annotated
 
 from drivers.camera import CameraState
 from vo_service.types.update import LevelSource, TrackingState
 
-
-def field_description(of: type, name: str) -> str:
-    """Return the description of a status field.
-
-    Args:
-        of: Class of the group.
-        name: Name of the field.
-
-    Raises:
-        KeyError: If there is no such field.
-    """
-    return str(get_args(get_type_hints(of, include_extras=True)[name])[1])
+# Fields that other messages have too.
+EpochNumber = Annotated[int, "changes whenever the pose is not continuous with the one before"]
+KeyframeCount = Annotated[int, "keyframes for place recognition"]
+LoopClosureCount = Annotated[int, "loop closures that corrected the map"]
+IsLocalized = Annotated[
+    bool,
+    "whether the map->odom transform is known: false after a reset, a loss or the load of a map, "
+    "until relocalization succeeds",
+]
+STATE_DESCRIPTION = "tracking state: how far the pose can be trusted"
 
 
 @dataclass(frozen=True)
@@ -120,13 +118,9 @@ class TimingReport:
 class MapReport:
     """The map: loop closure, localization, and the files that are saved and loaded."""
 
-    keyframes: Annotated[int, "keyframes for place recognition"] = 0
-    loop_closures: Annotated[int, "loop closures that corrected the map"] = 0
-    is_localized: Annotated[
-        bool,
-        "whether the map->odom transform is known: false after a reset, a loss or the load of a "
-        "map, until relocalization succeeds",
-    ] = True
+    keyframes: KeyframeCount = 0
+    loop_closures: LoopClosureCount = 0
+    is_localized: IsLocalized = True
     mesh_keyframes: Annotated[int, "keyframes that a map would be made of now"] = 0
     saving: Annotated[str, 'file of the map that is being saved; "" = none'] = ""
     saved: Annotated[
@@ -145,11 +139,14 @@ class RecorderReport:
 
 @dataclass(frozen=True)
 class Status:
-    """The status of the service, as it is published in JSON."""
+    """The status of the service, as it is published in JSON.
 
-    state: Annotated[TrackingState, "tracking state: how far the pose can be trusted"]
+    To add a field, declare it here or in a group above, and set it in `Service._make_status`.
+    """
+
+    state: Annotated[TrackingState, STATE_DESCRIPTION]
     reason: Annotated[str, 'reason of the state, for people; "" if there is none']
-    epoch: Annotated[int, "changes whenever the pose is not continuous with the one before"]
+    epoch: EpochNumber
     paused: Annotated[bool, "whether publishing is paused"]
     warnings: Annotated[tuple[str, ...], "faults other than tracking, one clause each"]
     camera: Annotated[CameraReport, "the camera and its frames"]

@@ -2,13 +2,15 @@ import json
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.config import config_field, parse_toml, read_toml, required_field
+from drivers.core.config import parse_toml, read_toml
 from drivers.core.errors import InputError
+from drivers.core.fields import Field
 
 
 class Shade(StrEnum):
@@ -18,18 +20,18 @@ class Shade(StrEnum):
 
 @dataclass(frozen=True)
 class Lamp:
-    power_w: float = config_field(5.0, "electric power", exclusive_minimum=0.0, maximum=100.0)
-    shade: Shade = config_field(Shade.LIGHT, "color of the shade")
+    power_w: Annotated[float, Field("electric power", exclusive_minimum=0.0, maximum=100.0)] = 5.0
+    shade: Annotated[Shade, "color of the shade"] = Shade.LIGHT
 
 
 @dataclass(frozen=True)
 class Room:
-    width: int = required_field("meters from wall to wall", minimum=1)
-    name: str = config_field("kitchen", "what people call it")
-    heated: bool = config_field(False, "has a stove")
-    corner: tuple[float, float] = config_field((0.0, 0.0), "where it starts", minimum=-10.0)
+    width: Annotated[int, Field("meters from wall to wall", minimum=1)]
+    name: Annotated[str, "what people call it"] = "kitchen"
+    heated: Annotated[bool, "has a stove"] = False
+    corner: Annotated[tuple[float, float], Field("where it starts", minimum=-10.0)] = (0.0, 0.0)
     tags: list[str] = field(default_factory=list)
-    plan: Path | None = config_field(None, "drawing of the room")
+    plan: Annotated[Path | None, "drawing of the room"] = None
     lamp: Lamp = Lamp()
 
     def __post_init__(self) -> None:

@@ -124,7 +124,7 @@ def wait_for_pose(client: PoseClient, seq: int) -> None:
 
     def has_arrived() -> bool:
         received = client._state.pose.item
-        return received is not None and received.attachment["seq"] == seq
+        return received is not None and received.attachment.seq == seq
 
     wait_until(has_arrived)
 

@@ -2,13 +2,11 @@
 
 from collections.abc import Callable, Iterator
 
-import numpy as np
 import pytest
 
-from drivers.core.geometry import rigid_transform, so3_exp
 from tests.vo_service.client.fake_service import find_free_endpoint
 from vo_service.client import InputError, PoseClient, ServiceUnavailable
-from vo_service.client.arguments import reset_arguments
+from vo_service.types import PauseCommand, TiltCommand
 
 NAN = float("nan")
 Call = Callable[[PoseClient], object]
@@ -31,10 +29,7 @@ def lone_client() -> Iterator[PoseClient]:
         lambda client: client.wait_for_publisher(-1.0),
         lambda client: client.query_latest(timeout_s=-1.0),
         lambda client: client.status(timeout_s=float("inf")),
-        lambda client: client.reset(np.full((4, 4), NAN)),
-        lambda client: client.reset(np.eye(3)),
-        lambda client: client.reset(2 * np.eye(4)),
-        lambda client: client.tilt(NAN),
+        lambda client: client.send(TiltCommand(NAN)),
         lambda client: client.command("led", {"led": object()}),
     ],
 )
@@ -53,14 +48,11 @@ def test_an_invalid_command_name_is_not_sent(lone_client: PoseClient, name: str)
         lone_client.command(name)
 
 
-def test_a_pose_in_32_bits_is_rigid_enough() -> None:
-    T_odom_base = rigid_transform(so3_exp([0.1, -0.2, 2.0]), [1, 2, 3])
-    reset_fields = reset_arguments(T_odom_base.astype(np.float32).astype(np.float64))
-    assert reset_fields["position_m"] == [1.0, 2.0, 3.0]
-
-
 @pytest.mark.zenoh
-@pytest.mark.parametrize("call", [PoseClient.query_latest, PoseClient.pause, PoseClient.schemas])
+@pytest.mark.parametrize(
+    "call",
+    [PoseClient.query_latest, lambda client: client.send(PauseCommand()), PoseClient.schemas],
+)
 def test_a_closed_client_raises_an_error(call: Call) -> None:
     client = PoseClient(connect=find_free_endpoint())
     client.close()

@@ -1,13 +1,14 @@
-"""What a client sends for each of its methods, and how it handles the replies."""
+"""What a client sends for each command, and how it handles the replies."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 import zenoh
 
+from drivers.camera import Led
 from drivers.core.geometry import rigid_transform
 from tests.vo_service.client.fake_service import (
     FakeService,
@@ -16,32 +17,39 @@ from tests.vo_service.client.fake_service import (
 )
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
-from vo_service.command_parser import COMMAND_NAMES, parse_command
+from vo_service.types import (
+    COMMANDS,
+    Command,
+    LedCommand,
+    LoadMapCommand,
+    PauseCommand,
+    ResetCommand,
+    ResumeCommand,
+    SaveIncidentCommand,
+    SaveMapCommand,
+    StartRecordingCommand,
+    StopRecordingCommand,
+    TiltCommand,
+    parse_command,
+)
 
 pytestmark = pytest.mark.zenoh
 
 ServiceAndClient = tuple[FakeService, PoseClient]
 FOLDER = {"folder": "/var/lib/kinect-vo/desk"}
 T_ODOM_BASE = rigid_transform(np.eye(3), [1.0, 2.0, 0.5])
-CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] = {
-    "reset": (lambda client: client.reset(T_ODOM_BASE), {"epoch": 4}, 4),
-    "pause": (PoseClient.pause, {"paused": True}, None),
-    "resume": (PoseClient.resume, {"paused": False}, None),
-    "tilt": (lambda client: client.tilt(-7.5), {"tilt_deg": -7.5}, None),
-    "led": (lambda client: client.led("red"), {"led": "red"}, None),
-    "start-recording": (lambda client: client.start_recording("desk"), FOLDER, FOLDER["folder"]),
-    "stop-recording": (PoseClient.stop_recording, FOLDER, FOLDER["folder"]),
-    "save-map": (
-        lambda client: client.save_map("kitchen"),
-        {"file": "/var/lib/kinect-vo/maps/kitchen.ply", "keyframes": 12},
-        "/var/lib/kinect-vo/maps/kitchen.ply",
-    ),
-    "load-map": (
-        lambda client: client.load_map("kitchen"),
-        {"file": "/var/lib/kinect-vo/maps/kitchen.keyframes"},
-        "/var/lib/kinect-vo/maps/kitchen.keyframes",
-    ),
-    "save-incident": (PoseClient.save_incident, FOLDER, FOLDER["folder"]),
+# By name: a command and the reply to it.
+EXCHANGES: dict[str, tuple[Command, dict[str, Any]]] = {
+    "reset": (ResetCommand.to_pose(T_ODOM_BASE), {"epoch": 4}),
+    "pause": (PauseCommand(), {"paused": True}),
+    "resume": (ResumeCommand(), {"paused": False}),
+    "tilt": (TiltCommand(-7.5), {"tilt_deg": -7.5}),
+    "led": (LedCommand(Led.RED), {"led": "red"}),
+    "start-recording": (StartRecordingCommand("desk"), FOLDER),
+    "stop-recording": (StopRecordingCommand(), FOLDER),
+    "save-map": (SaveMapCommand("kitchen"), {"file": "maps/kitchen.ply", "keyframes": 12}),
+    "load-map": (LoadMapCommand("kitchen"), {"file": "maps/kitchen.keyframes"}),
+    "save-incident": (SaveIncidentCommand(), FOLDER),
 }
 
 
@@ -69,26 +77,22 @@ def set_reply(service_and_client: ServiceAndClient, name: str, reply: dict[str, 
     return received_arguments
 
 
-def test_there_is_a_method_for_every_command() -> None:
-    assert CALLS.keys() == set(COMMAND_NAMES)
-
-
-@pytest.mark.parametrize("name", COMMAND_NAMES)
-def test_each_method_sends_its_command_and_returns_the_reply(
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_is_sent_and_its_reply_is_typed(
     service_and_client: ServiceAndClient, name: str
 ) -> None:
     _, client = service_and_client
-    call, reply, expected = CALLS[name]
+    command, reply = EXCHANGES[name]
     sent = set_reply(service_and_client, f"command/{name}", reply)
-    assert call(client) == expected
+    assert client.send(command) == command.reply_type()(**reply)
     payload = b"" if sent[0] is None else json.dumps(sent[0]).encode()
-    parse_command(name, payload)
+    assert parse_command(name, payload) == command
 
 
 def test_a_reset_without_a_pose_sends_none(new_service_and_client: ServiceAndClient) -> None:
     _, client = new_service_and_client
     sent = set_reply(new_service_and_client, "command/reset", {"epoch": 1})
-    assert client.reset() == 1
+    assert client.send(ResetCommand()).epoch == 1
     assert sent == [None]
 
 
@@ -102,7 +106,7 @@ def test_a_refusal_has_the_message_and_code_of_the_service(
         {"error": "not-possible", "message": "it has no motor"},
     )
     with pytest.raises(CommandRefused, match="it has no motor") as caught:
-        client.tilt(3.0)
+        client.send(TiltCommand(3.0))
     assert caught.value.code == "not-possible"
 
 
@@ -150,7 +154,7 @@ def test_a_reply_of_another_structure_is_rejected(
     _, client = new_service_and_client
     set_reply(new_service_and_client, "command/reset", reply)
     with pytest.raises(ValueError, match="the reply to command/reset came with"):
-        client.reset()
+        client.send(ResetCommand())
 
 
 def test_a_refusal_of_another_structure_is_reported(
@@ -161,4 +165,4 @@ def test_a_refusal_of_another_structure_is_reported(
     with pytest.raises(
         ServiceUnavailable, match="cannot parse the reply: an error reply came with a int for error"
     ):
-        client.pause()
+        client.send(PauseCommand())

@@ -42,7 +42,7 @@ def test_a_reader_gets_poses_but_no_reply_to_a_command(
 
 def test_an_operator_can_send_commands(network: TlsNetwork, robot: TlsRobot) -> None:
     with PoseClient(config_file=network.file("operator-tls.json5", "ours/operator")) as client:
-        client.pause()
+        client.send(PauseCommand())
     assert robot.executed == [PauseCommand()]
 
 

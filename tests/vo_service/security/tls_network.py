@@ -19,7 +19,11 @@ from vo_service.outputs.zenoh.command_server import make_command_endpoint
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.tools.certificates.authority import CertificateAuthority
-from vo_service.types import Command, OdometryUpdate
+from vo_service.types import (
+    Command,
+    OdometryUpdate,
+    PausedReply,
+)
 
 ZENOH_FILES = Path(__file__).parents[3] / "config" / "zenoh"
 HOST = "127.0.0.1"
@@ -108,7 +112,7 @@ class TlsRobot:
             seq += 1
             for future in self._command_queue.take_pending():
                 self.executed.append(future.command)
-                future.set_result({})
+                future.set_result(PausedReply(True))
         self._output.close()
 
 

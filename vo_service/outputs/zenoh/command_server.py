@@ -12,17 +12,22 @@ import zenoh
 
 from drivers.core.queues import BlockingQueue, WorkerThread
 from drivers.core.rate_limit import TokenBucket
-from vo_service.command_parser import MAX_PAYLOAD_BYTES, parse_command
 from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandFuture, CommandSink
-from vo_service.outputs.zenoh.messages import result_payload
 from vo_service.outputs.zenoh.queryables import (
     MAX_PENDING_QUERIES,
     reply,
     reply_error,
     serve_queryable,
 )
-from vo_service.types import Command, CommandError, ErrorCode
+from vo_service.types import (
+    MAX_PAYLOAD_BYTES,
+    Command,
+    CommandError,
+    ErrorCode,
+    encode_message,
+    parse_command,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +78,7 @@ class _PendingCommand:
 
 
 class CommandServer:
-    """Server of all commands of `vo_service.command_parser`, with a rate limit.
+    """Server of all commands of `vo_service.types.commands`, with a rate limit.
 
     One queryable serves all names, so it can report an unknown command. One thread parses and
     refuses; another waits for the loop's results and sends the replies in order.
@@ -114,7 +119,7 @@ class CommandServer:
 
 def _send_reply(pending: _PendingCommand) -> None:
     try:
-        payload = result_payload(pending.future.result(RESULT_TIMEOUT_S))
+        payload = encode_message(pending.future.result(RESULT_TIMEOUT_S))
     except CommandError as error:
         logger.info("zenoh: %s: %s", pending.key, error)
         reply_error(pending.query, error)

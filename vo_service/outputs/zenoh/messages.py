@@ -1,19 +1,19 @@
-"""Encoding of Zenoh messages. A change that breaks readers raises the schema number."""
+"""Encoding of poses and of the map->odom transform with their attachments."""
 
-import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
-from vo_service.control import CommandResult
 from vo_service.outputs.zenoh.cdr import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,
     encode_transform,
 )
-from vo_service.types import CommandError, OdometryUpdate, Status
-
-MESSAGE_SCHEMA = 1
+from vo_service.types import (
+    MapOdomAttachment,
+    OdomAttachment,
+    OdometryUpdate,
+    encode_message,
+)
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,7 @@ def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
 
 def pose_attachment(update: OdometryUpdate) -> bytes:
     """Encode the JSON attachment of a pose: what `Odometry` has no field for."""
-    content = {
-        "schema": MESSAGE_SCHEMA,
-        "seq": update.seq,
-        "state": update.state,
-        "epoch": update.epoch,
-        "reason": update.reason,
-    }
-    return json.dumps(content).encode()
+    return encode_message(OdomAttachment(update.seq, update.state, update.epoch, update.reason))
 
 
 def map_odom_transform(update: OdometryUpdate, frame_ids: FrameIds) -> TransformMessage:
@@ -73,37 +66,12 @@ def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
 
 def map_odom_attachment(update: OdometryUpdate) -> bytes:
     """Encode the JSON attachment of the map->odom transform."""
-    content = {
-        "schema": MESSAGE_SCHEMA,
-        "seq": update.seq,
-        "epoch": update.epoch,
-        "is_localized": update.is_localized,
-        "map_keyframes": update.map.keyframes,
-        "loop_closures": update.map.loop_closures,
-    }
-    return json.dumps(content).encode()
-
-
-def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
-    """Encode the status as JSON.
-
-    Raises:
-        ValueError: If a number is not finite.
-    """
-    content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": dict(versions)}
-    return json.dumps(content, allow_nan=False).encode()
-
-
-def result_payload(result: CommandResult) -> bytes:
-    """Encode a command's result as JSON.
-
-    Raises:
-        ValueError: If a number is not finite.
-    """
-    return json.dumps({"schema": MESSAGE_SCHEMA, **result}, allow_nan=False).encode()
-
-
-def error_payload(error: CommandError) -> bytes:
-    """Encode an error reply as JSON."""
-    content = {"schema": MESSAGE_SCHEMA, "error": error.code, "message": str(error)}
-    return json.dumps(content).encode()
+    return encode_message(
+        MapOdomAttachment(
+            update.seq,
+            update.epoch,
+            update.is_localized,
+            update.map.keyframes,
+            update.map.loop_closures,
+        )
+    )

@@ -17,11 +17,10 @@ from vo_service.outputs.zenoh.messages import (
     map_odom_payload,
     pose_attachment,
     pose_payload,
-    status_payload,
 )
 from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables
 from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
-from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate, Status
+from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate, Status, encode_message
 from vo_service.versions import versions
 
 logger = logging.getLogger(__name__)
@@ -194,7 +193,7 @@ class ZenohOutput:
                 endpoints.publish_map_odom(*self._latest.map_odom)
 
     def _publish_status(self, status: Status) -> None:
-        payload = status_payload(status, self._versions)
+        payload = encode_message(status, {"versions": self._versions})
         self._latest.status = payload
         self._sync_endpoints()
         for endpoints in self._endpoints:

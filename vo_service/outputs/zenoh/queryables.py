@@ -1,5 +1,6 @@
 """Queryables for readers; separate threads reply from memory."""
 
+import json
 import logging
 import threading
 import time
@@ -12,8 +13,7 @@ import zenoh
 from drivers.core.rate_limit import TokenBucket
 from vo_service.outputs.zenoh.cdr import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.outputs.zenoh.json_schemas import all_schemas
-from vo_service.outputs.zenoh.messages import error_payload, result_payload
-from vo_service.types import CommandError, ErrorCode
+from vo_service.types import MESSAGE_SCHEMA, CommandError, ErrorCode, ErrorReply, encode_message
 
 logger = logging.getLogger(__name__)
 
@@ -76,7 +76,7 @@ def reply(
 def reply_error(query: zenoh.Query, error: CommandError) -> None:
     """Send an error reply and close the query."""
     with query, suppress(zenoh.ZError):  # the session has closed
-        query.reply_err(error_payload(error), encoding=JSON)
+        query.reply_err(encode_message(ErrorReply(error.code, str(error))), encoding=JSON)
 
 
 def _serve(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], handler: QueryHandler) -> None:
@@ -140,4 +140,5 @@ class Queryables:
         reply(query, f"{self.prefix}/status", self.latest.status)
 
     def _reply_schema(self, query: zenoh.Query) -> None:
-        reply(query, f"{self.prefix}/schema", result_payload({"schemas": all_schemas()}))
+        content = {"schema": MESSAGE_SCHEMA, "schemas": all_schemas()}
+        reply(query, f"{self.prefix}/schema", json.dumps(content).encode())

@@ -82,8 +82,8 @@ def next_command(command_queue: CommandQueue[Command]) -> CommandFuture[Command]
     return pending[0]
 
 
-def answer_next_command(command_queue: CommandQueue[Command], result: dict[str, object]) -> None:
+def answer_next_command(command_queue: CommandQueue[Command], reply: object) -> None:
     """Complete the next command, on a thread, as the loop would."""
     threading.Thread(
-        target=lambda: next_command(command_queue).set_result(result), daemon=True
+        target=lambda: next_command(command_queue).set_result(reply), daemon=True
     ).start()

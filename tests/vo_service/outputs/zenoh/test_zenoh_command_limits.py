@@ -21,7 +21,11 @@ from vo_service.outputs.zenoh.command_server import (
     CommandServer,
     make_command_endpoint,
 )
-from vo_service.types import CommandError, OdometryUpdate
+from vo_service.types import (
+    CommandError,
+    OdometryUpdate,
+    PausedReply,
+)
 
 pytestmark = pytest.mark.zenoh
 
@@ -41,7 +45,7 @@ def test_commands_above_the_rate_are_refused_and_logged_once(
     free_port: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     with output_with_commands(free_port, per_second=1.0) as (_, command_queue, session):
-        answer_next_command(command_queue, {"paused": True})
+        answer_next_command(command_queue, PausedReply(True))
         assert query_json(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
         codes = {query_json(session, "kinect/command/dance")[0]["error"] for _ in range(10)}
     assert codes == {"rate-limited"} or codes == {"rate-limited", "unknown-command"}
@@ -71,7 +75,7 @@ def test_after_a_flood_commands_work_again(free_port: int) -> None:
     with output_with_commands(free_port, per_second=10.0) as (_, command_queue, session):
         for channel in [session.get("kinect/command/dance", timeout=100) for _ in range(500)]:
             list(channel)
-        answer_next_command(command_queue, {"paused": True})
+        answer_next_command(command_queue, PausedReply(True))
         wait_until(
             lambda: {"schema": 1, "paused": True} in query_json(session, "kinect/command/pause")
         )

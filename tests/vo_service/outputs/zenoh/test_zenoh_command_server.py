@@ -19,7 +19,6 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
     query_json,
     reply_json,
 )
-from vo_service.command_parser import COMMAND_NAMES
 from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh import command_server
@@ -31,13 +30,19 @@ from vo_service.outputs.zenoh.command_server import (
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.types import (
+    COMMANDS,
     Command,
     CommandError,
+    EpochReply,
     ErrorCode,
+    FolderReply,
     LedCommand,
+    LedReply,
     OdometryUpdate,
     PauseCommand,
+    PausedReply,
     ResetCommand,
+    TiltReply,
 )
 
 pytestmark = pytest.mark.zenoh
@@ -61,7 +66,7 @@ def test_a_command_reaches_the_queue_and_its_reply_the_client(
     command_queue, session = queue_and_session
     channel = session.get("kinect/command/led", payload=b'{"led": "red"}', timeout=100)
     future = next_command(command_queue)
-    future.set_result({"led": "red"})
+    future.set_result(LedReply(Led.RED))
     (reply,) = channel
     assert future.command == LedCommand(Led.RED)
     assert reply_json(reply) == {"schema": 1, "led": "red"}
@@ -73,7 +78,7 @@ def test_an_empty_payload_means_no_arguments(queue_and_session: QueueAndSession)
     command_queue, session = queue_and_session
     channel = session.get("kinect/command/reset", timeout=100)
     future = next_command(command_queue)
-    future.set_result({"epoch": 3})
+    future.set_result(EpochReply(3))
     assert [reply_json(reply) for reply in channel] == [{"schema": 1, "epoch": 3}]
     assert isinstance(future.command, ResetCommand)
 
@@ -122,7 +127,7 @@ def test_an_oversize_payload_is_discarded_and_the_next_command_works(
 ) -> None:
     command_queue, session = queue_and_session
     session.get("kinect/command/pause", payload=bytes(3_000_000), timeout=1)
-    answer_next_command(command_queue, {"paused": True})
+    answer_next_command(command_queue, PausedReply(True))
     assert query_json(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
 
 
@@ -143,9 +148,9 @@ def test_a_blocked_loop_gives_a_timeout_error(
     assert [future.command for future in command_queue.take_pending()] == [PauseCommand()]
 
 
-@pytest.mark.parametrize("reply_content", [{"speed": float("nan")}, {"what": object()}])
+@pytest.mark.parametrize("reply_content", [TiltReply(float("nan")), FolderReply(object())])  # type: ignore[arg-type]
 def test_a_reply_that_is_not_json_is_a_failure(
-    queue_and_session: QueueAndSession, reply_content: dict[str, object]
+    queue_and_session: QueueAndSession, reply_content: object
 ) -> None:
     command_queue, session = queue_and_session
     answer_next_command(command_queue, reply_content)
@@ -163,8 +168,7 @@ def test_every_command_gets_a_reply(free_port: int) -> None:
     with output_with_commands(free_port) as (_, command_queue, session):
         command_queue.close()
         codes = {
-            name: query_json(session, f"kinect/command/{name}")[0]["error"]
-            for name in COMMAND_NAMES
+            name: query_json(session, f"kinect/command/{name}")[0]["error"] for name in COMMANDS
         }
     assert set(codes.values()) <= {"not-possible", "bad-request"}
 
@@ -176,7 +180,7 @@ def test_closing_does_not_wait_for_a_command_in_the_loop(free_port: int) -> None
         before_s = time.monotonic()
         output.close()
         assert time.monotonic() - before_s < command_server.RESULT_TIMEOUT_S
-        future.set_result({})
+        future.set_result(PausedReply(True))
     assert isinstance(future.command, PauseCommand)
 
 
@@ -185,7 +189,7 @@ def test_a_second_session_serves_commands_too(free_port: int) -> None:
     commands = CommandServer(command_queue, 100.0)
     for _ in range(2):
         with session_with_commands(commands, free_port) as session:
-            answer_next_command(command_queue, {})
+            answer_next_command(command_queue, PausedReply(True))
             assert query_json(session, "kinect/command/pause") == [{"schema": 1}]
     commands.close()
 

@@ -11,24 +11,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import Led
-from scripts.write_schemas import SCHEMA_FOLDER, make_schema_files
+from scripts.write_reference import SCHEMA_FOLDER, make_files
 from tests.json_schema import schema_errors
 from tests.vo_service.sample_map import make_map
-from vo_service.command_parser import COMMAND_NAMES, parse_command
 from vo_service.outputs.zenoh.json_schemas import JSON_SCHEMA_DIALECT, all_schemas, schema_of
 from vo_service.outputs.zenoh.messages import (
-    error_payload,
     map_odom_attachment,
     pose_attachment,
-    status_payload,
 )
 from vo_service.types import (
+    COMMANDS,
     CommandError,
     ErrorCode,
+    ErrorReply,
     OdometryUpdate,
     RecorderReport,
     Status,
     TimingReport,
+    encode_message,
+    parse_command,
 )
 from vo_service.versions import versions
 
@@ -50,13 +51,15 @@ def test_a_schema_has_its_draft_and_title(schema: Mapping[str, Any]) -> None:
     assert json.loads(json.dumps(schema)) == schema
 
 
-def test_the_files_are_those_that_the_code_generates() -> None:
-    kept = {file.name: file.read_text() for file in SCHEMA_FOLDER.glob("*.json")}
-    assert kept == make_schema_files(), "run scripts/write_schemas.py and look at what has changed"
+def test_schemas_and_tables_are_those_that_the_code_generates() -> None:
+    files = make_files()
+    assert set(SCHEMA_FOLDER.glob("*.json")) <= files.keys()
+    outdated = [file.name for file, text in files.items() if file.read_text() != text]
+    assert outdated == [], "run scripts/write_reference.py and look at what has changed"
 
 
 def test_a_status_is_valid_and_has_only_fields_of_the_schema(status: Status) -> None:
-    content = json.loads(status_payload(status, versions()))
+    content = json.loads(encode_message(status, {"versions": versions()}))
     assert schema_errors(SCHEMAS["status"], content) == []
     assert content.keys() == SCHEMAS["status"]["properties"].keys()
 
@@ -69,7 +72,7 @@ def test_a_status_with_all_fields_is_valid(status: Status) -> None:
         paused=True,
         recorder=RecorderReport("desk"),
     )
-    content = json.loads(status_payload(full, versions()))
+    content = json.loads(encode_message(full, {"versions": versions()}))
     assert schema_errors(SCHEMAS["status"], content) == []
 
 
@@ -84,7 +87,7 @@ def test_a_status_with_all_fields_is_valid(status: Status) -> None:
     ],
 )
 def test_a_wrong_status_is_invalid(status: Status, group: str, key: str, wrong: object) -> None:
-    content = json.loads(status_payload(status, versions()))
+    content = json.loads(encode_message(status, {"versions": versions()}))
     (content[group] if group else content)[key] = wrong
     assert len(schema_errors(SCHEMAS["status"], content)) == 1
 
@@ -100,17 +103,17 @@ def test_attachments_and_errors_are_valid(make_update: Callable[..., OdometryUpd
         assert schema_errors(SCHEMAS["map-odom-attachment"], on_map) == []
         assert on_map.keys() == SCHEMAS["map-odom-attachment"]["properties"].keys()
     for code in ErrorCode:
-        content = json.loads(error_payload(CommandError(code, "why")))
+        content = json.loads(encode_message(ErrorReply(code, "why")))
         assert schema_errors(SCHEMAS["error"], content) == []
 
 
 def test_every_command_has_its_two_schemas() -> None:
-    parts = {f"{command}-{part}" for command in COMMAND_NAMES for part in ("arguments", "answer")}
+    parts = {f"{command}-{part}" for command in COMMANDS for part in ("arguments", "answer")}
     others = {"status", "odom-attachment", "map-odom-attachment", "error"}
     assert parts | others == SCHEMAS.keys()
 
 
-@given(st.sampled_from(COMMAND_NAMES), arguments)
+@given(st.sampled_from(list(COMMANDS)), arguments)
 def test_arguments_are_valid_if_the_parser_accepts_them(
     command: str, arguments: dict[str, Any]
 ) -> None:
@@ -143,6 +146,6 @@ def status_fields(schema: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
             yield from status_fields(field, f"{name}.")
 
 
-@pytest.mark.parametrize("word", [*status_fields(SCHEMAS["status"]), *COMMAND_NAMES, *ErrorCode])
+@pytest.mark.parametrize("word", [*status_fields(SCHEMAS["status"]), *COMMANDS, *ErrorCode])
 def test_the_documentation_names_everything(word: str) -> None:
     assert f"`{word}`" in MESSAGES

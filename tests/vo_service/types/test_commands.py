@@ -1,4 +1,4 @@
-"""Parsing of commands: every argument is checked, and each error is named."""
+"""Commands: every argument is checked, and each error is named."""
 
 import json
 from typing import Any
@@ -9,8 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import Led
-from vo_service.command_parser import COMMAND_NAMES, MAX_PAYLOAD_BYTES, parse_command
+from drivers.core.errors import InputError
+from drivers.core.geometry import rigid_transform, so3_exp
 from vo_service.types import (
+    COMMANDS,
+    MAX_PAYLOAD_BYTES,
     CommandError,
     ErrorCode,
     LedCommand,
@@ -20,6 +23,7 @@ from vo_service.types import (
     SaveMapCommand,
     StartRecordingCommand,
     TiltCommand,
+    parse_command,
 )
 
 
@@ -55,24 +59,44 @@ def test_a_reset_may_have_a_pose() -> None:
     np.testing.assert_allclose(np.diag(command.T_odom_base), [-1, -1, 1, 1], atol=1e-12)
 
 
+def test_a_pose_in_32_bits_is_rigid_enough() -> None:
+    T_odom_base = rigid_transform(so3_exp([0.1, -0.2, 2.0]), [1, 2, 3])
+    command = ResetCommand.to_pose(T_odom_base.astype(np.float32).astype(np.float64))
+    assert command.position_m == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("T", [np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4), "x"])
+def test_a_matrix_that_is_not_a_pose_is_rejected(T: Any) -> None:
+    with pytest.raises(InputError, match="T_odom_base: give a 4x4 matrix of finite numbers"):
+        ResetCommand.to_pose(T)
+
+
 @pytest.mark.parametrize(
     ("name", "payload", "words"),
     [
-        ("tilt", b"", "'tilt_deg' is missing"),
-        ("tilt", of(tilt_deg=90), "must be a number from -31 to 31"),
-        ("tilt", of(tilt_deg="5"), "must be a number"),
-        ("tilt", of(tilt_deg=True), "must be a number"),
-        ("tilt", b'{"tilt_deg": NaN}', "must be a number"),
-        ("tilt", b'{"tilt_deg": 1%s}' % (b"0" * 400), "must be a number"),
-        ("tilt", of(tilt_deg=5, speed=2), "'speed' is not an argument of tilt; it takes: tilt_deg"),
-        ("pause", of(now=True), "it takes: none"),
-        ("led", of(led="pink"), "must be one of off, green"),
-        ("start-recording", of(name="../etc"), "must be a plain name"),
-        ("start-recording", of(name=""), "must be a plain name"),
-        ("save-map", of(name="../etc"), "must be a plain name"),
-        ("save-map", b"", "'name' is missing"),
-        ("load-map", of(name="a/b"), "must be a plain name"),
-        ("reset", of(position_m=[1, 2, 3]), "'quaternion_xyzw' is missing"),
+        ("tilt", b"", "argument `tilt_deg` is missing"),
+        (
+            "tilt",
+            of(tilt_deg=90),
+            "`tilt_deg` 90 is out of range; give at least -31 and at most 31",
+        ),
+        (
+            "tilt",
+            of(tilt_deg="5"),
+            '"5" is the wrong type; give a number (degrees above the horizon)',
+        ),
+        ("tilt", of(tilt_deg=True), "true is the wrong type; give a number"),
+        ("tilt", b'{"tilt_deg": NaN}', "give a finite number"),
+        ("tilt", b'{"tilt_deg": 1%s}' % (b"0" * 400), "is out of range"),
+        ("tilt", of(tilt_deg=5, speed=2), "`speed` is unknown; known here: tilt_deg"),
+        ("pause", of(now=True), "`now` is unknown; known here: none"),
+        ("led", of(led="pink"), "is not a choice; known here: off, green"),
+        ("start-recording", of(name="../etc"), "give a plain name"),
+        ("start-recording", of(name=""), "give a plain name"),
+        ("save-map", of(name="../etc"), "give a plain name"),
+        ("save-map", b"", "`name` is missing"),
+        ("load-map", of(name="a/b"), "give a plain name"),
+        ("reset", of(position_m=[1, 2, 3]), "give position_m and quaternion_xyzw, or none of them"),
         ("reset", of(position_m=[1, 2], quaternion_xyzw=[0, 0, 0, 1]), "a list of 3 numbers"),
         ("reset", of(position_m=[0, 0, 0], quaternion_xyzw=[0, 0, 0, 0.5]), "length 1"),
         ("reset", b"[1, 2]", "not a JSON object"),
@@ -103,7 +127,7 @@ JSON = st.recursive(
 
 
 @pytest.mark.slow
-@given(st.sampled_from(COMMAND_NAMES), st.binary() | JSON.map(lambda v: json.dumps(v).encode()))
+@given(st.sampled_from(list(COMMANDS)), st.binary() | JSON.map(lambda v: json.dumps(v).encode()))
 def test_any_payload_gives_a_command_or_a_typed_error(name: str, payload: bytes) -> None:
     codes = []
     try:

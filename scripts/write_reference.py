@@ -1,0 +1,127 @@
+"""Write what the definitions of messages, commands and configuration keys determine.
+
+These are the JSON Schemas in ``schemas/``, ``docs/configuration.md``, and the tables in
+``docs/messages.md`` between ``<!-- NAME: ... -->`` and ``<!-- end -->``.
+
+Usage: .venv/bin/python scripts/write_reference.py
+"""
+
+import dataclasses
+import inspect
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, get_origin
+
+from drivers.core.fields import TypedField, typed_fields
+from vo_service.config_reference import format_type, render_reference
+from vo_service.outputs.zenoh.json_schemas import VERSIONS_DESCRIPTION, all_schemas
+from vo_service.types import (
+    COMMANDS,
+    MESSAGE_SCHEMA,
+    Command,
+    MapOdomAttachment,
+    OdomAttachment,
+    Status,
+)
+
+ROOT = Path(__file__).parents[1]
+SCHEMA_FOLDER = ROOT / "schemas"
+CONFIGURATION = ROOT / "docs" / "configuration.md"
+MESSAGES = ROOT / "docs" / "messages.md"
+
+
+def make_files() -> dict[Path, str]:
+    """Return the text of each file."""
+    schemas = {
+        SCHEMA_FOLDER / f"{name}.json": json.dumps(schema, indent=2) + "\n"
+        for name, schema in all_schemas().items()
+    }
+    return schemas | {
+        CONFIGURATION: render_reference(),
+        MESSAGES: replace_tables(MESSAGES.read_text()),
+    }
+
+
+def replace_tables(page: str) -> str:
+    """Replace the tables in the text of docs/messages.md."""
+    for name, table in message_tables().items():
+        begin = f"<!-- {name}: written by scripts/write_reference.py -->\n"
+        pattern = re.compile(f"{re.escape(begin)}.*?<!-- end -->\n", re.DOTALL)
+        page, count = pattern.subn(lambda _: f"{begin}{table}<!-- end -->\n", page)  # noqa: B023
+        if count != 1:
+            raise ValueError(f"{MESSAGES}: there must be one table {name}")
+    return page
+
+
+def message_tables() -> dict[str, str]:
+    """Return the tables of docs/messages.md by name."""
+    versions = ("versions", "object", VERSIONS_DESCRIPTION)
+    return {
+        "odom attachment": _message_table(OdomAttachment),
+        "map_odom attachment": _message_table(MapOdomAttachment),
+        "status": _message_table(Status, versions),
+        "commands": _table(
+            ("command", "arguments", "reply", "what it does"), map(_command_row, COMMANDS.values())
+        ),
+    }
+
+
+def _message_table(of: type, *more_rows: tuple[str, ...]) -> str:
+    schema = ("schema", "whole number", f"version of the message: {MESSAGE_SCHEMA}")
+    rows = (schema, *_field_rows(of), *more_rows)
+    return _table(("key", "type", "meaning"), ((f"`{key}`", *others) for key, *others in rows))
+
+
+def _field_rows(of: type, prefix: str = "") -> Iterator[tuple[str, str, str]]:
+    for field in typed_fields(of):
+        key = f"{prefix}{field.name}"
+        yield key, _type_name(field), field.spec.description
+        if dataclasses.is_dataclass(field.kind):
+            yield from _field_rows(field.kind, f"{key}.")
+
+
+def _type_name(field: TypedField) -> str:
+    if field.spec.choices:
+        return ", ".join(f'`"{choice}"`' for choice in field.spec.choices)
+    is_object = dataclasses.is_dataclass(field.kind) or get_origin(field.kind) is Mapping
+    return "object" if is_object else format_type(field.kind)
+
+
+def _command_row(command: type[Command]) -> tuple[str, ...]:
+    arguments = [_describe_argument(field) for field in typed_fields(command)]
+    reply = [f"`{field.name}`" for field in typed_fields(command.reply_type())]
+    description = (inspect.getdoc(command) or "").partition("\n")[0].removesuffix(".")
+    joint = "; both or none" if command.required_together else ""
+    return (
+        f"`{command.command_name}`",
+        "; ".join(arguments) + joint,
+        ", ".join(reply),
+        description,
+    )
+
+
+def _describe_argument(field: TypedField) -> str:
+    spec = field.spec
+    form = spec.pattern_name or ", ".join(filter(None, (_type_name(field), spec.range_text)))
+    return f"`{field.name}`: {spec.description}; {form}"
+
+
+def _table(header: tuple[str, ...], rows: Any) -> str:
+    lines = (header, tuple("---" for _ in header), *rows)
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def main() -> None:
+    """Write all files and delete schemas that are no longer defined."""
+    SCHEMA_FOLDER.mkdir(exist_ok=True)
+    files = make_files()
+    for file in set(SCHEMA_FOLDER.glob("*.json")) - files.keys():
+        file.unlink()
+    for file, text in files.items():
+        file.write_text(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -13,7 +13,6 @@ from functools import cached_property
 from types import TracebackType
 from typing import Annotated, Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -155,6 +154,8 @@ class RgbdFrame:
     @cached_property
     def gray(self) -> NDArray[np.uint8]:
         """Brightness, (height, width) uint8."""
+        import cv2  # here, because programs without frames need this module, but not OpenCV
+
         gray: NDArray[np.uint8] = cv2.cvtColor(self.color_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
         return gray
 

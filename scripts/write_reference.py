@@ -78,7 +78,7 @@ def _field_rows(of: type, prefix: str = "") -> Iterator[tuple[str, str, str]]:
     for field in typed_fields(of):
         key = f"{prefix}{field.name}"
         yield key, _type_name(field), field.spec.description
-        if dataclasses.is_dataclass(field.kind):
+        if dataclasses.is_dataclass(field.kind) and isinstance(field.kind, type):
             yield from _field_rows(field.kind, f"{key}.")
 
 

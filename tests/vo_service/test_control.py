@@ -20,6 +20,7 @@ from vo_service.types import (
     LedCommand,
     LedReply,
     MapState,
+    NoReply,
     NullMapper,
     NullRecorder,
     PauseCommand,
@@ -166,7 +167,7 @@ def test_configuration_changes_are_applied_and_refusals_logged(
             control,
             inbox,
         )
-        == {}
+        == NoReply()
     )
     assert camera.led is Led.RED
     assert "scripted: it has no motor" in caplog.text

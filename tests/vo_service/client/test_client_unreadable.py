@@ -12,11 +12,15 @@ pytestmark = pytest.mark.zenoh
 @pytest.mark.parametrize(
     ("payload", "attachment", "message"),
     [
-        (b"nonsense", b'{"schema": 1, "seq": 1, "state": "", "epoch": 0, "reason": ""}', "CDR"),
+        (b"nonsense", b'{"schema": 1, "seq": 1, "state": "lost", "epoch": 0, "reason": ""}', "CDR"),
         (b"", None, "without its attachment"),
         (b"", b"\xff", "utf"),
         (b"", b'{"schema": 1, "seq": 1}', "without epoch, reason, state"),
-        (b"", b'{"schema": 1, "seq": "a", "state": "", "epoch": 0, "reason": ""}', "a str for seq"),
+        (
+            b"",
+            b'{"schema": 1, "seq": "a", "state": "lost", "epoch": 0, "reason": ""}',
+            "a str for seq",
+        ),
         (b"", b"[" * 100_000, "nested too deeply"),
         (b"", b'{"schema": 2}', "a message has version 2, but this client reads only 1"),
     ],

@@ -97,7 +97,11 @@ def test_a_matrix_that_is_not_a_pose_is_rejected(T: Any) -> None:
         ("save-map", b"", "`name` is missing"),
         ("load-map", of(name="a/b"), "give a plain name"),
         ("reset", of(position_m=[1, 2, 3]), "give position_m and quaternion_xyzw, or none of them"),
-        ("reset", of(position_m=[1, 2], quaternion_xyzw=[0, 0, 0, 1]), "a list of 3 numbers"),
+        (
+            "reset",
+            of(position_m=[1, 2], quaternion_xyzw=[0, 0, 0, 1]),
+            "a list of 2 is the wrong type; give a list of 3",
+        ),
         ("reset", of(position_m=[0, 0, 0], quaternion_xyzw=[0, 0, 0, 0.5]), "length 1"),
         ("reset", b"[1, 2]", "not a JSON object"),
         ("reset", b"\xff", "not JSON"),

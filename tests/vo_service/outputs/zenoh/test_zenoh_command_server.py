@@ -103,9 +103,14 @@ def test_a_refusal_of_the_loop_is_returned_with_its_code(
     ("name", "payload", "code", "message"),
     [
         ("dance", b"", "unknown-command", "there is no command 'dance'; there are: reset"),
-        ("tilt", b"", "bad-request", "argument 'tilt_deg' is missing"),
-        ("tilt", b'{"tilt_deg": 90}', "bad-request", "from -31 to 31"),
-        ("pause", b'{"now": true}', "bad-request", "not an argument of pause"),
+        ("tilt", b"", "bad-request", "argument `tilt_deg` is missing"),
+        (
+            "tilt",
+            b'{"tilt_deg": 90}',
+            "bad-request",
+            "90 is out of range; give at least -31 and at most 31",
+        ),
+        ("pause", b'{"now": true}', "bad-request", "argument `now` is unknown"),
         ("pause", b"\xff\xfe", "bad-request", "not JSON"),
         ("pause", b"[" * 4000, "bad-request", "not JSON"),
         ("pause", b" " * 4097, "bad-request", "the payload has 4097 bytes; the limit is 4096"),
@@ -190,7 +195,7 @@ def test_a_second_session_serves_commands_too(free_port: int) -> None:
     for _ in range(2):
         with session_with_commands(commands, free_port) as session:
             answer_next_command(command_queue, PausedReply(True))
-            assert query_json(session, "kinect/command/pause") == [{"schema": 1}]
+            assert query_json(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
     commands.close()
 
 

@@ -11,22 +11,20 @@ from pathlib import Path
 
 from drivers.core.errors import InputError
 from drivers.core.files import create_output_folder
-from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.cli.options import add_benchmark_options, load_config, parse_count
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.baselines.orb_vocabulary import read_vocabulary_file
 from vo_service.tools.benchmark.baselines.registry import ORB_SLAM3
 from vo_service.tools.benchmark.batch import BatchPlan, run_batch
-from vo_service.tools.benchmark.frame_selection import FrameSelection
 from vo_service.tools.benchmark.methods import (
     METHOD_NAMES,
     UnavailableMethods,
     find_unavailable_methods,
     make_method_factories,
 )
-from vo_service.tools.benchmark.observers import NULL_OBSERVER
-from vo_service.tools.benchmark.recordings import open_recordings
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.tools.benchmark.recordings import FrameSelection, open_recordings
 from vo_service.tools.benchmark.report.bench_report import (
     BenchMetadata,
     report_content,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drivers.core.errors import InputError
 from drivers.registry import CAMERA_USAGES
+from vo_service.cli.calibrate_timing import calibrate_timing, save_learnt
 from vo_service.config import Config, read_config
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.signals import stop_on_signals
@@ -162,15 +163,10 @@ def run(args: argparse.Namespace) -> int:
         UserFacingError: If an option or a view is not valid, or if a file cannot be written.
     """
     if args.save_learnt:
-        from vo_service.cli.calibrate_learnt import save_learnt
-
         return save_learnt(args)
     if args.serial is not None:
         raise InputError("--serial chooses what --save-learnt writes; add --save-learnt")
     if args.timing:
-        # Imported here: it loads the kernels of an odometry, which a board does not need.
-        from vo_service.cli.calibrate_timing import calibrate_timing
-
         return calibrate_timing(args)
     board = make_board(BoardOptions(args.board, args.square, args.marker, args.dictionary))
     if args.print_board is not None:

@@ -1,26 +1,26 @@
-"""``kinect-vo calibrate --timing``: measure readout and depth offset from fast motion."""
+"""``kinect-vo calibrate --timing`` and ``--save-learnt``: a sensor's timing in its camera file."""
 
 import argparse
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from datetime import date
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.calibration import (
     CAMERA_FILE_NAME,
     CameraCalibration,
     find_calibration,
+    read_calibration,
 )
 from drivers.core.errors import InputError, UserFacingError
 from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.kernels import run_warm_up
-from vo_service.cli.saved_timing import (
-    SavedFile,
-    check_no_board_options,
-    choose_camera_file,
-    print_saved_timing,
-)
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
+from vo_service.remembered_timing import RememberedTiming, find_remembered_timings, memory_folders
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.output_files import check_writable
@@ -32,15 +32,82 @@ from vo_service.tools.calibration.timing import (
     combine,
     is_informative,
     read_camera,
+    remembered_as_timing,
     save_timing,
     select_changes,
     told_timing,
 )
-from vo_service.tools.calibration.timing_measurement import (
-    MeasuredTiming,
-    measure_folder,
-    measure_live,
-)
+
+if TYPE_CHECKING:  # loads the kernels of an odometry, which a learned timing does not need
+    from vo_service.tools.calibration.timing_measurement import MeasuredTiming
+
+# Options that are valid only with a board.
+BOARD_ONLY_OPTIONS = ("square", "marker", "depth", "keep", "rerun", "picture", "print_board")
+
+
+@dataclass(frozen=True)
+class SavedFile:
+    """A camera file that was written, and the backup of the one before; None without one."""
+
+    path: Path
+    backup: Path | None
+
+
+def check_no_board_options(args: argparse.Namespace, mode: str) -> None:
+    """Raise InputError if an option is given that only a board has."""
+    given = [name for name in BOARD_ONLY_OPTIONS if getattr(args, name)]
+    if given:
+        option = f"--{given[0].replace('_', '-')}"
+        raise InputError(f"{option} is about a board, which {mode} does without; leave one out")
+
+
+def choose_camera_file(args: argparse.Namespace, config: Config, mode: str) -> Path:
+    """Choose the camera file to change.
+
+    Raises:
+        InputError: None is named.
+    """
+    named: Path | None = args.output or args.camera_file or config.camera.file
+    if named is not None:
+        return named
+    if args.folder is not None:
+        return Path(args.folder / CAMERA_FILE_NAME)
+    raise InputError(
+        f"{mode} puts its result into a camera file: name it with --camera-file, or make one "
+        "first, from views of a board"
+    )
+
+
+def print_saved_timing(
+    args: argparse.Namespace,
+    source: Mapping[str, object],
+    values: Mapping[str, SensorTiming],
+    saved: SavedFile,
+) -> None:
+    """Print a table of timings and where the last one is saved, or one JSON object with --json.
+
+    Args:
+        args: Options of the command line.
+        source: By name: where the values come from.
+        values: By heading: a timing. The last one is that in the file.
+        saved: The camera file.
+    """
+    backup = saved.backup
+    keys = tuple(next(iter(values.values())))
+    if args.json:
+        files = {"camera_file": str(saved.path), "kept": None if backup is None else str(backup)}
+        numbers = {
+            key: {heading: asdict(timing[key]) for heading, timing in values.items()}
+            for key in keys
+        }
+        print(json.dumps(files | dict(source) | numbers))
+        return
+    print(", ".join(f"{name}: {value}" for name, value in source.items()), end="\n\n")
+    print(f"{'':<16}" + "".join(f"{heading:>18}" for heading in values))
+    for key in keys:
+        print(f"{key:<16}" + "".join(f"{timing[key]!s:>18}" for timing in values.values()))
+    before = f"; the one before is {backup.name}" if backup else ""
+    print(f"\nsaved in {saved.path}{before}")
 
 
 def calibrate_timing(args: argparse.Namespace) -> int:
@@ -79,7 +146,7 @@ def _is_kinect(source: str | None, camera: CameraCalibration) -> bool:
     return is_sensor or told_timing(camera) == USUAL_TIMING
 
 
-def _refusal(told: SensorTiming, measured: MeasuredTiming) -> str:
+def _refusal(told: SensorTiming, measured: "MeasuredTiming") -> str:
     values = (
         f"{name} {measured.timing[key]} (known: {told[key]})"
         for name, key in (("readout", "readout_s"), ("depth offset", "depth_offset_s"))
@@ -109,7 +176,9 @@ def _check_recording(folder: Path, file: Path | None, output: Path) -> None:
         )
 
 
-def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> MeasuredTiming:
+def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> "MeasuredTiming":
+    from vo_service.tools.calibration.timing_measurement import measure_folder, measure_live
+
     with stop_on_signals() as stop:
         run_warm_up(partial(warm_up, "direct"), terminal, stop)
         if args.folder is not None:
@@ -120,3 +189,53 @@ def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> Me
             measured = measure_live(args.camera, file, config.sensor, terminal, stop.event)
     terminal.clear()
     return measured
+
+
+def save_learnt(args: argparse.Namespace) -> int:
+    """Write the learned timing of a sensor into a camera file.
+
+    Raises:
+        InputError: If nothing has been learned, if it is unclear of which sensor, or if an option
+            or the camera file is not valid.
+        UserFacingError: If the file cannot be written.
+    """
+    if args.timing or args.folder is not None or args.camera is not None:
+        raise InputError(
+            "--save-learnt takes what a service has learned, without a camera; leave out FOLDER, "
+            "--camera and --timing"
+        )
+    check_no_board_options(args, "--save-learnt")
+    config = read_config(args.config)
+    output = choose_camera_file(args, config, "--save-learnt")
+    check_writable(output)
+    file: Path = args.camera_file or config.camera.file or output
+    fallback = read_calibration(file)
+    learned = _choose_sensor(args.serial)
+    told, now = told_timing(read_camera(output, fallback)), remembered_as_timing(learned)
+    heading = f"kinect-vo calibrate --save-learnt, {date.today()}: sensor {learned.serial}"
+    kept = save_timing(output, fallback, now, heading)
+    values = {"before": told, "now": now}
+    print_saved_timing(args, {"serial": learned.serial}, values, SavedFile(output, kept))
+    return 0
+
+
+def _choose_sensor(serial: str | None) -> RememberedTiming:
+    """Return the timing of a sensor, or of the only one.
+
+    Raises:
+        InputError: There is none, or there are several.
+    """
+    folders = memory_folders()
+    remembered = find_remembered_timings(folders)
+    known = ", ".join(sorted(remembered))
+    if not remembered:
+        searched = ", ".join(map(str, folders)) or "no folder"
+        raise InputError(
+            f"no service has learned a timing yet (searched: {searched}); let kinect-vo run until "
+            "camera.timing in its status is learned, and use sudo for a service of systemd"
+        )
+    if serial is not None and serial not in remembered:
+        raise InputError(f"--serial {serial}: nothing is learned of it; known: {known}")
+    if serial is None and len(remembered) > 1:
+        raise InputError(f"several sensors are known; choose one with --serial: {known}")
+    return remembered[serial if serial is not None else known]

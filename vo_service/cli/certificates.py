@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from drivers.core.errors import InputError
-from vo_service.tools.certificates.authority import AUTHORITY_DAYS, CertificateAuthority
+from vo_service.tools.certificates import AUTHORITY_DAYS, CertificateAuthority
 
 NAME = "certificates"
 HELP = "make keys and certificates for a test network"

@@ -8,20 +8,19 @@ from pathlib import Path
 
 from drivers.core.errors import InputError
 from drivers.core.files import create_output_folder
-from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.cli.options import add_benchmark_options, load_config
 from vo_service.config import Config
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.batch import BatchPlan, run_batch
-from vo_service.tools.benchmark.method_factory import (
+from vo_service.tools.benchmark.methods import (
     ConfiguredMethodFactory,
     MethodFactory,
     SfmScale,
     TrueScaleSfmFactory,
 )
-from vo_service.tools.benchmark.observers import NULL_OBSERVER
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
 from vo_service.tools.benchmark.recordings import BenchmarkRecording, open_recordings
 from vo_service.tools.benchmark.report.comparison_report import (
     ComparisonReport,

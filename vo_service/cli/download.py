@@ -15,8 +15,8 @@ from vo_service.tools.download.catalog import (
     BenchmarkSequence,
     find_sequence,
 )
-from vo_service.tools.download.progress import DownloadProgress
 from vo_service.tools.download.sequence_download import (
+    DownloadProgress,
     DownloadRequest,
     download_sequence,
     sequence_folder,

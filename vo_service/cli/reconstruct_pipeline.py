@@ -1,4 +1,4 @@
-"""Pipeline of ``kinect-vo reconstruct``: poses, fusion, mesh, report."""
+"""Pipeline of ``kinect-vo reconstruct``: tracking, fusion, mesh, report."""
 
 import argparse
 import json
@@ -6,9 +6,11 @@ import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drivers.camera import RgbdCamera
 from drivers.core.errors import InputError
 from drivers.core.files import atomic_write, create_output_folder
 from drivers.core.trajectory import (
@@ -20,13 +22,15 @@ from drivers.core.trajectory import (
 )
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import open_tum_folder, read_frame_pairs
-from vo_service.cli.kernels import run_warm_up
+from vo_service.app import run_replay
+from vo_service.cli.kernels import prepare_kernels, run_warm_up
 from vo_service.cli.loop_closure_options import make_loop_closure
 from vo_service.cli.options import load_config
-from vo_service.cli.track_recording import track_recording
 from vo_service.config import Config
+from vo_service.frame_source import SinglePassSource
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
-from vo_service.reconstruction.frame_poses import FramePoses
+from vo_service.outputs.state_log import ProgressOutput
+from vo_service.reconstruction.frame_poses import FramePoses, TrackedPoseRecorder
 from vo_service.reconstruction.preview import PreviewFrame
 from vo_service.reconstruction.reconstructor import ReconstructionResult, Reconstructor
 from vo_service.reconstruction.report import ReconstructionReport, translate_write_errors
@@ -35,10 +39,70 @@ from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.warm_up import warm_up_reconstruction
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
+from vo_service.types import NullLoopClosure, Output
+
+if TYPE_CHECKING:  # its libraries are slow to load
+    from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
 
 _log = logging.getLogger(__name__)
 
+
 TRAJECTORY_FILE = "trajectory.txt"
+
+
+def track_recording(
+    folder: Path,
+    camera: RgbdCamera,
+    config: Config,
+    terminal: Terminal,
+    stop: StopSignal,
+    loop_closure: "SynchronousLoopClosure | None" = None,
+) -> Trajectory:
+    """Run the odometry over a recording and return the longest tracked trajectory.
+
+    Args:
+        folder: Folder of the recording, for error messages.
+        camera: The recording.
+        config: The configuration.
+        terminal: Shows progress.
+        stop: Stop request.
+        loop_closure: If given, the poses are optimized, and trajectories that it connects are one.
+
+    Returns:
+        The trajectory, with the frames' own stamps.
+
+    Raises:
+        InputError: If no frame was tracked.
+        KeyboardInterrupt: If a stop is requested.
+    """
+    prepare_kernels(config, terminal, stop)
+    recorder = TrackedPoseRecorder()
+    with camera:
+        progress = ProgressOutput(terminal, "tracking", camera.frame_count)
+        own: list[Output] = [*([loop_closure] if loop_closure else []), recorder, progress]
+        run_replay(
+            config, camera, SinglePassSource(camera), own, stop, loop_closure or NullLoopClosure()
+        )
+    for output in own:
+        output.close()
+    stop.check()
+    if loop_closure:
+        recorder.apply_correction(
+            loop_closure.trajectory, loop_closure.loop_closer.graph.are_connected
+        )
+    poses = recorder.longest_trajectory
+    if not len(poses):
+        raise InputError(
+            f"{folder}: the odometry found no motion in any of {recorder.frame_count} frames: see "
+            "`kinect-vo replay`, or give a trajectory"
+        )
+    if recorder.epoch_count > 1:
+        _log.warning(
+            "tracking restarted %d times after a loss: the map has only the longest part, %d of %d "
+            "frames; for all frames give a trajectory",
+            recorder.epoch_count - 1, len(poses), recorder.frame_count,
+        )  # fmt: skip
+    return poses
 
 
 def run_reconstruction(args: argparse.Namespace) -> int:
@@ -70,7 +134,7 @@ def run_reconstruction(args: argparse.Namespace) -> int:
         run_warm_up(warm_up_reconstruction, terminal, stop)
         if poses is None:
             recording = TumCamera(args.folder, camera_file)
-            poses, loop_closure_counts = _track_recording(args, recording, config, terminal, stop)
+            poses, loop_closure_counts = _track_and_save(args, recording, config, terminal, stop)
         reconstruction = Reconstructor(fusion, FramePoses(poses), views)
         with TumCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
             reconstruction.run(camera, stop.event, busy.progress_callback("frame"))
@@ -114,7 +178,7 @@ def _read_trajectory(trajectory: Path, folder: Path) -> Trajectory:
     return poses
 
 
-def _track_recording(
+def _track_and_save(
     args: argparse.Namespace,
     camera: TumCamera,
     config: Config,

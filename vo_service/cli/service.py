@@ -7,8 +7,14 @@ from pathlib import Path
 from drivers.core.errors import UserFacingError
 from vo_service.tools.install.installer import Installer, Uninstaller
 from vo_service.tools.install.system_files import format_sudo_command
-from vo_service.tools.install.systemd import OfflineSystemd, Systemd
-from vo_service.tools.install.unit import DROP_IN, UNITS, ServiceUnit, read_service_file
+from vo_service.tools.install.systemd import (
+    DROP_IN,
+    UNITS,
+    OfflineSystemd,
+    ServiceUnit,
+    Systemd,
+    read_service_file,
+)
 
 NAME = "service"
 HELP = "install this program as a systemd service, or uninstall it"

@@ -11,7 +11,7 @@ from tests.simulators.requirements import require_program
 from tests.vo_service.cli.cli_runner import CommandResult, run_in_process
 from tests.vo_service.tools.install.conftest import tree
 from vo_service.tools.install import program, systemd
-from vo_service.tools.install.unit import UNITS, read_service_file
+from vo_service.tools.install.systemd import UNITS, read_service_file
 
 pytestmark = pytest.mark.subprocess
 

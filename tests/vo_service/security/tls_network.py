@@ -18,7 +18,7 @@ from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh.command_server import make_command_endpoint
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.tools.certificates.authority import CertificateAuthority
+from vo_service.tools.certificates import CertificateAuthority
 from vo_service.types import (
     Command,
     OdometryUpdate,

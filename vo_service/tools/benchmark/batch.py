@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vo_service.terminal import Terminal
-from vo_service.tools.benchmark.cache_key import make_cache_key
-from vo_service.tools.benchmark.messages import RunPreparing, RunProgress, RunRequest
-from vo_service.tools.benchmark.method_factory import MethodFactory
+from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.recordings import BenchmarkRecording
 from vo_service.tools.benchmark.run import RunOutcome, RunState
-from vo_service.tools.benchmark.run_cache import RunCache
-from vo_service.tools.benchmark.subprocess_run import run_in_subprocess
+from vo_service.tools.benchmark.run_cache import RunCache, make_cache_key
+from vo_service.tools.benchmark.subprocess_run import (
+    RunPreparing,
+    RunProgress,
+    RunRequest,
+    run_in_subprocess,
+)
 from vo_service.tools.benchmark.versions import collect_versions
 
 logger = logging.getLogger(__name__)

@@ -1,12 +1,20 @@
-"""Methods for --methods by name: ours and the baselines."""
+"""Methods for --methods by name, and the factories that make them in the process of a run."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
 
 from drivers.core.errors import InputError
+from drivers.core.trajectory import Trajectory, has_match
+from drivers.tum.folder import TumFolder
 from vo_service.config import OdometryConfig
-from vo_service.odometry.registry import METHODS, MethodConfig
-from vo_service.tools.benchmark.baselines.orb_slam_factory import OrbSlamFactory
+from vo_service.odometry.profiling import StageTimer
+from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
+from vo_service.tools.benchmark.baselines.orb_slam import OrbSlamFactory
 from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
 from vo_service.tools.benchmark.baselines.registry import (
     BASELINE_NAMES,
@@ -15,9 +23,118 @@ from vo_service.tools.benchmark.baselines.registry import (
     BaselinePackage,
     find_package,
 )
-from vo_service.tools.benchmark.method_factory import ConfiguredMethodFactory, MethodFactory
+from vo_service.types import Odometry
 
 METHOD_NAMES = (*METHODS, *BASELINE_NAMES)
+
+
+class GroundTruthDistance:
+    """Distances between the true positions of two frames."""
+
+    def __init__(self, truth: Trajectory) -> None:
+        self._truth = truth
+
+    def __call__(self, from_s: float, to_s: float) -> float:
+        """Return the distance between the interpolated positions at two stamps, m.
+
+        NaN if no truth is within 20 ms of a stamp, because motion capture has gaps.
+        """
+        stamps_s, truth = np.array([from_s, to_s]), self._truth
+        if not has_match(stamps_s, truth.stamps_s).all():
+            return math.nan
+        positions_m = truth.T_world_camera[:, :3, 3]
+        interpolated_m = [np.interp(stamps_s, truth.stamps_s, axis_m) for axis_m in positions_m.T]
+        return float(np.linalg.norm(np.diff(interpolated_m, axis=1)))
+
+
+class SfmScale(StrEnum):
+    """Source of the first scale of a method without metric scale."""
+
+    FIRST_DEPTH = "first-depth"
+    GROUND_TRUTH = "ground-truth"
+
+
+class MethodFactory(Protocol):
+    """Picklable factory of an odometry."""
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """All settings that change the result, for JSON."""
+        ...
+
+    @property
+    def uses_truth(self) -> bool:
+        """Whether the ground truth changes the result."""
+        ...
+
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        """Compile or load the kernels; `on_progress` is called with each stage."""
+        ...
+
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+        """Make the odometry. `recording` has the frames that it will get."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConfiguredMethodFactory:
+    """Factory of one of our methods with the settings of a configuration."""
+
+    odometry: OdometryConfig
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """The `[odometry]` table."""
+        return asdict(self.odometry)
+
+    @property
+    def uses_truth(self) -> bool:
+        """False: only the frames are used."""
+        return False
+
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        """Compile or load the kernels."""
+        warm_up(self.odometry.method, on_progress)
+
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+        """Make the odometry as the service does."""
+        return self.odometry.make_odometry(stopwatch)
+
+
+@dataclass(frozen=True)
+class TrueScaleSfmFactory:
+    """Factory of the color-only method with its first scale from the ground truth."""
+
+    odometry: OdometryConfig
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """The `[odometry]` table and the source of the scale."""
+        return {**asdict(self.odometry), "sfm_scale": SfmScale.GROUND_TRUTH}
+
+    @property
+    def uses_truth(self) -> bool:
+        """True: the distance between its first two keyframes is used."""
+        return True
+
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        """Compile or load the kernels."""
+        warm_up(self.odometry.method, on_progress)
+
+    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+        """Make the odometry, with scale from the truth. Raises InputError without a truth."""
+        from vo_service.odometry.sfm.odometry import SfmOdometry
+        from vo_service.odometry.sfm.scale_source import GivenBaselineScale
+        from vo_service.odometry.surf import SurfExtractor
+
+        truth = recording.ground_truth
+        if truth is None:
+            raise InputError("no groundtruth.txt, which --sfm-scale ground-truth needs")
+        return SfmOdometry(
+            SurfExtractor(self.odometry.feature_count, self.odometry.upright),
+            timer=stopwatch,
+            scale_source=GivenBaselineScale(GroundTruthDistance(truth)),
+        )
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
-"""Recordings of a comparison."""
+"""Recordings of a comparison, and the selection of their frames."""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,8 +13,30 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, has_match, nearest_indices
 from drivers.tum.folder import TumFolder, open_tum_folder
-from vo_service.tools.benchmark.frame_selection import ALL_FRAMES, FrameSelection
 from vo_service.tools.evaluation.gaps import Gap, find_gaps
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class FrameSelection:
+    """Every n-th of the frames (`step`), up to the first `max_frames`."""
+
+    step: int = 1
+    max_frames: int | None = None
+
+    def select(self, frames: Sequence[T]) -> list[T]:
+        """Return the selected frames."""
+        return list(frames[: self.max_frames : self.step])
+
+    @property
+    def suffix(self) -> str:
+        """Suffix for the recording's name; "" for all frames."""
+        first = "" if self.max_frames is None else f"-first-{self.max_frames}"
+        return first + (f"-every-{self.step}" if self.step > 1 else "")
+
+
+ALL_FRAMES = FrameSelection()
 
 
 @dataclass(frozen=True)

@@ -4,22 +4,69 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from drivers.core.errors import UserFacingError
 from drivers.core.process.worker_process import LogMessage, WorkerProcess, WorkerSpec
-from vo_service.tools.benchmark.messages import (
-    KernelsCompiled,
-    RunMessage,
-    RunPreparing,
-    RunProgress,
-    RunRequest,
-)
+from vo_service.tools.benchmark.methods import MethodFactory
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
+from vo_service.tools.benchmark.recordings import ALL_FRAMES, FrameSelection
 from vo_service.tools.benchmark.run import RunOutcome, RunState
 
 RUN_WORKER = WorkerSpec("vo_service.tools.benchmark.worker_main", "run")
 POLL_PERIOD_S = 0.25
 SHUTDOWN_TIMEOUT_S = 5.0
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """Request to the worker, sent once: run a method on a recording.
+
+    Attributes:
+        folder: The recording.
+        camera_file: As for `open_tum_folder`.
+        factory: Makes the method.
+        log_level: Level of the log messages to forward.
+        frame_selection: Frames to use.
+        stop_after_compiling: If kernels had to be compiled, end with `KernelsCompiled`.
+        observer_factory: Makes the observer of the run.
+    """
+
+    folder: Path
+    camera_file: Path | None
+    factory: MethodFactory
+    log_level: int
+    frame_selection: FrameSelection = ALL_FRAMES
+    stop_after_compiling: bool = True
+    observer_factory: ObserverFactory = NULL_OBSERVER
+
+
+@dataclass(frozen=True)
+class RunPreparing:
+    """Message of the worker: the current stage of compilation, loading or warm-up."""
+
+    stage: str
+
+
+@dataclass(frozen=True)
+class RunProgress:
+    """Message of the worker: number of processed frames."""
+
+    done: int
+    total: int
+
+
+@dataclass(frozen=True)
+class KernelsCompiled:
+    """Last message of a worker that had to compile kernels, so its memory use is not the method's.
+
+    The kernels are cached for the next process.
+    """
+
+
+# The last message is one of the last two types.
+RunMessage = RunPreparing | RunProgress | LogMessage | KernelsCompiled | RunOutcome
 
 
 def run_in_subprocess(

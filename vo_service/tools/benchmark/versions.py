@@ -13,10 +13,8 @@ SOURCES = (
     "vo_service/odometry",
     "vo_service/types",
     "vo_service/tools/benchmark/baselines",
-    "vo_service/tools/benchmark/run_recorder.py",
     "vo_service/tools/benchmark/runner.py",
-    "vo_service/tools/benchmark/method_factory.py",
-    "vo_service/tools/benchmark/reference_scale.py",
+    "vo_service/tools/benchmark/methods.py",
 )
 VERSIONED_PACKAGES = ("kinect-vo", "numpy", "opencv-python-headless", "numba")
 

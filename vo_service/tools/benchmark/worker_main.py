@@ -26,9 +26,9 @@ from drivers.core.process.parent_connection import (
     forward_logs,
     ignore_terminal_signals,
 )
-from vo_service.tools.benchmark.messages import KernelsCompiled, RunMessage, RunRequest
 from vo_service.tools.benchmark.run import RunOutcome, RunState
 from vo_service.tools.benchmark.runner import KernelsCompiledFirst, run_method
+from vo_service.tools.benchmark.subprocess_run import KernelsCompiled, RunMessage, RunRequest
 
 # Native code that holds Python's lock blocks all threads; SIGALRM ends the process after this time.
 ORPHAN_TIMEOUT_S = 60.0

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from drivers.core.errors import UserFacingError
-from vo_service.tools.download.partial_file import disk_error
+from vo_service.tools.download.transfer import disk_error
 
 CHUNK_BYTES = 1 << 16
 # Images hardly compress; these limits stop archives that are made to fill the disk.

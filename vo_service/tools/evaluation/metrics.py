@@ -20,6 +20,9 @@ Indices = NDArray[np.intp]
 ONE_SECOND_TOLERANCE_S = 0.1
 # The last pose may be this much early for a full second, because stamps are rounded.
 END_TOLERANCE_S = 0.001
+# A step has a gross error if it exceeds one of these limits.
+GROSS_ERROR_M = 0.05
+GROSS_ERROR_DEG = 3.0
 
 
 @dataclass(frozen=True)
@@ -98,3 +101,51 @@ def _relative_poses(T_world_camera: Array, pairs: PosePairs) -> Array:
     """Return T_earlier_later (K, 4, 4) of each pair."""
     earlier, later = T_world_camera[pairs.earlier], T_world_camera[pairs.later]
     return np.asarray(np.linalg.solve(earlier, later), np.float64)
+
+
+@dataclass(frozen=True)
+class ErrorSeries:
+    """Errors of M matched poses.
+
+    Attributes:
+        stamps_s: (M,) stamps of the poses.
+        global_error_m: (M,) distance from the truth after alignment of the first matched poses.
+        step_errors: (M - 1,) error of each motion from one pose to the next.
+    """
+
+    stamps_s: Array
+    global_error_m: Array
+    step_errors: RelativeErrors
+
+
+def error_series(matched: MatchedPoses) -> ErrorSeries:
+    """Return the errors behind the mean global error (mean) and the RPE of one frame (RMS)."""
+    return ErrorSeries(
+        matched.stamps_s,
+        position_errors_m(matched, first_pose_alignment(matched)),
+        relative_errors(matched, consecutive_pairs(matched)),
+    )
+
+
+def tracked_steps(matched: MatchedPoses, stamps_s: Array, epochs: NDArray[np.int64]) -> PosePairs:
+    """Pair each matched pose with the next pose of its trajectory, where both have truth.
+
+    Frames without a pose in between do not matter: the next pose continues from the last one.
+    Steps into another epoch are left out: there the odometry reports a discontinuity.
+
+    Args:
+        matched: Matched poses of a trajectory.
+        stamps_s: (N,) stamps of all poses of this trajectory.
+        epochs: (N,) their epochs.
+    """
+    order = np.searchsorted(stamps_s, matched.stamps_s)
+    is_next = (np.diff(order) == 1) & (np.diff(epochs[order]) == 0)
+    earlier = np.flatnonzero(is_next)
+    return PosePairs(earlier, earlier + 1)
+
+
+def count_gross_errors(matched: MatchedPoses, steps: PosePairs) -> int:
+    """Count the steps with an error of more than 5 cm or 3 degrees."""
+    errors = relative_errors(matched, steps)
+    is_gross = (errors.translation_m > GROSS_ERROR_M) | (errors.rotation_deg > GROSS_ERROR_DEG)
+    return int(np.count_nonzero(is_gross))

@@ -9,13 +9,14 @@ from vo_service.config import read_config
 from vo_service.tools.install import udev
 from vo_service.tools.install.program import PROGRAM_FOLDER, install_program, remove_program
 from vo_service.tools.install.system_files import remove_file, write_file
-from vo_service.tools.install.systemd import OfflineSystemd, Systemd
-from vo_service.tools.install.unit import (
+from vo_service.tools.install.systemd import (
     COMMAND_LINK,
     CONFIG_FOLDER,
     DROP_IN,
     UNIT_FOLDER,
+    OfflineSystemd,
     ServiceUnit,
+    Systemd,
     link_command,
     list_unit_files,
     read_service_file,

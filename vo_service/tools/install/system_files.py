@@ -1,11 +1,15 @@
-"""System files, written atomically and only if they differ."""
+"""Files and commands of the system: files are written atomically, errors have one line."""
 
 import os
+import shutil
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core.errors import UserFacingError
+
+COMMAND_TIMEOUT_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -63,3 +67,19 @@ def format_sudo_command(*arguments: str) -> str:
     """Return the command line to run kinect-vo as root, whose PATH may differ."""
     script = Path(sys.executable).with_name("kinect-vo")
     return " ".join(["sudo", str(script) if script.exists() else "kinect-vo", *arguments])
+
+
+def run_command(*command: str, timeout_s: float = COMMAND_TIMEOUT_S) -> str:
+    """Run a system command; returns its error, or "" on success."""
+    command_line = " ".join(command)
+    if shutil.which(command[0]) is None:
+        return f"{command[0]} is not installed here"
+    try:
+        process = subprocess.run(
+            command, capture_output=True, text=True, timeout=timeout_s, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"`{command_line}`: {error}"
+    if process.returncode == 0:
+        return ""
+    return f"`{command_line}` failed: {' '.join(process.stderr.split())}"

@@ -3,8 +3,13 @@
 from pathlib import Path
 
 from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
-from vo_service.tools.install.run_command import run_command
-from vo_service.tools.install.system_files import SystemFile, remove_file, write_error, write_file
+from vo_service.tools.install.system_files import (
+    SystemFile,
+    remove_file,
+    run_command,
+    write_error,
+    write_file,
+)
 
 GROUP = "plugdev"
 KERNEL_DRIVER = "gspca_kinect"  # webcam driver, which would hold the Kinect's camera

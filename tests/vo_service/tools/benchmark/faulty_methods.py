@@ -14,7 +14,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.tum.folder import TumFolder
 from vo_service.odometry.profiling import StageTimer
-from vo_service.tools.benchmark.method_factory import MethodFactory
+from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.types import Estimate
 
 

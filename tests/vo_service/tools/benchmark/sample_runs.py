@@ -11,9 +11,8 @@ from drivers.core.trajectory import Trajectory
 from drivers.tum.folder import FolderFrames, TumFolder
 from drivers.tum.index_files import FramePair, ListedImage, read_gravity
 from vo_service.tools.benchmark.batch import BatchResult
-from vo_service.tools.benchmark.evaluate_run import evaluate_run
 from vo_service.tools.benchmark.recordings import BenchmarkRecording
-from vo_service.tools.benchmark.results import SequenceResults
+from vo_service.tools.benchmark.results import SequenceResults, evaluate_run
 from vo_service.tools.benchmark.run import (
     CompletedRun,
     FrameLog,

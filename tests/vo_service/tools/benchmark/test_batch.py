@@ -11,16 +11,19 @@ import pytest
 from drivers.core.errors import InputError
 from tests.conftest import FRAMES
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory
-from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.config import OdometryConfig
 from vo_service.config_tables import MapConfig
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.batch import BatchPlan, BatchResult, run_batch
-from vo_service.tools.benchmark.cache_key import make_cache_key
-from vo_service.tools.benchmark.method_factory import ConfiguredMethodFactory, MethodFactory
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
+from vo_service.tools.benchmark.methods import ConfiguredMethodFactory, MethodFactory
+from vo_service.tools.benchmark.observers import (
+    NULL_OBSERVER,
+    LoopClosureObserverFactory,
+    ObserverFactory,
+)
 from vo_service.tools.benchmark.recordings import open_recordings
 from vo_service.tools.benchmark.run import RunState
+from vo_service.tools.benchmark.run_cache import make_cache_key
 
 CopyRecording = Callable[..., Path]
 VERSIONS = {"numpy": "2"}

@@ -1,10 +1,21 @@
-"""Available and unavailable methods."""
+"""Methods by name, and their factories."""
 
+import math
+import pickle
+
+import numpy as np
 import pytest
 
 from drivers.core.errors import InputError
-from vo_service.config import OdometryConfig
+from drivers.core.trajectory import Trajectory
+from tests.vo_service.tools.benchmark.sample_runs import make_recording
+from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
+from vo_service.cli.compare import make_method_factories as make_comparison_factories
+from vo_service.config import Config, OdometryConfig
+from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.sfm.odometry import SfmOdometry
+from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.tools.benchmark.baselines import registry
 from vo_service.tools.benchmark.baselines.registry import (
     BASELINES,
@@ -13,14 +24,19 @@ from vo_service.tools.benchmark.baselines.registry import (
     BaselineFactory,
     BaselinePackage,
 )
-from vo_service.tools.benchmark.method_factory import ConfiguredMethodFactory
 from vo_service.tools.benchmark.methods import (
     METHOD_NAMES,
+    ConfiguredMethodFactory,
+    GroundTruthDistance,
+    MethodFactory,
+    SfmScale,
+    TrueScaleSfmFactory,
     find_unavailable_methods,
     make_method_factories,
 )
 
 MISSING_PACKAGE = BaselinePackage("nobodys_odometry", ("nobodys-odometry", "nobodys"))
+WALK = Trajectory(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving_along_x([1.0, 1.1, 1.3, 9.0]))
 
 
 @pytest.fixture
@@ -61,3 +77,52 @@ def test_without_any_method_the_error_names_the_install_command() -> None:
 def test_a_package_has_its_version_if_installed() -> None:
     assert registry.OPENCV.version.startswith("5")
     assert MISSING_PACKAGE.version == ""
+
+
+def make_factory(method: str, scale: SfmScale = SfmScale.FIRST_DEPTH) -> MethodFactory:
+    return make_comparison_factories(Config(), list(METHODS), scale)[method]
+
+
+def test_every_method_is_made_as_in_the_service() -> None:
+    assert set(make_comparison_factories(Config(), list(METHODS), SfmScale.FIRST_DEPTH)) == set(
+        METHODS
+    )
+    surf = make_factory("surf")
+    assert surf == ConfiguredMethodFactory(OdometryConfig(method="surf"))
+    assert isinstance(surf.make(NullStageTimer(), make_recording().tum_folder), SurfOdometry)
+    assert not surf.uses_truth
+
+
+def test_the_scale_of_sfm_alone_comes_from_the_truth() -> None:
+    sfm, surf = (make_factory(method, SfmScale.GROUND_TRUTH) for method in ("sfm", "surf"))
+    assert (sfm.uses_truth, surf.uses_truth) == (True, False)
+    assert sfm == TrueScaleSfmFactory(OdometryConfig(method="sfm"))
+    assert sfm.settings["sfm_scale"] == "ground-truth"
+    assert isinstance(sfm.make(NullStageTimer(), make_recording().tum_folder), SfmOdometry)
+
+
+def test_without_truth_there_is_no_such_scale() -> None:
+    recording = make_recording(has_truth=False).tum_folder
+    with pytest.raises(InputError, match=r"no groundtruth.txt"):
+        make_factory("sfm", SfmScale.GROUND_TRUTH).make(NullStageTimer(), recording)
+
+
+def test_factories_can_be_pickled() -> None:
+    for scale in SfmScale:
+        sfm = make_factory("sfm", scale)
+        assert pickle.loads(pickle.dumps(sfm)) == sfm
+
+
+@pytest.mark.parametrize(
+    ("from_s", "to_s", "meters"),
+    [(10.0, 10.02, 0.3), (10.02, 10.0, 0.3), (10.005, 10.015, 0.15), (10.0, 10.0, 0.0)],
+)
+def test_positions_are_interpolated_between_the_true_poses(
+    from_s: float, to_s: float, meters: float
+) -> None:
+    assert GroundTruthDistance(WALK)(from_s, to_s) == pytest.approx(meters, abs=1e-9)
+
+
+@pytest.mark.parametrize("to_s", [9.9, 10.2, 10.6])
+def test_without_truth_the_distance_is_nan(to_s: float) -> None:
+    assert math.isnan(GroundTruthDistance(WALK)(10.0, to_s))

@@ -12,14 +12,17 @@ from tests.conftest import FRAMES
 from tests.vo_service.fakes import good_estimate
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.slam.loop_closure.corner_trajectory import STEPS, odometry_pose, true_pose
-from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.config import OdometryConfig
 from vo_service.config_tables import MapConfig
-from vo_service.tools.benchmark.messages import RunRequest
-from vo_service.tools.benchmark.method_factory import ConfiguredMethodFactory
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
+from vo_service.tools.benchmark.methods import ConfiguredMethodFactory
+from vo_service.tools.benchmark.observers import (
+    NULL_OBSERVER,
+    LoopClosureObserverFactory,
+    ObserverFactory,
+)
 from vo_service.tools.benchmark.run import CompletedRun, LoopClosureRun
 from vo_service.tools.benchmark.runner import run_method
+from vo_service.tools.benchmark.subprocess_run import RunRequest
 
 LOOP_CLOSURE = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
 

@@ -14,9 +14,13 @@ from tests.conftest import FRAMES
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory
 from tests.waiting import DEFAULT_TIMEOUT_S
-from vo_service.tools.benchmark.messages import RunPreparing, RunProgress, RunRequest
 from vo_service.tools.benchmark.run import RunOutcome, RunState
-from vo_service.tools.benchmark.subprocess_run import run_in_subprocess
+from vo_service.tools.benchmark.subprocess_run import (
+    RunPreparing,
+    RunProgress,
+    RunRequest,
+    run_in_subprocess,
+)
 from vo_service.tools.benchmark.worker_main import pin_to_one_cpu
 
 pytestmark = pytest.mark.subprocess

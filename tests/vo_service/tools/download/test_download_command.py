@@ -17,8 +17,8 @@ from tests.vo_service.tools.download.conftest import FOLDER, NAME, Download, hid
 from tests.vo_service.tools.download.web_server import RequestHandler, WebServer
 from tests.waiting import wait_until
 from vo_service.terminal import Terminal
-from vo_service.tools.download import partial_file
-from vo_service.tools.download.progress import DownloadProgress
+from vo_service.tools.download import transfer
+from vo_service.tools.download.sequence_download import DownloadProgress
 
 
 def test_a_sequence_is_in_its_folder_and_can_be_replayed(
@@ -77,7 +77,7 @@ def test_a_second_download_at_the_same_time_is_rejected(
     download: Download, server: WebServer, output: Path
 ) -> None:
     output.mkdir()
-    with partial_file.PartialFile(output / f".{FOLDER}.tgz.part"):
+    with transfer.PartialFile(output / f".{FOLDER}.tgz.part"):
         outcome = download(NAME)
     assert "another kinect-vo is downloading it" in outcome.err
     assert server.ranges == []

@@ -4,18 +4,32 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from tests.vo_service.tools.evaluation.sample_trajectories import match_poses, moving_along_x
+from drivers.core.trajectory import Trajectory
+from tests.vo_service.tools.evaluation.sample_trajectories import (
+    match_poses,
+    moving_along_x,
+    noisy_copy,
+    random_walk,
+)
+from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import (
     best_alignment,
     consecutive_pairs,
+    count_gross_errors,
+    error_series,
     first_pose_alignment,
     pairs_one_second_apart,
     position_errors_m,
     relative_errors,
     rms,
+    tracked_steps,
 )
 
 OTHER_WORLD = rigid_transform(so3_exp([0.5, -1.0, 2.0]), [3.0, -4.0, 5.0])
+COUNT = 10
+STAMPS_S = np.arange(COUNT) / 30
+STATIC_POSES = np.tile(np.eye(4), (COUNT, 1, 1))
 
 
 def one_second_pairs(stamps_s: list[float]) -> list[tuple[int, int]]:
@@ -138,3 +152,66 @@ def test_drift_of_ten_percent_is_a_tenth_of_a_meter_a_second() -> None:
     assert rms(relative_errors(pairs, pairs_one_second_apart(pairs)).translation_m) == (
         pytest.approx(0.1)
     )
+
+
+def test_their_means_are_the_metrics_of_the_evaluation() -> None:
+    rng = np.random.default_rng(3)
+    truth = random_walk(rng, np.arange(60) / 30)
+    trajectory = noisy_copy(rng, truth, truth.stamps_s[::2], np.eye(4))
+    series, evaluation = error_series(associate(trajectory, truth)), evaluate(trajectory, truth)
+    assert (len(series.global_error_m), len(series.step_errors.translation_m)) == (30, 29)
+    assert np.mean(series.global_error_m) == pytest.approx(evaluation.mean_global_error_m)
+    assert series.global_error_m[0] == pytest.approx(0.0, abs=1e-12)
+    assert rms(series.step_errors.translation_m) == pytest.approx(evaluation.rpe_frame_m)
+    assert rms(series.step_errors.rotation_deg) == pytest.approx(evaluation.rpe_frame_deg)
+
+
+def count_errors_and_steps(
+    poses: np.ndarray, tracked: list[int] | None = None, epoch_from: int = COUNT
+) -> tuple[int, int]:
+    """Return the number of gross errors and of steps; the true camera does not move."""
+    indices = np.arange(COUNT) if tracked is None else np.array(tracked)
+    trajectory = Trajectory(STAMPS_S[indices], poses[indices])
+    matched = associate(trajectory, Trajectory(STAMPS_S, STATIC_POSES))
+    steps = tracked_steps(matched, trajectory.stamps_s, (indices >= epoch_from).astype(np.int64))
+    return count_gross_errors(matched, steps), len(steps)
+
+
+def jump(meters: float = 0.0, degrees: float = 0.0, at: int = 5) -> np.ndarray:
+    """Make static poses with one wrong step."""
+    turn = so3_exp([0.0, np.radians(degrees), 0.0])
+    poses = STATIC_POSES.copy()
+    poses[at:] = rigid_transform(turn, [meters, 0.0, 0.0])
+    return poses
+
+
+@pytest.mark.parametrize(
+    ("meters", "degrees", "gross"),
+    [(0.0, 0.0, 0), (0.049, 2.9, 0), (0.051, 0.0, 1), (0.0, 3.1, 1), (0.2, 20.0, 1)],
+)
+def test_a_step_is_gross_from_5_cm_or_3_degrees_on(
+    meters: float, degrees: float, gross: int
+) -> None:
+    assert count_errors_and_steps(jump(meters, degrees)) == (gross, COUNT - 1)
+
+
+def test_small_errors_that_add_up_are_drift_and_not_gross() -> None:
+    drifting_poses = STATIC_POSES.copy()
+    drifting_poses[:, 0, 3] = 0.04 * np.arange(COUNT)
+    assert count_errors_and_steps(drifting_poses) == (0, COUNT - 1)
+
+
+def test_a_jump_into_a_new_epoch_is_not_gross() -> None:
+    assert count_errors_and_steps(jump(1.0), epoch_from=5) == (0, COUNT - 2)
+
+
+def test_a_jump_over_lost_frames_in_one_epoch_is_gross() -> None:
+    assert count_errors_and_steps(jump(1.0), tracked=[0, 1, 2, 3, 7, 8, 9]) == (1, 6)
+
+
+def test_steps_without_truth_in_between_do_not_count() -> None:
+    truth = Trajectory(STAMPS_S[[0, 1, 2, 7, 8, 9]], STATIC_POSES[[0, 1, 2, 7, 8, 9]])
+    trajectory = Trajectory(STAMPS_S, jump(1.0))
+    matched = associate(trajectory, truth)
+    steps = tracked_steps(matched, STAMPS_S, np.zeros(COUNT, np.int64))
+    assert (count_gross_errors(matched, steps), len(steps)) == (0, 4)

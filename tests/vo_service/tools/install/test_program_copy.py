@@ -10,8 +10,13 @@ import pytest
 from drivers.core.errors import UserFacingError
 from tests.vo_service.tools.install.conftest import make_tree
 from vo_service.tools.install import program
-from vo_service.tools.install.distributions import list_files, runtime_distributions
-from vo_service.tools.install.program import PROGRAM_FOLDER, install_program, remove_program
+from vo_service.tools.install.program import (
+    PROGRAM_FOLDER,
+    install_program,
+    list_files,
+    remove_program,
+    runtime_distributions,
+)
 
 pytestmark = pytest.mark.subprocess
 
@@ -54,7 +59,7 @@ def test_every_file_is_there_and_stays_below_site_packages(name: str) -> None:
 
 def test_the_copy_is_the_program_and_does_not_refer_to_the_checkout(copy: Path) -> None:
     script = (
-        "import vo_service.tools.install.unit as u; "
+        "import vo_service.tools.install.systemd as u; "
         "print(u.__file__, len(u.read_service_file(u.DROP_IN)))"
     )
     command = [str(copy / PROGRAM_FOLDER / "bin" / "python3"), "-I", "-c", script]

@@ -10,7 +10,7 @@ from drivers.core.errors import InputError
 from tests.simulators.requirements import require_program
 from vo_service.config import read_config
 from vo_service.tools.install.program import SCRIPT_PATH
-from vo_service.tools.install.unit import (
+from vo_service.tools.install.systemd import (
     DROP_IN,
     SERVICE_FILES,
     UNITS,

@@ -67,8 +67,10 @@ def _opencv(kind: str) -> Baseline:
     def make(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
         import cv2
 
-        from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
-        from vo_service.tools.benchmark.baselines.opencv_odometry import OpenCvOdometry
+        from vo_service.tools.benchmark.baselines.frame_to_frame import (
+            FrameToFrameOdometry,
+            OpenCvOdometry,
+        )
 
         return FrameToFrameOdometry(OpenCvOdometry(getattr(cv2, f"OdometryType_{kind}")))
 
@@ -76,22 +78,22 @@ def _opencv(kind: str) -> Baseline:
 
 
 def _open3d_icp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
-    from vo_service.tools.benchmark.baselines.open3d_odometry import Open3dIcp
+    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry, Open3dIcp
 
     return FrameToFrameOdometry(Open3dIcp(OPEN3D.load()))
 
 
 def _open3d_hybrid(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
-    from vo_service.tools.benchmark.baselines.open3d_odometry import Open3dHybrid
+    from vo_service.tools.benchmark.baselines.frame_to_frame import (
+        FrameToFrameOdometry,
+        Open3dHybrid,
+    )
 
     return FrameToFrameOdometry(Open3dHybrid(OPEN3D.load()))
 
 
 def _small_gicp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
-    from vo_service.tools.benchmark.baselines.small_gicp_odometry import SmallGicp
+    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry, SmallGicp
 
     return FrameToFrameOdometry(SmallGicp(SMALL_GICP.load()))
 

@@ -12,9 +12,13 @@ from vo_service.config import OdometryConfig
 from vo_service.tools.benchmark.baselines.registry import BASELINE_NAMES, find_package
 from vo_service.tools.benchmark.methods import UnavailableMethods
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
-from vo_service.tools.benchmark.report.bench_metrics import metric_ratios, metric_values
-from vo_service.tools.benchmark.report.bench_tables import RelativeResults, bench_table
-from vo_service.tools.benchmark.report.effective_config import format_effective_config
+from vo_service.tools.benchmark.report.bench_tables import (
+    RelativeResults,
+    bench_table,
+    metric_ratios,
+    metric_values,
+)
+from vo_service.tools.benchmark.report.metadata import format_effective_config
 from vo_service.tools.benchmark.run_cache import write_file
 from vo_service.tools.benchmark.versions import collect_versions
 

@@ -16,12 +16,15 @@ from vo_service.tools.benchmark.report.comparison_tables import (
     metrics_table,
     time_table,
 )
-from vo_service.tools.benchmark.report.error_figures import NamedFigure, make_error_figures
+from vo_service.tools.benchmark.report.figures import (
+    NamedFigure,
+    make_error_figures,
+    make_trajectory_figures,
+)
 from vo_service.tools.benchmark.report.html_page import RenderedFigure, render_page
 from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
 from vo_service.tools.benchmark.report.published_results import find_published_results
 from vo_service.tools.benchmark.report.table import Table
-from vo_service.tools.benchmark.report.trajectory_figure import make_trajectory_figures
 from vo_service.tools.benchmark.results import SequenceResults
 from vo_service.tools.benchmark.run_cache import write_file
 

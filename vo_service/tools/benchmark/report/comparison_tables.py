@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from vo_service.tools.benchmark.evaluate_run import RunEvaluation
 from vo_service.tools.benchmark.report.published_results import (
     PublishedResult,
     describe_method,
@@ -20,7 +19,7 @@ from vo_service.tools.benchmark.report.table import (
     number_cell,
     text_cell,
 )
-from vo_service.tools.benchmark.results import SequenceResults
+from vo_service.tools.benchmark.results import RunEvaluation, SequenceResults
 
 MM_PER_M = 1e3
 ERROR_METRIC = MetricColumn(

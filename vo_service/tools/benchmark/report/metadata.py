@@ -1,17 +1,51 @@
-"""Settings and versions of a comparison for its report."""
+"""Settings and versions of a comparison for its report, and the configuration as a file."""
 
+import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from vo_service.config import Config
-from vo_service.tools.benchmark.method_factory import SfmScale
+from drivers.core.config import SCHEMA_VERSION
+from vo_service.config import Config, OdometryConfig
+from vo_service.tools.benchmark.methods import SfmScale
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
-from vo_service.tools.benchmark.report.effective_config import format_effective_config
 from vo_service.tools.benchmark.versions import collect_versions
+
+
+def format_effective_config(
+    odometry: OdometryConfig,
+    camera_file: Path | None,
+    tables: Mapping[str, Mapping[str, object]],
+    *notes: str,
+) -> str:
+    """Format a configuration for `--config`.
+
+    Args:
+        odometry: The table `[odometry]`.
+        camera_file: Camera file; None if not given.
+        tables: Additional tables by name.
+        *notes: Comments at the top.
+    """
+    camera = [] if camera_file is None else _format_table("camera", {"file": camera_file})
+    summary = "Settings of the methods; all other settings have default values or are not used."
+    comments = [f"# {note}" for note in (summary, *notes)]
+    odometry_lines = _format_table("odometry", asdict(odometry))
+    other_lines = [line for name, values in tables.items() for line in _format_table(name, values)]
+    lines = [*comments, f"schema = {SCHEMA_VERSION}", *camera, *odometry_lines, *other_lines]
+    return "\n".join(lines) + "\n"
+
+
+def _format_table(name: str, values: Mapping[str, object]) -> list[str]:
+    """Format a TOML table; texts, numbers and lists are written as in JSON."""
+    keys = [
+        f"{key} = {json.dumps(value, default=str, ensure_ascii=False)}"
+        for key, value in values.items()
+        if value is not None
+    ]
+    return ["", f"[{name}]", *keys]
 
 
 @dataclass(frozen=True)

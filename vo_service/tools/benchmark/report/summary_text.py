@@ -1,9 +1,8 @@
 """Summary of a recording's results in a few sentences."""
 
-from vo_service.tools.benchmark.evaluate_run import RunEvaluation
 from vo_service.tools.benchmark.report.comparison_tables import MIN_FULL_COVERAGE
 from vo_service.tools.benchmark.report.published_results import describe_method
-from vo_service.tools.benchmark.results import MIN_RANKED_COVERAGE, SequenceResults
+from vo_service.tools.benchmark.results import MIN_RANKED_COVERAGE, RunEvaluation, SequenceResults
 
 
 def summarize_sequence(result: SequenceResults) -> str:

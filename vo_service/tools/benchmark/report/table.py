@@ -5,7 +5,7 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from vo_service.tools.benchmark.evaluate_run import RunEvaluation
+from vo_service.tools.benchmark.results import RunEvaluation
 from vo_service.tools.benchmark.run import CompletedRun, LoopClosureRun
 
 

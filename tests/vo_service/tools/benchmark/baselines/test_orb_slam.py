@@ -11,8 +11,7 @@ from drivers.tum.folder import open_tum_folder
 from drivers.tum.writer import TumWriter
 from tests.vo_service.corner_sequence import corner_frames, corner_pose
 from vo_service.odometry.profiling import NullStageTimer
-from vo_service.tools.benchmark.baselines.orb_slam_factory import OrbSlamFactory
-from vo_service.tools.benchmark.baselines.orb_slam_odometry import format_settings
+from vo_service.tools.benchmark.baselines.orb_slam import OrbSlamFactory, format_settings
 from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
 from vo_service.tools.benchmark.baselines.registry import PYORBSLAM3
 

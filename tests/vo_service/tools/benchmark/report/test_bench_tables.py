@@ -14,14 +14,15 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_recording,
     make_results,
 )
-from vo_service.tools.benchmark.frame_selection import FrameSelection
-from vo_service.tools.benchmark.report.bench_metrics import (
+from vo_service.tools.benchmark.recordings import FrameSelection
+from vo_service.tools.benchmark.report.bench_tables import (
     ALL_METRICS,
     RATIO_METRICS,
+    RelativeResults,
+    bench_table,
     metric_ratios,
     metric_values,
 )
-from vo_service.tools.benchmark.report.bench_tables import RelativeResults, bench_table
 
 WALK = make_recording("walk")
 RESULTS = RelativeResults(

@@ -16,11 +16,11 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_recording,
     make_results,
 )
-from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.config import Config, OdometryConfig
 from vo_service.config_tables import MapConfig
 from vo_service.terminal import Terminal
-from vo_service.tools.benchmark.method_factory import SfmScale
+from vo_service.tools.benchmark.methods import SfmScale
+from vo_service.tools.benchmark.observers import LoopClosureObserverFactory
 from vo_service.tools.benchmark.report.comparison_report import write_comparison_report
 from vo_service.tools.benchmark.report.help_texts import (
     ERROR_TEXT,

@@ -11,13 +11,13 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_recording,
 )
 from vo_service.tools.benchmark.batch import BatchResult
-from vo_service.tools.benchmark.evaluate_run import (
+from vo_service.tools.benchmark.recordings import BenchmarkRecording
+from vo_service.tools.benchmark.results import (
     EVALUATION_KEYS,
     LOOP_CLOSURE_KEYS,
     RunEvaluation,
     evaluate_run,
 )
-from vo_service.tools.benchmark.recordings import BenchmarkRecording
 
 
 def evaluate_outcome(recording: BenchmarkRecording, **options: object) -> RunEvaluation:

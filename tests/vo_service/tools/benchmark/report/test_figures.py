@@ -17,12 +17,12 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_results,
 )
 from vo_service.tools.benchmark.report.comparison_report import render_figure
-from vo_service.tools.benchmark.report.error_figures import (
+from vo_service.tools.benchmark.report.figures import (
     NamedFigure,
     make_error_figures,
+    make_trajectory_figures,
     method_color,
 )
-from vo_service.tools.benchmark.report.trajectory_figure import make_trajectory_figures
 from vo_service.tools.benchmark.results import SequenceResults
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core.errors import InputError, UserFacingError
-from vo_service.tools.certificates.authority import CertificateAuthority, check_name
+from vo_service.tools.certificates import CertificateAuthority, check_name
 
 pytestmark = pytest.mark.subprocess
 

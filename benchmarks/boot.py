@@ -1,6 +1,6 @@
 """Checks of the systemd units on a booting computer: a Debian with systemd, in a container.
 
-    sudo .venv/bin/python -m benchmarks.boot [--tree DIR] [--mirror URL]
+    sudo .venv/bin/python -m benchmarks boot [--tree DIR] [--mirror URL]
 
 The first run creates the Debian with debootstrap (a minute or two). Each run boots it, installs the
 service from this checkout with its own command, and runs the checks. The container shares the
@@ -17,11 +17,14 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from benchmarks.boot_computer import BootedComputer
-from benchmarks.boot_container import bootstrap_tree, running_container, unsupported_reason
-from benchmarks.boot_first_checks import FIRST_BOOT
-from benchmarks.boot_listener import running_listener
-from benchmarks.boot_second_checks import SECOND_BOOT
+from benchmarks.boot_checks import FIRST_BOOT, SECOND_BOOT
+from benchmarks.boot_container import (
+    BootedComputer,
+    bootstrap_tree,
+    running_container,
+    running_listener,
+    unsupported_reason,
+)
 from tests.ports import free_port
 
 CHECKOUT = Path(__file__).parents[1]
@@ -37,12 +40,14 @@ LEFTOVER_PATHS = (
 )
 
 
-def main() -> int:
-    """Boot twice and print the checks."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot"))
     parser.add_argument("--mirror", default="http://deb.debian.org/debian")
-    args = parser.parse_args()
+
+
+def main(args: argparse.Namespace) -> int:
+    """Boot twice and print the checks."""
     reason = unsupported_reason() or _python_mismatch()
     if reason:
         print(f"skipped: {reason}")
@@ -93,7 +98,3 @@ def _remove_leftovers(tree: Path) -> None:
             shutil.rmtree(unit)
         elif unit.is_symlink() or unit.exists():
             unit.unlink()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

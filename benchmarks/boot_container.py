@@ -1,14 +1,19 @@
-"""A small Debian that boots with its own systemd in a container, like a robot's computer."""
+"""A computer in a container of systemd that boots the installed service, and its poses."""
 
+import json
 import os
 import re
 import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import zenoh
 
 SUITE = "bookworm"
 PACKAGES = (
@@ -27,6 +32,21 @@ for controller in cpu cpuacct memory pids devices; do
     mount -o remount,bind,rw /sys/fs/cgroup/$controller 2>/dev/null
 result
 exec /lib/systemd/systemd
+"""
+SETTINGS = """{{mode: "peer", connect: {{endpoints: ["tcp/127.0.0.1:{port}"]}},
+    listen: {{endpoints: []}}, scouting: {{multicast: {{enabled: false}}}}}}"""
+UNIT = "kinect-vo.service"
+RECOVERY_TIMEOUT_S = 120.0
+# A new version renders its room again.
+RENDER_TIMEOUT_S = 900.0
+CONFIG = """\
+schema = 1
+[camera]
+source = "synthetic"
+[zenoh]
+listen = ["tcp/127.0.0.1:{port}"]
+[log]
+level = "{level}"
 """
 
 
@@ -185,3 +205,91 @@ def _remove_cgroup(group: Path) -> None:
             folder.rmdir()
     with suppress(OSError):
         group.rmdir()
+
+
+class BootListener:
+    """Counts poses and stores the last status."""
+
+    def __init__(self, session: zenoh.Session, prefix: str) -> None:
+        self.poses = 0
+        self.status: Mapping[str, Any] = {}
+        self._session, self._prefix = session, prefix
+        self._subscribers = [
+            session.declare_subscriber(f"{prefix}/odom", self._on_pose),
+            session.declare_subscriber(f"{prefix}/status", self._on_status),
+        ]
+
+    def wait_for_poses(self, count: int, limit_s: float) -> float:
+        """Wait for `count` more poses; return the seconds. Raises AssertionError when too late."""
+        before = self.poses
+        return wait_for(lambda: self.poses >= before + count, limit_s, f"{count} poses")
+
+    def measure_pose_rate(self, seconds: float) -> float:
+        """Measure the poses per second over `seconds`."""
+        before = self.poses
+        time.sleep(seconds)
+        return (self.poses - before) / seconds
+
+    def send_command(self, name: str) -> str:
+        """Send the service a command and return its reply."""
+        replies = self._session.get(f"{self._prefix}/command/{name}", payload=b"{}", timeout=5.0)
+        for reply in replies:
+            result = reply.ok
+            assert result is not None, f"{name} was refused: {reply.err and reply.err.payload}"
+            return result.payload.to_string()
+        raise AssertionError(f"no reply to {name}")
+
+    def _on_pose(self, sample: zenoh.Sample) -> None:
+        self.poses += 1
+
+    def _on_status(self, sample: zenoh.Sample) -> None:
+        self.status = json.loads(sample.payload.to_bytes())
+
+
+@contextmanager
+def running_listener(port: int, prefix: str = "kinect") -> Iterator[BootListener]:
+    """Open a listener for the service on a port of this computer."""
+    with zenoh.open(zenoh.Config.from_json5(SETTINGS.format(port=port))) as session:
+        yield BootListener(session, prefix)
+
+
+@dataclass(frozen=True)
+class BootedComputer:
+    """A container with the service.
+
+    Attributes:
+        container: The running container.
+        tree: Its file system.
+        command: The `kinect-vo` of the checkout.
+        listener: A subscriber outside the container.
+        port: Port of the service.
+    """
+
+    container: Container
+    tree: Path
+    command: str
+    listener: BootListener
+    port: int
+
+    def unit_property(self, name: str) -> str:
+        """Read a property of the service from systemd."""
+        return self.container.run("systemctl", "show", UNIT, "-p", name, "--value").strip()
+
+    def set_cpu_quota(self, text: str) -> None:
+        """Set the processor quota of the service; "" removes it."""
+        self.container.run("systemctl", "set-property", "--runtime", UNIT, f"CPUQuota={text}")
+
+    def write_config(self, level: str = "info") -> None:
+        """Write the configuration; it is valid if `level` is a log level."""
+        folder = self.tree / "etc" / "kinect-vo"
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "kinect.toml").write_text(self.config_text(level))
+
+    def config_text(self, level: str = "info") -> str:
+        """Configuration of the synthetic camera on the listener's port."""
+        return CONFIG.format(port=self.port, level=level)
+
+    def journal_entries(self, unit: str = UNIT) -> list[dict[str, str]]:
+        """Read the journal of a unit."""
+        lines = self.container.run("journalctl", "-u", unit, "-o", "json", "--no-pager")
+        return [json.loads(line) for line in lines.splitlines() if line.startswith("{")]

@@ -1,7 +1,7 @@
 """Consistency of a method's covariance: its errors compared with the covariance it reports.
 
-    python -m benchmarks.covariance FOLDER... [--method direct] [--every N] [--json]
-    python -m benchmarks.covariance --rooms FOLDER [--seeds 101 102 ...]
+    python -m benchmarks covariance FOLDER... [--method direct] [--every N] [--json]
+    python -m benchmarks covariance --rooms FOLDER [--seeds 101 102 ...]
 
 Each FOLDER is a TUM folder with an exact ground truth. --rooms renders five seconds for each seed
 and stores them in FOLDER; room, motion and sensor timing differ. "since" is the motion since the
@@ -11,51 +11,136 @@ degree of freedom: 1 is consistent, more is overconfident. "in 95 %" is how ofte
 contains the truth.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
+import numpy as np
 
-from benchmarks.covariance_measure import NormalizedErrors, measure
-from benchmarks.covariance_sequences import SEEDS, make_configs
+from benchmarks.harness import add_json_option, make_printer, print_json
 from benchmarks.rendered_sequences import render_all
-from drivers.core.errors import InputError, UserFacingError
-from vo_service.odometry.registry import METHODS
-from vo_service.tools.evaluation.consistency import NeesStatistics, summarize_nees
+from benchmarks.tracking import read_all_frames
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse
+from drivers.core.trajectory import Trajectory, nearest_indices
+from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
+from drivers.tum.camera import TumCamera
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.uncertainty import CovarianceAccumulator
+from vo_service.tools.evaluation.association import STAMP_ROUNDING_S
+from vo_service.tools.evaluation.consistency import (
+    NeesStatistics,
+    motion_error,
+    nees,
+    summarize_nees,
+)
+from vo_service.types import Estimate
 
+SEEDS = tuple(range(101, 113))
+DURATION_S = 5.0
+MOTIONS = (MotionKind.HAND_HELD, MotionKind.ORBIT, MotionKind.FLOOR, MotionKind.SMOOTH)
+TIMINGS = {
+    "ideal": ShutterTiming(0.0, 0.0),
+    "rolling-10": ShutterTiming(0.020, 0.010),
+    "rolling--12": ShutterTiming(0.020, -0.012),
+}
 ConsistencyRow = Mapping[str, NeesStatistics | None]
 
 HEAD = f"{'':42}{'motions':>8}{'since: mean':>13}{'in 95 %':>9}{'step: mean':>12}{'in 95 %':>9}"
 
 
-def main() -> int:
-    """Render missing rooms, measure and print."""
-    args = _parser().parse_args()
-    cv2.setNumThreads(1)
-    try:
-        results = run(_folders(args), args.method, args.every, silent=args.json)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    if args.json:
-        print(json.dumps(results, default=asdict))
-    return 0
+def make_configs(seeds: Sequence[int]) -> dict[str, SyntheticConfig]:
+    """Configurations by name; each seed has its own room, motion and sensor timing."""
+    kinds = list(TIMINGS)
+    configs = {}
+    for number, seed in enumerate(seeds):
+        motion, kind = MOTIONS[number % len(MOTIONS)], kinds[number % len(kinds)]
+        configs[f"{motion}-room{seed}-{kind}"] = SyntheticConfig(
+            seed=seed, duration_s=DURATION_S, motion=motion, timing=TIMINGS[kind]
+        )
+    return configs
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.covariance",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+@dataclass
+class NormalizedErrors:
+    """Normalized squared errors (NEES) since the reference, and of single steps."""
+
+    since_reference: list[float] = field(default_factory=list)
+    step: list[float] = field(default_factory=list)
+
+    def extend(self, others: "NormalizedErrors") -> None:
+        """Append the errors of another sequence."""
+        self.since_reference += others.since_reference
+        self.step += others.step
+
+
+class NormalizedErrorCollector:
+    """Compares the motions of a run with the truth and collects the normalized errors."""
+
+    def __init__(self) -> None:
+        self.squares = NormalizedErrors()
+        self._covariance = CovarianceAccumulator()
+        self._has_begun = False
+        self._T_truth_reference = self._T_truth_last = self._T_world_last = np.eye(4)
+
+    def add(self, estimate: Estimate, T_truth_camera: Array) -> None:
+        """Add the next good estimate and the true pose."""
+        if self._has_begun and not estimate.is_reset:
+            self._add_errors(estimate, T_truth_camera)
+        else:
+            self._covariance.reset()
+        if estimate.is_next_reference or not self._has_begun:
+            self._T_truth_reference = T_truth_camera
+        self._T_truth_last, self._T_world_last = T_truth_camera, estimate.T_world_camera
+        self._has_begun = True
+
+    def _add_errors(self, estimate: Estimate, T_truth_camera: Array) -> None:
+        since_true = inverse(self._T_truth_reference) @ T_truth_camera
+        since = motion_error(since_true, estimate.T_reference_camera)
+        T_last_camera = inverse(self._T_world_last) @ estimate.T_world_camera
+        step = motion_error(inverse(self._T_truth_last) @ T_truth_camera, T_last_camera)
+        self._covariance.add(estimate, T_last_camera)
+        self.squares.since_reference.append(nees(since, estimate.covariance))
+        self.squares.step.append(nees(step, self._covariance.step))
+
+
+def measure(method: str, folder: Path, every: int) -> NormalizedErrors:
+    """Run a method on every `every`-th frame of a TUM folder.
+
+    Raises:
+        InputError: A frame has no true pose.
+    """
+    odometry, collector = (
+        METHODS[method](MethodConfig(), CpuStageTimer()),
+        NormalizedErrorCollector(),
     )
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        truth = camera.ground_truth
+        if truth is None:
+            raise InputError(f"{folder}: has no groundtruth.txt; errors need a ground truth")
+        for number, frame in enumerate(read_all_frames(camera)):
+            if number % every == 0:
+                estimate = odometry.estimate(frame)
+                if estimate.ok:
+                    collector.add(estimate, true_pose(truth, frame.stamp_s, folder))
+    return collector.squares
+
+
+def true_pose(truth: Trajectory, stamp_s: float, folder: Path) -> Array:
+    """Return the true pose (4, 4) of a frame. Raises InputError if there is none."""
+    index = int(nearest_indices(truth.stamps_s, np.array([stamp_s]))[0])
+    if abs(truth.stamps_s[index] - stamp_s) > STAMP_ROUNDING_S:
+        raise InputError(f"{folder}: no true pose at {stamp_s:.6f} s; every frame needs one")
+    T_truth_camera: Array = truth.T_world_camera[index]
+    return T_truth_camera
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", nargs="*", type=Path, help="TUM folder with ground truth")
     parser.add_argument(
         "--rooms", type=Path, metavar="FOLDER", help="render rooms into this folder"
@@ -64,8 +149,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--processes", type=int, default=1, help="rendering processes")
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--every", type=int, default=1, help="use every N-th frame")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    return parser
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Render missing rooms, measure and print."""
+    results = run(_folders(args), args.method, args.every, make_printer(args))
+    print_json(args, results)
 
 
 def _folders(args: argparse.Namespace) -> list[Path]:
@@ -80,13 +170,10 @@ def _folders(args: argparse.Namespace) -> list[Path]:
     return [*args.folder, *wanted]
 
 
-def _print_line(line: str) -> None:
-    print(line, flush=True)
-
-
-def run(folders: list[Path], method: str, every: int, silent: bool) -> dict[str, ConsistencyRow]:
+def run(
+    folders: list[Path], method: str, every: int, print_line: Callable[[str], None]
+) -> dict[str, ConsistencyRow]:
     """Measure each folder; return a row for each and one for all together."""
-    print_line: Callable[[str], None] = (lambda line: None) if silent else _print_line
     print_line(HEAD)
     together, results = NormalizedErrors(), dict[str, ConsistencyRow]()
     for folder in folders:
@@ -111,7 +198,3 @@ def _format_row(name: str, row: ConsistencyRow) -> str:
         f"{name:42}{since.count:8}{since.mean_per_dof:13.2f}{100 * since.fraction_within_95:9.1f}"
         f"{step.mean_per_dof:12.2f}{100 * step.fraction_within_95:9.1f}"
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,7 @@
 """Parameter sweep of the direct odometry: one changed constant at a time, on some recordings.
 
-    python -m benchmarks.direct_sweep KEPT FOLDER... --of NAME=VALUE [NAME=VALUE ...]
-    python -m benchmarks.direct_sweep KEPT FOLDER... --times 0.5 2
+    python -m benchmarks direct_sweep KEPT FOLDER... --of NAME=VALUE [NAME=VALUE ...]
+    python -m benchmarks direct_sweep KEPT FOLDER... --times 0.5 2
 
 NAME is a constant of vo_service/odometry/direct/parameters.py, VALUE its other value, written as
 there. --times multiplies every constant, or each of its parts, by a factor. FOLDER is a TUM folder
@@ -25,50 +25,35 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.result_cache import Json, ResultCache
-from drivers.core.errors import UserFacingError
+from benchmarks.harness import Json, ResultCache
 from vo_service.odometry.direct import parameters
 
 BASELINE = "as it is"
 
 
-def main() -> int:
-    """Run every value without a stored row, and print all rows."""
-    args = _parser().parse_args()
-    changes = [BASELINE, *args.of]
-    for factor in args.times:
-        changes += [
-            change for name in swept_parameters() if (change := scale_parameter(name, factor))
-        ]
-    print(f"{'':38}" + "".join(f"{Path(folder).name:>30}" for folder in args.recording))
-    try:
-        args.kept.mkdir(parents=True, exist_ok=True)
-        cache = ResultCache(args.kept)
-        for change in changes:
-            cells = cache.get_or_run(change, partial(run_in_subprocess, change, args.recording))
-            print(format_row(change, cells, args.recording), flush=True)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("stopped; the same command continues with the next value", file=sys.stderr)
-        return 130
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.direct_sweep",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of stored rows")
     parser.add_argument(
         "recording", nargs="+", metavar="FOLDER", help="TUM folder, or FOLDER@EVERY"
     )
     parser.add_argument("--of", nargs="+", default=[], metavar="NAME=VALUE", help="other values")
     parser.add_argument("--times", nargs="+", type=float, default=[], metavar="FACTOR")
-    return parser
+
+
+def main(args: argparse.Namespace) -> None:
+    """Run every value without a stored row, and print all rows."""
+    changes = [BASELINE, *args.of]
+    for factor in args.times:
+        changes += [
+            change for name in swept_parameters() if (change := scale_parameter(name, factor))
+        ]
+    print(f"{'':38}" + "".join(f"{Path(folder).name:>30}" for folder in args.recording))
+    args.kept.mkdir(parents=True, exist_ok=True)
+    cache = ResultCache(args.kept)
+    for change in changes:
+        cells = cache.get_or_run(change, partial(run_in_subprocess, change, args.recording))
+        print(format_row(change, cells, args.recording), flush=True)
 
 
 def swept_parameters() -> list[str]:
@@ -121,7 +106,3 @@ def _cell(figures: Json | None) -> str:
     text = f"{1e3 * figures['ate_m']:.2f} ({1e3 * figures['global_m']:.2f})"
     text += f" lost {figures['lost']}" if figures["lost"] else ""
     return text + (f" gross {figures['gross']}" if figures["gross"] else "")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,9 +1,5 @@
 """One row of `benchmarks.direct_sweep`, in a separate process with its own kernels."""
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import json
 import sys
 from collections.abc import Sequence
@@ -13,9 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import read_all_frames
 from benchmarks.direct_sweep import BASELINE, parse_change
-from benchmarks.result_cache import Json
+from benchmarks.harness import Json
+from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory
@@ -23,7 +19,7 @@ from drivers.tum.camera import TumCamera
 from vo_service.odometry.direct import parameters
 from vo_service.tools.evaluation import evaluate
 from vo_service.tools.evaluation.association import associate
-from vo_service.tools.evaluation.gross_errors import count_gross_errors, tracked_steps
+from vo_service.tools.evaluation.metrics import count_gross_errors, tracked_steps
 
 
 def main(change: str, recordings: Sequence[str]) -> int:

@@ -1,6 +1,6 @@
 """Time until the service reports a fault of its environment, and until it recovers.
 
-    python -m benchmarks.environment_faults [--rounds 3]
+    python -m benchmarks environment_faults [--rounds 3]
 
 It measures the faults of `tests/vo_service/environment_faults.py`, a `kill -9`, and a port in use.
 The table has seconds, the slowest of all rounds. "report" is from the fault until a subscriber has
@@ -13,7 +13,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -30,15 +29,14 @@ from tests.waiting import wait_until
 Measurement = Callable[[], FaultTiming]
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.environment_faults",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--rounds", type=int, default=3, help="rounds of each fault (default: 3)")
-    rounds = parser.parse_args().rounds
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
+    rounds = args.rounds
     # Compile the kernels first: that is not part of the measured times.
     subprocess.run([KINECT_VO, "warm-up"], check=True)
     # The recorder of a killed service may still write.
@@ -55,7 +53,6 @@ def main() -> int:
             )
             runner.service.stop()
             report("port taken", [measure_port_in_use(runner) for _ in range(rounds)])
-    return 0
 
 
 def measure_live_faults(folder: Path, rounds: int) -> None:
@@ -107,7 +104,3 @@ def report(name: str, timings: list[FaultTiming]) -> None:
         max(each.recovery_s for each in timings),
     )
     print(f"{name:34} {report_s:8.2f} {recovery_s:8.2f}", flush=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,7 @@
 """SURF compared with SIFT and ORB: repeatability, matching and cost of the features.
 
-    python -m benchmarks.features                            # views of the virtual Kinect's room
-    python -m benchmarks.features recordings/desk photo.jpg  # frames of recordings, and pictures
+    python -m benchmarks features                            # views of the virtual Kinect's room
+    python -m benchmarks features recordings/desk photo.jpg  # frames of recordings, and pictures
 
 Each image is rotated, zoomed, tilted, blurred, relit and made noisy by 34 known transforms;
 distances are in pixels of the original. Repeatability: fraction of the features inside both images
@@ -11,20 +11,19 @@ all matches that are correct. The columns of the transform groups count correct 
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from benchmarks.feature_methods import FeatureMethod, make_all_methods
-from benchmarks.feature_scores import FeatureScore, score_features
+from benchmarks.feature_scores import FeatureMethod, FeatureScore, make_all_methods, score_features
+from benchmarks.harness import add_json_option, format_table, make_printer, print_json
 from benchmarks.image_transforms import Gray, all_transforms
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core.errors import InputError
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.folder import read_frame_pairs
@@ -53,35 +52,26 @@ class FeatureBenchmarkResult:
     cpu_us_per_feature: float
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.features",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument(
         "source", nargs="*", type=Path, help="TUM folder or image (default: the virtual Kinect)"
     )
     parser.add_argument("--frames", type=int, default=2, help="frames of each folder (2)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    args = parser.parse_args()
-    cv2.setNumThreads(1)
-    try:
-        images = list(load_images(args.source, args.frames))
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
+    images = list(load_images(args.source, args.frames))
     results = {}
     for name, method in make_all_methods().items():
         print(f"measuring {name} ...", file=sys.stderr)
         results[name] = measure(method, images)
-    if args.json:
-        print(json.dumps({name: asdict(result) for name, result in results.items()}))
-    else:
-        print(f"{len(images)} images, {len(all_transforms())} transforms of each")
-        print(format_table(results))
-    return 0
+    print_line = make_printer(args)
+    print_line(f"{len(images)} images, {len(all_transforms())} transforms of each")
+    print_line(format_scores(results))
+    print_json(args, results)
 
 
 def load_images(sources: list[Path], frames: int) -> Iterator[Gray]:
@@ -154,21 +144,16 @@ def mean(values: list[float]) -> float:
     return float(np.mean(values)) if values else 0.0
 
 
-def format_table(results: dict[str, FeatureBenchmarkResult]) -> str:
+def format_scores(results: dict[str, FeatureBenchmarkResult]) -> str:
     """Format the table, one line for each method."""
     groups = list(next(iter(results.values())).correct_by_change)
     heads = ["features", "repeat.", "score", "precision", "correct", *groups]
     heads += ["error px", "CPU ms", "us/feature"]
-    lines = [f"{'':6}" + "".join(f"{head:>{len(head) + 2}}" for head in heads)]
+    rows = {}
     for name, r in results.items():
         cells = [f"{r.features:.0f}"]
         cells += [f"{share:.3f}" for share in (r.repeatability, r.score, r.precision)]
         cells += [f"{count:.0f}" for count in (r.correct, *r.correct_by_change.values())]
         cells += [f"{r.error_px:.2f}", f"{r.cpu_ms:.1f}", f"{r.cpu_us_per_feature:.1f}"]
-        columns = zip(cells, heads, strict=True)
-        lines.append(f"{name:6}" + "".join(f"{cell:>{len(head) + 2}}" for cell, head in columns))
-    return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        rows[name] = cells
+    return format_table(heads, rows)

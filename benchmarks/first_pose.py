@@ -1,6 +1,6 @@
 """Time to the virtual Kinect's first pose and first picture with an empty cache.
 
-    python -m benchmarks.first_pose [--rounds 3]
+    python -m benchmarks first_pose [--rounds 3]
 
 "first pose" is from the start of `kinect-vo run --camera synthetic` until a client has a pose.
 "first picture" is from the start of `kinect-vo demo` until its Rerun recording has an image. The
@@ -28,15 +28,13 @@ POLL_PERIOD_S = 0.05
 JPEG = b"\xff\xd8\xff"
 
 
-def main() -> None:
-    """Measure and print a line for each."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.first_pose",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--rounds", type=int, default=3, help="starts of each (default: 3)")
-    args = parser.parse_args()
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print a line for each."""
     cases = {
         "first pose of run": measure_first_pose_s,
         "first picture of demo": measure_first_picture_s,
@@ -93,7 +91,3 @@ def running_command(folder: Path, *arguments: object) -> Iterator["subprocess.Po
             yield process
         finally:
             process.terminate()
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """A fleet on one router with TLS and access control: lost poses and latency.
 
-    python -m benchmarks.fleet [--robots 20] [--seconds 60] [--processes 4]
+    python -m benchmarks fleet [--robots 20] [--seconds 60] [--processes 4]
 
 The robots are the service's own publishers, thirty poses per second each, each with its
 certificate, several to a process. The router is `kinect-vo router` with
@@ -22,16 +22,70 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fleet_files import write_fleet_files
-from benchmarks.processor_use import measure_processor_use
+from benchmarks.service_load import measure_processor_use
 from drivers.core.geometry import Array
 from tests.ports import free_port
 from tests.vo_service.service_process import KINECT_VO
+from vo_service.tools.certificates import CertificateAuthority
 
+TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"
+HOST = "127.0.0.1"
+VALIDITY_DAYS = 2
 POSES_PER_SECOND = 30
 ROUTER = (KINECT_VO, "router")
 ROBOTS = (sys.executable, "-m", "benchmarks.fleet_robots")
 READER = (sys.executable, "-m", "benchmarks.fleet_reader")
+
+
+@dataclass(frozen=True)
+class FleetFiles:
+    """Zenoh files of the router, the reader and the robots; each is beside its keys."""
+
+    router: Path
+    reader: Path
+    robots: Sequence[Path]
+
+
+def write_fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
+    """Create all keys, and write the files for a router at a port of 127.0.0.1."""
+    authority = CertificateAuthority(folder)
+    router = authority.issue_server_certificate([HOST], VALIDITY_DAYS)
+    reader = authority.issue_client_certificate("reader", VALIDITY_DAYS)
+    homes = [authority.issue_client_certificate(name, VALIDITY_DAYS) for name in robots]
+    text = (TEMPLATES / "fleet-router.json5").read_text().replace("0.0.0.0:7447", f"{HOST}:{port}")
+    at_router = ("robot1.local:7451", "router.local:7447")
+    return FleetFiles(
+        router=_write(router / "router.json5", _add_robots(text, robots)),
+        reader=_write(reader / "reader.json5", _redirect("reader-tls.json5", at_router, port)),
+        robots=[
+            _write(home / "robot.json5", _redirect("fleet-robot.json5", at_router, port))
+            for home in homes
+        ],
+    )
+
+
+def _add_robots(text: str, robots: Sequence[str]) -> str:
+    """Repeat each line for robot1 in the router's file for each robot."""
+    lines = []
+    for line in text.splitlines():
+        if line.lstrip().startswith(('{ id: "robot1"', '{ subjects: ["robot1"]')):
+            lines += [line.replace("robot1", name) for name in robots]
+        elif '"robot2"' not in line:
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def _redirect(name: str, addresses: Sequence[str], port: int) -> str:
+    """Change a provided profile to connect to our router and not to listen."""
+    text = (TEMPLATES / name).read_text().replace('"tcp/127.0.0.1:7450"', "")
+    for address in addresses:
+        text = text.replace(address, f"{HOST}:{port}")
+    return text
+
+
+def _write(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file
 
 
 @dataclass(frozen=True)
@@ -51,15 +105,17 @@ class FleetResult:
         return self.sent - len(self.latency_ms)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--robots", type=int, default=20)
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument(
         "--processes", type=int, default=4, help="processes of the robots (default: 4)"
     )
-    args = parser.parse_args(arguments)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Measure and print a table."""
     with tempfile.TemporaryDirectory() as folder:
         outcome = measure(Path(folder), args.robots, args.seconds, args.processes)
     print(format_table(outcome, args.robots, args.seconds))
@@ -152,7 +208,3 @@ def _wait_until_listening(port: int, router: "subprocess.Popen[str]") -> None:
         if router.poll() is not None:
             raise RuntimeError("the router has failed")
         time.sleep(0.05)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """The reader of a fleet: one wildcard subscriber that measures the age of each pose.
 
-    python -m benchmarks.fleet_reader ZENOH_FILE
+    python -m benchmarks fleet_reader ZENOH_FILE
 
 It prints "ready" once it subscribes. After "end" on standard input it prints the latencies in
 milliseconds as a JSON list, one for each pose of each robot.

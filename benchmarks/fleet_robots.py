@@ -1,6 +1,6 @@
 """Several robots of a fleet in one process: the service's publishers, 30 poses per second each.
 
-    python -m benchmarks.fleet_robots SECONDS ZENOH_FILE...
+    python -m benchmarks fleet_robots SECONDS ZENOH_FILE...
 
 A robot's name and prefix is the folder of its file. The process prints "ready" once the router and
 the reader are connected, publishes after "go" on standard input, then prints "ready" again.

@@ -1,6 +1,6 @@
 """CPU time of the Kinect driver, compared with a bare libfreenect loop that copies each image.
 
-    python -m benchmarks.freenect_cost [--seconds 10] [--rounds 3]
+    python -m benchmarks freenect_cost [--seconds 10] [--rounds 3]
 
 All three variants run on the same simulated Kinect, one after another in separate processes, after
 two seconds of warm-up. The simulator runs in the same process and costs the same each time.
@@ -20,18 +20,16 @@ from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, write_usb_frames
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.freenect_cost",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--seconds", type=float, default=10.0, help="duration of each variant")
     parser.add_argument(
         "--rounds", type=int, default=3, help="runs of each variant; the median counts"
     )
-    args = parser.parse_args()
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
     with tempfile.TemporaryDirectory() as folder:
         frames = write_usb_frames(Path(folder), (pattern_frame(seq) for seq in range(FRAME_COUNT)))
         with KinectSimulator(Path(folder), frames, registration=IDENTITY) as kinect:
@@ -51,7 +49,3 @@ def _measure_percent(variant: str, seconds: float, kinect: KinectSimulator) -> f
     environment = os.environ | kinect.environment
     run = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True, text=True)
     return float(run.stdout)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,11 +1,7 @@
 """Three ways to read a Kinect's images, each with its CPU time; see `freenect_cost`.
 
-python -m benchmarks.freenect_variants VARIANT SECONDS prints the share of one core in percent.
+python -m benchmarks freenect_variants VARIANT SECONDS prints the share of one core in percent.
 """
-
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
 
 import ctypes
 import sys

@@ -1,6 +1,6 @@
 """Our TSDF fusion compared with OpenCV's volumes, on the virtual room with true poses.
 
-    python -m benchmarks.fusion [--seconds 10] [--seed 1] [--scale 1.0] [--json]
+    python -m benchmarks fusion [--seconds 10] [--seed 1] [--scale 1.0] [--json]
 
 Each method runs in a separate process on one thread. Times are CPU times, the median over the
 frames. Memory is the growth of the process with map and surface, without images. Distances are from
@@ -9,38 +9,147 @@ the start and are limited to a box, here around the room; at 10 mm they would ta
 memory of 20 mm.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
 import multiprocessing
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.fusion_volumes import (
-    FusionVolume,
-    OpenCvDenseVolume,
-    OpenCvHashVolume,
-    ServiceVolume,
-)
-from benchmarks.surface_error import distances_m, make_solids
-from benchmarks.virtual_room import render_with_truth, scaled_camera
+from benchmarks.harness import add_json_option, make_printer, print_json
+from benchmarks.map_error import distances_m, make_solids, render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
-from drivers.core.errors import UserFacingError
-from drivers.core.geometry import Array
+from drivers.core.geometry import Array, rigid_transform, transform_points
 from drivers.synthetic.config import SyntheticConfig
+from vo_service.reconstruction.tsdf_config import TsdfConfig
+from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
+MAX_DEPTH_M = TsdfConfig().max_depth_m
+TRUNCATION_VOXELS = 4.0
+RAYCAST_EVERY = 60
+# The box of a dense volume: the room and its walls.
+BOX_M = (7.04, 6.40, 3.20)
 MAX_POINTS = 200_000
+
+
+class FusionVolume(Protocol):
+    """A volume that fuses frames into a surface."""
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """Fuse one frame."""
+        ...
+
+    def points_m(self) -> Array:
+        """Points (N, 3) of the surface, in the world."""
+        ...
+
+
+class ServiceVolume:
+    """The volume of `kinect-vo reconstruct`."""
+
+    def __init__(self, voxel_m: float) -> None:
+        self._fusion = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=2000))
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `FusionVolume`."""
+        self._fusion.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
+
+    def points_m(self) -> Array:
+        """See `FusionVolume`; the points are those of the mesh."""
+        return self._fusion.extract_mesh().vertices_m.astype(np.float64)
+
+
+class OpenCvVolume:
+    """Base of OpenCV's volumes."""
+
+    def __init__(self, kind: int, voxel_m: float) -> None:
+        self._settings = cv2.VolumeSettings(kind)
+        self._settings.setVoxelSize(voxel_m)
+        self._settings.setTsdfTruncateDistance(TRUNCATION_VOXELS * voxel_m)
+        self._settings.setMaxDepth(MAX_DEPTH_M)
+        self._kind = kind
+        self._volume: cv2.Volume | None = None
+
+    def get_volume(self, frame: RgbdFrame) -> cv2.Volume:
+        """Return the volume; create it for the first frame's camera and depth format."""
+        if self._volume is None:
+            self._settings.setDepthFactor(frame.depth_factor)
+            self._settings.setIntegrateWidth(frame.camera.width)
+            self._settings.setIntegrateHeight(frame.camera.height)
+            self._settings.setCameraIntegrateIntrinsics(frame.camera.K.astype(np.float32))
+            self._settings.setRaycastWidth(frame.camera.width)
+            self._settings.setRaycastHeight(frame.camera.height)
+            self._settings.setCameraRaycastIntrinsics(frame.camera.K.astype(np.float32))
+            self._volume = cv2.Volume(self._kind, self._settings)
+        return self._volume
+
+
+class OpenCvHashVolume(OpenCvVolume):
+    """OpenCV's sparse volume: points without colors, no triangles.
+
+    `fetchPointsNormals` returns every voxel near the surface (opencv/opencv issue 22896), so the
+    surface is ray-cast from some of the poses.
+    """
+
+    def __init__(self, voxel_m: float) -> None:
+        super().__init__(cv2.VolumeType_HashTSDF, voxel_m)
+        self._poses: list[Array] = []
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `FusionVolume`."""
+        depth = frame.depth_raw.astype(np.float32)
+        self.get_volume(frame).integrate(depth, T_world_camera.astype(np.float32))
+        self._poses.append(T_world_camera)
+
+    def points_m(self) -> Array:
+        """See `FusionVolume`."""
+        return np.vstack([self._raycast_points_m(T) for T in self._poses[::RAYCAST_EVERY]])
+
+    def _raycast_points_m(self, T_world_camera: Array) -> Array:
+        assert self._volume is not None, "call add first"
+        points_m = _to_points_m(
+            np.asarray(self._volume.raycast(T_world_camera.astype(np.float32))[0])
+        )
+        met = np.all(np.isfinite(points_m), axis=1)
+        return transform_points(T_world_camera, points_m[met])
+
+
+class OpenCvDenseVolume(OpenCvVolume):
+    """OpenCV's dense volume: a fixed box; points with colors, no triangles."""
+
+    def __init__(self, voxel_m: float) -> None:
+        super().__init__(cv2.VolumeType_ColorTSDF, voxel_m)
+        resolution = np.array([round(side / voxel_m) for side in BOX_M], np.int32)
+        self._settings.setVolumeResolution(resolution)
+        corner_m = [-BOX_M[0] / 2, -BOX_M[1] / 2, -0.2]
+        self._settings.setVolumePose(rigid_transform(np.eye(3), corner_m).astype(np.float32))
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `FusionVolume`."""
+        depth = frame.depth_raw.astype(np.float32)
+        # The binding only accepts four float channels.
+        color = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
+        pose = T_world_camera.astype(np.float32)
+        self.get_volume(frame).integrateColor(depth, color, pose)
+
+    def points_m(self) -> Array:
+        """See `FusionVolume`."""
+        assert self._volume is not None, "call add first"
+        return _to_points_m(self._volume.fetchPointsNormalsColors()[0])
+
+
+def _to_points_m(points: NDArray[Any]) -> Array:
+    xyz: Array = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)
+    return xyz
+
+
 # For each: whether the surface has colors and triangles, and what limits its memory.
 CANDIDATES: Mapping[str, tuple[Callable[[], FusionVolume], str]] = {
     "ours, 10 mm": (partial(ServiceVolume, 0.01), "colors, triangles, bounded"),
@@ -66,36 +175,27 @@ class FusionResult:
     has: str
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.fusion",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--scale", type=float, default=1.0, help="image size: 0.5 = 320 x 240")
-    parser.add_argument("--json", action="store_true", help="print one JSON object per line")
-    args = parser.parse_args()
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
     config = SyntheticConfig(
         seed=args.seed, duration_s=args.seconds, camera=scaled_camera(args.scale)
     )
-    try:
-        for _ in render_with_truth(config):  # rendered once, before anything is measured
-            break
-        with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as processes:
-            for name in CANDIDATES:
-                result = processes.apply(measure, (name, config))
-                print(
-                    json.dumps({"name": name} | asdict(result))
-                    if args.json
-                    else format_row(name, result)
-                )
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    return 0
+    for _ in render_with_truth(config):  # rendered once, before anything is measured
+        break
+    print_line = make_printer(args)
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as processes:
+        for name in CANDIDATES:
+            result = processes.apply(measure, (name, config))
+            print_line(format_row(name, result))
+            print_json(args, {"name": name} | asdict(result))
 
 
 def measure(name: str, config: SyntheticConfig) -> FusionResult:
@@ -152,7 +252,3 @@ def _private_memory_mb() -> float:
     status = Path("/proc/self/status").read_text()
     kilobytes = next(line for line in status.splitlines() if line.startswith("RssAnon"))
     return float(kilobytes.split()[1]) / 1e3
-
-
-if __name__ == "__main__":
-    sys.exit(main())

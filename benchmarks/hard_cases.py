@@ -1,6 +1,6 @@
 """Tracking in hard cases: a table with one row for each case.
 
-    python -m benchmarks.hard_cases FOLDER [--method direct] [--only dark wall] [--json]
+    python -m benchmarks hard_cases FOLDER [--method direct] [--only dark wall] [--json]
 
 FOLDER stores the sequences of config/sequences, which are rendered the first time (twenty minutes
 of one core). A gross error is a step with an error above 5 cm or 3 degrees; in brackets are those
@@ -10,33 +10,25 @@ over all poses, in millimeters. "slow" creeps at a millimeter per second for a m
 stands still for --still-frames frames with fresh noise in each (an hour is 108000).
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
 import os
-import sys
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
+import numpy as np
 
-from benchmarks.hard_cases_measure import HardCaseResult, measure
-from benchmarks.rendered_sequences import render_all
-from benchmarks.slow_cases_measure import (
-    CreepResult,
-    StationaryResult,
-    measure_creep,
-    measure_stationary,
-)
-from benchmarks.static_views import StaticView
-from drivers.core.errors import UserFacingError
+from benchmarks.harness import add_json_option, make_printer, print_json
+from benchmarks.rendered_sequences import StaticView, render_all
+from benchmarks.tracking import HardCaseResult, measure, read_all_frames, track
+from drivers.camera import PlaybackMode, RgbdFrame
+from drivers.core.geometry import Array, inverse, rotation_angle_rad
 from drivers.synthetic.config import SyntheticConfig
+from drivers.tum.camera import TumCamera
 from vo_service.config import read_config
-from vo_service.odometry.registry import METHODS, warm_up
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
+from vo_service.tools.evaluation.association import associate
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"
@@ -58,41 +50,90 @@ HEAD = (
     f"{'recovery s':>12}{'ATE':>8}{'largest':>9}"
 )
 
+
+@dataclass(frozen=True)
+class StationaryResult:
+    """Distance from the first pose, at most and in the last frame."""
+
+    frames: int
+    lost: int
+    max_error_m: float
+    max_error_deg: float
+    end_m: float
+    end_deg: float
+
+
+@dataclass(frozen=True)
+class CreepResult:
+    """Tracked distance of a slow motion, projected onto the true motion, and the true distance."""
+
+    frames: int
+    lost: int
+    true_distance_m: float
+    tracked_distance_m: float
+
+
 CaseResult = HardCaseResult | CreepResult | StationaryResult
 
 
-def main() -> int:
-    """Render, measure and print."""
-    args = _parser().parse_args()
-    cv2.setNumThreads(1)
-    silent = args.json
-    print_line: Callable[[str], None] = (lambda line: None) if silent else _print_line
-    try:
-        results = run(args.folder, args.method, args.only, args.still_frames, print_line)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    if silent:
-        print(json.dumps(results, default=asdict))
-    return 0
+def measure_stationary(method: str, frames: Iterable[RgbdFrame]) -> StationaryResult:
+    """Track a camera that never moves, without storing its frames."""
+    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
+    lost, count = 0, 0
+    farthest, end = np.zeros(2), np.zeros(2)
+    T_camera_first = np.eye(4)
+    for frame in frames:
+        estimate = odometry.estimate(frame)
+        count += 1
+        if not estimate.ok:
+            lost += 1
+            continue
+        if count == lost + 1:
+            T_camera_first = inverse(estimate.T_world_camera)
+        end = _size(T_camera_first @ estimate.T_world_camera)
+        farthest = np.maximum(farthest, end)
+    return StationaryResult(count, lost, *map(float, (*farthest, *end)))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.hard_cases",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def measure_creep(method: str, folder: Path) -> CreepResult:
+    """Track a sequence of the motion "creep". Raises InputError with too few poses."""
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        tracked = track(method, read_all_frames(camera))
+        truth = camera.ground_truth
+    assert truth is not None, "a rendered sequence has a ground truth"
+    matched = associate(tracked.trajectory, truth)
+    true_way = _displacement_m(matched.T_truth_camera)
+    length_m = float(np.linalg.norm(true_way))
+    followed_m = float(_displacement_m(matched.T_world_camera) @ true_way) / length_m
+    lost = int(np.count_nonzero(~tracked.has_pose))
+    return CreepResult(len(tracked.stamps_s), lost, length_m, followed_m)
+
+
+def _displacement_m(T_world_camera: Array) -> Array:
+    """Displacement (3,) from the first pose to the last, in the axes of the first camera."""
+    displacement_m: Array = (inverse(T_world_camera[0]) @ T_world_camera[-1])[:3, 3]
+    return displacement_m
+
+
+def _size(T: Array) -> Array:
+    """Distance in meters and angle in degrees of a motion."""
+    return np.array([np.linalg.norm(T[:3, 3]), np.degrees(rotation_angle_rad(T[:3, :3]))])
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", type=Path, help="folder of the sequences")
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, metavar="CASE")
     parser.add_argument("--still-frames", type=int, default=STILL_FRAMES)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    return parser
+    add_json_option(parser)
 
 
-def _print_line(line: str) -> None:
-    print(line, flush=True)
+def main(args: argparse.Namespace) -> None:
+    """Render, measure and print."""
+    print_line = make_printer(args)
+    results = run(args.folder, args.method, args.only, args.still_frames, print_line)
+    print_json(args, results)
 
 
 def run(
@@ -163,7 +204,3 @@ def format_row(figures: CaseResult) -> str:
 
 def _format_number(value: float | None, scale: float, width: int, digits: int) -> str:
     return f"{'-':>{width}}" if value is None else f"{scale * value:{width}.{digits}f}"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

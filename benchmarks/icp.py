@@ -1,6 +1,6 @@
 """Our depth-only ICP compared with OpenCV's and Open3D's: errors and cost.
 
-    python -m benchmarks.icp FOLDER... [--open3d SITE] [--frame-to-frame] [--json]
+    python -m benchmarks icp FOLDER... [--open3d SITE] [--frame-to-frame] [--json]
 
 Each FOLDER is a TUM folder. Open3D is not a dependency: `pip install --target SITE open3d-cpu`
 installs it into a separate folder, and without --open3d it is omitted. Times are CPU milliseconds
@@ -8,33 +8,84 @@ of the whole process on one thread, without decoding. Distances are in millimete
 evaluate` explains the figures. --frame-to-frame adds our ICP with the last frame as the reference.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
+import importlib
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import ModuleType
 
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import read_all_frames
-from benchmarks.icp_methods import make_methods
-from benchmarks.odometry import evaluate_trajectory
+from benchmarks.harness import add_json_option, format_table, make_printer, print_json
+from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.errors import UserFacingError
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse
 from drivers.core.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
+from vo_service.odometry.icp.alignment import FINE_ONLY, align
+from vo_service.odometry.icp.depth_pyramid import build_depth_pyramid
+from vo_service.odometry.icp.odometry import IcpOdometry
+from vo_service.odometry.icp.parameters import IcpParameters
+from vo_service.odometry.icp.quality import rejection_reason
+from vo_service.odometry.icp.track import IcpTrack, start_track
+from vo_service.tools.benchmark.baselines.frame_to_frame import (
+    FrameToFrameOdometry,
+    Open3dIcp,
+    OpenCvOdometry,
+)
 from vo_service.tools.evaluation import Evaluation
 from vo_service.types import Estimate, Odometry
 
+OURS, OURS_FRAME_TO_FRAME = "ours", "ours, frame to frame"
+OPENCV, OPEN3D = "cv2.Odometry DEPTH", "Open3D point-to-plane"
 # The first frames compile and initialize; their times are not counted.
 WARM_UP_FRAMES = 3
+
+
+def load_open3d(folder: Path) -> ModuleType:
+    """Import Open3D from a separate folder. Raises InputError if it is not there."""
+    sys.path.append(str(folder))
+    try:
+        return importlib.import_module("open3d")
+    except ImportError as error:
+        raise InputError(
+            f"{folder}: cannot import Open3D from there ({error}); install it by "
+            f"`pip install --target {folder} open3d-cpu`, or omit --open3d"
+        ) from error
+
+
+class FrameToFrameIcp:
+    """Our kernels with the last frame as the reference, without a keyframe."""
+
+    def prepare(self, frame: RgbdFrame) -> IcpTrack:
+        """Compute the frame's planes."""
+        return start_track(build_depth_pyramid(frame), IcpParameters().max_planes)
+
+    def align(self, earlier: IcpTrack, later: IcpTrack, T_earlier_later: Array) -> Array | None:
+        """Align as `IcpOdometry`, without a retry."""
+        alignment = align(
+            earlier.planes, later.last_frame, [inverse(T_earlier_later), np.eye(4)], FINE_ONLY
+        )
+        return None if rejection_reason(alignment) else inverse(alignment.T_camera_reference)
+
+
+def make_methods(
+    open3d_folder: Path | None, frame_to_frame: bool
+) -> dict[str, Callable[[], Odometry]]:
+    """Factories of the methods by name."""
+    made: dict[str, Callable[[], Odometry]] = {OURS: IcpOdometry}
+    if frame_to_frame:
+        made[OURS_FRAME_TO_FRAME] = lambda: FrameToFrameOdometry(FrameToFrameIcp())
+    made[OPENCV] = lambda: FrameToFrameOdometry(OpenCvOdometry(cv2.OdometryType_DEPTH))
+    if open3d_folder is not None:
+        open3d = load_open3d(open3d_folder)
+        made[OPEN3D] = lambda: FrameToFrameOdometry(Open3dIcp(open3d))
+    return made
 
 
 @dataclass(frozen=True)
@@ -56,37 +107,28 @@ class IcpResult:
     evaluation: Evaluation | None
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.icp",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
     parser.add_argument(
         "--open3d", type=Path, metavar="SITE", help="folder where Open3D is installed"
     )
     parser.add_argument("--frame-to-frame", action="store_true", help="add our ICP, frame to frame")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    args = parser.parse_args()
-    cv2.setNumThreads(1)
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
     results: dict[str, dict[str, IcpResult]] = {}
-    try:
-        compared = make_methods(args.open3d, args.frame_to_frame)
-        for folder in args.folder:
-            frames, truth = load_depth_frames(folder)
-            results[str(folder)] = {
-                name: measure(make, frames, truth) for name, make in compared.items()
-            }
-            if not args.json:
-                print(f"{folder}\n{format_table(results[str(folder)])}\n", flush=True)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    if args.json:
-        print(json.dumps({f: {n: asdict(r) for n, r in m.items()} for f, m in results.items()}))
-    return 0
+    print_line = make_printer(args)
+    compared = make_methods(args.open3d, args.frame_to_frame)
+    for folder in args.folder:
+        frames, truth = load_depth_frames(folder)
+        results[str(folder)] = {
+            name: measure(make, frames, truth) for name, make in compared.items()
+        }
+        print_line(f"{folder}\n{format_results(results[str(folder)])}\n")
+    print_json(args, results)
 
 
 def load_depth_frames(folder: Path) -> tuple[list[RgbdFrame], Trajectory | None]:
@@ -121,13 +163,11 @@ def measure(
     )
 
 
-def format_table(results: dict[str, IcpResult]) -> str:
+def format_results(results: dict[str, IcpResult]) -> str:
     """Format the table, one line for each method."""
     heads = ["frames", "failed", "ATE", "global", "RPE/frame", "RPE/1s", "deg/1s"]
     heads += ["CPU ms", "CPU p99"]
-    lines = [f"{'':24}" + "".join(f"{head:>10}" for head in heads)]
-    lines += [f"{n:24}" + "".join(f"{c:>10}" for c in table_cells(r)) for n, r in results.items()]
-    return "\n".join(lines)
+    return format_table(heads, {name: table_cells(result) for name, result in results.items()})
 
 
 def table_cells(result: IcpResult) -> list[str]:
@@ -141,7 +181,3 @@ def table_cells(result: IcpResult) -> list[str]:
         "-" if turn is None else f"{turn:.2f}",
         *(f"{spent:.1f}" for spent in (result.cpu_ms, result.cpu_p99_ms)),
     ]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Errors of the direct odometry when nobody tells it the sensor's timing.
 
-    python -m benchmarks.learned_timing FOLDER [--seeds 301 302 ...] [--starts RECORDING ...]
+    python -m benchmarks learned_timing FOLDER [--seeds 301 302 ...] [--starts RECORDING ...]
 
 Each seed is another room and another virtual Kinect: a readout of 0 to 33 ms, depth 10 ms before to
 15 ms after color and registered up to 3 px off, motion blur of 4 to 20 ms, and another hunting of
@@ -19,35 +19,37 @@ FOLDER stores the rendered sequences, 0.5 GB each, and the results in results.js
 continues after an interruption. Remove results.json when the odometry has changed.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.accuracy import track_changed
-from benchmarks.learned_timing_measure import evaluate_timing
+from benchmarks.harness import Json, ResultCache, run_benchmark
 from benchmarks.learned_timing_sensors import (
+    START_FRAMES,
+    START_HEAD,
     RandomSensor,
+    format_start,
     make_random_sensor,
+    measure_start,
     tell_exactly,
     tell_nothing,
 )
-from benchmarks.learned_timing_starts import START_FRAMES, START_HEAD, format_start, measure_start
 from benchmarks.rendered_sequences import render_all
-from benchmarks.result_cache import Json, ResultCache
-from drivers.core.errors import UserFacingError
+from benchmarks.tracking import Accuracy, TrackedSequence, track_changed
+from drivers.core.geometry import Array
 from vo_service.odometry.registry import warm_up
+from vo_service.types import OnlineTiming
 
+# Errors of readout and delay from which on the timing counts as learned.
+LEARNED_ERRORS_S = (0.002, 0.0015)
+CONSISTENT_SIGMAS = 3.0
 METHOD = "direct"
 # Rooms that no parameter was chosen with.
 SEEDS = tuple(range(301, 321))
@@ -59,39 +61,104 @@ ROW = f"| {{:<14}} | {TIMING_ROW} | {{:>6}} | {{:>6}} | {{:>5}} | {{:>7}} | {{:>
 SEPARATOR = "|" + "---|" * len(COLUMNS)
 
 
-def main() -> int:
-    """Render and run what has no stored result, and print all."""
-    args = _parser().parse_args()
-    cv2.setNumThreads(1)
-    try:
-        args.folder.mkdir(parents=True, exist_ok=True)
-        cache = ResultCache(args.folder)
-        warm_up(METHOD, lambda stage: None)
-        if args.seeds:
-            print_seeds(cache, args.folder, make_sensors(args.seeds, args.seconds), args.processes)
-        print_starts(cache, args.starts, args.at)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("stopped; the same command continues with the next sequence", file=sys.stderr)
-        return 130
-    return 0
+@dataclass(frozen=True)
+class LearnedTiming:
+    """Result of one recording.
+
+    Attributes:
+        told: Accuracy with the exact timing.
+        untold: Accuracy with no timing told.
+        truth_s: True readout and delay.
+        learned_s: Both after the last frame.
+        sigmas_s: Their published standard deviations.
+        settling_s: Time from the first frame until both errors stay within `LEARNED_ERRORS_S`;
+            None if they do not.
+        seconds: Number of seconds, after each of which the timing was compared with the truth.
+        consistent: Those in which both errors are within `CONSISTENT_SIGMAS`.
+        nonzero: Frames with a readout or a delay other than exactly zero.
+    """
+
+    told: Accuracy
+    untold: Accuracy
+    truth_s: tuple[float, float]
+    learned_s: tuple[float, float]
+    sigmas_s: tuple[float, float]
+    settling_s: float | None
+    seconds: int
+    consistent: int
+    nonzero: int
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.learned_timing",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def evaluate_timing(
+    told: Accuracy, untold: Accuracy, tracked: TrackedSequence, truth_s: tuple[float, float]
+) -> LearnedTiming:
+    """Compare the timing that was published with each frame with the truth.
+
+    Args:
+        told: Accuracy with the exact timing.
+        untold: Accuracy of `tracked`.
+        tracked: Estimates with a timing, of at least one frame.
+        truth_s: True readout and delay.
+    """
+    timings = [estimate.timing for estimate in tracked.estimates]
+    published = np.array([_as_row(timing) for timing in timings if timing is not None])
+    errors_s, sigmas_s = np.abs(published[:, :2] - truth_s), published[:, 2:]
+    times_s = tracked.stamps_s - tracked.stamps_s[0]
+    is_consistent = np.all(errors_s <= CONSISTENT_SIGMAS * sigmas_s, axis=1)[_second_ends(times_s)]
+    return LearnedTiming(
+        told=told,
+        untold=untold,
+        truth_s=truth_s,
+        learned_s=(published[-1, 0], published[-1, 1]),
+        sigmas_s=(published[-1, 2], published[-1, 3]),
+        settling_s=_settling_time_s(times_s, errors_s),
+        seconds=len(is_consistent),
+        consistent=int(is_consistent.sum()),
+        nonzero=int(np.count_nonzero(np.any(published[:, :2] != 0.0, axis=1))),
     )
+
+
+def _as_row(timing: OnlineTiming) -> tuple[float, float, float, float]:
+    return (
+        timing.readout_s,
+        timing.depth_offset_s,
+        timing.readout_sigma_s,
+        timing.depth_offset_sigma_s,
+    )
+
+
+def _second_ends(times_s: Array) -> NDArray[np.int64]:
+    """The last frame of each second that has frames."""
+    seconds = np.floor(times_s + 1e-6)
+    return np.flatnonzero(np.append(np.diff(seconds) > 0, True))
+
+
+def _settling_time_s(times_s: Array, errors_s: Array) -> float | None:
+    """Time of the first frame from which on all errors are within `LEARNED_ERRORS_S`."""
+    wrong = np.flatnonzero((errors_s > LEARNED_ERRORS_S).any(axis=1))
+    if not len(wrong):
+        return 0.0
+    return float(times_s[wrong[-1] + 1]) if wrong[-1] + 1 < len(times_s) else None
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", type=Path, help="folder of the sequences and the results")
     parser.add_argument("--seeds", nargs="*", type=int, default=SEEDS)
     parser.add_argument("--seconds", type=float, default=DURATION_S, help="length of a sequence")
     parser.add_argument("--starts", nargs="+", type=Path, default=[], metavar="RECORDING")
     parser.add_argument("--at", nargs="+", type=int, default=START_FRAMES, metavar="FRAME")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    return parser
+
+
+def main(args: argparse.Namespace) -> None:
+    """Render and run what has no stored result, and print all."""
+    args.folder.mkdir(parents=True, exist_ok=True)
+    cache = ResultCache(args.folder)
+    warm_up(METHOD, lambda stage: None)
+    if args.seeds:
+        print_seeds(cache, args.folder, make_sensors(args.seeds, args.seconds), args.processes)
+    print_starts(cache, args.starts, args.at)
 
 
 def make_sensors(seeds: Sequence[int], duration_s: float) -> dict[str, RandomSensor]:
@@ -192,4 +259,4 @@ def _format_mm(value_m: float | None) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_benchmark("learned_timing", __doc__, add_arguments, main))

@@ -1,6 +1,6 @@
 """Renders virtual rooms along recorded hand motions, as TUM folders with exact ground truth.
 
-    python -m benchmarks.mocap_sequences TRACKS OUTPUT [--seeds 11 12] [--timing ideal rolling-12]
+    python -m benchmarks mocap_sequences TRACKS OUTPUT [--seeds 11 12] [--timing ideal rolling-12]
 
 TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, such as those of the TUM
 RGB-D benchmark. Each becomes OUTPUT/NAME-roomSEED-TIMING, with a room for each seed. "ideal" is a
@@ -10,13 +10,12 @@ sensor is that of a Kinect. Complete sequences are not rendered again.
 
 import argparse
 import os
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.rendered_sequences import render_all
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core.errors import InputError
 from drivers.core.trajectory import read_trajectory
 from drivers.synthetic.config import ShutterTiming, SyntheticConfig
 
@@ -32,13 +31,8 @@ TIMINGS = {
 START_S, DURATION_S = 12.0, 10.0
 
 
-def main() -> int:
-    """Render."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.mocap_sequences",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("tracks", type=Path, help="folder of trajectories")
     parser.add_argument("output", type=Path, help="folder of the sequences")
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
@@ -51,18 +45,16 @@ def main() -> int:
         help="duration of each, if the track is long enough",
     )
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    args = parser.parse_args()
+
+
+def main(args: argparse.Namespace) -> None:
+    """Render."""
     begin_s = time.monotonic()
-    try:
-        configs = make_configs(args.tracks, args.seeds, args.timing, args.start, args.seconds)
-        sequences = {args.output / name: config for name, config in configs.items()}
-        args.output.mkdir(parents=True, exist_ok=True)
-        render_all(sequences, lambda line: print(line, flush=True), args.processes)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
+    configs = make_configs(args.tracks, args.seeds, args.timing, args.start, args.seconds)
+    sequences = {args.output / name: config for name, config in configs.items()}
+    args.output.mkdir(parents=True, exist_ok=True)
+    render_all(sequences, lambda line: print(line, flush=True), args.processes)
     print(f"{len(sequences)} sequences in {args.output}, after {time.monotonic() - begin_s:.0f} s")
-    return 0
 
 
 def make_configs(
@@ -100,7 +92,3 @@ def _remaining_s(track: Path, start_s: float) -> float:
     if length_s <= start_s:
         raise InputError(f"{track}: ends after {length_s:g} s; start earlier than at {start_s:g} s")
     return length_s - start_s
-
-
-if __name__ == "__main__":
-    sys.exit(main())

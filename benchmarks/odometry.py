@@ -1,62 +1,126 @@
 """SURF compared with SIFT and ORB in the same odometry: errors and cost.
 
-    python -m benchmarks.odometry FOLDER... [--methods SURF SIFT ORB] [--json]
+    python -m benchmarks odometry FOLDER... [--methods SURF SIFT ORB] [--json]
 
 Each FOLDER is a TUM folder. Only the features differ: points, matching, RANSAC and SVD are those of
 the service. Times are CPU milliseconds of one thread, the median over the frames, without decoding.
 Distances are in millimeters; `kinect-vo evaluate` explains the figures.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
-import sys
 import time
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from benchmarks.camera_frames import read_all_frames
-from benchmarks.odometry_methods import METHODS, make_odometry
-from benchmarks.odometry_table import STAGES, OdometryResult, format_table
+from benchmarks.harness import add_json_option, format_table, make_printer, print_json
+from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
-from drivers.core.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
-from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.odometry.features import SurfParameters
+from vo_service.odometry.profiling import CpuStageTimer, StageTimer
+from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.surf.odometry import SurfOdometry
+from vo_service.tools.benchmark.baselines.opencv_features import (
+    MATCH_RATIO,
+    orb_odometry,
+    sift_odometry,
+)
+from vo_service.tools.evaluation import Evaluation
 from vo_service.types import Estimate
 
+METHODS = ("SURF", "SIFT", "ORB")
+COUNT = 1000
+STAGES = ("surf", "points", "match", "ransac", "svd")
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.odometry",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+
+def make_odometry(method: str, stopwatch: StageTimer) -> SurfOdometry:
+    """Make the service's odometry with the features of one of METHODS."""
+    if method == "SIFT":
+        return sift_odometry(COUNT, stopwatch)
+    if method == "ORB":
+        return orb_odometry(COUNT, stopwatch)
+    parameters = SurfParameters(match_ratio=MATCH_RATIO)
+    return SurfOdometry(SurfExtractor(COUNT), parameters, timer=stopwatch)
+
+
+@dataclass(frozen=True)
+class OdometryResult:
+    """Result of one method on one folder.
+
+    Attributes:
+        frames: Number of frames.
+        failed: Frames without a pose.
+        inliers: Median over the frames with a pose.
+        stage_ms: Median CPU time by stage.
+        cpu_ms: Median CPU time of a frame.
+        evaluation: None without ground truth.
+    """
+
+    frames: int
+    failed: int
+    inliers: float
+    stage_ms: dict[str, float]
+    cpu_ms: float
+    evaluation: Evaluation | None
+
+
+def format_results(results: dict[str, OdometryResult]) -> str:
+    """Format one line for each method; then ratios to SIFT, if it is one of them."""
+    heads = ["frames", "failed", "inliers", "ATE", "global", "RPE/frame", "RPE/1s", "cover %"]
+    heads += [*STAGES, "CPU ms"]
+    rows = {name: table_cells(result) for name, result in results.items()}
+    if "SIFT" in results:
+        for name in (name for name in results if name != "SIFT"):
+            rows[f"{name}/SIFT"] = ratio_cells(results[name], results["SIFT"])
+    return format_table(heads, rows)
+
+
+def table_cells(result: OdometryResult) -> list[str]:
+    """The columns of one method."""
+    counts = [f"{result.frames}", f"{result.failed}", f"{result.inliers:.0f}"]
+    errors = [f"{1e3 * e:.1f}" if e is not None else "-" for e in errors_m(result)]
+    covered = result.evaluation.coverage if result.evaluation else None
+    times_ms = [*(result.stage_ms[name] for name in STAGES), result.cpu_ms]
+    share = "-" if covered is None else f"{100 * covered:.1f}"
+    return [*counts, *errors, share, *(f"{spent:.2f}" for spent in times_ms)]
+
+
+def ratio_cells(result: OdometryResult, other: OdometryResult) -> list[str]:
+    """The same columns as ratios to those of another method."""
+    errors = [
+        f"{mine / theirs:.2f}" if mine is not None and theirs else "-"
+        for mine, theirs in zip(errors_m(result), errors_m(other), strict=True)
+    ]
+    stages = [f"{result.stage_ms[s] / max(other.stage_ms[s], 1e-9):.2f}" for s in STAGES]
+    inliers = f"{result.inliers / max(other.inliers, 1.0):.2f}"
+    return ["", "", inliers, *errors, "", *stages, f"{result.cpu_ms / other.cpu_ms:.2f}"]
+
+
+def errors_m(result: OdometryResult) -> list[float | None]:
+    """ATE, mean global error, RPE per frame and per second, in meters."""
+    e = result.evaluation
+    if e is None:
+        return [None] * 4
+    return [e.ate_rmse_m, e.mean_global_error_m, e.rpe_frame_m, e.rpe_1s_m]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    args = parser.parse_args()
-    cv2.setNumThreads(1)
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
     results: dict[str, dict[str, OdometryResult]] = {}
-    try:
-        for folder in args.folder:
-            results[str(folder)] = {name: measure(name, folder) for name in args.methods}
-            if not args.json:
-                print(f"{folder}\n{format_table(results[str(folder)])}\n", flush=True)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    if args.json:
-        print(json.dumps(to_json(results)))
-    return 0
+    print_line = make_printer(args)
+    for folder in args.folder:
+        results[str(folder)] = {name: measure(name, folder) for name in args.methods}
+        print_line(f"{folder}\n{format_results(results[str(folder)])}\n")
+    print_json(args, results)
 
 
 def measure(method: str, folder: Path) -> OdometryResult:
@@ -83,32 +147,6 @@ def measure(method: str, folder: Path) -> OdometryResult:
     )
 
 
-def evaluate_trajectory(
-    estimates: list[Estimate], stamps_s: list[float], truth: Trajectory | None
-) -> Evaluation | None:
-    """Evaluate the trajectory; None without ground truth or with too few poses."""
-    good = [n for n, estimate in enumerate(estimates) if estimate.ok]
-    if truth is None or not good:
-        return None
-    poses = np.array([estimates[n].T_world_camera for n in good])
-    try:
-        return evaluate(Trajectory(np.array(stamps_s)[good], poses), truth, np.array(stamps_s))
-    except InputError:
-        return None
-
-
 def median(values: list[float] | list[int]) -> float:
     """The median; 0 for no values."""
     return float(np.median(values)) if values else 0.0
-
-
-def to_json(results: dict[str, dict[str, OdometryResult]]) -> dict[str, dict[str, object]]:
-    """Results by folder, then by method."""
-    return {
-        folder: {name: asdict(result) for name, result in methods.items()}
-        for folder, methods in results.items()
-    }
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Sensitivity of a method to tiny changes of a recording, and its accuracy beside the baselines.
 
-    python -m benchmarks.perturbations KEPT FOLDER... [--method direct] [--count 20] [--verbose]
+    python -m benchmarks perturbations KEPT FOLDER... [--method direct] [--count 20] [--verbose]
 
 FOLDER is a TUM folder with ground truth, best of a real Kinect. Each perturbation changes the focal
 length by up to 0.5 px, the delay of depth by up to 0.3 ms, and each pixel's brightness by -1, 0 or
@@ -13,23 +13,17 @@ are stored in KEPT/results.json, and the same command continues with the next. R
 odometry has changed.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from benchmarks.accuracy import FrameChange, track_changed
-from benchmarks.result_cache import Json, ResultCache
+from benchmarks.harness import Json, ResultCache, run_benchmark
+from benchmarks.tracking import FrameChange, track_changed
 from drivers.camera import RgbdFrame
-from drivers.core.errors import UserFacingError
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, warm_up
 
 MAX_FOCAL_ERROR_PX = 0.5
@@ -70,38 +64,23 @@ def make_perturbation(seed: int) -> Perturbation:
     return Perturbation(seed, MAX_FOCAL_ERROR_PX * focal, MAX_DELAY_ERROR_S * delay)
 
 
-def main() -> int:
-    """Run what has no stored result, and print all."""
-    args = _parser().parse_args()
-    cv2.setNumThreads(1)
-    try:
-        args.kept.mkdir(parents=True, exist_ok=True)
-        runs = StoredRuns(ResultCache(args.kept))
-        for method in {args.method, *BASELINES}:
-            warm_up(method, lambda stage: None)
-        for folder in args.folder:
-            _print_recording(runs, folder, args)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("stopped; the same command continues with the next run", file=sys.stderr)
-        return 130
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.perturbations",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of stored results")
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder with ground truth")
     parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
     parser.add_argument("--count", type=int, default=20, help="perturbations of each recording")
     parser.add_argument("--verbose", action="store_true", help="print each perturbation")
-    return parser
+
+
+def main(args: argparse.Namespace) -> None:
+    """Run what has no stored result, and print all."""
+    args.kept.mkdir(parents=True, exist_ok=True)
+    runs = StoredRuns(ResultCache(args.kept))
+    for method in {args.method, *BASELINES}:
+        warm_up(method, lambda stage: None)
+    for folder in args.folder:
+        _print_recording(runs, folder, args)
 
 
 @dataclass(frozen=True)
@@ -178,4 +157,4 @@ def format_ratio(error: float | None, other: float | None) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_benchmark("perturbations", __doc__, add_arguments, main))

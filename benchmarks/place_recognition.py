@@ -1,6 +1,6 @@
 """Place recognition: recall, accuracy, cost and false matches.
 
-    python -m benchmarks.place_recognition [--rooms 201 202 ...] [--recordings FOLDER...]
+    python -m benchmarks place_recognition [--rooms 201 202 ...] [--recordings FOLDER...]
 
 Each room is a room of the virtual Kinect with views around a few spots. A recording has a view
 every half second, and a ground truth. Every view is also a keyframe, and every view is matched with
@@ -19,13 +19,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.relocalization_views import (
+from benchmarks.rendered_views import (
     VIEW_OFFSETS,
     PosedView,
     views_of_recording,
     views_of_room,
 )
-from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array, inverse, rotation_angle_rad
 from vo_service.odometry.direct.motion import se3_log
 from vo_service.slam.place_recognition.keyframe_database import KeyframeDatabase
@@ -97,29 +96,22 @@ class CpuTimer:
         return result
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.place_recognition",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--rooms", nargs="*", type=int, default=list(range(201, 207)))
     parser.add_argument("--recordings", nargs="*", type=Path, default=[])
-    args = parser.parse_args()
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
     timer, recognizer = CpuTimer(), PlaceRecognizer()
     scenes = chain(map(views_of_room, args.rooms), map(views_of_recording, args.recordings))
     views: list[DescribedView] = []
-    try:
-        for scene in scenes:
-            views += [
-                _describe_view(recognizer, view, timer, len(views) + n)
-                for n, view in enumerate(scene)
-            ]
-            print(f"described {views[-1].posed_view.scene}", file=sys.stderr, flush=True)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
+    for scene in scenes:
+        views += [
+            _describe_view(recognizer, view, timer, len(views) + n) for n, view in enumerate(scene)
+        ]
+        print(f"described {views[-1].posed_view.scene}", file=sys.stderr, flush=True)
     _print_trials("velocity followed", _run_trials(recognizer, views, lambda s: s.query, timer))
     _print_trials(
         "velocity unknown",
@@ -132,7 +124,6 @@ def main() -> int:
         )
     sizes = [each.keyframe.size_bytes / 1e3 for each in views]
     print(f"a keyframe: {np.mean(sizes):.0f} kB, at most {np.max(sizes):.0f}")
-    return 0
 
 
 def _describe_view(
@@ -251,7 +242,3 @@ def _is_near(a: DescribedView, b: DescribedView) -> bool:
         inverse(a.posed_view.T_world_camera) @ b.posed_view.T_world_camera
     )
     return RecognitionTrial(distance_m, angle_deg, False).is_within(*VIEW_OFFSETS[2])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Receive times of poses in another process, measured by a plain subscriber.
 
-    python -m benchmarks.pose_arrivals ENDPOINT FILE
+    python -m benchmarks pose_arrivals ENDPOINT FILE
 
 It prints "ready" once it subscribes, and collects poses until its standard input is closed. Then it
 writes FILE (.npz). `running_recorder` starts it and returns the received poses.

@@ -1,6 +1,6 @@
 """Distance of maps of a virtual room from its true surfaces, for true and estimated poses.
 
-    python -m benchmarks.reconstruction [--seconds 20] [--seed 1] [--voxels 0.01 0.02] [--json]
+    python -m benchmarks reconstruction [--seconds 20] [--seed 1] [--voxels 0.01 0.02] [--json]
 
 The virtual Kinect has all sensor faults: depth noise and quantization, shadows, ragged edges, a
 rolling shutter, depth 10 ms after color. Each map is made with the true poses and with those of
@@ -8,24 +8,16 @@ the odometry, whose first pose is aligned with the true one. Distances are from 
 mesh to the nearest true surface.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
-import cv2
 import numpy as np
 
-from benchmarks.surface_error import SurfaceError, make_solids
-from benchmarks.virtual_room import render_with_truth, scaled_camera
+from benchmarks.harness import add_json_option, make_printer, print_json
+from benchmarks.map_error import SurfaceError, make_solids, render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
-from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
@@ -53,30 +45,24 @@ class ReconstructionBenchmarkResult:
     mesh_s: float
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.reconstruction",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--scale", type=float, default=1.0, help="image size: 0.5 = 320 x 240")
     parser.add_argument("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M")
-    parser.add_argument("--json", action="store_true", help="print one JSON object per line")
-    args = parser.parse_args()
-    cv2.setNumThreads(1)
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
     config = SyntheticConfig(
         seed=args.seed, duration_s=args.seconds, camera=scaled_camera(args.scale)
     )
-    try:
-        for result in measure(config, args.voxels):
-            print(json.dumps(asdict(result)) if args.json else format_row(result), flush=True)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    return 0
+    print_line = make_printer(args)
+    for result in measure(config, args.voxels):
+        print_line(format_row(result))
+        print_json(args, asdict(result))
 
 
 def measure(
@@ -144,7 +130,3 @@ def _track(frames: Sequence[RgbdFrame], truth: Trajectory) -> Trajectory:
             stamps_s.append(frame.stamp_s)
             poses.append(truth.T_world_camera[0] @ estimate.T_world_camera)
     return Trajectory(np.array(stamps_s), np.array(poses))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

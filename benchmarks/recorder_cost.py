@@ -1,6 +1,6 @@
 """Cost of the flight recorder: CPU time per frame in both processes, memory, and an incident.
 
-    python -m benchmarks.recorder_cost [--folder RECORDING] [--seconds 15] [--rate 30] [--json]
+    python -m benchmarks recorder_cost [--folder RECORDING] [--seconds 15] [--rate 30] [--json]
 
 Frames from memory are sent to it at a camera's rate: 640x480 with noise in color and depth, or
 those of a recording in TUM format. `service` is the process of the service, which does nothing
@@ -8,24 +8,20 @@ else; `worker` is the recorder's process. There are three phases: it only buffer
 it writes an incident at the beginning. Memory is without the ring, which both processes share.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
 import re
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import read_all_frames
+from benchmarks.harness import add_json_option, format_table, make_printer, print_json
+from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
 from vo_service.config_tables import RecorderConfig
@@ -86,32 +82,31 @@ class FramePlayer:
         return (int(fields[11]) + int(fields[12])) * CPU_TICK_S
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.recorder_cost",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--folder", type=Path, help="recording whose frames are used")
     parser.add_argument("--seconds", type=float, default=15.0, help="duration of each phase")
     parser.add_argument("--rate", type=float, default=30.0, help="frames per second")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    args = parser.parse_args()
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
     frames = _load_frames(args.folder) if args.folder else [_make_frame(seq) for seq in range(8)]
     with tempfile.TemporaryDirectory() as state:
         phases, incident_s, incident_mb = _measure(Path(state), frames, args.seconds, args.rate)
-    if args.json:
-        phases_json = [asdict(phase) for phase in phases]
-        print(json.dumps({"spells": phases_json, "incident_s": incident_s, "mb": incident_mb}))
-        return
-    print("ms per frame       service     worker  missed   MB svc MB worker  MB ring")
-    for phase in phases:
-        print(
-            f"{phase.name:18}{phase.service_ms:10.2f}{phase.worker_ms:11.2f}{phase.missed:8d}"
-            f"{phase.service_mb:9.0f}{phase.worker_mb:10.0f}{phase.ring_mb:9.0f}"
+    headings = ("service ms", "worker ms", "missed", "MB service", "MB worker", "MB ring")
+    rows = {
+        phase.name: (
+            f"{phase.service_ms:.2f}", f"{phase.worker_ms:.2f}", f"{phase.missed}",
+            f"{phase.service_mb:.0f}", f"{phase.worker_mb:.0f}", f"{phase.ring_mb:.0f}",
         )
-    print(f"an incident took {incident_s:.1f} s and {incident_mb:.0f} MB of disk")
+        for phase in phases
+    }  # fmt: skip
+    print_line = make_printer(args)
+    print_line(f"per frame\n{format_table(headings, rows)}")
+    print_line(f"an incident took {incident_s:.1f} s and {incident_mb:.0f} MB of disk")
+    print_json(args, {"spells": phases, "incident_s": incident_s, "mb": incident_mb})
 
 
 def _measure(
@@ -199,7 +194,3 @@ def _resident_mb(process: str, kind: str) -> float:
     match = re.search(rf"{kind}:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
     assert match is not None
     return int(match[1]) / 1e3
-
-
-if __name__ == "__main__":
-    main()

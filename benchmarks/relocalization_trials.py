@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.tour_frames import make_tour_frame
-from benchmarks.view_overlap import ObservedView, max_overlap
-from benchmarks.virtual_frames import THREADS
+from benchmarks.rendered_views import THREADS, ObservedView, make_tour_frame, max_overlap
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.synthetic.config import SyntheticConfig

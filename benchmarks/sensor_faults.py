@@ -1,6 +1,6 @@
 """Time until the service reports a fault of a Kinect, and until it recovers.
 
-    python -m benchmarks.sensor_faults
+    python -m benchmarks sensor_faults
 
 The real `kinect-vo run` uses a simulated Kinect; a separate subscriber receives status and poses.
 `report` is from the beginning of the fault until a status names it. `recovery` is from its end
@@ -9,7 +9,6 @@ lasts up to six seconds after its report. The table has the slowest times in sec
 """
 
 import argparse
-import sys
 import tempfile
 import time
 from functools import partial
@@ -33,14 +32,12 @@ from tests.vo_service.service_process import ServiceProcess, running_service
 DURATIONS_S = (0.0, 1.1, 2.7, 6.0)
 
 
-def main() -> int:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+
+
+def main(args: argparse.Namespace) -> int:
     """Measure and print; return 1 if a limit is exceeded."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.sensor_faults",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with make_corner_kinect(folder, write_corner_frames(folder)) as kinect:
@@ -98,7 +95,3 @@ def report(name: str, timing: FaultTiming, max_report_s: float, max_recovery_s: 
         flush=True,
     )
     return is_good
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """The same frames by every input of the service: a folder, OpenNI2, fakenect and libfreenect.
 
-    python -m benchmarks.sensor_paths FOLDER [--frames N]
+    python -m benchmarks sensor_paths FOLDER [--frames N]
 
 FOLDER is a TUM folder of 640x480 frames. It is replayed directly; as an .oni recording by the real
 libOpenNI2; as a dump by the real fakenect; and by the Kinect simulator with the real libfreenect,
@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.camera_frames import read_all_frames
+from benchmarks.tracking import read_all_frames
 from drivers.calibration import find_calibration, format_calibration
 from drivers.camera import PlaybackMode
 from drivers.core.trajectory import Trajectory, read_trajectory
@@ -51,19 +51,16 @@ class InputPath:
     environment: Mapping[str, str]
 
 
-def main() -> int:
-    """Run each input and print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.sensor_paths",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", type=Path)
     parser.add_argument("--frames", type=int, default=None, help="use only the first N frames")
-    args = parser.parse_args()
+
+
+def main(args: argparse.Namespace) -> None:
+    """Run each input and print the table."""
     with tempfile.TemporaryDirectory() as scratch:
         compare(args.folder, args.frames, Path(scratch))
-    return 0
 
 
 def compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
@@ -155,7 +152,3 @@ def max_distance_m(estimated: Trajectory, reference: Trajectory) -> float:
         float(np.linalg.norm(T[:3, 3] - position[round(stamp_s, 3)]))
         for stamp_s, T in zip(estimated.stamps_s, estimated.T_world_camera, strict=True)
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Soak test of the whole service on a simulated Kinect: lost frames, CPU time and memory.
 
-    python -m benchmarks.sensor_soak [--minutes 10] [--patient]
+    python -m benchmarks sensor_soak [--minutes 10] [--patient]
 
 The real `kinect-vo run` at 30 frames per second; a separate subscriber receives every pose and
 status. The Kinect's clock wraps a third into the run, or 20 s into a long one, and every 71.6 s
@@ -9,7 +9,6 @@ after that. Like a real bus, the simulator loses packets of a driver that is lat
 """
 
 import argparse
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -45,16 +44,14 @@ class SensorSoakSample:
     memory_kb: tuple[int, int]
 
 
-def main() -> int:
-    """Run and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.sensor_soak",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--minutes", type=float, default=10.0, help="duration (default: 10)")
     parser.add_argument("--patient", action="store_true", help="lose no packets on the bus")
-    args = parser.parse_args()
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run and print."""
     seconds = 60.0 * args.minutes
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -149,7 +146,3 @@ def report_costs(first: SensorSoakSample, early: SensorSoakSample, last: SensorS
             f"{early.memory_kb[which] / 1e3:.1f} MB after {early.time_s - first.time_s:.0f} s, "
             f"{last.memory_kb[which] / 1e3:.1f} MB at the end"
         )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Latency from a frame's arrival until another process has its pose, under disturbances.
 
-    python -m benchmarks.service_latency [--seconds 20] [--rounds 3] [--case NAME] [--quick]
+    python -m benchmarks service_latency [--seconds 20] [--rounds 3] [--case NAME] [--quick]
 
 The real `kinect-vo run` on the virtual Kinect at 30 frames per second, with a viewer that records
 the images, and a subscriber in a separate process. Each case has a disturbance: a frozen, killed or
@@ -29,7 +29,7 @@ import numpy as np
 
 from benchmarks.interference import CASES, InterferenceCase, InterferenceSetup
 from benchmarks.pose_arrivals import ArrivalRecorder, running_recorder
-from benchmarks.processor_use import ProcessorUse, descendants_of, measure_processor_use
+from benchmarks.service_load import ProcessorUse, descendants_of, measure_processor_use
 from drivers.core.files import cache_folder
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
@@ -60,9 +60,18 @@ class LatencyResult:
     status: StatusContent
 
 
-def main() -> int:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="duration of a run (default: 20)"
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="runs of each case (default: 3)")
+    parser.add_argument("--case", action="append", choices=[case.name for case in CASES])
+    parser.add_argument("--quick", action="store_true", help="one round of 6 seconds")
+
+
+def main(args: argparse.Namespace) -> int:
     """Measure and print."""
-    args = parse_arguments()
     seconds, rounds = (6.0, 1) if args.quick else (args.seconds, args.rounds)
     chosen = [case for case in CASES if not args.case or case.name in args.case]
     prerender_room()
@@ -73,22 +82,6 @@ def main() -> int:
             runs[case.name].append(run(case, seconds))
     outcomes = {name: combine_runs(each) for name, each in runs.items()}
     return report(outcomes, seconds * rounds)
-
-
-def parse_arguments() -> argparse.Namespace:
-    """Parse the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.service_latency",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=20.0, help="duration of a run (default: 20)"
-    )
-    parser.add_argument("--rounds", type=int, default=3, help="runs of each case (default: 3)")
-    parser.add_argument("--case", action="append", choices=[case.name for case in CASES])
-    parser.add_argument("--quick", action="store_true", help="one round of 6 seconds")
-    return parser.parse_args()
 
 
 def prerender_room() -> None:
@@ -218,7 +211,3 @@ def report_line(name: str, outcome: LatencyResult, base: LatencyResult) -> bool:
         f"{outcome.steal_percent:5.1f}%  {verdict}"
     )
     return not is_good
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Soak test of the whole service for hundreds of thousands of frames: growth of its resources.
 
-    python -m benchmarks.service_soak STATE.json [--frames 200000] [--rate 60] [--plot FILE.png]
+    python -m benchmarks service_soak STATE.json [--frames 200000] [--rate 60] [--plot FILE.png]
 
 The real `kinect-vo run` plays the virtual Kinect's 300 frames in a loop at `--rate`. A subscriber
 receives every pose, the viewer records into rotating files, and the flight recorder runs. Every
@@ -16,13 +16,15 @@ import argparse
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 
 from benchmarks.pose_arrivals import wall_clock_offset_s
-from benchmarks.processor_use import descendants_of, measure_processor_use
-from benchmarks.soak_plot import save_plot
+from benchmarks.service_load import descendants_of, measure_processor_use
 from benchmarks.soak_record import SoakRecord, SoakSample, check_soak
 from drivers.core.files import cache_folder
 from drivers.synthetic.config import SyntheticConfig
@@ -32,6 +34,23 @@ from tests.vo_service.service_process import ServiceProcess, running_service
 from vo_service.config import read_config
 from vo_service.terminal import Terminal
 
+PlottedFigure = tuple[str, Callable[[SoakSample], float]]
+PANELS: tuple[tuple[str, tuple[PlottedFigure, ...]], ...] = (
+    (
+        "memory, MB",
+        (("service", lambda s: s.service_mb), ("its children", lambda s: s.others_mb)),
+    ),
+    (
+        "count",
+        (
+            ("open handles", lambda s: s.handles),
+            ("threads", lambda s: s.threads),
+            ("children", lambda s: s.children),
+        ),
+    ),
+    ("latency, ms", (("median", lambda s: s.p50_ms), ("99 %", lambda s: s.p99_ms))),
+    ("CPU, ms per frame", (("all processes", lambda s: s.cpu_ms),)),
+)
 SAMPLE_FRAMES = 1000
 # The service stores the processor times of its last 20,000 frames; until then its memory grows.
 WARM_UP_FRAMES = 25_000
@@ -61,9 +80,56 @@ timing = {{ readout_s = 0.0, skew_s = 0.0 }}
 """
 
 
-def main() -> int:
+def save_plot(record: SoakRecord, file: Path) -> None:
+    """Plot all samples; dotted lines mark restarts of the service."""
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    before = [sum(s.frame for s in _run_ends(record)[:run]) for run in range(record.runs)]
+    at = [(before[sample.run] + sample.frame) / 1000 for sample in record.samples]
+    figure, axes = pyplot.subplots(len(PANELS), 1, sharex=True, figsize=(8, 9), layout="tight")
+    for axis, (label, lines) in zip(axes, PANELS, strict=True):
+        _draw(axis, label, lines, at, record)
+        for frames in before[1:]:
+            axis.axvline(frames / 1000, color="gray", linestyle=":")
+    axes[-1].set_xlabel("thousand frames")
+    figure.savefig(file, dpi=100)
+    pyplot.close(figure)
+
+
+def _draw(
+    axis: Axes, label: str, lines: tuple[PlottedFigure, ...], at: list[float], record: SoakRecord
+) -> None:
+    for name, value in lines:
+        axis.plot(at, [value(sample) for sample in record.samples], label=name, linewidth=1)
+    axis.set_ylabel(label)
+    axis.set_ylim(bottom=0)
+    axis.grid(visible=True, alpha=0.3)
+    axis.legend(loc="lower right", fontsize="small")
+
+
+def _run_ends(record: SoakRecord) -> list[SoakSample]:
+    return list({sample.run: sample for sample in record.samples}.values())
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("state", type=Path, help="file of samples; an existing one is continued")
+    parser.add_argument(
+        "--frames", type=int, default=200_000, help="total frames (default: 200000)"
+    )
+    parser.add_argument("--rate", type=float, default=60.0, help="frames per second (default: 60)")
+    parser.add_argument(
+        "--warm-up",
+        type=int,
+        default=WARM_UP_FRAMES,
+        help="skipped frames of each run (default: 25000)",
+    )
+    parser.add_argument("--plot", type=Path, help="plot to write")
+
+
+def main(args: argparse.Namespace) -> int:
     """Run until all poses are received, then evaluate."""
-    args = parse_arguments()
     record = SoakRecord.load(args.state)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -79,28 +145,6 @@ def main() -> int:
     if args.plot is not None:
         save_plot(record, args.plot)
     return report(record, args.warm_up)
-
-
-def parse_arguments() -> argparse.Namespace:
-    """Parse the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.service_soak",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("state", type=Path, help="file of samples; an existing one is continued")
-    parser.add_argument(
-        "--frames", type=int, default=200_000, help="total frames (default: 200000)"
-    )
-    parser.add_argument("--rate", type=float, default=60.0, help="frames per second (default: 60)")
-    parser.add_argument(
-        "--warm-up",
-        type=int,
-        default=WARM_UP_FRAMES,
-        help="skipped frames of each run (default: 25000)",
-    )
-    parser.add_argument("--plot", type=Path, help="plot to write")
-    return parser.parse_args()
 
 
 def prerender_room(folder: Path, config: str) -> None:
@@ -187,7 +231,3 @@ def report(record: SoakRecord, warm_up: int) -> int:
             f"{'pass' if each.is_within_limit else 'FAIL'}"
         )
     return 0 if all(each.is_within_limit for each in judged) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Dropped frames on a machine that is too slow, with and without `load.adapt`.
 
-    python -m benchmarks.slow_machine [--percent 60 --percent 40] [--seconds 30] [--rounds 2]
+    python -m benchmarks slow_machine [--percent 60 --percent 40] [--seconds 30] [--rounds 2]
 
 The real `kinect-vo run` on the virtual Kinect at 30 frames per second, with a recording viewer and
 a subscriber. Once it runs, all its processes together are limited to a percentage of one processor
@@ -21,9 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
-from benchmarks.processor_limit import limit_processor
-from benchmarks.processor_use import descendants_of, measure_processor_use
 from benchmarks.service_latency import prerender_room
+from benchmarks.service_load import descendants_of, limit_processor, measure_processor_use
 from tests.vo_service.service_process import ServiceProcess, running_service
 
 WARM_UP_S = 6.0
@@ -44,9 +43,19 @@ class SlowMachineResult:
     steal_percent: float
 
 
-def main() -> int:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "--percent", type=float, action="append", help="limit, percent of one processor"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=30.0, help="duration of a run (default: 30)"
+    )
+    parser.add_argument("--rounds", type=int, default=2, help="runs of each case (default: 2)")
+
+
+def main(args: argparse.Namespace) -> int:
     """Measure and print."""
-    args = parse_arguments()
     prerender_room()
     percents = args.percent or PERCENTS
     runs: dict[tuple[float, bool], list[SlowMachineResult]] = {}
@@ -58,23 +67,6 @@ def main() -> int:
                 )
                 runs.setdefault((percent, adapts), []).append(run(percent, adapts, args.seconds))
     return report(runs)
-
-
-def parse_arguments() -> argparse.Namespace:
-    """Parse the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.slow_machine",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--percent", type=float, action="append", help="limit, percent of one processor"
-    )
-    parser.add_argument(
-        "--seconds", type=float, default=30.0, help="duration of a run (default: 30)"
-    )
-    parser.add_argument("--rounds", type=int, default=2, help="runs of each case (default: 2)")
-    return parser.parse_args()
 
 
 def run(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
@@ -154,7 +146,3 @@ def report(runs: dict[tuple[float, bool], list[SlowMachineResult]]) -> int:
 def total_dropped(outcomes: Sequence[SlowMachineResult]) -> int:
     """Number of dropped frames in all runs."""
     return sum(each.dropped for each in outcomes)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,31 +1,25 @@
 """CPU time of each stage of the odometry, compared with its budget.
 
-    python -m benchmarks.stage_budget FOLDER... [--method direct] [--every 1] [--json]
+    python -m benchmarks stage_budget FOLDER... [--method direct] [--every 1] [--json]
 
 Each FOLDER is a TUM folder. Times are CPU milliseconds of one thread, without decoding. "mean" is
 over all frames: the means add up to the cost of a frame, and the budget is for them. The other
 figures are over the frames in which the stage ran. Exit code 1 if a mean exceeds its budget.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import json
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from benchmarks.camera_frames import read_all_frames
+from benchmarks.harness import add_json_option, make_printer, print_json
+from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.errors import UserFacingError
+from drivers.core.errors import InputError
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, MethodConfig, warm_up
@@ -66,37 +60,29 @@ class StageTiming:
         return self.budget is not None and self.mean > self.budget
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.stage_budget",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    args = parser.parse_args()
+    add_json_option(parser)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Measure and print."""
     if args.every < 1:
-        parser.error(f"--every {args.every}: must be at least 1")
-    cv2.setNumThreads(1)
+        raise InputError(f"--every {args.every}: must be at least 1")
     warm_up(args.method, lambda stage: None)
     results: dict[str, dict[str, StageTiming]] = {}
-    try:
-        for folder in args.folder:
-            with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-                frames = islice(read_all_frames(camera), None, None, args.every)
-                results[str(folder)] = compare_with_budget(
-                    args.method, list(stage_times(args.method, frames))
-                )
-            if not args.json:
-                print(f"{folder}\n{format_table(results[str(folder)])}\n", flush=True)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    if args.json:
-        print(json.dumps({name: _to_json(stages) for name, stages in results.items()}))
+    print_line = make_printer(args)
+    for folder in args.folder:
+        with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+            frames = islice(read_all_frames(camera), None, None, args.every)
+            results[str(folder)] = compare_with_budget(
+                args.method, list(stage_times(args.method, frames))
+            )
+        print_line(f"{folder}\n{format_stages(results[str(folder)])}\n")
+    print_json(args, results)
     return int(any(spent.is_over for stages in results.values() for spent in stages.values()))
 
 
@@ -127,7 +113,7 @@ def compare_with_budget(
     }
 
 
-def format_table(stages: Mapping[str, StageTiming]) -> str:
+def format_stages(stages: Mapping[str, StageTiming]) -> str:
     """Format the table, one line for each stage."""
     lines = [HEAD]
     for stage, spent in stages.items():
@@ -138,11 +124,3 @@ def format_table(stages: Mapping[str, StageTiming]) -> str:
             limit = f"{spent.budget:8.1f}{spent.mean / spent.budget:8.0%}"
         lines.append(f"{stage:<12}{spent.frames:8d}{cells}{limit}{'  OVER' * spent.is_over}")
     return "\n".join(lines)
-
-
-def _to_json(stages: Mapping[str, StageTiming]) -> dict[str, object]:
-    return {stage: asdict(spent) for stage, spent in stages.items()}
-
-
-if __name__ == "__main__":
-    sys.exit(main())

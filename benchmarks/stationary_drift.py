@@ -1,6 +1,6 @@
 """Drift of a stationary camera's pose, by default over an hour of frames.
 
-    python -m benchmarks.stationary_drift [--minutes 60] [--seed 1] [--method direct]
+    python -m benchmarks stationary_drift [--minutes 60] [--seed 1] [--method direct]
 
 The virtual Kinect of config/sequences/still.toml stands still, with rolling shutter, skew, hunting
 exposure and fresh noise in each frame. Each minute of frames prints a line: the frames so far and
@@ -9,21 +9,15 @@ minute's mean from that of the first; and the processor time of a frame. An hour
 less than an hour of one core.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import sys
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from benchmarks.hard_cases import STILL, case_config
-from benchmarks.static_views import StaticView
+from benchmarks.rendered_sequences import StaticView
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, so3_log
 from vo_service.odometry.profiling import CpuStageTimer
@@ -99,18 +93,15 @@ def format_row(minutes: int, result: DriftResult) -> str:
     return f"{minutes:7}{result.frames:8}{result.lost:6}{errors}{result.cpu_ms:6.2f} ms"
 
 
-def main() -> int:
-    """Render the view, track it, and print a line each minute."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.stationary_drift",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("--minutes", type=int, default=60, help="minutes of frames")
     parser.add_argument("--seed", type=int, default=1, help="seed of the room and of the noise")
     parser.add_argument("--method", choices=METHODS, default="direct")
-    args = parser.parse_args()
-    cv2.setNumThreads(1)
+
+
+def main(args: argparse.Namespace) -> None:
+    """Render the view, track it, and print a line each minute."""
     config = replace(case_config(STILL), seed=args.seed)
     warm_up(args.method, lambda stage: None)
     minute_frames = round(60 * config.rate_hz)
@@ -118,8 +109,3 @@ def main() -> int:
     frames = StaticView.render(config).frames(args.minutes * minute_frames)
     for minutes, result in enumerate(measure_drift(args.method, frames, minute_frames), 1):
         print(format_row(minutes, result), flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

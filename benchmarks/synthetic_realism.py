@@ -1,6 +1,6 @@
 """Realism of the virtual Kinect: errors of simple pipelines along a real hand's track.
 
-    python benchmarks/synthetic_realism.py TRACK [--start-s 0.1] [--frames 360] [--folder RECORDING]
+    python -m benchmarks synthetic_realism TRACK [--start-s 0.1] [--frames 360] [--folder RECORDING]
 
 TRACK is a TUM trajectory file. SIFT and ORB features are matched from frame to frame (ratio test,
 cross-check) and lifted to 3-D by the depth; RANSAC and SVD fit the motion. It prints the error of
@@ -170,9 +170,8 @@ def report(name: str, views: list[RealismView]) -> None:
     print(line, flush=True)
 
 
-def main() -> None:
-    """Run the selected variants."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("track", type=Path, help="trajectory of a real hand, in TUM format")
     parser.add_argument(
         "--start-s", type=float, default=0.1, help="start in the track, seconds (%(default)s)"
@@ -186,16 +185,19 @@ def main() -> None:
         "--only", nargs="+", default=["default", "pinhole", "freiburg1", "ideal"],
         help="sensors: all faults, without lens, with another lens, no faults (%(default)s)",
     )  # fmt: skip
-    options = parser.parse_args()
-    if options.folder is not None:
-        report(options.folder.name, load_views(options.folder, FREIBURG1, 5000.0))
+
+
+def main(args: argparse.Namespace) -> None:
+    """Run the selected variants."""
+    if args.folder is not None:
+        report(args.folder.name, load_views(args.folder, FREIBURG1, 5000.0))
     driven = {
-        "track": options.track,
-        "track_start_s": options.start_s,
-        "duration_s": options.frames / 30.0,
+        "track": args.track,
+        "track_start_s": args.start_s,
+        "duration_s": args.frames / 30.0,
         "camera": FREIBURG1,
     }
-    for seed in options.seeds:
+    for seed in args.seeds:
         default = replace(SyntheticConfig(), seed=seed, **driven)
         ideal = replace(SyntheticConfig.ideal(), seed=seed, **driven)
         variants = {
@@ -204,9 +206,5 @@ def main() -> None:
             "freiburg1": replace(default, color=replace(default.color, distortion=FREIBURG1_LENS)),
             "ideal": ideal,
         }
-        for name in options.only:
+        for name in args.only:
             report(f"seed {seed} {name}", render_views(variants[name]))
-
-
-if __name__ == "__main__":
-    main()

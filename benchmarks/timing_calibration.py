@@ -1,6 +1,6 @@
 """Accuracy of `calibrate --timing` on virtual rooms along recorded hand motions.
 
-    python -m benchmarks.timing_calibration TRACKS OUTPUT [--only NAME ...]
+    python -m benchmarks timing_calibration TRACKS OUTPUT [--only NAME ...]
 
 TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, of the TUM RGB-D benchmark's
 freiburg1 desk, rpy and xyz. The sequences are rendered into OUTPUT; complete ones are not rendered
@@ -15,11 +15,8 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
-
-from benchmarks.camera_frames import read_all_frames
 from benchmarks.rendered_sequences import render_all
-from drivers.core.errors import UserFacingError
+from benchmarks.tracking import read_all_frames
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.tum.camera import TumCamera
 from vo_service.tools.calibration.timing_measurement import TimingMeasurement
@@ -65,31 +62,23 @@ CASES = {
 }
 
 
-def main() -> int:
-    """Render, measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.timing_calibration",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("tracks", type=Path, help="folder of trajectories")
     parser.add_argument("output", type=Path, help="folder of the sequences")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    args = parser.parse_args()
-    cv2.setNumThreads(1)
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-        sequences = {args.output / name: CASES[name].config(args.tracks) for name in args.only}
-        render_all(sequences, lambda line: print(line, file=sys.stderr), args.processes)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
+
+
+def main(args: argparse.Namespace) -> None:
+    """Render, measure and print."""
+    args.output.mkdir(parents=True, exist_ok=True)
+    sequences = {args.output / name: CASES[name].config(args.tracks) for name in args.only}
+    render_all(sequences, lambda line: print(line, file=sys.stderr), args.processes)
     print(ROW.format("sequence", "readout, ms", "estimate", "late, ms", "estimate", "CPU, s"))
     print("|---|---|---|---|---|---|")
     for name in args.only:
         print(_row(name, CASES[name], args.output / name), flush=True)
-    return 0
 
 
 def _row(name: str, case: TimingCase, folder: Path) -> str:
@@ -103,7 +92,3 @@ def _row(name: str, case: TimingCase, folder: Path) -> str:
     return ROW.format(
         name, f"{case.readout_ms:g}", readout, f"{case.skew_ms:g}", late, f"{spent_s:.0f}"
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

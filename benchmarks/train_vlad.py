@@ -1,6 +1,6 @@
 """Trains the VLAD vocabulary of place recognition on recordings in TUM format.
 
-    python -m benchmarks.train_vlad FOLDER...
+    python -m benchmarks train_vlad FOLDER...
 
 It writes vo_service/slam/place_recognition/vlad_vocabulary.npy: the integer centers of k-means
 clusters of SURF descriptors. The same folders give the same vocabulary. Measure place recognition
@@ -8,7 +8,6 @@ on other recordings than these.
 """
 
 import argparse
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,9 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.camera_frames import read_all_frames
+from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
-from drivers.core.errors import UserFacingError
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.slam import place_recognition
@@ -29,25 +27,18 @@ CLUSTERS, FEATURES_PER_IMAGE, FRAME_STRIDE = 32, 500, 30
 MAX_ITERATIONS, ATTEMPTS = 100, 3
 
 
-def main() -> int:
-    """Train the vocabulary and write it."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.train_vlad",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folders", nargs="+", type=Path, help="training recordings")
     parser.add_argument("--count", type=int, default=CLUSTERS, help="number of visual words")
     parser.add_argument("--output", type=Path, default=OUTPUT)
-    args = parser.parse_args()
-    try:
-        descriptors = np.concatenate([d for f in args.folders for d in extract_descriptors(f)])
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
+
+
+def main(args: argparse.Namespace) -> None:
+    """Train the vocabulary and write it."""
+    descriptors = np.concatenate([d for f in args.folders for d in extract_descriptors(f)])
     np.save(args.output, fit_centers(descriptors, args.count))
     print(f"{args.count} visual words of {len(descriptors)} features in {args.output}")
-    return 0
 
 
 def extract_descriptors(folder: Path) -> Iterator[NDArray[np.float32]]:
@@ -68,7 +59,3 @@ def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8
     )
     whole = np.clip(np.rint(centers), -127, 127).astype(np.int8)
     return whole[np.lexsort(whole.T[::-1])]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

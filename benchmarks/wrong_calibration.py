@@ -1,27 +1,18 @@
 """Errors from a wrong calibration: the same recordings with one changed camera parameter.
 
-    python -m benchmarks.wrong_calibration FOLDER... [--method direct]
+    python -m benchmarks wrong_calibration FOLDER... [--method direct]
 
 It prints ATE RMSE, mean global error and RPE over a second, in millimeters, and the frames without
 a pose. The calibration of the recordings must be exact: use rendered ones.
 """
 
-import benchmarks.one_thread  # noqa: F401
-
-# isort: split
-
 import argparse
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
-
-from benchmarks.camera_frames import read_all_frames
-from benchmarks.odometry import evaluate_trajectory
+from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.errors import UserFacingError
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
@@ -29,26 +20,18 @@ from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 CalibrationError = Callable[[RgbdFrame], RgbdFrame]
 
 
-def main() -> int:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.wrong_calibration",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
     parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
-    args = parser.parse_args()
-    cv2.setNumThreads(1)
-    try:
-        for folder in args.folder:
-            print(f"{folder}\n{'':28}{'ATE':>10}{'global':>10}{'RPE/1s':>10}{'failed':>10}")
-            for name, change in make_calibration_errors().items():
-                print(f"{name:28}" + format_row(folder, args.method, change), flush=True)
-    except UserFacingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_code
-    return 0
+
+
+def main(args: argparse.Namespace) -> None:
+    """Measure and print."""
+    for folder in args.folder:
+        print(f"{folder}\n{'':28}{'ATE':>10}{'global':>10}{'RPE/1s':>10}{'failed':>10}")
+        for name, change in make_calibration_errors().items():
+            print(f"{name:28}" + format_row(folder, args.method, change), flush=True)
 
 
 def make_calibration_errors() -> Mapping[str, CalibrationError]:
@@ -97,7 +80,3 @@ def _center(frame: RgbdFrame, shift_px: float) -> RgbdFrame:
 
 def _scale(frame: RgbdFrame, factor: float) -> RgbdFrame:
     return replace(frame, depth_factor=frame.depth_factor / factor)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

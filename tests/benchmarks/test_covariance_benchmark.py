@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.covariance_measure import NormalizedErrorCollector
-from benchmarks.covariance_sequences import make_configs
+from benchmarks.covariance import NormalizedErrorCollector, make_configs
 from drivers.core.geometry import Array, inverse, rigid_transform
 from vo_service.types import Estimate
 

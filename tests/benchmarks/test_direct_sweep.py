@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 
 from benchmarks import direct_sweep
+from benchmarks.__main__ import main
 from benchmarks.direct_sweep import (
     BASELINE,
     format_row,
-    main,
     parse_change,
     scale_parameter,
     swept_parameters,
 )
-from benchmarks.result_cache import Json
+from benchmarks.harness import Json
 from vo_service.odometry.direct import parameters
 
 GOOD = {"ate_m": 0.00123, "global_m": 0.0045, "lost": 0, "gross": 0}
@@ -62,9 +62,8 @@ def test_stored_rows_are_not_computed_again(
         return dict.fromkeys(recordings, GOOD)
 
     monkeypatch.setattr(direct_sweep, "run_in_subprocess", row)
-    arguments = ["sweep", str(tmp_path / "kept"), "desk", "--of", "SIGMAS=6.0"]
+    arguments = ["direct_sweep", str(tmp_path / "kept"), "desk", "--of", "SIGMAS=6.0"]
     for _ in range(2):
-        monkeypatch.setattr(sys, "argv", arguments)
-        assert main() == 0
+        assert main(arguments) == 0
     assert made == [BASELINE, "SIGMAS=6.0"]
     assert capsys.readouterr().out.count("SIGMAS=6.0") == 2

@@ -1,7 +1,6 @@
 """The scores of the feature benchmark."""
 
 import json
-import sys
 import time
 from pathlib import Path
 
@@ -10,8 +9,15 @@ import numpy as np
 import pytest
 
 from benchmarks import features
-from benchmarks.feature_methods import FeatureSet, make_opencv_method
-from benchmarks.feature_scores import is_inside, scale_at, score_features, transform_points
+from benchmarks.__main__ import main
+from benchmarks.feature_scores import (
+    FeatureSet,
+    is_inside,
+    make_opencv_method,
+    scale_at,
+    score_features,
+    transform_points,
+)
 from benchmarks.features import measure_cost
 from benchmarks.image_transforms import (
     Gray,
@@ -141,9 +147,8 @@ def test_an_image_without_features_scores_nothing() -> None:
     assert (result.max_repeatable, result.repeated, result.matches, result.correct) == (0, 0, 0, 0)
 
 
-def benchmark(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["features", *map(str, arguments)])
-    return features.main()
+def benchmark(*arguments: object) -> int:
+    return main(["features", *map(str, arguments)])
 
 
 def test_the_cost_is_the_processor_time_of_one_round() -> None:
@@ -163,14 +168,14 @@ def test_pictures_and_folders_are_measured_by_all_three(
 ) -> None:
     picture = tmp_path / "texture.png"
     cv2.imwrite(str(picture), texture()[:120, :160])
-    assert benchmark(monkeypatch, picture, "--json") == 0
+    assert benchmark(picture, "--json") == 0
     results = json.loads(capsys.readouterr().out)
     assert list(results) == ["SURF", "SIFT", "ORB"]
     for result in results.values():
         assert 0.2 < result["repeatability"] <= 1
         assert 0.5 < result["precision"] <= 1
     assert (
-        features.format_table(
+        features.format_scores(
             {name: features.FeatureBenchmarkResult(**r) for name, r in results.items()}
         ).count("\n")
         == 3
@@ -181,7 +186,7 @@ def test_a_file_that_is_not_an_image_is_a_clear_error(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (tmp_path / "notes.txt").write_text("not an image")
-    assert benchmark(monkeypatch, tmp_path / "notes.txt") == 2
+    assert benchmark(tmp_path / "notes.txt") == 2
     assert capsys.readouterr().err.endswith("notes.txt: not a readable image\n")
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import fleet
-from benchmarks.fleet_files import write_fleet_files
+from benchmarks.__main__ import main
+from benchmarks.fleet import write_fleet_files
 from tests.ports import free_port
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session_check import check_session_config
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.subprocess
 
 
 def test_a_small_fleet_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    assert fleet.main(["--robots", "2", "--seconds", "1", "--processes", "2"]) == 0
+    assert main(["fleet", "--robots", "2", "--seconds", "1", "--processes", "2"]) == 0
     head, _, row = capsys.readouterr().out.splitlines()
     cells = dict(zip(head.split(" | "), row.split(" | "), strict=True))
     assert (cells["poses"], cells["lost"]) == ("60", "0")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.frame_corruption import (
+from benchmarks.recovery import (
     CORRUPTIONS,
     FrameCorruption,
     SwingMotion,

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.hard_cases import CASES, case_config, format_row
-from benchmarks.hard_cases_measure import longest_gap_s, measure
+from benchmarks.hard_cases import CASES, case_config, format_row, measure_creep, measure_stationary
 from benchmarks.rendered_sequences import render
-from benchmarks.slow_cases_measure import measure_creep, measure_stationary
+from benchmarks.tracking import longest_gap_s, measure
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.fault_injection import Fault, FaultKind

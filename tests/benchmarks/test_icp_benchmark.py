@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.icp_methods import OPENCV, OURS, OURS_FRAME_TO_FRAME, make_methods
+from benchmarks.icp import OPENCV, OURS, OURS_FRAME_TO_FRAME, make_methods
 from tests.forked_process import run_module
 from tests.vo_service.odometry.icp.depth_views import (
     CAMERA,
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.subprocess
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return run_module("benchmarks.icp", *arguments)
+    return run_module("benchmarks", "icp", *arguments)
 
 
 def test_every_method_is_measured(recording: Path) -> None:

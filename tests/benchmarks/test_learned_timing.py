@@ -1,7 +1,6 @@
 """Learned timing of random virtual Kinects, and of recordings that begin later."""
 
 import shutil
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -9,18 +8,22 @@ import numpy as np
 import pytest
 
 from benchmarks import learned_timing
-from benchmarks.accuracy import Accuracy
-from benchmarks.hard_cases_measure import TrackedSequence
-from benchmarks.learned_timing import format_row, format_summary, main
-from benchmarks.learned_timing_measure import LearnedTiming, evaluate_timing
+from benchmarks.__main__ import main
+from benchmarks.learned_timing import (
+    LearnedTiming,
+    evaluate_timing,
+    format_row,
+    format_summary,
+)
 from benchmarks.learned_timing_sensors import (
     MAX_READOUT_S,
     RandomSensor,
     make_random_sensor,
+    measure_start,
     tell_exactly,
     tell_nothing,
 )
-from benchmarks.learned_timing_starts import measure_start
+from benchmarks.tracking import Accuracy, TrackedSequence
 from drivers.camera import PinholeCamera, TimingSource
 from drivers.core.errors import InputError
 from tests.vo_service.fakes import good_estimate, make_frame
@@ -126,14 +129,14 @@ def test_a_measured_sequence_is_not_rendered_again(
 ) -> None:
     monkeypatch.setattr(learned_timing, "make_random_sensor", small_sensor)
     arguments = ["learned_timing", str(tmp_path), "--seeds", "5", "--seconds", "0.4"]
-    monkeypatch.setattr(sys, "argv", [*arguments, "--processes", "1"])
-    assert main() == 0
+    arguments += ["--processes", "1"]
+    assert main(arguments) == 0
     first = capsys.readouterr()
     assert first.err.count("rendered") == 2
     assert [line.split()[1] for line in first.out.splitlines()[2:4]] == ["5-0.4s", "5-0.4s-global"]
     assert "1 seeds: median ATE ratio" in first.out
     shutil.rmtree(tmp_path / "5-0.4s")
-    assert main() == 0
+    assert main(arguments) == 0
     assert not (tmp_path / "5-0.4s").exists()
     assert capsys.readouterr().out == first.out
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import multi_session, multi_session_measure
-from benchmarks.multi_session_measure import (
+from benchmarks import multi_session
+from benchmarks.multi_session import (
     SessionStartResult,
     TourSequence,
     build_map,
     relocalize_in_map,
 )
-from benchmarks.tour_frames import compute_true_poses, make_tour_config
+from benchmarks.rendered_views import compute_true_poses, make_tour_config
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import T_BODY_CAMERA, inverse
 from drivers.synthetic.fault_injection import RenderedImages
@@ -74,7 +74,7 @@ def test_finished_seeds_are_not_measured_again(
     monkeypatch.setattr(multi_session, "open_cached_sequence", lambda *place: tour.images)
     monkeypatch.setattr(multi_session, "compute_true_poses", lambda config: tour.T_room_camera)
     monkeypatch.setattr(multi_session, "MAX_FRAMES", 10)
-    monkeypatch.setattr(multi_session_measure, "MAX_FRAMES", 10)
+    monkeypatch.setattr(multi_session, "MAX_FRAMES", 10)
     args = argparse.Namespace(folder=tmp_path, seeds=[1], starts=2, method="direct")
     first = multi_session.run(args)
     assert len(first) == 2

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.odometry_methods import METHODS, make_odometry
+from benchmarks.odometry import METHODS, make_odometry
 from tests.forked_process import run_module
 from tests.vo_service.odometry.synthetic_views import make_frame, render_corner
 from vo_service.odometry.profiling import NullStageTimer
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.subprocess
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return run_module("benchmarks.odometry", *arguments)
+    return run_module("benchmarks", "odometry", *arguments)
 
 
 def test_each_method_is_measured_on_each_folder(recording: Path) -> None:

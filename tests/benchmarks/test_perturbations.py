@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.harness import Json
 from benchmarks.perturbations import (
     MAX_DELAY_ERROR_S,
     MAX_FOCAL_ERROR_PX,
@@ -15,13 +16,12 @@ from benchmarks.perturbations import (
     format_spread,
     make_perturbation,
 )
-from benchmarks.result_cache import Json
 from tests.forked_process import run_module
 from tests.vo_service.fakes import make_frame
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return run_module("benchmarks.perturbations", *arguments)
+    return run_module("benchmarks", "perturbations", *arguments)
 
 
 def result(ate_m: float | None, failed: int = 0) -> Json:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import relocalization
-from benchmarks.relocalization_measure import RelocalizationOutcome, evaluate_trial, summarize
+from benchmarks.relocalization import RelocalizationOutcome, evaluate_trial, summarize
 from benchmarks.relocalization_trials import (
     FRAMES_AFTER,
     FRAMES_BEFORE,
@@ -19,8 +19,12 @@ from benchmarks.relocalization_trials import (
     choose_trials,
     trial_frames,
 )
-from benchmarks.tour_frames import compute_true_poses, make_tour_config
-from benchmarks.view_overlap import ObservedView, max_overlap
+from benchmarks.rendered_views import (
+    ObservedView,
+    compute_true_poses,
+    make_tour_config,
+    max_overlap,
+)
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from drivers.synthetic.config import SyntheticConfig

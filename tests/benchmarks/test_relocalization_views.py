@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.relocalization_views import (
+from benchmarks.rendered_views import (
     VIEW_OFFSETS,
     PiecewiseMotion,
     poses_around,

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.mocap_sequences import TIMINGS, make_configs
-from benchmarks.rendered_sequences import is_complete, render, render_all
-from benchmarks.static_views import StaticView
+from benchmarks.rendered_sequences import StaticView, is_complete, render, render_all
 from drivers.camera import PinholeCamera
 from drivers.core.errors import InputError
 from drivers.synthetic.config import MotionKind, SyntheticConfig

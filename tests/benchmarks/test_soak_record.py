@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.soak_plot import save_plot
+from benchmarks.service_soak import save_plot
 from benchmarks.soak_record import SoakRecord, SoakSample, check_soak, slope
 
 FLAT = SoakSample(

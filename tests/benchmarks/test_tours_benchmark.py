@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 
 from benchmarks import tours
-from benchmarks.result_cache import ResultCache
-from benchmarks.runners import LoopClosureRecord, OdometryRunner
-from benchmarks.tour_frames import compute_true_poses, make_tour_config, render_frames
-from benchmarks.tour_measure import run_tour, summarize
-from benchmarks.tour_plot import save_plot
-from benchmarks.tour_record import TourRecord
-from benchmarks.virtual_frames import PREFETCH_COUNT, prefetch
+from benchmarks.harness import ResultCache
+from benchmarks.rendered_views import (
+    PREFETCH_COUNT,
+    compute_true_poses,
+    make_tour_config,
+    prefetch,
+    render_frames,
+)
+from benchmarks.tour_record import LoopClosureRecord, OdometryRunner, TourRecord, save_plot
+from benchmarks.tours import run_tour, summarize
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse

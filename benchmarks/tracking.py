@@ -1,15 +1,14 @@
-"""Tracking errors of a method on one hard sequence."""
+"""Tracking of a sequence by an odometry, and its accuracy."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.camera_frames import read_all_frames
-from benchmarks.odometry import evaluate_trajectory
-from drivers.camera import PlaybackMode, RgbdFrame
+from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
@@ -17,12 +16,23 @@ from drivers.tum.camera import TumCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.association import associate
-from vo_service.tools.evaluation.gross_errors import count_gross_errors, tracked_steps
-from vo_service.tools.evaluation.metrics import PosePairs
+from vo_service.tools.evaluation.metrics import PosePairs, count_gross_errors, tracked_steps
 from vo_service.types import Estimate, TrackingState
 
+READ_TIMEOUT_S = 60.0
 MIN_POSES = 3
+FrameChange = Callable[[RgbdFrame], RgbdFrame]
+
+
+def read_all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
+    """Yield the frames of an open camera until it ends."""
+    while True:
+        try:
+            yield camera.read(READ_TIMEOUT_S)
+        except EndOfStream:
+            return
 
 
 @dataclass(frozen=True)
@@ -153,3 +163,64 @@ def _count_gross_errors(tracked: TrackedSequence, truth: Trajectory | None) -> t
     is_tracking = np.array(states, np.bool_)
     tracking_steps = PosePairs(steps.earlier[is_tracking], steps.later[is_tracking])
     return count_gross_errors(matched, steps), count_gross_errors(matched, tracking_steps)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Accuracy of one run. None: the trajectory is too short.
+
+    Attributes:
+        failed: Frames without a pose.
+        resets: Epochs begun after the first.
+        ate_m: ATE RMSE.
+        rpe_1s_m: RPE over a second.
+    """
+
+    frames: int
+    failed: int
+    resets: int
+    ate_m: float | None
+    rpe_1s_m: float | None
+
+
+def track_changed(
+    method: str, folder: Path, change: FrameChange, first: int = 0
+) -> tuple[TrackedSequence, Accuracy]:
+    """Track the changed frames of a TUM folder, from frame `first` on.
+
+    Raises:
+        InputError: The folder cannot be used, or has no ground truth.
+    """
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        truth = camera.ground_truth
+        if truth is None:
+            raise InputError(f"{folder}: has no groundtruth.txt; name a recording with one")
+        frames = (frame for frame in read_all_frames(camera) if frame.seq >= first)
+        tracked = track(method, map(change, frames))
+    return tracked, evaluate_accuracy(tracked, truth)
+
+
+def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
+    """Compare tracked poses with the truth."""
+    evaluation = evaluate_trajectory(list(tracked.estimates), list(tracked.stamps_s), truth)
+    return Accuracy(
+        frames=len(tracked.estimates),
+        failed=sum(not estimate.ok for estimate in tracked.estimates),
+        resets=int(tracked.epochs[-1]) if len(tracked.epochs) else 0,
+        ate_m=None if evaluation is None else evaluation.ate_rmse_m,
+        rpe_1s_m=None if evaluation is None else evaluation.rpe_1s_m,
+    )
+
+
+def evaluate_trajectory(
+    estimates: list[Estimate], stamps_s: list[float], truth: Trajectory | None
+) -> Evaluation | None:
+    """Evaluate the trajectory; None without ground truth or with too few poses."""
+    good = [n for n, estimate in enumerate(estimates) if estimate.ok]
+    if truth is None or not good:
+        return None
+    poses = np.array([estimates[n].T_world_camera for n in good])
+    try:
+        return evaluate(Trajectory(np.array(stamps_s)[good], poses), truth, np.array(stamps_s))
+    except InputError:
+        return None

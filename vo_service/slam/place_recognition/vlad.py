@@ -25,7 +25,7 @@ class VladVocabulary:
 
     @classmethod
     def default(cls) -> Self:
-        """Load the packaged vocabulary, made by `python -m benchmarks.train_vlad`."""
+        """Load the packaged vocabulary, made by `python -m benchmarks train_vlad`."""
         with files(__package__).joinpath("vlad_vocabulary.npy").open("rb") as file:
             return cls(np.load(file, allow_pickle=False).astype(np.float32))
 

@@ -26,8 +26,8 @@ from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse
 from drivers.core.trajectory import Trajectory, nearest_indices
+from drivers.recording_camera import RecordingCamera
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
-from drivers.tum.camera import TumCamera
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.uncertainty import CovarianceAccumulator
@@ -118,7 +118,7 @@ def measure(method: str, folder: Path, every: int) -> NormalizedErrors:
         METHODS[method](MethodConfig(), CpuStageTimer()),
         NormalizedErrorCollector(),
     )
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         truth = camera.ground_truth
         if truth is None:
             raise InputError(f"{folder}: has no groundtruth.txt; errors need a ground truth")

@@ -15,7 +15,7 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.direct import parameters
 from vo_service.tools.evaluation import evaluate
 from vo_service.tools.evaluation.association import associate
@@ -40,7 +40,7 @@ def evaluate_recording(recording: str) -> Json | None:
 
     folder, _, every = recording.partition("@")
     stamps_s, poses, epochs, failed = [], [], [], 0
-    with TumCamera(Path(folder), None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(Path(folder), None, PlaybackMode.LOCKSTEP) as camera:
         odometry, epoch, truth = DirectOdometry(), 0, camera.ground_truth
         for frame in islice(read_all_frames(camera), 0, None, int(every or 1)):
             estimate = odometry.estimate(frame)

@@ -23,8 +23,8 @@ from benchmarks.rendered_sequences import StaticView, render_all
 from benchmarks.tracking import HardCaseResult, measure, read_all_frames, track
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import Array, inverse, rotation_angle_rad
+from drivers.recording_camera import RecordingCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.tum.camera import TumCamera
 from vo_service.config import read_config
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
@@ -97,7 +97,7 @@ def measure_stationary(method: str, frames: Iterable[RgbdFrame]) -> StationaryRe
 
 def measure_creep(method: str, folder: Path) -> CreepResult:
     """Track a sequence of the motion "creep". Raises InputError with too few poses."""
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         tracked = track(method, read_all_frames(camera))
         truth = camera.ground_truth
     assert truth is not None, "a rendered sequence has a ground truth"

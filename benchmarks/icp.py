@@ -26,7 +26,7 @@ from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse
 from drivers.core.trajectory import Trajectory
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.icp.alignment import FINE_ONLY, align
 from vo_service.odometry.icp.depth_pyramid import build_depth_pyramid
 from vo_service.odometry.icp.odometry import IcpOdometry
@@ -133,7 +133,7 @@ def main(args: argparse.Namespace) -> None:
 
 def load_depth_frames(folder: Path) -> tuple[list[RgbdFrame], Trajectory | None]:
     """Load all frames with depth and black color, and the ground truth."""
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         frames = [
             replace(f, color_bgr=np.broadcast_to(np.uint8(0), f.color_bgr.shape))
             for f in read_all_frames(camera)

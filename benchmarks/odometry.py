@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.profiling import CpuStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
@@ -129,7 +129,7 @@ def measure(method: str, folder: Path) -> OdometryResult:
     odometry = make_odometry(method, clock)
     estimates: list[Estimate] = []
     stamps_s, stages_ms, cpu_ms = [], [], []
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         for frame in read_all_frames(camera):
             begin_s = time.thread_time()
             estimates.append(odometry.estimate(frame))

@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.flight_recorder import FlightRecorder
 from vo_service.types import CommandError, Estimate, OdometryUpdate, TrackingState
@@ -143,7 +143,7 @@ def _save_incident(recorder: FlightRecorder) -> str:
 
 def _load_frames(folder: Path) -> list[RgbdFrame]:
     """The first frames of a recording."""
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         return list(islice(read_all_frames(camera), SOURCE_IMAGES))
 
 

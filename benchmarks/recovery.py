@@ -25,7 +25,7 @@ from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import Array, so3_exp
 from drivers.core.trajectory import Trajectory
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.features import FeatureView, SurfParameters
 from vo_service.odometry.registry import warm_up
 from vo_service.odometry.surf.odometry import SurfOdometry
@@ -216,7 +216,7 @@ def measure(
 
 def load_frames(folder: Path) -> tuple[Frames, Trajectory | None]:
     """Load all frames of a folder, and the ground truth."""
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         return list(read_all_frames(camera)), camera.ground_truth
 
 

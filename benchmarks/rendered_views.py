@@ -14,13 +14,13 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
+from drivers.recording_camera import RecordingCamera
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.motion.base import CameraMotion, look_rotations, rotations_from_vectors
 from drivers.synthetic.motion.factory import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel, make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
-from drivers.tum.camera import TumCamera
 from vo_service.odometry.direct.motion import se3_exp, se3_log
 
 THREADS = 2
@@ -221,7 +221,7 @@ def poses_around(T_world_spot: Array, rng: np.random.Generator) -> Iterator[Arra
 
 def views_of_recording(folder: Path) -> Iterator[PosedView]:
     """Yield the views of a recording. Raises InputError without a ground truth."""
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         truth = camera.ground_truth
         if truth is None:
             raise InputError(f"{folder}: has no groundtruth.txt; name a recording with one")

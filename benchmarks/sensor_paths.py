@@ -26,7 +26,7 @@ from benchmarks.tracking import read_all_frames
 from drivers.calibration import find_calibration, format_calibration
 from drivers.camera import PlaybackMode
 from drivers.core.trajectory import Trajectory, read_trajectory
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, LoopMode
@@ -67,7 +67,7 @@ def compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
     """Print a line for each input."""
     camera_file = scratch / "camera.toml"
     camera_file.write_text(format_calibration(find_calibration(folder, None)))
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         truth = camera.ground_truth
         frames = list(islice(read_all_frames(camera), max_frames))
     assert truth is not None, f"{folder} has no ground truth"

@@ -20,7 +20,7 @@ from benchmarks.harness import add_json_option, make_printer, print_json
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, MethodConfig, warm_up
 
@@ -76,7 +76,7 @@ def main(args: argparse.Namespace) -> int:
     results: dict[str, dict[str, StageTiming]] = {}
     print_line = make_printer(args)
     for folder in args.folder:
-        with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
             frames = islice(read_all_frames(camera), None, None, args.every)
             results[str(folder)] = compare_with_budget(
                 args.method, list(stage_times(args.method, frames))

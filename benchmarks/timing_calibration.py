@@ -17,8 +17,8 @@ from pathlib import Path
 
 from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import read_all_frames
+from drivers.recording_camera import RecordingCamera
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
-from drivers.tum.camera import TumCamera
 from vo_service.tools.calibration.timing_measurement import TimingMeasurement
 
 ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"
@@ -84,7 +84,7 @@ def main(args: argparse.Namespace) -> None:
 def _row(name: str, case: TimingCase, folder: Path) -> str:
     begin_s = time.process_time()
     measurement = TimingMeasurement()
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         for frame in read_all_frames(camera):
             measurement.process(replace(frame, skew_s=0.0))
     readout, late = (str(value).removesuffix(" ms") for value in measurement.timing.values())

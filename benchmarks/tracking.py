@@ -11,8 +11,8 @@ from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
+from drivers.recording_camera import RecordingCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.tum.camera import TumCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
@@ -102,7 +102,7 @@ def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
 
 def measure(method: str, folder: Path, config: SyntheticConfig) -> HardCaseResult:
     """Track a sequence that was rendered from `config`, and evaluate it."""
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         tracked = track(method, read_all_frames(camera))
         truth = camera.ground_truth
     evaluation = evaluate_trajectory(list(tracked.estimates), list(tracked.stamps_s), truth)
@@ -191,7 +191,7 @@ def track_changed(
     Raises:
         InputError: The folder cannot be used, or has no ground truth.
     """
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         truth = camera.ground_truth
         if truth is None:
             raise InputError(f"{folder}: has no groundtruth.txt; name a recording with one")

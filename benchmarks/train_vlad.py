@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.slam import place_recognition
 
@@ -44,7 +44,7 @@ def main(args: argparse.Namespace) -> None:
 def extract_descriptors(folder: Path) -> Iterator[NDArray[np.float32]]:
     """Yield the SURF descriptors (N, 64) of evenly spaced frames of a recording."""
     extractor = SurfExtractor(FEATURES_PER_IMAGE)
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         for frame in read_all_frames(camera):
             if frame.seq % FRAME_STRIDE == 0:
                 yield extractor.extract(frame.gray).descriptor

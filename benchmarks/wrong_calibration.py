@@ -13,7 +13,7 @@ from pathlib import Path
 
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 
@@ -56,7 +56,7 @@ def format_row(folder: Path, method: str, change: CalibrationError) -> str:
     """Run a method with a calibration error and format its figures."""
     odometry = METHODS[method](MethodConfig(), NullStageTimer())
     stamps_s, estimates = [], []
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         for frame in read_all_frames(camera):
             stamps_s.append(frame.stamp_s)
             estimates.append(odometry.estimate(change(frame)))

@@ -75,11 +75,11 @@ def _default_playback_mode(kind: str, argument: str) -> PlaybackMode:
 
 
 def _tum(argument: str, request: CameraRequest) -> RgbdCamera:
-    from drivers.tum.camera import TumCamera
+    from drivers.recording_camera import RecordingCamera
 
     if not argument:
         raise InputError("camera 'tum' needs a folder: tum:FOLDER")
-    return TumCamera(Path(argument), request.camera_file, request.playback_mode)
+    return RecordingCamera(Path(argument), request.camera_file, request.playback_mode)
 
 
 def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:

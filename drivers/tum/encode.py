@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Vector
-from drivers.tum.index_files import EXACT_CONTEXT
+from drivers.recording.recording import EXACT_CONTEXT
 
 MICROSECOND = Decimal("1e-6")
 

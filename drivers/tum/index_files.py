@@ -1,8 +1,8 @@
 """The text files of a TUM folder: lists of images, and the accelerometer."""
 
 import math
-from dataclasses import dataclass
-from decimal import Context, Decimal, InvalidOperation
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from pathlib import Path, PurePath
 
@@ -11,47 +11,41 @@ import numpy as np
 from drivers.core.errors import InputError
 from drivers.core.files import AppendOnlyFile
 from drivers.core.geometry import (
-    Array,
     Vector,
     accelerometer_from_gravity,
     gravity_from_accelerometer,
     is_gravity,
 )
+from drivers.recording.image_decoding import (
+    BgrImage,
+    DepthImage,
+    UnreadableFrameError,
+    decode_color,
+    decode_depth,
+)
+from drivers.recording.recording import FramePair, GravitySeries, RecordedImage
 
-# Stamps are kept as decimals: 17 digits of seconds do not fit a float, and differences are exact.
-# The precision holds the sum of any two printed floats.
-EXACT_CONTEXT = Context(prec=100)
 _MAX_STAMP_S = Decimal(10**11)
 ACCELEROMETER_FILE = "accelerometer.txt"
 COLUMNS = "timestamp ax ay az"
-AVERAGING_WINDOW_S = 1.0
 
 
-@dataclass(frozen=True)
-class ListedImage:
-    """One image of a list: its stamp in seconds, its file, and its line in the list."""
+class ListedImage(RecordedImage):
+    """One image file of a list; its location is LIST:LINE."""
 
-    stamp: Decimal
-    file: Path
-    location: str  # "LIST:LINE"
+    def read_color(self) -> BgrImage:
+        """Read the file; it must be a complete PNG or JPEG."""
+        return decode_color(self._read_bytes(), self.name)
 
-    @property
-    def stamp_s(self) -> float:
-        """The stamp as a float."""
-        return float(self.stamp)
+    def read_depth(self) -> DepthImage:
+        """Read the file; it must be a complete PNG with 16 bits."""
+        return decode_depth(self._read_bytes(), self.name)
 
-
-@dataclass(frozen=True)
-class FramePair:
-    """The color and the depth image of one frame."""
-
-    color: ListedImage
-    depth: ListedImage
-
-    @property
-    def skew_s(self) -> float:
-        """Stamp of depth minus stamp of color."""
-        return float(EXACT_CONTEXT.subtract(self.depth.stamp, self.color.stamp))
+    def _read_bytes(self) -> bytes:
+        try:
+            return self.file.read_bytes()
+        except OSError as error:
+            raise UnreadableFrameError(f"{self.name}: cannot be read: {error.strerror}") from error
 
 
 def read_image_list(path: Path) -> list[ListedImage]:
@@ -148,7 +142,7 @@ def _resolve_inside(text: str, location: str) -> PurePath:
     return path
 
 
-def _check_increasing(images: list[ListedImage]) -> None:
+def _check_increasing(images: Sequence[RecordedImage]) -> None:
     for before, image in pairwise(images):
         if image.stamp_s <= before.stamp_s:
             fault = "repeats" if image.stamp_s == before.stamp_s else "goes back"
@@ -156,28 +150,6 @@ def _check_increasing(images: list[ListedImage]) -> None:
                 f"{image.location}: stamp {image.stamp} {fault} (the previous one is "
                 f"{before.stamp}); sort the list by its stamps and remove duplicates"
             )
-
-
-@dataclass(frozen=True)
-class GravitySeries:
-    """Gravity in camera axes, (N, 3) m/s^2, at rising stamps (N,)."""
-
-    stamps_s: Array
-    gravity_m_s2: Array
-
-    def mean_at(self, stamp_s: float) -> Vector | None:
-        """Return the reading with this stamp, else the mean of the second before; None without any.
-
-        This program's recordings have one reading per frame, which is already smoothed.
-        """
-        end = int(np.searchsorted(self.stamps_s, stamp_s, side="right"))
-        begin = int(np.searchsorted(self.stamps_s, stamp_s - AVERAGING_WINDOW_S))
-        if end == begin:
-            return None
-        if self.stamps_s[end - 1] == stamp_s:
-            begin = end - 1
-        x, y, z = self.gravity_m_s2[begin:end].mean(axis=0).tolist()
-        return (x, y, z)
 
 
 def read_gravity(folder: Path) -> GravitySeries:

@@ -25,9 +25,9 @@ import llvmlite.binding
 import numpy as np
 
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera
+from drivers.recording_camera import RecordingCamera
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.tum.camera import TumCamera
 from vo_service.app import run_replay
 from vo_service.config import Config, OdometryConfig
 from vo_service.frame_source import SinglePassSource
@@ -103,7 +103,7 @@ def compute_digest(case: str, rendered: Path | None = None) -> dict[str, Any]:
 def _camera(source: str, rendered: Path | None) -> RgbdCamera:
     if source == "virtual":
         return SyntheticCamera(VIRTUAL, render_options=RenderOptions(rendered))
-    return TumCamera(Path(os.environ["KINECT_VO_DATA"]) / source, None, PlaybackMode.LOCKSTEP)
+    return RecordingCamera(Path(os.environ["KINECT_VO_DATA"]) / source, None, PlaybackMode.LOCKSTEP)
 
 
 def environment_info() -> dict[str, str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import RgbdCamera
-from drivers.tum.folder import load_pair, open_tum_folder
+from drivers.tum.folder import open_tum_folder
 from tests.simulators.raw_depth import fit_scale
 from tests.simulators.usb_frames import ColorBgr, DepthMm, UsbFrames, write_usb_frames
 
@@ -41,10 +41,10 @@ def folder_frames(
         InputError: The folder cannot be used.
         UnreadableFrameError: An image is broken.
     """
-    tum_folder = open_tum_folder(folder, camera_file)
-    camera = tum_folder.calibration
-    for pair in tum_folder.frames.pairs[:max_frames]:
-        bgr, depth = load_pair(pair, (camera.width, camera.height))
+    contents = open_tum_folder(folder, camera_file)
+    camera = contents.calibration
+    for pair in contents.frames.pairs[:max_frames]:
+        bgr, depth = pair.load(contents.image_size, contents.depth_size)
         yield bgr, _to_millimeters(depth, camera.depth_factor)
 
 

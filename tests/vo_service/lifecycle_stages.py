@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from tests.forked_process import ForkedProcess
 from tests.vo_service.service_process import START_TIMEOUT_S
 from tests.vo_service.service_runner import CAMERA, ServiceRunner
@@ -75,7 +75,7 @@ def reach_recording(stage: ServiceRunner) -> None:
 def check_recording_complete(stage: ServiceRunner) -> None:
     """Every image of the list can be read again."""
     folder = stage.state_folder / "recordings" / "room"
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         seqs = [frame.seq for frame in read_frames(camera)]
     assert len(seqs) == len(list((folder / "rgb").glob("*"))) > 0
     assert camera.counters.skipped == 0

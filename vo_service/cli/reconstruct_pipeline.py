@@ -20,7 +20,7 @@ from drivers.core.trajectory import (
     has_match,
     read_trajectory,
 )
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from drivers.tum.folder import open_tum_folder, read_frame_pairs
 from vo_service.app import run_replay
 from vo_service.cli.kernels import prepare_kernels, run_warm_up
@@ -133,10 +133,10 @@ def run_reconstruction(args: argparse.Namespace) -> int:
     ):
         run_warm_up(warm_up_reconstruction, terminal, stop)
         if poses is None:
-            recording = TumCamera(args.folder, camera_file)
+            recording = RecordingCamera(args.folder, camera_file)
             poses, loop_closure_counts = _track_and_save(args, recording, config, terminal, stop)
         reconstruction = Reconstructor(fusion, FramePoses(poses), views)
-        with TumCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
+        with RecordingCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
             reconstruction.run(camera, stop.event, busy.progress_callback("frame"))
         with terminal.busy("making the map") as busy:
             results = _make_results(args.folder, reconstruction, fusion, stop)
@@ -180,7 +180,7 @@ def _read_trajectory(trajectory: Path, folder: Path) -> Trajectory:
 
 def _track_and_save(
     args: argparse.Namespace,
-    camera: TumCamera,
+    camera: RecordingCamera,
     config: Config,
     terminal: Terminal,
     stop: StopSignal,

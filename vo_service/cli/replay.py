@@ -4,12 +4,9 @@ import argparse
 import json
 from pathlib import Path
 
-import numpy as np
-
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
-from drivers.tum.camera import TumCamera
-from drivers.tum.folder import read_frame_pairs
+from drivers.recording_camera import RecordingCamera
 from vo_service.app import OutputsConfig, open_outputs, run_replay
 from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.loop_closure_options import (
@@ -92,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     check_optimized_trajectory_path(args)
     terminal = Terminal()
     recorder = TrajectoryRecorder()
-    with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
+    with RecordingCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
             loop_closure = make_requested_loop_closure(args, config, terminal, stop)
@@ -118,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
         for output in own:
             output.close()
         truth = camera.ground_truth
-        frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(args.folder).pairs])
+        frames_s = camera.recording.frames.stamps_s
         loop_closure_summary = (
             summarize_loop_closure(loop_closure, truth, frames_s) if loop_closure else None
         )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from drivers.tum.writer import TumWriter
 from tests.simulators.oni_writer import OniImage, OniSensor, frames_to_oni_images, write_oni
 
@@ -102,7 +102,7 @@ def in_millimeters(recording: Path, tmp_path_factory: pytest.TempPathFactory) ->
     """The recording of the corner as a folder, in whole millimeters and microseconds."""
     folder = tmp_path_factory.mktemp("recordings") / "millimeters"
     with TumWriter(folder) as writer:
-        for frame in read_all_frames(TumCamera(recording)):
+        for frame in read_all_frames(RecordingCamera(recording)):
             depth_mm = np.rint(frame.depth_m * 1000).astype(np.uint16)
             stamp_s = round(frame.stamp_s, 6)
             writer.write(replace(frame, stamp_s=stamp_s, depth_raw=depth_mm, depth_factor=1000.0))
@@ -113,5 +113,5 @@ def in_millimeters(recording: Path, tmp_path_factory: pytest.TempPathFactory) ->
 def corner_oni(in_millimeters: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same as an .oni recording."""
     path = tmp_path_factory.mktemp("recordings") / "corner.oni"
-    write_oni(path, frames_to_oni_images(read_all_frames(TumCamera(in_millimeters))))
+    write_oni(path, frames_to_oni_images(read_all_frames(RecordingCamera(in_millimeters))))
     return path

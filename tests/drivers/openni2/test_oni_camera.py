@@ -17,7 +17,7 @@ from drivers.core.errors import CameraError, InputError
 from drivers.openni2 import oni_playback
 from drivers.openni2.oni_camera import OniCamera
 from drivers.playback import RealtimeScheduler
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from tests.drivers.openni2.conftest import SIZE, make_image, make_images, read_all_frames
 from tests.resource_leaks import resources_in_use
 from tests.simulators.oni_writer import (
@@ -43,7 +43,7 @@ def whole(frame: RgbdFrame) -> tuple[object, ...]:
 
 def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millimeters: Path) -> None:
     played = list(read_all_frames(OniCamera(corner_oni, in_millimeters / "camera.toml")))
-    recorded = list(read_all_frames(TumCamera(in_millimeters)))
+    recorded = list(read_all_frames(RecordingCamera(in_millimeters)))
     assert len(played) == len(recorded) == 12
     for ours, theirs in zip(played, recorded, strict=True):
         np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
@@ -55,7 +55,7 @@ def test_the_trajectory_is_that_of_the_folder(corner_oni: Path, in_millimeters: 
     oni, folder = SurfOdometry(), SurfOdometry()
     played = OniCamera(corner_oni, in_millimeters / "camera.toml")
     for ours, theirs in zip(
-        read_all_frames(played), read_all_frames(TumCamera(in_millimeters)), strict=True
+        read_all_frames(played), read_all_frames(RecordingCamera(in_millimeters)), strict=True
     ):
         a, b = oni.estimate(ours), folder.estimate(theirs)
         np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
@@ -64,7 +64,7 @@ def test_the_trajectory_is_that_of_the_folder(corner_oni: Path, in_millimeters: 
 
 def test_real_recording_plays_as_its_folder(recordings: Path, tmp_path: Path) -> None:
     folder, path = recordings / "redkitchen", tmp_path / "redkitchen.oni"
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         first = [camera.read(5.0) for _ in range(10)]
     write_oni(path, frames_to_oni_images(first))
     for ours, theirs in zip(

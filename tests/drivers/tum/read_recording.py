@@ -3,13 +3,13 @@
 from pathlib import Path
 
 from drivers.camera import EndOfStream, RgbdFrame
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 
 
 def read_recording(folder: Path) -> list[RgbdFrame]:
     """All frames of a recorded folder."""
     frames = []
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         while True:
             try:
                 frames.append(camera.read(10))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Vector
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from drivers.tum.index_files import ACCELEROMETER_FILE, AccelerometerWriter, read_gravity
 from drivers.tum.writer import TumWriter
 
@@ -27,7 +27,7 @@ def record(folder: Path, frames: list[RgbdFrame]) -> Path:
 
 
 def gravities(folder: Path) -> list[Vector | None]:
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         return [camera.read(10).gravity_m_s2 for _ in range(camera.frame_count or 0)]
 
 

@@ -13,7 +13,7 @@ from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.trajectory import Trajectory
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from drivers.tum.encode import ColorFormat, FrameStamps, format_stamp
 from drivers.tum.writer import MAX_PENDING_FRAMES, TumWriter
 from tests.drivers.tum.read_recording import read_recording
@@ -103,7 +103,7 @@ def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
     T[1, :3, 3] = [1.0, -2.0, 0.5]
     with TumWriter(tmp_path, ground_truth=Trajectory(np.array([1.0, 2.0]), T)) as writer:
         writer.write(make_frame(0))
-    with TumCamera(tmp_path) as camera:
+    with RecordingCamera(tmp_path) as camera:
         assert camera.ground_truth is not None
         np.testing.assert_array_equal(camera.ground_truth.stamps_s, [1.0, 2.0])
         np.testing.assert_allclose(camera.ground_truth.T_world_camera, T)

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory, has_match
-from drivers.tum.folder import TumFolder
+from drivers.recording.recording import Recording
 from vo_service.config import OdometryConfig
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
@@ -71,7 +71,7 @@ class MethodFactory(Protocol):
         """Compile or load the kernels; `on_progress` is called with each stage."""
         ...
 
-    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make the odometry. `recording` has the frames that it will get."""
         ...
 
@@ -96,7 +96,7 @@ class ConfiguredMethodFactory:
         """Compile or load the kernels."""
         warm_up(self.odometry.method, on_progress)
 
-    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make the odometry as the service does."""
         return self.odometry.make_odometry(stopwatch)
 
@@ -121,7 +121,7 @@ class TrueScaleSfmFactory:
         """Compile or load the kernels."""
         warm_up(self.odometry.method, on_progress)
 
-    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make the odometry, with scale from the truth. Raises InputError without a truth."""
         from vo_service.odometry.sfm.odometry import SfmOdometry
         from vo_service.odometry.sfm.scale_source import GivenBaselineScale

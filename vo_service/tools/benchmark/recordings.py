@@ -12,7 +12,8 @@ import numpy as np
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, has_match, nearest_indices
-from drivers.tum.folder import TumFolder, open_tum_folder
+from drivers.recording.recording import Recording
+from drivers.tum.folder import open_tum_folder
 from vo_service.tools.evaluation.gaps import Gap, find_gaps
 
 T = TypeVar("T")
@@ -47,32 +48,32 @@ class BenchmarkRecording:
         name: Name of the recording and of its cache folder.
         folder: Folder of the recording.
         camera_file: Camera file that it was opened with.
-        tum_folder: Contents, with the selected frames.
+        contents: Contents, with the selected frames.
         frame_selection: The selection.
     """
 
     name: str
     folder: Path
     camera_file: Path | None
-    tum_folder: TumFolder
+    contents: Recording
     frame_selection: FrameSelection = ALL_FRAMES
 
     def select(self, frame_selection: FrameSelection) -> "BenchmarkRecording":
         """Return the recording with a selection of its frames."""
-        frames = self.tum_folder.frames
+        frames = self.contents.frames
         selected = replace(frames, pairs=frame_selection.select(frames.pairs))
-        tum_folder = replace(self.tum_folder, frames=selected)
+        contents = replace(self.contents, frames=selected)
         return replace(
             self,
             name=f"{self.name}{frame_selection.suffix}",
             frame_selection=frame_selection,
-            tum_folder=tum_folder,
+            contents=contents,
         )
 
     @cached_property
     def frame_stamps_s(self) -> Array:
         """(F,) stamps of the frames."""
-        return np.array([pair.color.stamp_s for pair in self.tum_folder.frames.pairs])
+        return np.array([pair.color.stamp_s for pair in self.contents.frames.pairs])
 
     @cached_property
     def gaps(self) -> list[Gap]:
@@ -82,7 +83,7 @@ class BenchmarkRecording:
     @property
     def truth(self) -> Trajectory | None:
         """The ground truth; None if it has none."""
-        return self.tum_folder.ground_truth
+        return self.contents.ground_truth
 
     @property
     def duration_s(self) -> float:

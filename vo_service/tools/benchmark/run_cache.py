@@ -52,7 +52,7 @@ def make_cache_key(
     content = {
         "versions": dict(versions),
         "settings": {**factory.settings, **observer_factory.settings},
-        "camera": repr(recording.tum_folder.calibration),
+        "camera": repr(recording.contents.calibration),
         "frames": list(_frame_fingerprints(recording)),
         "truth": _ground_truth_digest(recording) if factory.uses_truth else None,
     }
@@ -61,7 +61,7 @@ def make_cache_key(
 
 
 def _frame_fingerprints(recording: BenchmarkRecording) -> Iterator[tuple[str, str, int, int]]:
-    for pair in recording.tum_folder.frames.pairs:
+    for pair in recording.contents.frames.pairs:
         for image in (pair.color, pair.depth):
             try:
                 state = image.file.stat()

@@ -18,8 +18,10 @@ from numba.core.event import install_recorder
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.core.trajectory import Trajectory
-from drivers.tum.camera import TumFrameReader
-from drivers.tum.folder import TumFolder, UnreadableFrameError, open_tum_folder
+from drivers.recording.frame_reader import FrameReader
+from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.recording import Recording
+from drivers.tum.folder import open_tum_folder
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.run import CompletedRun, FrameLog, LoopClosureRun
@@ -125,13 +127,13 @@ def run_method(
 
 
 def warm_up_method(
-    factory: MethodFactory, recording: TumFolder, on_progress: Callable[[str], None]
+    factory: MethodFactory, recording: Recording, on_progress: Callable[[str], None]
 ) -> None:
     """Compile or load the kernels, and process the first frames once."""
     factory.prepare(on_progress)
     on_progress("first frames")
     odometry = factory.make(CpuStageTimer(), recording)
-    reader = TumFrameReader(recording)
+    reader = FrameReader(recording)
     for seq, pair in enumerate(recording.frames.pairs[:WARM_UP_FRAMES]):
         try:
             odometry.estimate(reader.read(pair, seq))
@@ -151,9 +153,9 @@ def _process_frame(
     return estimate
 
 
-def _read_frames(recording: TumFolder) -> Iterator[RgbdFrame]:
+def _read_frames(recording: Recording) -> Iterator[RgbdFrame]:
     """Yield the readable frames, and log the others."""
-    reader = TumFrameReader(recording)
+    reader = FrameReader(recording)
     for seq, pair in enumerate(recording.frames.pairs):
         try:
             frame = reader.read(pair, seq)

@@ -3,12 +3,15 @@
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.core.errors import InputError
-from drivers.tum.folder import UnreadableFrameError, load_color, load_depth, read_frame_pairs
-from drivers.tum.index_files import read_image_list
+from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.recording import RecordedImage
+from drivers.tum.folder import read_frame_pairs
+from drivers.tum.index_files import ListedImage, read_image_list
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import NO_DEPTH, Board, BoardView, Snapshot
 from vo_service.tools.calibration.view_selection import (
@@ -30,11 +33,11 @@ BOARD_NOT_FOUND_HINT = (
 
 @dataclass(frozen=True)
 class SnapshotFiles:
-    """Files of one snapshot; `depth` is None without depth."""
+    """Images of one snapshot, not read yet; `depth` is None without depth."""
 
     stamp_s: float
-    color: Path
-    depth: Path | None
+    color: RecordedImage
+    depth: RecordedImage | None
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,15 @@ def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
     if (folder / "associations.txt").exists() or with_depth:
         pairs = read_frame_pairs(folder).pairs
         return [
-            SnapshotFiles(p.color.stamp_s, p.color.file, p.depth.file if with_depth else None)
-            for p in pairs
+            SnapshotFiles(p.color.stamp_s, p.color, p.depth if with_depth else None) for p in pairs
         ]
     if (folder / "rgb.txt").exists():
         listed = read_image_list(folder / "rgb.txt")
-        return [SnapshotFiles(image.stamp_s, image.file, None) for image in listed]
-    return [SnapshotFiles(float(n), file, None) for n, file in enumerate(_list_photographs(folder))]
+        return [SnapshotFiles(image.stamp_s, image, None) for image in listed]
+    return [
+        SnapshotFiles(float(n), ListedImage(Decimal(n), file, str(file)), None)
+        for n, file in enumerate(_list_photographs(folder))
+    ]
 
 
 def _list_photographs(folder: Path) -> list[Path]:
@@ -90,8 +95,8 @@ def read_snapshots(files: list[SnapshotFiles]) -> Iterator[Snapshot | None]:
     first: Snapshot | None = None
     for entry in files:
         try:
-            depth = NO_DEPTH if entry.depth is None else load_depth(entry.depth)
-            snapshot = Snapshot(str(entry.color), entry.stamp_s, load_color(entry.color), depth)
+            depth = NO_DEPTH if entry.depth is None else entry.depth.read_depth()
+            snapshot = Snapshot(entry.color.name, entry.stamp_s, entry.color.read_color(), depth)
         except UnreadableFrameError as error:
             _log.warning("an image is skipped: %s", error)
             yield None

@@ -12,13 +12,12 @@ from drivers.calibration import (
     UNKNOWN_TIMING,
     UNKNOWN_TIMING_SIGMAS_S,
     CameraCalibration,
-    find_calibration,
     read_calibration,
 )
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError
+from drivers.recording_camera import RecordingCamera
 from drivers.registry import open_camera
-from drivers.tum.camera import TumCamera
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.direct.timing_estimate import TimingEstimator
@@ -96,13 +95,12 @@ def measure_folder(
     Raises:
         InputError: If it is not usable.
     """
-    camera_file = find_calibration(folder, file)
-    with TumCamera(folder, file) as camera:
+    with RecordingCamera(folder, file) as camera:
 
         def report(measurement: TimingMeasurement, seconds: float) -> None:
             terminal.progress("frame", measurement.frame_count, camera.frame_count)
 
-        return _measure(camera, camera_file, math.inf, report, stop)
+        return _measure(camera, camera.recording.calibration, math.inf, report, stop)
 
 
 def measure_live(

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import inverse
-from drivers.tum.camera import TumCamera
+from drivers.recording_camera import RecordingCamera
 from tests.vo_service.odometry.estimate_checks import (
     assert_counts_consistent,
     assert_starts_at_origin,
@@ -103,7 +103,7 @@ def test_every_stage_is_timed_in_the_papers_order(views: list[RgbdFrame]) -> Non
 
 
 def recorded(folder: Path, frames: int) -> list[Estimate]:
-    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         odometry = SurfOdometry()
         return [odometry.estimate(frame) for frame in islice(camera, frames)]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
-from drivers.tum.folder import TumFolder
+from drivers.recording.recording import Recording
 from vo_service.odometry.profiling import StageTimer
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.types import Estimate
@@ -44,7 +44,7 @@ class FaultyMethodFactory:
         if self.action == "compile":
             numba.njit("i8(i8)", cache=True)(_identity)
 
-    def make(self, stopwatch: StageTimer, recording: TumFolder) -> "FaultyMethod":
+    def make(self, stopwatch: StageTimer, recording: Recording) -> "FaultyMethod":
         return FaultyMethod(self.action, stopwatch)
 
 

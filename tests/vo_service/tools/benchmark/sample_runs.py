@@ -8,8 +8,8 @@ import numpy as np
 from drivers.calibration import TUM_CALIBRATIONS
 from drivers.core.geometry import Array, rigid_transform
 from drivers.core.trajectory import Trajectory
-from drivers.tum.folder import FolderFrames, TumFolder
-from drivers.tum.index_files import FramePair, ListedImage, read_gravity
+from drivers.recording.recording import FramePair, RecordedFrames, Recording
+from drivers.tum.index_files import ListedImage, read_gravity
 from vo_service.tools.benchmark.batch import BatchResult
 from vo_service.tools.benchmark.recordings import BenchmarkRecording
 from vo_service.tools.benchmark.results import SequenceResults, evaluate_run
@@ -31,12 +31,16 @@ def make_recording(
     """Make 40 frames at 30 Hz with steps of 1 cm to the right, and a gap before the 21st."""
     stamps_s = np.arange(FRAMES) / 30 + np.where(np.arange(FRAMES) >= 20, gap_s, 0.0)
     images = [ListedImage(Decimal(f"{s:.6f}"), Path(f"{s:.6f}.png"), "rgb.txt") for s in stamps_s]
-    frames = FolderFrames([FramePair(image, image) for image in images])
+    frames = RecordedFrames([FramePair(image, image) for image in images])
     truth = Trajectory(np.array([image.stamp_s for image in images]), poses_along_x(FRAMES))
-    tum_folder = TumFolder(
-        frames, TUM_CALIBRATIONS["1"], truth if has_truth else None, read_gravity(Path("nowhere"))
+    contents = Recording(
+        Path(name),
+        frames,
+        TUM_CALIBRATIONS["1"],
+        truth if has_truth else None,
+        read_gravity(Path("nowhere")),
     )
-    return BenchmarkRecording(name, Path(name), None, tum_folder)
+    return BenchmarkRecording(name, Path(name), None, contents)
 
 
 def poses_along_x(count: int, step_m: float = STEP_M) -> Array:

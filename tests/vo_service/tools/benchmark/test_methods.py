@@ -89,7 +89,7 @@ def test_every_method_is_made_as_in_the_service() -> None:
     )
     surf = make_factory("surf")
     assert surf == ConfiguredMethodFactory(OdometryConfig(method="surf"))
-    assert isinstance(surf.make(NullStageTimer(), make_recording().tum_folder), SurfOdometry)
+    assert isinstance(surf.make(NullStageTimer(), make_recording().contents), SurfOdometry)
     assert not surf.uses_truth
 
 
@@ -98,11 +98,11 @@ def test_the_scale_of_sfm_alone_comes_from_the_truth() -> None:
     assert (sfm.uses_truth, surf.uses_truth) == (True, False)
     assert sfm == TrueScaleSfmFactory(OdometryConfig(method="sfm"))
     assert sfm.settings["sfm_scale"] == "ground-truth"
-    assert isinstance(sfm.make(NullStageTimer(), make_recording().tum_folder), SfmOdometry)
+    assert isinstance(sfm.make(NullStageTimer(), make_recording().contents), SfmOdometry)
 
 
 def test_without_truth_there_is_no_such_scale() -> None:
-    recording = make_recording(has_truth=False).tum_folder
+    recording = make_recording(has_truth=False).contents
     with pytest.raises(InputError, match=r"no groundtruth.txt"):
         make_factory("sfm", SfmScale.GROUND_TRUTH).make(NullStageTimer(), recording)
 

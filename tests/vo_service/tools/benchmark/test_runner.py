@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.tum.folder import TumFolder
+from drivers.recording.recording import Recording
 from tests.conftest import FRAMES
 from vo_service.odometry.profiling import StageTimer
 from vo_service.tools.benchmark.recordings import FrameSelection
@@ -43,7 +43,7 @@ class RecordingFactory:
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         on_progress("nothing")
 
-    def make(self, stopwatch: StageTimer, recording: TumFolder) -> "RecordingMethod":
+    def make(self, stopwatch: StageTimer, recording: Recording) -> "RecordingMethod":
         self.frames.append([])
         return RecordingMethod(self.frames[-1], self.action)
 

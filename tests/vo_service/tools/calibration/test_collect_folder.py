@@ -26,8 +26,9 @@ def test_a_recording_gives_its_stored_images(recording: Path) -> None:
     files = list_snapshot_files(recording, with_depth=True)
     first = next(read_snapshots(files))
     assert first is not None
-    np.testing.assert_array_equal(first.color_bgr, cv2.imread(str(files[0].color)))
-    depth = cv2.imread(str(files[0].depth), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(first.color_bgr, cv2.imread(str(files[0].color.file)))
+    assert files[0].depth is not None
+    depth = cv2.imread(str(files[0].depth.file), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(first.depth_raw, depth)
 
 
@@ -38,7 +39,7 @@ def test_images_are_not_undistorted(copy_recording: CopyRecording) -> None:
     files = list_snapshot_files(folder, with_depth=False)
     (snapshot, *_) = list(read_snapshots(files))
     assert snapshot is not None
-    np.testing.assert_array_equal(snapshot.color_bgr, cv2.imread(str(files[0].color)))
+    np.testing.assert_array_equal(snapshot.color_bgr, cv2.imread(str(files[0].color.file)))
 
 
 def test_without_depth_a_list_of_color_images_is_enough(copy_recording: CopyRecording) -> None:
@@ -59,7 +60,7 @@ def test_a_folder_of_photographs_is_enough(tmp_path: Path, subfolder: str) -> No
         write_image(tmp_path / subfolder / name)
     (tmp_path / subfolder / "notes.txt").write_text("taken on Monday\n")
     files = list_snapshot_files(tmp_path, with_depth=False)
-    assert [file.color.name for file in files] == ["a.png", "b.JPG"]
+    assert [file.color.file.name for file in files] == ["a.png", "b.JPG"]
     assert [file.stamp_s for file in files] == [0.0, 1.0]
 
 

@@ -16,8 +16,9 @@ from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse
-from drivers.tum.camera import TumFrameReader
-from drivers.tum.folder import TumFolder, UnreadableFrameError
+from drivers.recording.frame_reader import FrameReader
+from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.recording import Recording
 from vo_service.odometry.profiling import StageTimer
 from vo_service.tools.benchmark.baselines.orb_vocabulary import (
     BRANCHES,
@@ -186,7 +187,7 @@ class OrbSlamFactory:
         on_progress(PYORBSLAM3.module)
         _load()
 
-    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Start ORB-SLAM3 with the camera of the recording, and a vocabulary."""
         module = _load()
         with tempfile.TemporaryDirectory(prefix="kinect-vo-") as folder:
@@ -202,7 +203,7 @@ class OrbSlamFactory:
                 module.Slam(vocabulary_file, settings_file, module.Sensor.RGBD, use_viewer=False)
             )
 
-    def _prepare_vocabulary(self, recording: TumFolder, folder: Path) -> Path:
+    def _prepare_vocabulary(self, recording: Recording, folder: Path) -> Path:
         if self.vocabulary is not None:
             return self.vocabulary.path
         images = list(_describe_images(recording, self.feature_count))
@@ -222,15 +223,15 @@ def _load() -> ModuleType:
         ) from error
 
 
-def _frame_rate_hz(recording: TumFolder) -> float:
+def _frame_rate_hz(recording: Recording) -> float:
     stamps_s = np.array([pair.color.stamp_s for pair in recording.frames.pairs])
     return float(1 / np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else DEFAULT_FRAME_RATE_HZ
 
 
-def _describe_images(recording: TumFolder, feature_count: int) -> Iterator[Descriptors]:
+def _describe_images(recording: Recording, feature_count: int) -> Iterator[Descriptors]:
     """Yield (N, 32) ORB descriptors of evenly spaced images; unreadable ones are skipped."""
     detector = cv2.ORB_create(feature_count)  # type: ignore[attr-defined]
-    reader, pairs = TumFrameReader(recording), recording.frames.pairs
+    reader, pairs = FrameReader(recording), recording.frames.pairs
     count = min(MAX_TRAINING_IMAGES, len(pairs))
     for index in np.linspace(0, len(pairs) - 1, count).round().astype(int):
         try:

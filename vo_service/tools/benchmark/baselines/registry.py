@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from platform import machine
 from types import ModuleType
 
-from drivers.tum.folder import TumFolder
+from drivers.recording.recording import Recording
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.registry import MethodConfig, StageReporter, run_warm_up_frames
 from vo_service.types import Odometry
@@ -157,7 +157,7 @@ class BaselineFactory:
         on_progress(BASELINES[self.name].package.module)
         run_warm_up_frames(lambda: self._make(StageReporter(on_progress)))
 
-    def make(self, stopwatch: StageTimer, recording: TumFolder) -> Odometry:
+    def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make a new odometry."""
         return self._make(stopwatch)
 

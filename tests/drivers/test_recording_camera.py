@@ -12,13 +12,13 @@ import pytest
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import CameraCounters, Clock, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core.errors import CameraError, InputError
-from drivers.tum import camera as tum_camera
-from drivers.tum.camera import TumCamera
+from drivers.recording.frame_reader import FrameReader
+from drivers.recording_camera import RecordingCamera
 
 FolderMaker = Callable[..., Path]
 
 
-def frames(camera: TumCamera, timeout_s: float = 10.0) -> Iterator[RgbdFrame]:
+def frames(camera: RecordingCamera, timeout_s: float = 10.0) -> Iterator[RgbdFrame]:
     while True:
         try:
             yield camera.read(timeout_s)
@@ -32,7 +32,7 @@ def image(folder: Path, kind: str, number: int) -> Path:
 
 def test_lockstep_gives_every_frame_as_it_is_on_disk(make_folder: FolderMaker) -> None:
     folder = make_folder(count=12)
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         read = list(frames(camera))
         assert camera.frame_count == 12
         assert camera.counters == CameraCounters(delivered=12)
@@ -49,7 +49,7 @@ def test_lockstep_gives_every_frame_as_it_is_on_disk(make_folder: FolderMaker) -
 
 def test_it_describes_itself(make_folder: FolderMaker) -> None:
     folder = make_folder()
-    camera = TumCamera(folder)
+    camera = RecordingCamera(folder)
     assert camera.name == f"tum:{folder}"
     assert camera.clock is Clock.RECORDED
     assert (camera.frame_count, camera.unpaired, camera.ground_truth) == (None, None, None)
@@ -61,27 +61,27 @@ def test_the_camera_file_gives_the_sensor_timing(make_folder: FolderMaker) -> No
     folder = make_folder(count=3, skew_s=0.005)
     late = replace(read_calibration(folder / "camera.toml"), depth_offset_s=-0.012)
     (folder / "camera.toml").write_text(format_calibration(late))
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         read = list(frames(camera))
     assert {frame.readout_s for frame in read} == {0.02}
     assert [frame.skew_s for frame in read] == pytest.approx([0.005 - 0.012] * 3)
 
 
 def test_only_every_nth_frame_can_be_used(make_folder: FolderMaker) -> None:
-    with TumCamera(make_folder(count=7), every=3) as camera:
+    with RecordingCamera(make_folder(count=7), every=3) as camera:
         read = list(frames(camera))
         assert camera.frame_count == 3
     assert [frame.seq for frame in read] == [0, 1, 2]
     assert read[1].stamp_s - read[0].stamp_s == pytest.approx(0.12, abs=1e-6)
     with pytest.raises(InputError, match="must be 1"):
-        TumCamera(Path(), every=0)
+        RecordingCamera(Path(), every=0)
 
 
 def test_frames_are_undistorted(make_folder: FolderMaker, tmp_path: Path) -> None:
     folder = make_folder()
     straight, bent = (folder / "camera.toml").read_text(), tmp_path / "bent.toml"
     bent.write_text(straight.replace("[0.0, 0.0,", "[0.3, 0.0,"))
-    with TumCamera(folder) as plain, TumCamera(folder, bent) as corrected:
+    with RecordingCamera(folder) as plain, RecordingCamera(folder, bent) as corrected:
         a, b = plain.read(10), corrected.read(10)
     assert a.camera == b.camera
     assert not np.array_equal(a.color_bgr, b.color_bgr)
@@ -103,7 +103,7 @@ def test_one_bad_frame_is_skipped_counted_and_reported_once(
     elif damage in ("8 bits", "small"):
         shape, dtype = ((48, 64), np.uint8) if damage == "8 bits" else ((24, 32), np.uint16)
         cv2.imwrite(str(bad), np.zeros(shape, dtype))
-    with caplog.at_level(logging.WARNING), TumCamera(folder) as camera:
+    with caplog.at_level(logging.WARNING), RecordingCamera(folder) as camera:
         assert [frame.seq for frame in frames(camera)] == [0, 1, 3, 4]
         assert camera.counters == CameraCounters(delivered=4, skipped=1)
     assert len(caplog.records) == 1
@@ -111,7 +111,7 @@ def test_one_bad_frame_is_skipped_counted_and_reported_once(
 
 
 def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> None:
-    with TumCamera(
+    with RecordingCamera(
         make_folder(count=6, period_s=0.05), playback_mode=PlaybackMode.REALTIME
     ) as camera:
         began = time.monotonic()
@@ -123,7 +123,7 @@ def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> N
 def test_realtime_accounts_for_every_frame_of_a_slow_reader(make_folder: FolderMaker) -> None:
     folder = make_folder(count=40, period_s=0.01)
     image(folder, "rgb", 39).write_bytes(b"")
-    with TumCamera(folder, playback_mode=PlaybackMode.REALTIME) as camera:
+    with RecordingCamera(folder, playback_mode=PlaybackMode.REALTIME) as camera:
         seqs = []
         for frame in frames(camera):
             seqs.append(frame.seq)
@@ -135,7 +135,7 @@ def test_realtime_accounts_for_every_frame_of_a_slow_reader(make_folder: FolderM
 
 
 def test_realtime_reports_when_no_frame_is_due(make_folder: FolderMaker) -> None:
-    with TumCamera(
+    with RecordingCamera(
         make_folder(count=2, period_s=60.0), playback_mode=PlaybackMode.REALTIME
     ) as camera:
         camera.read(10)
@@ -147,7 +147,7 @@ def test_realtime_reports_when_no_frame_is_due(make_folder: FolderMaker) -> None
 def test_closing_in_the_middle_ends_the_thread(
     make_folder: FolderMaker, pace: PlaybackMode
 ) -> None:
-    camera = TumCamera(make_folder(count=20), playback_mode=pace)
+    camera = RecordingCamera(make_folder(count=20), playback_mode=pace)
     for _ in range(5):
         camera.open()
         camera.close()
@@ -162,7 +162,7 @@ def test_closing_in_the_middle_ends_the_thread(
 
 
 def test_it_can_be_opened_again_from_the_start(make_folder: FolderMaker) -> None:
-    camera = TumCamera(make_folder(count=6))
+    camera = RecordingCamera(make_folder(count=6))
     for _ in range(2):
         with camera:
             assert [frame.seq for frame in frames(camera)] == [0, 1, 2, 3, 4, 5]
@@ -170,14 +170,14 @@ def test_it_can_be_opened_again_from_the_start(make_folder: FolderMaker) -> None
 
 
 def test_reading_before_opening_is_an_error(tmp_path: Path) -> None:
-    camera = TumCamera(tmp_path)
+    camera = RecordingCamera(tmp_path)
     camera.close()
     with pytest.raises(CameraError, match="not open"):
         camera.read(1)
 
 
 def test_a_failed_open_leaves_nothing_behind(tmp_path: Path) -> None:
-    camera = TumCamera(tmp_path / "gone")
+    camera = RecordingCamera(tmp_path / "gone")
     with pytest.raises(InputError, match="no such folder"):
         camera.open()
     camera.close()
@@ -187,11 +187,11 @@ def test_a_failed_open_leaves_nothing_behind(tmp_path: Path) -> None:
 def test_an_error_in_the_thread_reaches_the_reader(
     make_folder: FolderMaker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*_: object) -> None:
+    def broken(*_: object, **_named: object) -> None:
         raise MemoryError("no room for an image")
 
-    monkeypatch.setattr(tum_camera, "load_pair", broken)
-    with TumCamera(make_folder()) as camera, pytest.raises(MemoryError, match="no room"):
+    monkeypatch.setattr(FrameReader, "read", broken)
+    with RecordingCamera(make_folder()) as camera, pytest.raises(MemoryError, match="no room"):
         camera.read(10)
 
 
@@ -202,14 +202,14 @@ def test_nothing_is_printed_for_broken_images(
     for kind in ("rgb", "depth"):
         file = image(folder, kind, 1 if kind == "rgb" else 2)
         file.write_bytes(file.read_bytes()[:-30])
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         assert [frame.seq for frame in frames(camera)] == [0, 3]
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.slow
 def test_redkitchen_is_500_frames(recordings: Path) -> None:
-    with TumCamera(recordings / "redkitchen") as camera:
+    with RecordingCamera(recordings / "redkitchen") as camera:
         assert camera.frame_count == 500
         assert sum(1 for _ in frames(camera)) == 500
         assert camera.ground_truth is not None
@@ -221,7 +221,7 @@ def test_redkitchen_is_500_frames(recordings: Path) -> None:
 )
 def test_freiburg1_pieces_are_undistorted(recordings: Path, name: str, count: int) -> None:
     folder = recordings / name
-    with TumCamera(folder) as camera:
+    with RecordingCamera(folder) as camera:
         read = list(frames(camera))
         assert camera.ground_truth is not None
     assert len(read) == count

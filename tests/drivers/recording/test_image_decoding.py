@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.tum.folder import PNG_SIGNATURE, UnreadableFrameError, load_pair
-from drivers.tum.index_files import FramePair, ListedImage
+from drivers.recording.image_decoding import PNG_SIGNATURE, UnreadableFrameError
+from drivers.recording.recording import FramePair
+from drivers.tum.index_files import ListedImage
 
 SIZE = (64, 48)
 COLOR = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
@@ -28,7 +29,7 @@ def load(tmp_path: Path) -> Callable[[bytes, bytes], tuple[NDArray[np.uint8], ND
         (tmp_path / "c").write_bytes(color)
         (tmp_path / "d").write_bytes(depth)
         images = [ListedImage(Decimal(0), tmp_path / name, "list:1") for name in "cd"]
-        return load_pair(FramePair(*images), SIZE)
+        return FramePair(*images).load(SIZE, SIZE)
 
     return load
 
@@ -103,7 +104,7 @@ def test_a_file_that_is_no_image_is_reported(load: Load, data: bytes, reason: st
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     image = ListedImage(Decimal(0), tmp_path / "gone.png", "list:1")
     with pytest.raises(UnreadableFrameError, match=r"gone\.png: cannot be read: No such file"):
-        load_pair(FramePair(image, image), SIZE)
+        FramePair(image, image).load(SIZE, SIZE)
 
 
 @pytest.mark.parametrize(

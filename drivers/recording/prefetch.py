@@ -13,6 +13,7 @@ from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame
 from drivers.core.errors import CameraError
 
 MAX_BUFFERED_FRAMES = 4
+NOT_OPEN = "the recording is not open; use `with`, or call open()"
 
 
 class BufferClosedError(Exception):
@@ -68,7 +69,7 @@ class FrameBuffer(ABC):
         """Discard the frames and wake both threads."""
         with self._changed:
             self._frames.clear()
-            self._end = CameraError("the recording is not open; use `with`, or call open()")
+            self._end = CameraError(NOT_OPEN)
             self._changed.notify_all()
 
     @property

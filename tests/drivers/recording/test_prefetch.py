@@ -5,7 +5,7 @@ import pytest
 
 from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, RgbdFrame
 from drivers.core.errors import CameraError
-from drivers.tum.prefetch import (
+from drivers.recording.prefetch import (
     MAX_BUFFERED_FRAMES,
     BufferClosedError,
     LockstepBuffer,

@@ -1,0 +1,1 @@
+"""Recordings of any format: their contents, decoding of images, buffers for playback."""

@@ -1,0 +1,186 @@
+"""The contents of a recording, whatever its format."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Context, Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.calibration import CameraCalibration, DepthCameraCalibration
+from drivers.core.geometry import Array, Vector
+from drivers.core.trajectory import Trajectory
+from drivers.recording.image_decoding import BgrImage, DepthImage, UnreadableFrameError
+from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
+
+# Stamps are kept as decimals: 17 digits of seconds do not fit a float, and differences are exact.
+# The precision holds the sum of any two printed floats.
+EXACT_CONTEXT = Context(prec=100)
+AVERAGING_WINDOW_S = 1.0
+ImageSize = tuple[int, int]  # (width, height)
+
+
+@dataclass(frozen=True)
+class RecordedImage(ABC):
+    """One image of a recording, not read yet.
+
+    Attributes:
+        stamp: Stamp in seconds.
+        file: The file that holds it.
+        location: Where it is listed, for error messages.
+    """
+
+    stamp: Decimal
+    file: Path
+    location: str
+
+    @property
+    def stamp_s(self) -> float:
+        """The stamp as a float."""
+        return float(self.stamp)
+
+    @property
+    def name(self) -> str:
+        """The image's name in error messages."""
+        return str(self.file)
+
+    @abstractmethod
+    def read_color(self) -> BgrImage:
+        """Read (height, width, 3) BGR uint8. Raises UnreadableFrameError."""
+
+    @abstractmethod
+    def read_depth(self) -> DepthImage:
+        """Read (height, width) uint16. Raises UnreadableFrameError."""
+
+
+@dataclass(frozen=True)
+class FramePair:
+    """The color and the depth image of one frame."""
+
+    color: RecordedImage
+    depth: RecordedImage
+
+    @property
+    def skew_s(self) -> float:
+        """Stamp of depth minus stamp of color."""
+        return float(EXACT_CONTEXT.subtract(self.depth.stamp, self.color.stamp))
+
+    def load(self, size: ImageSize, depth_size: ImageSize) -> tuple[BgrImage, DepthImage]:
+        """Read both images.
+
+        Args:
+            size: (width, height) of the camera.
+            depth_size: (width, height) of the depth image.
+
+        Returns:
+            Color (height, width, 3) BGR uint8 and depth (height, width) uint16.
+
+        Raises:
+            UnreadableFrameError: An image cannot be read or has the wrong size.
+        """
+        color, depth = self.color.read_color(), self.depth.read_depth()
+        if size == depth_size and color.shape[:2] != depth.shape:
+            raise UnreadableFrameError(
+                f"{self.color.name}: color is {_size_text(color)} but depth ({self.depth.name}) is "
+                f"{_size_text(depth)}; register the depth to the color image"
+            )
+        for image, expected, of in ((color, size, self.color), (depth, depth_size, self.depth)):
+            if image.shape[:2] != expected[::-1]:
+                raise UnreadableFrameError(
+                    f"{of.name}: the image is {_size_text(image)} but the camera is "
+                    f"{expected[0]}x{expected[1]}; give the camera file of these images"
+                )
+        return color, depth
+
+
+def _size_text(image: NDArray[Any]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]}"
+
+
+@dataclass(frozen=True)
+class RecordedFrames:
+    """The frames of a recording, and the number of images without a partner."""
+
+    pairs: list[FramePair]
+    unpaired: int = 0
+
+    @property
+    def stamps_s(self) -> Array:
+        """(N,) stamps of the frames."""
+        return np.array([pair.color.stamp_s for pair in self.pairs])
+
+
+def pair_images(color: Sequence[RecordedImage], depth: Sequence[RecordedImage]) -> RecordedFrames:
+    """Pair images by the nearest stamps, at most `MAX_PAIR_SKEW_US` apart."""
+    indices = pair_nearest(_stamps_us(color), _stamps_us(depth), MAX_PAIR_SKEW_US)
+    pairs = [FramePair(color[i], depth[j]) for i, j in indices]
+    return RecordedFrames(pairs, len(color) + len(depth) - 2 * len(pairs))
+
+
+def _stamps_us(images: Sequence[RecordedImage]) -> StampsUs:
+    return np.array([int(image.stamp.scaleb(6).to_integral_value()) for image in images], np.int64)
+
+
+@dataclass(frozen=True)
+class GravitySeries:
+    """Gravity in camera axes, (N, 3) m/s^2, at rising stamps (N,)."""
+
+    stamps_s: Array
+    gravity_m_s2: Array
+
+    def mean_at(self, stamp_s: float) -> Vector | None:
+        """Return the reading with this stamp, else the mean of the second before; None without any.
+
+        This program's recordings have one reading per frame, which is already smoothed.
+        """
+        end = int(np.searchsorted(self.stamps_s, stamp_s, side="right"))
+        begin = int(np.searchsorted(self.stamps_s, stamp_s - AVERAGING_WINDOW_S))
+        if end == begin:
+            return None
+        if self.stamps_s[end - 1] == stamp_s:
+            begin = end - 1
+        x, y, z = self.gravity_m_s2[begin:end].mean(axis=0).tolist()
+        return (x, y, z)
+
+
+def _nothing_to_close() -> None:
+    """Close nothing: the recording's images are files of their own."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A checked recording that can be replayed.
+
+    Attributes:
+        path: The folder or file.
+        frames: The frames, not read yet.
+        calibration: The camera.
+        ground_truth: True poses of the color camera; None without.
+        gravity: Readings of the accelerometer.
+        depth_camera: The depth camera, if depth is not registered to color.
+        summary: What was found in a file that does not say which images to use; "" if it is clear.
+        close: Closes the file that the images are read from. Reading opens it again.
+    """
+
+    path: Path
+    frames: RecordedFrames
+    calibration: CameraCalibration
+    ground_truth: Trajectory | None
+    gravity: GravitySeries
+    depth_camera: DepthCameraCalibration | None = None
+    summary: str = ""
+    close: Callable[[], None] = _nothing_to_close
+
+    @property
+    def image_size(self) -> ImageSize:
+        """(width, height) of the color images."""
+        return self.calibration.width, self.calibration.height
+
+    @property
+    def depth_size(self) -> ImageSize:
+        """(width, height) of the depth images."""
+        depth = self.depth_camera
+        return self.image_size if depth is None else (depth.width, depth.height)

@@ -1,5 +1,6 @@
 """A Kinect, or a recorded dump of one, through libfreenect."""
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,14 +18,20 @@ from drivers.camera import (
 from drivers.core.errors import CameraError, CameraNotFoundError
 from drivers.freenect.device_source import DeviceSource
 from drivers.freenect.error_messages import device_hung_error, packet_loss_message
+from drivers.freenect.factory_calibration import (
+    DepthFilter,
+    FactoryCalibration,
+    ValidDepthMask,
+    all_depths_to_10_m,
+)
 from drivers.freenect.frame_queue import ImagePair
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.session import CaptureSession, NullSession
-from drivers.freenect.valid_depth import DepthFilter, ValidDepthMask, all_depths_to_10_m
 from drivers.kinect_usb.motor_unit import MotorUnit
 
 # Longer than a supervisor waits before it kills the process.
 RELEASE_TIMEOUT_S = 10.0
+_log = logging.getLogger(__name__)
 
 
 class FreenectCamera(RgbdCamera):
@@ -60,6 +67,7 @@ class FreenectCamera(RgbdCamera):
         self._depth_filter: DepthFilter = ValidDepthMask(all_depths_to_10_m())
         self._stamp_converter = source.make_stamp_converter()
         self._last_lost_packets = 0
+        self._factory_problem = ""
         self._serial = ""
         self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
@@ -107,7 +115,7 @@ class FreenectCamera(RgbdCamera):
 
     @property
     def intrinsics_source(self) -> str:
-        """The origin of the intrinsics; a Kinect does not report those of its color camera."""
+        """The origin of the intrinsics; that of the factory is known once the camera is open."""
         return self._rectifier.intrinsics_source
 
     @property
@@ -137,12 +145,31 @@ class FreenectCamera(RgbdCamera):
             self._source.load(), self._source, self._rectifier.depth_format, self.counters
         )
         started = self._session.start()
-        self._depth_filter = started.depth_filter
+        self._depth_filter = started.calibration.depth_filter
+        self._use_factory_calibration(started.calibration.factory)
         self._stamp_converter = self._source.make_stamp_converter()
         self._serial = started.serial if is_serial(started.serial) else ""
         self._motor_unit.open(started.serial)
         self._motor_unit.apply(self._settings)
         self._status = CameraStatus(CameraState.STARTING)
+
+    def _use_factory_calibration(self, factory: FactoryCalibration | None) -> None:
+        """Use the focal length in the Kinect's memory, if no camera file tells one."""
+        if factory is None or self._rectifier.has_camera_file:
+            return
+        focal_px = None
+        try:
+            focal_px = factory.color_focal_px()
+        except ValueError as error:
+            if str(error) != self._factory_problem:
+                _log.warning(
+                    "%s: the calibration in the Kinect's memory is not plausible, the usual values "
+                    "are used: %s; calibrate it with kinect-vo calibrate",
+                    self.name,
+                    error,
+                )
+            self._factory_problem = str(error)
+        self._rectifier = self._rectifier.with_factory_focal_length(focal_px)
 
     def _set_unavailable(self, error: CameraError, state: CameraState) -> None:
         """Keep the reason for missing frames in the status until the next `open`."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.core.errors import CameraError
 from drivers.freenect.error_messages import start_failed_error
+from drivers.freenect.factory_calibration import FactoryCalibration
 from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import (
     CAMERA_ONLY,
@@ -19,15 +20,19 @@ from drivers.freenect.library import (
     LOG_CALLBACK,
     LOG_SPEW,
     RAW_VALUES,
+    REGISTRATION_UNITS_PER_PX,
     RESOLUTION_640X480,
     VIDEO_RGB,
     DepthFormat,
     DeviceAttributes,
     Flag,
+    Registration,
     TimeValue,
 )
 
 _log = logging.getLogger(__name__)
+# Rows and columns of the registration that are read: some of the middle half of the image.
+_ROWS, _COLUMNS = slice(120, 360, 8), slice(160, 480, 8)
 RawFrameCallback = Callable[[int, int], None]  # address of the pixels, device stamp
 
 
@@ -150,18 +155,31 @@ class FreenectDevice:
             name, state = flag.name.lower().replace("_", " "), "on" if is_on else "off"
             _log.warning("the Kinect does not accept %s = %s", name, state)
 
-    def read_raw_to_mm(self) -> NDArray[np.uint16]:
-        """Read libfreenect's millimeters per raw depth value of this Kinect, (2048,) uint16.
+    def read_factory_calibration(self) -> tuple[NDArray[np.uint16], FactoryCalibration]:
+        """Read the millimeters per raw depth value, (2048,) uint16, and the calibration.
 
         Valid while depth streams in millimeters.
         """
         registration = self._library.freenect_copy_registration(self._pointer)
-        table = np.ctypeslib.as_array(registration.raw_to_mm, (RAW_VALUES,)).copy()
+        raw_to_mm = np.ctypeslib.as_array(registration.raw_to_mm, (RAW_VALUES,)).copy()
+        calibration = _copy_calibration(registration)
         self._library.freenect_destroy_registration(ctypes.byref(registration))
-        return table
+        return raw_to_mm, calibration
 
     def close(self) -> None:
         """Stop both streams, then close: closing while both run crashes libfreenect later."""
         self._library.freenect_stop_depth(self._pointer)
         self._library.freenect_stop_video(self._pointer)
         self._library.freenect_close_device(self._pointer)
+
+
+def _copy_calibration(registration: Registration) -> FactoryCalibration:
+    # The reference plane is divided into the 1280 columns of the depth sensor, two for each pixel.
+    plane_mm, pixel_mm = registration.reference_distance_mm, 2.0 * registration.reference_pixel_mm
+    table = np.ctypeslib.as_array(registration.registration_table, (480, 640, 2))
+    rows, columns = np.mgrid[_ROWS, _COLUMNS]
+    return FactoryCalibration(
+        depth_focal_px=plane_mm / pixel_mm if pixel_mm else 0.0,
+        depth_px=np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64),
+        color_px=table[_ROWS, _COLUMNS].reshape(-1, 2) / (REGISTRATION_UNITS_PER_PX, 1.0),
+    )

@@ -2,14 +2,23 @@
 
 import ctypes
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.camera import Clock
 from drivers.freenect.context import FreenectContext, FreenectDevice
+from drivers.freenect.factory_calibration import DepthFilter, FactoryCalibration
 from drivers.freenect.frame_queue import FrameQueue
 from drivers.freenect.library import DepthFormat
-from drivers.freenect.valid_depth import DepthFilter
 from drivers.freenect.watchdog import StreamTimeouts
+
+
+@dataclass(frozen=True)
+class DeviceCalibration:
+    """What a device says about itself; a dump has no factory calibration."""
+
+    depth_filter: DepthFilter
+    factory: FactoryCalibration | None = None
 
 
 class StampConverter(Protocol):
@@ -44,8 +53,8 @@ class DeviceSource(Protocol):
         """Return the depth format to set in the library."""
         ...
 
-    def configure(self, device: FreenectDevice) -> DepthFilter:
-        """Apply the settings while both streams run; return the filter of valid depths."""
+    def configure(self, device: FreenectDevice) -> DeviceCalibration:
+        """Apply the settings and read the calibration while both streams run."""
         ...
 
     def make_end_exception(self) -> Exception:

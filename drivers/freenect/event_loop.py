@@ -8,11 +8,10 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from drivers.freenect.context import FreenectContext, RawFrameCallback
-from drivers.freenect.device_source import DeviceSource
+from drivers.freenect.device_source import DeviceCalibration, DeviceSource
 from drivers.freenect.error_messages import device_hung_error
 from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import DepthFormat, TimeValue
-from drivers.freenect.valid_depth import DepthFilter
 
 EVENTS_TIMEOUT = TimeValue(0, 20_000)
 # Longer than a supervisor waits before it kills the process.
@@ -25,7 +24,7 @@ class StartedDevice:
     """The properties of a device whose streams run."""
 
     serial: str
-    depth_filter: DepthFilter
+    calibration: DeviceCalibration
 
 
 @dataclass(frozen=True)
@@ -87,8 +86,8 @@ class FreenectEventLoop:
                 self._source.open(context) as device,
             ):
                 device.start(self._depth_format, callbacks.on_color, callbacks.on_depth)
-                depth_filter = self._source.configure(device)
-                self._started.set_result(StartedDevice(device.serial, depth_filter))
+                calibration = self._source.configure(device)
+                self._started.set_result(StartedDevice(device.serial, calibration))
                 self._process_events(context)
         except Exception as error:
             if self._started.done():

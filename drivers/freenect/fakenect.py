@@ -15,9 +15,10 @@ import numpy as np
 from drivers.camera import Clock, EndOfStream, PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
 from drivers.freenect.context import FreenectContext, FreenectDevice
+from drivers.freenect.device_source import DeviceCalibration
+from drivers.freenect.factory_calibration import ValidDepthMask, all_depths_to_10_m
 from drivers.freenect.frame_queue import BlockingFrameQueue, FrameQueue, LatestFrameQueue
 from drivers.freenect.library import PACKAGE, DepthFormat, load_library
-from drivers.freenect.valid_depth import DepthFilter, ValidDepthMask, all_depths_to_10_m
 from drivers.freenect.watchdog import StreamTimeouts
 
 PATH_VARIABLE = "FAKENECT_PATH"
@@ -73,9 +74,9 @@ class FakenectSource:
         """Return the only format with which fakenect does not end the process."""
         return DepthFormat.RAW_11_BIT
 
-    def configure(self, device: FreenectDevice) -> DepthFilter:
+    def configure(self, device: FreenectDevice) -> DeviceCalibration:
         """Return a filter up to 10 m; fakenect has no settings and no table."""
-        return ValidDepthMask(all_depths_to_10_m())
+        return DeviceCalibration(ValidDepthMask(all_depths_to_10_m()))
 
     def make_end_exception(self) -> Exception:
         return EndOfStream()

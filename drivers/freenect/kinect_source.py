@@ -6,6 +6,7 @@ from contextlib import closing, contextmanager
 
 from drivers.camera import Clock, SensorConfig
 from drivers.freenect.context import FreenectContext, FreenectDevice
+from drivers.freenect.device_source import DeviceCalibration
 from drivers.freenect.error_messages import (
     NO_BANDWIDTH_LINE,
     device_not_found_error,
@@ -14,10 +15,10 @@ from drivers.freenect.error_messages import (
     open_failed_error,
     unplugged_error,
 )
+from drivers.freenect.factory_calibration import ValidDepthMask, find_valid_depths_mm
 from drivers.freenect.frame_queue import FrameQueue, LatestFrameQueue
 from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import SONAME, DepthFormat, Flag, load_library
-from drivers.freenect.valid_depth import DepthFilter, ValidDepthMask, find_valid_depths_mm
 from drivers.freenect.watchdog import StreamTimeouts
 from drivers.time_sync import MIN_IMAGE_PERIOD_S, HostClockSync
 
@@ -50,8 +51,8 @@ class KinectSource:
     def depth_format(self, wanted: DepthFormat) -> DepthFormat:
         return wanted
 
-    def configure(self, device: FreenectDevice) -> DepthFilter:
-        """Set exposure and white balance, and read which depths the device can measure.
+    def configure(self, device: FreenectDevice) -> DeviceCalibration:
+        """Set exposure and white balance, and read the calibration of the factory.
 
         Raises:
             CameraError: The bus has not enough bandwidth for the streams.
@@ -60,7 +61,8 @@ class KinectSource:
             raise no_bandwidth_error(device.log)
         device.set_flag(Flag.AUTO_EXPOSURE, self._settings.auto_exposure)
         device.set_flag(Flag.AUTO_WHITE_BALANCE, self._settings.auto_white_balance)
-        return ValidDepthMask(find_valid_depths_mm(device.read_raw_to_mm()))
+        raw_to_mm, factory = device.read_factory_calibration()
+        return DeviceCalibration(ValidDepthMask(find_valid_depths_mm(raw_to_mm)), factory)
 
     def make_end_exception(self) -> Exception:
         return unplugged_error()

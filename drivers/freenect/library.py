@@ -50,6 +50,8 @@ class Flag(IntEnum):
 
 RAW_VALUES = 2048
 RESOLUTION_640X480 = 1
+# Units of the registration's columns; its rows are whole pixels.
+REGISTRATION_UNITS_PER_PX = 256
 VIDEO_RGB = 0
 
 
@@ -90,7 +92,7 @@ class Registration(Structure):
         ("const_shift", c_double),
         ("raw_to_mm", POINTER(c_uint16)),
         ("depth_to_rgb_shift", POINTER(c_int32)),
-        ("registration_table", c_void_p),
+        ("registration_table", POINTER(c_int32)),
     )
 
 

@@ -16,8 +16,8 @@ from drivers.calibration import (
 )
 from drivers.camera import PinholeCamera
 from drivers.core.errors import InputError
+from drivers.freenect.factory_calibration import USUAL_COLOR_FOCAL_PX, DepthFilter
 from drivers.freenect.library import DepthFormat
-from drivers.freenect.valid_depth import DepthFilter
 from drivers.rectify import SoftwareRegistration, Undistorter, make_undistorter
 
 Pixel = TypeVar("Pixel", np.uint8, np.uint16)
@@ -26,10 +26,17 @@ WIDTH, HEIGHT = 640, 480
 MILLIMETERS_PER_METER = 1000.0
 # A camera file corrects the scale by a few percent; beyond this it is for another unit.
 MAX_SCALE_CORRECTION = 1.25
-# Usual values of the color camera, to which libfreenect registers depth.
-DEFAULT_CALIBRATION = CameraCalibration(
-    WIDTH, HEIGHT, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, MILLIMETERS_PER_METER
-)
+
+
+def calibration_of_focal_length(focal_px: float) -> CameraCalibration:
+    """Make the calibration of a Kinect whose depth libfreenect registers to its color camera."""
+    center_px = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    return CameraCalibration(
+        WIDTH, HEIGHT, focal_px, focal_px, *center_px, NO_DISTORTION, MILLIMETERS_PER_METER
+    )
+
+
+DEFAULT_CALIBRATION = calibration_of_focal_length(USUAL_COLOR_FOCAL_PX)
 
 
 @dataclass(frozen=True)
@@ -57,26 +64,33 @@ class KinectRectifier:
     The finished images are mirrored, because libfreenect's registration needs unmirrored depth.
 
     Args:
-        camera_file: Camera file; None for the usual values.
+        camera_file: Camera file; None for the values of the factory, or the usual ones.
         is_mirrored: Whether to swap left and right.
+        factory_focal_px: Focal length of the color camera by the factory; None if not known.
 
     Raises:
         InputError: The camera file does not fit the Kinect.
     """
 
-    def __init__(self, camera_file: Path | None, is_mirrored: bool) -> None:
-        calibration = DEFAULT_CALIBRATION if camera_file is None else read_calibration(camera_file)
+    def __init__(
+        self, camera_file: Path | None, is_mirrored: bool, factory_focal_px: float | None = None
+    ) -> None:
+        calibration, self.intrinsics_source = _find_calibration(camera_file, factory_focal_px)
         _check_calibration(calibration, camera_file)
         pinhole = calibration.pinhole
         self._undistorter = make_undistorter(pinhole, calibration.distortion)
         self._registration = _make_registration(calibration, self._undistorter)
         self._is_mirrored = is_mirrored
+        self.has_camera_file = camera_file is not None
         self.camera = _mirror_intrinsics(pinhole) if is_mirrored else pinhole
         self.depth_format = self._registration.depth_format
         self.depth_factor = self._registration.depth_factor
         self.readout_s, self.timing_prior = kinect_timing(calibration)
         self.depth_offset_s = calibration.depth_offset_s
-        self.intrinsics_source = "default" if camera_file is None else f"camera file {camera_file}"
+
+    def with_factory_focal_length(self, focal_px: float | None) -> "KinectRectifier":
+        """Return the rectifier of another Kinect, of which no camera file tells."""
+        return KinectRectifier(None, self._is_mirrored, focal_px)
 
     def rectify_color(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Convert an image to (480, 640, 3) uint8 BGR of the pinhole `camera`, as a copy."""
@@ -91,6 +105,17 @@ class KinectRectifier:
 
     def _mirror(self, image: NDArray[Pixel]) -> NDArray[Pixel]:
         return cv2.flip(image, 1) if self._is_mirrored else image  # type: ignore[return-value]
+
+
+def _find_calibration(
+    camera_file: Path | None, factory_focal_px: float | None
+) -> tuple[CameraCalibration, str]:
+    """Return the best calibration, and its source."""
+    if camera_file is not None:
+        return read_calibration(camera_file), f"camera file {camera_file}"
+    if factory_focal_px is not None:
+        return calibration_of_focal_length(factory_focal_px), "factory"
+    return DEFAULT_CALIBRATION, "default"
 
 
 def _make_registration(

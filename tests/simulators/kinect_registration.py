@@ -12,6 +12,7 @@ __all__ = [
     "FACTORY",
     "IDENTITY",
     "RegistrationTable",
+    "make_factory_table",
     "mm_to_raw",
     "quantize_mm",
     "raw_to_mm",
@@ -66,9 +67,9 @@ def _polynomial(shift_px: tuple[float, float], slope: float) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def _make_factory_table() -> RegistrationTable:
+def make_factory_table(color_focal_px: float = _COLOR_FOCAL_PX) -> RegistrationTable:
     """Make the table of a real Kinect: color camera 2.4 cm beside the depth camera, wider view."""
-    slope = _COLOR_FOCAL_PX / NOMINAL.focal_px - 1.0
+    slope = color_focal_px / NOMINAL.focal_px - 1.0
     # libfreenect shifts columns by this at infinity, and not at all at the reference distance.
     at_infinity_px = _BASELINE_CM / (2.0 * NOMINAL.pixel_cm)
     x = -slope * _CENTER_PX[0] - at_infinity_px - _EXTRA_SHIFT_PX - _EXTRA_COLUMNS_PX + 0.5
@@ -87,5 +88,5 @@ def _make_identity_table() -> RegistrationTable:
     return RegistrationTable(_polynomial((-_EXTRA_SHIFT_PX, -_EXTRA_SHIFT_PX), 0.0), float(1 << 20))
 
 
-FACTORY = _make_factory_table()
+FACTORY = make_factory_table()
 IDENTITY = _make_identity_table()

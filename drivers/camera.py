@@ -83,7 +83,7 @@ class TimingSource(StrEnum):
     """The origin of a sensor's timing."""
 
     CAMERA_FILE = "camera file"
-    MEMORY = "memory"  # learned at an earlier run, see `TimingMemory`
+    MEMORY = "memory"  # learned at an earlier run, see `SensorMemory`
     SENSOR = "usual for the sensor"
     UNKNOWN = "unknown"
 
@@ -103,6 +103,19 @@ class TimingPrior:
     readout_sigma_s: float
     depth_offset_sigma_s: float
     source: TimingSource
+
+
+@dataclass(frozen=True)
+class FocalPrior:
+    """What was learned of a camera's focal length at an earlier run.
+
+    Attributes:
+        scale: Ratio to that of the frame.
+        sigma: Standard deviation of `scale`.
+    """
+
+    scale: float
+    sigma: float
 
 
 @dataclass(frozen=True)
@@ -129,6 +142,7 @@ class RgbdFrame:
             global shutter, or unknown.
         timing_prior: How well `readout_s` and `skew_s` are known; None = exactly.
         serial: Serial number of the sensor; "" if unknown, or a recording.
+        focal_prior: What is known of the focal length beside `camera`; None = nothing.
     """
 
     seq: int
@@ -145,6 +159,7 @@ class RgbdFrame:
     readout_s: float = 0.0
     timing_prior: TimingPrior | None = None
     serial: str = ""
+    focal_prior: FocalPrior | None = None
 
     @cached_property
     def depth_m(self) -> NDArray[np.float32]:

@@ -26,10 +26,10 @@ from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
+from vo_service.sensor_memory import NullSensorMemory, SensorMemory
 from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
-from vo_service.timing_memory import NullTimingMemory, TimingMemory
 from vo_service.types import (
     Command,
     GroundTruthSource,
@@ -237,7 +237,7 @@ class ServiceDependencies:
         command_queue: Commands for the loop.
         recorder: The flight recorder, one of the outputs.
         mapper: The mapper, one of the outputs.
-        timing_memory: The memory of learned timings, one of the outputs.
+        sensor_memory: The memory of learned timings, one of the outputs.
         viewers: Those of the outputs that load shedding may pause.
         warning_sources: Parts besides the outputs whose warnings are in the status.
         on_command_config: Applies a changed table `[commands]`.
@@ -247,7 +247,7 @@ class ServiceDependencies:
     command_queue: CommandQueue[Command] = field(default_factory=CommandQueue)
     recorder: Recorder = field(default_factory=NullRecorder)
     mapper: Mapper = field(default_factory=NullMapper)
-    timing_memory: TimingMemory = field(default_factory=NullTimingMemory)
+    sensor_memory: SensorMemory = field(default_factory=NullSensorMemory)
     viewers: Sequence[PausableViewer] = ()
     warning_sources: Sequence[HasWarning] = ()
     on_command_config: Callable[[CommandConfig], None] = lambda _: None
@@ -286,7 +286,7 @@ def build_live_service(
     load_shedder = ReconfigurableLoadShedder(dependencies.viewers, odometry)
     load_shedder.configure(config.load, config.odometry.feature_count)
     mapper = dependencies.mapper
-    frame_source = ReconnectingSource(camera, dependencies.timing_memory.apply)
+    frame_source = ReconnectingSource(camera, dependencies.sensor_memory.apply)
     service = Service(
         _make_input(config, camera, frame_source),
         Estimator(config.odometry.method, mapper.loop_closure.wrap(odometry), timer),

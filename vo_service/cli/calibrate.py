@@ -45,8 +45,8 @@ camera the command ends once it has enough views; Ctrl-C uses the views so far.
 
 --timing needs no board: shake the camera quickly for 15 s, close to textured objects. It writes
 readout_s and depth_offset_s with their standard deviations into the camera file, and changes
-nothing else. --save-learnt writes the same values as a live service has learned them; no camera is
-needed.
+nothing else. --save-learnt writes the same values as a live service has learned them, and
+multiplies fx and fy by the factor that it has learned; no camera is needed.
 
 The camera file is written to --output, else to camera.file of the configuration, else to
 ./camera.toml. An existing file is kept as camera.toml.bak.
@@ -79,7 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--save-learnt", action="store_true",
-        help="write the timing that kinect-vo run has learned of a sensor into the camera file",
+        help="write the timing and the focal length that kinect-vo run has learned of a sensor "
+        "into the camera file",
     )  # fmt: skip
     parser.add_argument(
         "--serial", metavar="SERIAL",

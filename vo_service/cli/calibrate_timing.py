@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import logging
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import date
@@ -20,7 +21,12 @@ from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.kernels import run_warm_up
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
-from vo_service.remembered_timing import RememberedTiming, find_remembered_timings, memory_folders
+from vo_service.remembered_sensor import (
+    SAME_FOCAL_PX,
+    RememberedSensor,
+    find_remembered_sensors,
+    memory_folders,
+)
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.output_files import check_writable
@@ -43,6 +49,7 @@ if TYPE_CHECKING:  # loads the kernels of an odometry, which a learned timing do
 
 # Options that are valid only with a board.
 BOARD_ONLY_OPTIONS = ("square", "marker", "depth", "keep", "rerun", "picture", "print_board")
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -192,7 +199,7 @@ def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> "M
 
 
 def save_learnt(args: argparse.Namespace) -> int:
-    """Write the learned timing of a sensor into a camera file.
+    """Write the learned timing and focal length of a sensor into a camera file.
 
     Raises:
         InputError: If nothing has been learned, if it is unclear of which sensor, or if an option
@@ -211,22 +218,36 @@ def save_learnt(args: argparse.Namespace) -> int:
     file: Path = args.camera_file or config.camera.file or output
     fallback = read_calibration(file)
     learned = _choose_sensor(args.serial)
-    told, now = told_timing(read_camera(output, fallback)), remembered_as_timing(learned)
+    camera = read_camera(output, fallback)
+    told, now = told_timing(camera), remembered_as_timing(learned)
     heading = f"kinect-vo calibrate --save-learnt, {date.today()}: sensor {learned.serial}"
-    kept = save_timing(output, fallback, now, heading)
+    focal = learned.focal_length
+    prior = None if focal is None else focal.prior_for(camera.fx)
+    scale = 1.0 if prior is None else prior.scale
+    kept = save_timing(output, fallback, now, heading, scale)
     values = {"before": told, "now": now}
-    print_saved_timing(args, {"serial": learned.serial}, values, SavedFile(output, kept))
+    source: dict[str, object] = {"serial": learned.serial}
+    if scale != 1.0:
+        source["factor on fx and fy"] = round(scale, 5)
+    print_saved_timing(args, source, values, SavedFile(output, kept))
+    if focal is not None and abs(focal.fx - camera.fx) > SAME_FOCAL_PX:
+        logger.warning(
+            "fx and fy are unchanged: the focal length was learned with fx = %.2f, but %s has %.2f",
+            focal.fx,
+            output,
+            camera.fx,
+        )
     return 0
 
 
-def _choose_sensor(serial: str | None) -> RememberedTiming:
-    """Return the timing of a sensor, or of the only one.
+def _choose_sensor(serial: str | None) -> RememberedSensor:
+    """Return what was learned of a sensor, or of the only one.
 
     Raises:
         InputError: There is none, or there are several.
     """
     folders = memory_folders()
-    remembered = find_remembered_timings(folders)
+    remembered = find_remembered_sensors(folders)
     known = ", ".join(sorted(remembered))
     if not remembered:
         searched = ", ".join(map(str, folders)) or "no folder"

@@ -31,6 +31,7 @@ from vo_service.outputs.zenoh.access_denied_log import log_access_denied
 from vo_service.outputs.zenoh.command_server import make_command_endpoint
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
 from vo_service.outputs.zenoh.output import ExtraEndpoints
+from vo_service.sensor_memory import open_sensor_memory
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,
@@ -40,7 +41,6 @@ from vo_service.signals import (
     stop_on_signals,
 )
 from vo_service.terminal import Terminal
-from vo_service.timing_memory import open_timing_memory
 from vo_service.types import Command, Output
 
 NAME = "run"
@@ -130,12 +130,12 @@ def _serve(
     with (
         log_access_denied(config.zenoh),
         open_outputs(outputs_config) as opened,
-        closing(open_timing_memory(config.odometry.timing)) as timing_memory,
+        closing(open_sensor_memory(config.odometry.timing)) as sensor_memory,
         closing(systemd),
         closing(command_queue),
     ):
         loggers: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
-        outputs = [*opened.outputs, timing_memory, *loggers]
+        outputs = [*opened.outputs, sensor_memory, *loggers]
         live = build_live_service(
             config,
             camera,
@@ -144,7 +144,7 @@ def _serve(
                 command_queue=command_queue,
                 recorder=opened.recorder,
                 mapper=opened.mapper,
-                timing_memory=timing_memory,
+                sensor_memory=sensor_memory,
                 viewers=opened.viewers,
                 warning_sources=[reloader],
                 on_command_config=commands.configure,

@@ -8,8 +8,12 @@ import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS, format_calibration, read_calibration
 from tests.vo_service.cli.cli_runner import run_in_process
-from tests.vo_service.timing_updates import LEARNED, SERIAL
-from vo_service.remembered_timing import timing_folder, write_remembered_timing
+from tests.vo_service.learned_updates import LEARNED, SERIAL
+from vo_service.remembered_sensor import (
+    RememberedFocalLength,
+    sensor_folder,
+    write_remembered_sensor,
+)
 
 Capture = pytest.CaptureFixture[str]
 CAMERA = replace(TUM_CALIBRATIONS["1"], readout_s=0.02)
@@ -21,13 +25,13 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The empty memory of this user's services; there is a camera file in the working folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    monkeypatch.setattr("vo_service.remembered_timing.SYSTEMD_STATE_FOLDERS", tmp_path / "var")
+    monkeypatch.setattr("vo_service.remembered_sensor.SYSTEMD_STATE_FOLDERS", tmp_path / "var")
     Path("camera.toml").write_text(format_calibration(CAMERA))
-    return timing_folder(tmp_path / "state")
+    return sensor_folder(tmp_path / "state")
 
 
 def test_the_learned_timing_is_written_with_its_sigmas(memory: Path, capfd: Capture) -> None:
-    write_remembered_timing(memory, LEARNED)
+    write_remembered_sensor(memory, LEARNED)
     outcome = run_in_process(capfd, "calibrate", "--save-learnt", "--camera-file", "camera.toml")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"serial: {SERIAL}\n" in outcome.out
@@ -45,8 +49,8 @@ def test_the_learned_timing_is_written_with_its_sigmas(memory: Path, capfd: Capt
 def test_a_sensor_is_chosen_by_its_serial_and_a_new_file_is_a_copy(
     memory: Path, tmp_path: Path, capfd: Capture
 ) -> None:
-    write_remembered_timing(memory, LEARNED)
-    write_remembered_timing(timing_folder(tmp_path / "var/kinect-vo-front"), OTHER)
+    write_remembered_sensor(memory, LEARNED)
+    write_remembered_sensor(sensor_folder(tmp_path / "var/kinect-vo-front"), OTHER)
     arguments = ("--serial", "B2", "--camera-file", "camera.toml", "--output", "new.toml")
     outcome = run_in_process(capfd, "calibrate", "--save-learnt", *arguments, "--json")
     result = json.loads(outcome.out)
@@ -54,6 +58,28 @@ def test_a_sensor_is_chosen_by_its_serial_and_a_new_file_is_a_copy(
     assert result["readout_s"]["now"] == {"value_s": 0.0305, "sigma_s": 0.0012}
     assert read_calibration(Path("new.toml")).fx == CAMERA.fx
     assert read_calibration(Path("camera.toml")) == CAMERA
+
+
+def test_fx_and_fy_are_multiplied_by_the_learned_factor(memory: Path, capfd: Capture) -> None:
+    focal_length = RememberedFocalLength(CAMERA.fx, 1.02, 0.006, -0.01)
+    write_remembered_sensor(memory, replace(LEARNED, focal_length=focal_length))
+    outcome = run_in_process(capfd, "calibrate", "--save-learnt", *FILE)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"serial: {SERIAL}, factor on fx and fy: 1.02\n" in outcome.out
+    saved = read_calibration(Path("camera.toml"))
+    assert (saved.fx, saved.fy) == (round(1.02 * CAMERA.fx, 2), round(1.02 * CAMERA.fy, 2))
+    assert (saved.cx, saved.distortion) == (CAMERA.cx, CAMERA.distortion)
+
+
+def test_a_focal_length_learned_with_other_intrinsics_is_not_written(
+    memory: Path, capfd: Capture
+) -> None:
+    focal_length = RememberedFocalLength(525.0, 1.02, 0.006, -0.01)
+    write_remembered_sensor(memory, replace(LEARNED, focal_length=focal_length))
+    outcome = run_in_process(capfd, "calibrate", "--save-learnt", *FILE)
+    assert outcome.code == 0
+    assert "fx and fy are unchanged: the focal length was learned with fx = 525.00" in outcome.err
+    assert read_calibration(Path("camera.toml")).fx == CAMERA.fx
 
 
 FILE = ["--camera-file", "camera.toml"]
@@ -76,7 +102,7 @@ MISTAKES = {
 def test_a_mistake_is_one_line(mistake: str, memory: Path, capfd: Capture) -> None:
     learned, arguments, message = MISTAKES[mistake]
     for timing in learned:
-        write_remembered_timing(memory, timing)
+        write_remembered_sensor(memory, timing)
     outcome = run_in_process(capfd, "calibrate", "--save-learnt", *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert message in outcome.err
@@ -85,7 +111,7 @@ def test_a_mistake_is_one_line(mistake: str, memory: Path, capfd: Capture) -> No
 
 
 def test_a_damaged_file_is_a_warning(memory: Path, capfd: Capture) -> None:
-    write_remembered_timing(memory, LEARNED)
+    write_remembered_sensor(memory, LEARNED)
     (memory / "B2.toml").write_text("nonsense")
     outcome = run_in_process(capfd, "calibrate", "--save-learnt", *FILE)
     assert outcome.code == 0

@@ -35,12 +35,16 @@ class FocalEstimator:
         in_use: Focal length in use.
         estimate: Focal length by the prior and brightness.
         sigma: Its standard deviation.
+
+    Args:
+        prior: Focal length in use at the start.
+        prior_sigma: Its standard deviation.
     """
 
-    def __init__(self) -> None:
-        self.in_use = 0.0
-        self.estimate, self.sigma = 0.0, FOCAL_PRIOR_SIGMA
-        self._prior = (0.0, FOCAL_PRIOR_SIGMA)
+    def __init__(self, prior: float = 0.0, prior_sigma: float = FOCAL_PRIOR_SIGMA) -> None:
+        self.in_use = self.estimate = prior
+        self.sigma = prior_sigma
+        self._prior = (prior, prior_sigma)
         # Of former keyframes; of the views of the current one.
         self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
         self._keyframe_stamp_s = np.nan

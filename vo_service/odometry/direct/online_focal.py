@@ -1,12 +1,13 @@
 """Direct odometry that learns the focal length of the color camera while it runs.
 
-The camera file's focal length is a prior. Each tracked view adds to the estimate, once the timing
-of the sensor is certain: a wrong readout looks like a wrong focal length.
+The frames' focal length, or what an earlier run has learned of it, is a prior. Each tracked view
+adds to the estimate, once the timing of the sensor is certain: a wrong readout looks like a wrong
+focal length.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import exp
+from math import exp, log
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from vo_service.odometry.direct.focal_equations import measure_focal_length
@@ -46,7 +47,7 @@ class OnlineFocalOdometry:
         # Another sensor has been plugged in: it has its own focal length.
         if frame.camera != self._camera or frame.serial != self._serial:
             self._camera, self._serial = frame.camera, frame.serial
-            self._estimator = FocalEstimator()
+            self._estimator = _start_estimator(frame)
         estimate = self._odometry.estimate(self._correct(frame))
         if estimate.ok and self._odometry.is_timing_certain:
             with self._timer.stage("focal length"):
@@ -94,6 +95,11 @@ class OnlineFocalOdometry:
         assert active is not None
         rebuilt = _rebuild(active, camera)
         tracker.replace_keyframes([rebuilt], rebuilt)
+
+
+def _start_estimator(frame: RgbdFrame) -> FocalEstimator:
+    prior = frame.focal_prior
+    return FocalEstimator(log(prior.scale), prior.sigma) if prior else FocalEstimator()
 
 
 def _rebuild(keyframe: DirectKeyframe, camera: PinholeCamera) -> DirectKeyframe:

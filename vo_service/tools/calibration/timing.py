@@ -1,6 +1,7 @@
 """A sensor's timing with standard deviations: told, measured, and in its camera file."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.core.config import find_key_lines, parse_toml
-from vo_service.remembered_timing import RememberedTiming
+from vo_service.remembered_sensor import RememberedSensor
 from vo_service.tools.calibration.output_files import save_with_backup
 
 NOTHING_SAVED_PREFIX = "nothing is saved: "
@@ -22,8 +23,9 @@ NOTHING_SAVED_PREFIX = "nothing is saved: "
 CONTRADICTION_SIGMAS = 3.0
 # A measurement tells something if its standard deviations are below this part of unknown ones.
 MAX_SIGMA_RATIO = 0.5
-# Digits of saved seconds, below the accuracy.
+# Digits of saved seconds and of saved pixels, below the accuracy.
 DIGITS = 5
+FOCAL_DIGITS = 2
 REMEDY = "shake the camera to and fro like a hand, for 15 s, near objects with texture and depth"
 
 
@@ -64,7 +66,7 @@ def make_timing(
     }
 
 
-def remembered_as_timing(remembered: RememberedTiming) -> SensorTiming:
+def remembered_as_timing(remembered: RememberedSensor) -> SensorTiming:
     """Return what a service has learned."""
     return make_timing(
         remembered.readout_s,
@@ -136,7 +138,11 @@ def read_camera(path: Path, fallback: CameraCalibration) -> CameraCalibration:
 
 
 def save_timing(
-    path: Path, fallback: CameraCalibration, changes: SensorTiming, heading: str
+    path: Path,
+    fallback: CameraCalibration,
+    changes: SensorTiming,
+    heading: str,
+    focal_scale: float = 1.0,
 ) -> Path | None:
     """Change the timing in a camera file, or write a new file.
 
@@ -145,6 +151,7 @@ def save_timing(
         fallback: Contents of a new file, except for the timing.
         changes: The values to change, with their standard deviations.
         heading: Comment at the top of a new file.
+        focal_scale: Factor on fx and fy.
 
     Returns:
         The path of the backup of an existing file; None without one.
@@ -158,28 +165,35 @@ def save_timing(
         if path.exists()
         else f"# {heading}\n{format_calibration(fallback)}"
     )
-    text = replace_timing(before, changes)
+    camera = parse_toml(before, str(path), CameraCalibration)
+    values = file_values(changes)
+    if focal_scale != 1.0:
+        values |= {
+            "fx": round(focal_scale * camera.fx, FOCAL_DIGITS),
+            "fy": round(focal_scale * camera.fy, FOCAL_DIGITS),
+        }
+    text = replace_values(before, values)
     parse_toml(text, str(path), CameraCalibration)
     return save_with_backup(path, text.encode())
 
 
-def replace_timing(text: str, changes: SensorTiming) -> str:
+def replace_values(text: str, values: Mapping[str, float]) -> str:
     """Return a camera file's text with these keys changed, or inserted after `schema`."""
-    for key, value_s in reversed(_file_values(changes).items()):
+    for key, value in reversed(list(values.items())):
         lines, numbers = text.split("\n"), find_key_lines(text)
         if (key,) in numbers:
             index = numbers[(key,)] - 1
             _, comment_sign, comment = lines[index].partition("#")
-            lines[index] = f"{key} = {value_s!r}" + (
+            lines[index] = f"{key} = {value!r}" + (
                 f"  {comment_sign}{comment}" if comment_sign else ""
             )
         else:
-            lines.insert(numbers[("schema",)], f"{key} = {value_s!r}")
+            lines.insert(numbers[("schema",)], f"{key} = {value!r}")
         text = "\n".join(lines)
     return text
 
 
-def _file_values(changes: SensorTiming) -> dict[str, float]:
+def file_values(changes: SensorTiming) -> dict[str, float]:
     """Return the values by key of the camera file, each followed by its standard deviation."""
     values: dict[str, float] = {}
     for key, value in changes.items():

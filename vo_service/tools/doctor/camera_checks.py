@@ -9,6 +9,7 @@ from vo_service.tools.doctor.stream_checks import (
     FirstFramesCheck,
     FrameRateCheck,
     GravityCheck,
+    LearnedFocalLengthCheck,
     LearnedTimingCheck,
     LostPacketsCheck,
     SkewCheck,
@@ -75,6 +76,7 @@ def _stream_checks(has_accelerometer: bool) -> tuple[Check, ...]:
         LostPacketsCheck(),
         SkewCheck(),
         LearnedTimingCheck(),
+        LearnedFocalLengthCheck(),
         ClockRateCheck(),
         GravityCheck(has_accelerometer),
     )

@@ -8,8 +8,13 @@ import numpy as np
 
 from drivers.camera import TimingSource
 from drivers.core.geometry import is_gravity
-from vo_service.remembered_timing import RememberedTiming, find_remembered_timings, memory_folders
-from vo_service.tools.calibration.timing import SensorTiming, make_timing, remembered_as_timing
+from vo_service.remembered_sensor import RememberedSensor, find_remembered_sensors, memory_folders
+from vo_service.tools.calibration.timing import (
+    CONTRADICTION_SIGMAS,
+    SensorTiming,
+    make_timing,
+    remembered_as_timing,
+)
 from vo_service.tools.doctor.check import CheckContext, Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
 
@@ -22,6 +27,8 @@ MIN_FRAMES_FOR_RATE = 10
 # At 30 frames a second, color and depth of one frame differ by at most half a period.
 MAX_SKEW_S = 0.017
 MAX_CLOCK_RATE_ERROR = 0.01
+# What precedes the path in the source of the intrinsics.
+CAMERA_FILE_PREFIX = "camera file "
 
 
 class FirstFramesCheck:
@@ -143,9 +150,9 @@ class SkewCheck:
         return passed(text, **facts)
 
 
-def find_learned_timings() -> Mapping[str, RememberedTiming]:
+def find_learned_sensors() -> Mapping[str, RememberedSensor]:
     """Find what the services on this computer have learned, by serial number."""
-    return find_remembered_timings(memory_folders())
+    return find_remembered_sensors(memory_folders())
 
 
 class LearnedTimingCheck:
@@ -155,7 +162,7 @@ class LearnedTimingCheck:
     needs = ("first-frames",)
 
     def __init__(
-        self, find_learned: Callable[[], Mapping[str, RememberedTiming]] = find_learned_timings
+        self, find_learned: Callable[[], Mapping[str, RememberedSensor]] = find_learned_sensors
     ) -> None:
         """Set the function that finds what was learned, by serial number."""
         self._find_learned = find_learned
@@ -173,7 +180,7 @@ class LearnedTimingCheck:
         both = f"{text}; learned: {_describe_timing(learned)}"
         is_contradicted = any(told[key].contradicts(value) for key, value in learned.items())
         if source is TimingSource.CAMERA_FILE and is_contradicted:
-            file = context.stream.intrinsics_source.removeprefix("camera file ")
+            file = context.stream.intrinsics_source.removeprefix(CAMERA_FILE_PREFIX)
             return warned(
                 f"the camera file contradicts what was learned: {both}",
                 f"kinect-vo calibrate --save-learnt --serial {sample.serial} --camera-file {file}; "
@@ -197,6 +204,52 @@ def _told_timing(sample: FrameSample) -> SensorTiming:
 
 def _describe_timing(timing: SensorTiming) -> str:
     return f"readout {timing['readout_s']}, depth offset {timing['depth_offset_s']}"
+
+
+class LearnedFocalLengthCheck:
+    """Compare the focal length of the frames with what services learned, from their poses.
+
+    That brightness and depth disagree on it is information only: it happens with real sensors, and
+    its cause is not known.
+    """
+
+    name = "focal-length"
+    needs = ("first-frames",)
+
+    def __init__(
+        self, find_learned: Callable[[], Mapping[str, RememberedSensor]] = find_learned_sensors
+    ) -> None:
+        """Set the function that finds what was learned, by serial number."""
+        self._find_learned = find_learned
+
+    def run(self, context: CheckContext) -> Finding:
+        sample, source = context.stream.samples[-1], context.stream.intrinsics_source
+        text = f"{sample.fx:.1f} px" + (f" ({source})" if source else "")
+        sensor = self._find_learned().get(sample.serial) if sample.serial else None
+        if sensor is None or sensor.focal_length is None:
+            return passed(f"{text}; nothing learned of this sensor yet", fx=sample.fx)
+        learned = sensor.focal_length
+        learned_px, sigma_px = learned.fx * learned.scale, learned.fx * learned.prior_sigma
+        text += (
+            f"; learned: {learned_px:.1f} ± {sigma_px:.1f} px; "
+            f"by depth {learned.disagreement:+.1%} against brightness"
+        )
+        facts = {
+            "fx": sample.fx,
+            "learned_fx": round(learned_px, 2),
+            "learned_sigma": round(sigma_px, 2),
+            "disagreement": round(learned.disagreement, 4),
+        }
+        is_contradicted = abs(learned_px - sample.fx) > CONTRADICTION_SIGMAS * sigma_px
+        if not is_contradicted or not source.startswith(CAMERA_FILE_PREFIX):
+            return passed(text, **facts)
+        file = source.removeprefix(CAMERA_FILE_PREFIX)
+        return warned(
+            f"the camera file contradicts what was learned: {text}",
+            "calibrate it with a printed board (kinect-vo calibrate), or run kinect-vo calibrate "
+            f"--save-learnt --serial {sample.serial} --camera-file {file}",
+            **facts,
+        )
 
 
 class ClockRateCheck:

@@ -24,7 +24,7 @@ RECOVERY_TIMEOUT_S = 2.0
 
 @dataclass(frozen=True)
 class FrameSample:
-    """Measurements of one frame; the fields are those of `RgbdFrame`."""
+    """Measurements of one frame; the fields are those of `RgbdFrame` and its camera."""
 
     seq: int
     stamp_s: float
@@ -35,6 +35,7 @@ class FrameSample:
     readout_s: float
     timing_prior: TimingPrior | None
     serial: str
+    fx: float
 
 
 @dataclass(frozen=True)
@@ -161,4 +162,5 @@ def _make_sample(frame: RgbdFrame) -> FrameSample:
         readout_s=frame.readout_s,
         timing_prior=frame.timing_prior,
         serial=frame.serial,
+        fx=frame.camera.fx,
     )

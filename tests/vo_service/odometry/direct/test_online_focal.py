@@ -4,8 +4,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
-from drivers.camera import RgbdFrame, TimingPrior, TimingSource
+from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.test_online_timing import SwingingCamera
 from vo_service.odometry.direct.odometry import DirectOdometry
@@ -78,6 +79,20 @@ def test_another_sensor_starts_with_its_own_focal_length() -> None:
     other = replace(last, stamp_s=last.stamp_s + 1 / 30, serial="B2")
     assert last_focal_length(estimates).scale > 1.0
     assert last_focal_length([odometry.estimate(other)]).scale == 1.0
+
+
+def test_what_an_earlier_run_has_learned_is_used_from_the_first_frame() -> None:
+    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry))
+    frames = [
+        replace(with_focal_error(frame, 0.96), focal_prior=FocalPrior(1.04, 0.01))
+        for frame in swinging_frames()
+    ]
+    first = odometry.estimate(frames[0]).focal_length
+    assert first is not None
+    assert first.scale == pytest.approx(1.04)
+    assert first.sigma == 0.01
+    last = last_focal_length([odometry.estimate(frame) for frame in frames[1:]])
+    assert abs(last.scale * 0.96 - 1.0) < 0.015
 
 
 def test_exact_frames_are_not_learned_from() -> None:

@@ -22,8 +22,9 @@ from vo_service.tools.calibration.timing import (
     SensorTiming,
     TimingValue,
     combine,
+    file_values,
     make_timing,
-    replace_timing,
+    replace_values,
     save_timing,
     select_changes,
     told_timing,
@@ -82,7 +83,7 @@ def test_a_negative_readout_is_zero() -> None:
 
 @given(timings)
 def test_other_values_do_not_change(timing: SensorTiming) -> None:
-    text = replace_timing(format_calibration(CAMERA), timing)
+    text = replace_values(format_calibration(CAMERA), file_values(timing))
     readout, offset = timing["readout_s"], timing["depth_offset_s"]
     changed = replace(
         CAMERA,
@@ -95,10 +96,10 @@ def test_other_values_do_not_change(timing: SensorTiming) -> None:
 
 
 def test_comments_and_order_stay_and_missing_keys_follow_the_schema() -> None:
-    text = replace_timing(
+    text = replace_values(
         "# mine\nschema = 1\nwidth = 640 # wide\nreadout_s = 3e-3 # guessed\n"
         "depth_offset_sigma_s = 0.02 # stale\n[depth]\nfx = 5\n",
-        TIMING,
+        file_values(TIMING),
     )
     assert text == (
         "# mine\nschema = 1\nreadout_sigma_s = 0.0011\ndepth_offset_s = -0.0012\n"

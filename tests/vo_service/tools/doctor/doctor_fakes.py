@@ -42,6 +42,7 @@ def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[Fram
         "readout_s": lambda k: KINECT_READOUT_S,
         "timing_prior": lambda k: KINECT_TIMING_PRIOR,
         "serial": lambda k: "A00123456789012A",
+        "fx": lambda k: 525.0,
     }
     fields = defaults | changes
     return tuple(

@@ -1,24 +1,27 @@
 """The checks of the frames."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from drivers.camera import CameraCounters, TimingPrior, TimingSource
-from tests.vo_service.timing_updates import LEARNED, SERIAL
+from tests.vo_service.learned_updates import LEARNED, SERIAL
 from tests.vo_service.tools.doctor.doctor_fakes import (
     PERIOD_S,
     make_capture,
     make_context,
     make_samples,
 )
+from vo_service.remembered_sensor import RememberedFocalLength
 from vo_service.tools.doctor.check import Check, CheckVerdict, Finding
 from vo_service.tools.doctor.stream_checks import (
     ClockRateCheck,
     FirstFramesCheck,
     FrameRateCheck,
     GravityCheck,
+    LearnedFocalLengthCheck,
     LearnedTimingCheck,
     LostPacketsCheck,
     SkewCheck,
@@ -130,6 +133,31 @@ def test_another_sensor_has_nothing_learned() -> None:
     stream = with_frames(serial=lambda k: "B2")
     finding = run_check(LearnedTimingCheck(lambda: {SERIAL: LEARNED}), stream)
     assert finding.text.endswith("(usual for the sensor); nothing learned of this sensor yet")
+
+
+@pytest.mark.parametrize(
+    ("source", "scale", "verdict"),
+    [
+        ("camera file c.toml", 1.04, CheckVerdict.WARNING),
+        ("camera file c.toml", 1.02, CheckVerdict.PASS),
+        ("factory", 1.04, CheckVerdict.PASS),
+    ],
+)
+def test_a_camera_file_that_contradicts_the_learned_focal_length_is_a_warning(
+    source: str, scale: float, verdict: CheckVerdict
+) -> None:
+    learned = RememberedFocalLength(525.0, scale, 0.006, -0.08)
+    check = LearnedFocalLengthCheck(lambda: {SERIAL: replace(LEARNED, focal_length=learned)})
+    finding = run_check(check, replace(make_capture(), intrinsics_source=source))
+    assert finding.verdict is verdict
+    assert f"learned: {525 * scale:.1f} ± 5.2 px; by depth -8.0% against" in finding.text
+    if verdict is CheckVerdict.WARNING:
+        assert f"--save-learnt --serial {SERIAL} --camera-file c.toml" in finding.fix
+
+
+def test_a_focal_length_is_not_learned_until_it_is_certain() -> None:
+    finding = run_check(LearnedFocalLengthCheck(lambda: {SERIAL: LEARNED}), make_capture())
+    assert finding.text == "525.0 px (factory); nothing learned of this sensor yet"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Memory of what a live service learns of a sensor's timing, for its next start."""
+"""Memory of what a live service learns of a sensor, timing and focal length, for its next start."""
 
 import logging
 import time
@@ -11,12 +11,13 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import describe_write_error, state_folder
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from vo_service.odometry.registry import FIXED_TIMING_MODE
-from vo_service.remembered_timing import (
-    RememberedTiming,
-    read_remembered_timing,
-    timing_file,
-    timing_folder,
-    write_remembered_timing,
+from vo_service.remembered_sensor import (
+    RememberedFocalLength,
+    RememberedSensor,
+    read_remembered_sensor,
+    sensor_file,
+    sensor_folder,
+    write_remembered_sensor,
 )
 from vo_service.types import LEARNED_TIMING, OdometryUpdate, Output, Status
 
@@ -28,15 +29,15 @@ CLOSE_TIMEOUT_S = 0.5
 logger = logging.getLogger(__name__)
 
 
-class TimingMemory(Output, Protocol):
-    """An output that remembers the learned timing of each sensor, by its serial number."""
+class SensorMemory(Output, Protocol):
+    """An output that remembers what was learned of each sensor, by its serial number."""
 
     def apply(self, frame: RgbdFrame) -> RgbdFrame:
-        """Return a frame with the timing of an earlier run, if nothing better is told."""
+        """Return a frame with what an earlier run has learned, if nothing better is told."""
         ...
 
 
-class NullTimingMemory:
+class NullSensorMemory:
     """Null memory: nothing is used or saved.
 
     Attributes:
@@ -60,7 +61,7 @@ class NullTimingMemory:
         """Do nothing: there is nothing to release."""
 
 
-class TimingFiles:
+class SensorFiles:
     """Memory in files, one per sensor.
 
     A sensor's file is read at its first frame. It is written when the estimate has clearly changed,
@@ -75,20 +76,20 @@ class TimingFiles:
         self.warning = ""
         self._folder, self._now_s = folder, now_s
         self._serial = ""
-        # Of the present sensor: the timing at its first frame, that in its file, and the newest.
-        self._at_start: RememberedTiming | None = None
-        self._saved: RememberedTiming | None = None
-        self._learned: RememberedTiming | None = None
+        # Of the present sensor: what was known at its first frame, is in its file, and is newest.
+        self._at_start: RememberedSensor | None = None
+        self._saved: RememberedSensor | None = None
+        self._learned: RememberedSensor | None = None
         self._next_save_s = -float("inf")
         # By serial number: what this run has saved. The file may not be written yet.
-        self._saved_here: dict[str, RememberedTiming] = {}
+        self._saved_here: dict[str, RememberedSensor] = {}
         self._has_failed = False
         self._writer = WorkerThread(
-            "timing memory", DropOldestQueue[RememberedTiming](8), self._write, lambda: None
+            "sensor memory", DropOldestQueue[RememberedSensor](8), self._write, lambda: None
         )
 
     def apply(self, frame: RgbdFrame) -> RgbdFrame:
-        """Return a frame with the timing of an earlier run, if its camera file tells none."""
+        """Return a frame with what an earlier run has learned, see `RememberedSensor.apply`."""
         if frame.serial != self._serial:
             self._save_last()
             self._serial = frame.serial
@@ -98,18 +99,12 @@ class TimingFiles:
 
     def on_update(self, update: OdometryUpdate) -> None:
         """Save the estimate of this frame, if it is certain and has clearly changed."""
-        timing, serial = update.estimate.timing, update.frame.serial
-        if not serial or serial != self._serial:
+        if not self._serial or update.frame.serial != self._serial:
             return
-        if timing is None or timing.source != LEARNED_TIMING:
+        learned = _learned_of(update, self._learned or self._at_start)
+        if learned is None:
             return
-        self._learned = RememberedTiming(
-            serial,
-            timing.readout_s,
-            timing.depth_offset_s,
-            timing.readout_sigma_s,
-            timing.depth_offset_sigma_s,
-        )
+        self._learned = learned
         if self._now_s() < self._next_save_s:
             return
         if self._saved is None or self._learned.has_changed(self._saved):
@@ -128,31 +123,31 @@ class TimingFiles:
         if self._learned is not None and self._learned != self._saved:
             self._save(self._learned)
 
-    def _save(self, timing: RememberedTiming) -> None:
-        self._saved = self._saved_here[timing.serial] = timing
+    def _save(self, sensor: RememberedSensor) -> None:
+        self._saved = self._saved_here[sensor.serial] = sensor
         self._next_save_s = self._now_s() + SAVE_INTERVAL_S
-        self._writer.put(timing)
+        self._writer.put(sensor)
 
-    def _read(self, serial: str) -> RememberedTiming | None:
+    def _read(self, serial: str) -> RememberedSensor | None:
         if serial in self._saved_here:
             return self._saved_here[serial]
         try:
-            return read_remembered_timing(self._folder, serial)
+            return read_remembered_sensor(self._folder, serial)
         except InputError as error:
             self.warning = (
-                f"{error} (the learned timing of an earlier run is lost; the usual values hold)"
+                f"{error} (what an earlier run has learned is lost; the usual values hold)"
             )
             logger.warning("%s", self.warning)
             return None
 
-    def _write(self, timing: RememberedTiming) -> None:
+    def _write(self, sensor: RememberedSensor) -> None:
         """Body of the writer's thread for one save."""
         try:
-            write_remembered_timing(self._folder, timing)
+            write_remembered_sensor(self._folder, sensor)
         except OSError as error:
-            path = timing_file(self._folder, timing.serial)
+            path = sensor_file(self._folder, sensor.serial)
             self.warning = (
-                f"{path}: {describe_write_error(error)}; the learned timing is lost at the end"
+                f"{path}: {describe_write_error(error)}; what is learned is lost at the end"
             )
             if not self._has_failed:
                 logger.warning("%s", self.warning)
@@ -161,17 +156,42 @@ class TimingFiles:
             self.warning = ""
 
 
-def open_timing_memory(timing_mode: str) -> TimingMemory:
-    """Open the memory in the state folder; a `NullTimingMemory` if it is off or fails.
+def _learned_of(update: OdometryUpdate, before: RememberedSensor | None) -> RememberedSensor | None:
+    """Return what was learned until this update, and before; None if nothing is certain."""
+    timing, focal_length = update.estimate.timing, update.estimate.focal_length
+    if timing is None:
+        return None
+    remembered_focal = before.focal_length if before else None
+    if focal_length is not None and focal_length.disagreement is not None:
+        remembered_focal = RememberedFocalLength(
+            update.frame.camera.fx,
+            focal_length.scale,
+            focal_length.sigma,
+            focal_length.disagreement,
+        )
+    elif timing.source != LEARNED_TIMING:
+        return None
+    return RememberedSensor(
+        update.frame.serial,
+        timing.readout_s,
+        timing.depth_offset_s,
+        timing.readout_sigma_s,
+        timing.depth_offset_sigma_s,
+        remembered_focal,
+    )
+
+
+def open_sensor_memory(timing_mode: str) -> SensorMemory:
+    """Open the memory in the state folder; a `NullSensorMemory` if it is off or fails.
 
     Args:
         timing_mode: One of `TIMING_MODES`; nothing is remembered with a fixed timing.
     """
     if timing_mode == FIXED_TIMING_MODE:
-        return NullTimingMemory()
+        return NullSensorMemory()
     try:
-        return TimingFiles(timing_folder(state_folder()))
+        return SensorFiles(sensor_folder(state_folder()))
     except UserFacingError as error:
-        warning = f"timing memory: switched off: {error}"
+        warning = f"memory of sensors: switched off: {error}"
         logger.warning("%s", warning)
-        return NullTimingMemory(warning)
+        return NullSensorMemory(warning)

@@ -1,4 +1,4 @@
-"""Frames of a sensor and what was learned from them, for the memory of timings."""
+"""Frames of a sensor and what was learned from them, for the memory of sensors."""
 
 from dataclasses import replace
 
@@ -8,11 +8,12 @@ from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
 from drivers.camera import RgbdFrame, TimingPrior
 from tests.vo_service.fakes import good_estimate, make_frame
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
-from vo_service.remembered_timing import RememberedTiming
-from vo_service.types import LEARNED_TIMING, OdometryUpdate, OnlineTiming
+from vo_service.remembered_sensor import RememberedFocalLength, RememberedSensor
+from vo_service.types import LEARNED_TIMING, OdometryUpdate, OnlineFocalLength, OnlineTiming
 
 SERIAL = "A00123456789012A"
-LEARNED = RememberedTiming(SERIAL, 0.0305, -0.0027, 0.0012, 0.0006)
+LEARNED = RememberedSensor(SERIAL, 0.0305, -0.0027, 0.0012, 0.0006)
+FOCAL_LENGTH = RememberedFocalLength(make_frame(0).camera.fx, 1.035, 0.006, -0.08)
 
 
 def sensor_frame(
@@ -29,7 +30,7 @@ def sensor_frame(
 
 
 def learned_update(
-    timing: RememberedTiming = LEARNED, source: str = LEARNED_TIMING
+    timing: RememberedSensor = LEARNED, source: str = LEARNED_TIMING
 ) -> OdometryUpdate:
     """The update of a frame after which the timing is this."""
     online = OnlineTiming(
@@ -39,8 +40,12 @@ def learned_update(
         timing.depth_offset_sigma_s,
         source,
     )
+    focal = timing.focal_length
+    focal_length = (
+        OnlineFocalLength(focal.scale, focal.sigma, focal.disagreement) if focal else None
+    )
     return replace(
         make_update(0),
         frame=sensor_frame(timing.serial),
-        estimate=replace(good_estimate(np.eye(4)), timing=online),
+        estimate=replace(good_estimate(np.eye(4)), timing=online, focal_length=focal_length),
     )

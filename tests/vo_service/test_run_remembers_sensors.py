@@ -24,11 +24,11 @@ from tests.vo_service.service_process import (
     ServiceProcess,
     running_service,
 )
-from vo_service.remembered_timing import (
-    RememberedTiming,
-    read_remembered_timing,
-    timing_folder,
-    write_remembered_timing,
+from vo_service.remembered_sensor import (
+    RememberedSensor,
+    read_remembered_sensor,
+    sensor_folder,
+    write_remembered_sensor,
 )
 
 pytestmark = [
@@ -39,7 +39,7 @@ pytestmark = [
 
 # Half a swing; played there and back it takes a second.
 FILM_FRAMES = 16
-OTHER = RememberedTiming("B00123456789012B", 0.0315, -0.0025, 0.0031, 0.0004)
+OTHER = RememberedSensor("B00123456789012B", 0.0315, -0.0025, 0.0031, 0.0004)
 
 
 def write_film(folder: Path, count: int) -> UsbFrames:
@@ -91,7 +91,7 @@ def test_what_was_learned_is_used_by_the_next_service(
         service_on(tmp_path / "service", kinect) as service,
     ):
         wait_for_timing(service, "learned")
-    learned = read_remembered_timing(timing_folder(tmp_path / "service/state"), kinect.serial)
+    learned = read_remembered_sensor(sensor_folder(tmp_path / "service/state"), kinect.serial)
     assert learned is not None
     assert learned.readout_sigma_s < KINECT_TIMING_PRIOR.readout_sigma_s
     with (
@@ -104,7 +104,7 @@ def test_what_was_learned_is_used_by_the_next_service(
 
 
 def test_another_sensor_has_its_own_timing(still: UsbFrames, tmp_path: Path) -> None:
-    write_remembered_timing(timing_folder(tmp_path / "service/state"), OTHER)
+    write_remembered_sensor(sensor_folder(tmp_path / "service/state"), OTHER)
     with (
         make_corner_kinect(tmp_path, still) as first,
         KinectSimulator(tmp_path, still, serial=OTHER.serial, registration=IDENTITY) as second,

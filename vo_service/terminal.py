@@ -1,12 +1,21 @@
-"""Progress: a live line on a terminal, or log lines for slow work."""
+"""Progress: a live line on a terminal, or log lines for slow work.
+
+The line is drawn by rich, which is imported when the first line is drawn.
+"""
 
 import logging
+import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TextIO
+from enum import Enum
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
 
 # Slow work is logged after this time, so that a user never waits 2 s without a reason.
 SLOW_AFTER_S = 1.5
@@ -14,7 +23,8 @@ SLOW_AFTER_S = 1.5
 # This logger has a level of its own: announcements are shown even if the root's level is higher.
 _logger = logging.getLogger("kinect-vo.announcements")
 REDRAW_S = 0.1
-BUSY_REDRAW_S = 0.5
+BUSY_REDRAWS_PER_S = 4
+BAR_WIDTH = 20
 CLEAR_LINE = "\r\x1b[K"
 _logger.setLevel(logging.INFO)
 
@@ -51,11 +61,41 @@ def announce_if_slow(label: str) -> Iterator[None]:
             announce(f"{label}: done after {time.monotonic() - begin_s:.1f} s")
 
 
+def make_console(stream: TextIO, width: int | None = None) -> "Console":
+    """Make rich's console of a stream. It has colors on a terminal, unless NO_COLOR is set.
+
+    Args:
+        stream: Where it writes.
+        width: Columns; None: those of the terminal.
+    """
+    from rich.console import Console
+
+    has_color = stream.isatty() and not os.environ.get("NO_COLOR")
+    return Console(
+        file=stream,
+        width=width,
+        force_terminal=stream.isatty(),
+        color_system="auto" if has_color else None,
+        markup=False,
+        emoji=False,
+        highlight=False,
+    )
+
+
 def clear_line(stream: TextIO) -> None:
     """Clear the line of the cursor, if the stream is a terminal."""
     if stream.isatty():
         stream.write(CLEAR_LINE)
         stream.flush()
+
+
+class _LineKind(Enum):
+    """What a line shows beside its text."""
+
+    TEXT = "nothing"
+    COUNT = "a bar and the remaining time"
+    BYTES = "a bar, bytes, their rate and the remaining time"
+    BUSY = "a spinner and the elapsed time"
 
 
 class Terminal:
@@ -70,15 +110,12 @@ class Terminal:
         self._stream = stream or sys.stderr
         self._is_log = not self._stream.isatty()
         self._drawn_s = 0.0
-        self._is_drawn = False
+        self._kind = _LineKind.TEXT
+        self._line: Progress | None = None
 
     def show(self, text: str) -> None:
         """Replace the line by a text. In a log, do nothing."""
-        if self._is_log:
-            return
-        self._stream.write(f"{CLEAR_LINE}{text}")
-        self._stream.flush()
-        self._is_drawn = True
+        self._draw(_LineKind.TEXT, text)
 
     def progress(self, label: str, done: int, total: int | None) -> None:
         """Replace the line by a count, at most ten times a second.
@@ -88,11 +125,20 @@ class Terminal:
             done: Count so far.
             total: Count at the end; None: unknown.
         """
-        now_s = time.monotonic()
-        if now_s - self._drawn_s < REDRAW_S and done != total:
-            return
-        self._drawn_s = now_s
-        self.show(f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}")
+        if self._is_due(done == total):
+            text = f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}"
+            self._draw(_LineKind.COUNT if total else _LineKind.TEXT, text, done, total)
+
+    def progress_bytes(self, label: str, done: int, total: int | None) -> None:
+        """Replace the line by received bytes and their rate, at most ten times a second.
+
+        Args:
+            label: What is received.
+            done: Bytes so far. Those at the first call do not count for the rate.
+            total: Bytes at the end; None: unknown.
+        """
+        if self._is_due(done == total):
+            self._draw(_LineKind.BYTES, label, done, total)
 
     def progress_callback(self, label: str) -> Callable[[int, int], None]:
         """Return a function of (done, total) that calls `progress` with this label."""
@@ -113,52 +159,86 @@ class Terminal:
 
         A log gets a line if the block is slow, and another when it has ended.
         """
-        busy = BusyIndicator(self, label)
+        busy = BusyIndicator(lambda text: self._draw(_LineKind.BUSY, f"{label}{text}"))
         if self._is_log:
             with announce_if_slow(label):
                 yield busy
             return
-        thread = threading.Thread(target=busy.run, name="busy", daemon=True)
-        thread.start()
+        self._draw(_LineKind.BUSY, label)
         try:
             yield busy
         finally:
-            busy.stop()
-            thread.join()
             self.clear()
 
     def clear(self) -> None:
         """Clear the line."""
-        if self._is_drawn:
-            self._stream.write(CLEAR_LINE)
-            self._stream.flush()
-            self._is_drawn = False
+        line, self._line = self._line, None
+        if line is not None:
+            line.stop()
+
+    def _is_due(self, is_last: bool) -> bool:
+        """Whether to draw now: ten times a second, and at the end."""
+        now_s = time.monotonic()
+        if now_s - self._drawn_s < REDRAW_S and not is_last:
+            return False
+        self._drawn_s = now_s
+        return True
+
+    def _draw(self, kind: _LineKind, text: str, done: int = 0, total: int | None = None) -> None:
+        if self._is_log:
+            return
+        line = self._line
+        if line is None or kind is not self._kind:
+            self.clear()
+            line = _start_line(self._stream, kind)
+            line.add_task(text, completed=done, total=total)
+            self._kind, self._line = kind, line
+        (task,) = line.task_ids
+        line.update(task, description=text, completed=done, total=total, refresh=True)
 
 
 class BusyIndicator:
-    """Redraws a line twice a second until stopped; the detail names the present step."""
+    """The detail behind the label of a busy line: the present step."""
 
-    def __init__(self, terminal: Terminal, label: str) -> None:
-        self._terminal = terminal
-        self._label = label
-        self._detail_text = ""
-        self._ended = threading.Event()
+    def __init__(self, draw: Callable[[str], None]) -> None:
+        """Set the function that draws the line with this text behind its label."""
+        self._draw = draw
 
     def set_detail(self, text: str) -> None:
         """Set the present step, shown behind the label."""
-        self._detail_text = f": {text}"
+        self._draw(f": {text}")
 
     def progress_callback(self, what: str) -> Callable[[int, int], None]:
         """Return a function of (done, total) that shows the count of `what` as the detail."""
         return lambda done, total: self.set_detail(f"{what} {done}/{total}")
 
-    def run(self) -> None:
-        """Redraw until stopped; the body of the drawing thread."""
-        begin_s = time.monotonic()
-        while not self._ended.wait(BUSY_REDRAW_S):
-            elapsed_s = time.monotonic() - begin_s
-            self._terminal.show(f"{self._label}{self._detail_text} ... {elapsed_s:.0f} s")
 
-    def stop(self) -> None:
-        """Stop drawing."""
-        self._ended.set()
+def _start_line(stream: TextIO, kind: _LineKind) -> "Progress":
+    """Start an empty line. Only a busy line redraws itself, in a thread."""
+    from rich import progress
+    from rich.table import Column
+
+    text = progress.TextColumn(
+        "{task.description}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis")
+    )
+    bar, remaining = progress.BarColumn(BAR_WIDTH), progress.TimeRemainingColumn()
+    columns: dict[_LineKind, tuple[progress.ProgressColumn, ...]] = {
+        _LineKind.TEXT: (text,),
+        _LineKind.COUNT: (text, bar, remaining),
+        _LineKind.BYTES: (
+            text, bar, progress.DownloadColumn(), progress.TransferSpeedColumn(), remaining,
+        ),
+        _LineKind.BUSY: (progress.SpinnerColumn(), text, progress.TimeElapsedColumn()),
+    }  # fmt: skip
+    line = progress.Progress(
+        *columns[kind],
+        console=make_console(stream),
+        auto_refresh=kind is _LineKind.BUSY,
+        refresh_per_second=BUSY_REDRAWS_PER_S,
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+    line.start()
+    line.console.show_cursor()  # it must not stay hidden if the process is killed
+    return line

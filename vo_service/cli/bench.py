@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 import tempfile
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -181,8 +182,8 @@ def _print_tables(results: RelativeResults, orb_vocabulary: str) -> None:
     states = {judged.outcome.state for judged in results.results.evaluations.values()}
     if states == {RunState.NOT_RUN}:
         return
-    print(results.error_table().as_text())
-    print(results.cost_table().as_text())
+    results.error_table().write(sys.stdout)
+    results.cost_table().write(sys.stdout)
     if orb_vocabulary:
         print(f"{ORB_SLAM3}: vocabulary {orb_vocabulary}")
     print(flush=True)

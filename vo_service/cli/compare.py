@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -137,8 +138,10 @@ def _print(report: ComparisonReport, results: Sequence[SequenceResults], as_json
     if as_json:
         print(json.dumps(report.content))
         return
-    print(error_table(results).as_text())
-    print(f"\n{time_table(results).as_text()}")
+    tables = [error_table(results), time_table(results)]
     if results[0].has_loop_closure:
-        print(f"\n{loop_closure_table(results).as_text()}")
-    print(f"\nreport: {report.page}")
+        tables.append(loop_closure_table(results))
+    for table in tables:
+        table.write(sys.stdout)
+        print()
+    print(f"report: {report.page}")

@@ -16,7 +16,6 @@ from vo_service.tools.download.catalog import (
     find_sequence,
 )
 from vo_service.tools.download.sequence_download import (
-    DownloadProgress,
     DownloadRequest,
     download_sequence,
     sequence_folder,
@@ -94,7 +93,7 @@ def _download_sequence(
     if folder.exists():
         terminal.write_line(f"{sequence.name}: exists; to download it again, remove {folder}")
     else:
-        download_sequence(sequence, request, DownloadProgress(terminal, sequence.name))
+        download_sequence(sequence, request, terminal)
     terminal.clear()
     print(folder, flush=True)
 

@@ -2,58 +2,22 @@
 
 import hashlib
 import shutil
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import create_output_folder
 from drivers.tum.folder import open_tum_folder
-from vo_service.terminal import REDRAW_S, Terminal
-from vo_service.tools.download.archive import DamagedArchiveError, UnsafeArchiveError, unpack
+from vo_service.terminal import Terminal
+from vo_service.tools.download.archive import (
+    DamagedArchiveError,
+    UnpackProgress,
+    UnsafeArchiveError,
+    unpack,
+)
 from vo_service.tools.download.catalog import BENCHMARK_URL, BenchmarkSequence
 from vo_service.tools.download.transfer import PartialFile, disk_error, fetch_with_retries
-
-
-class DownloadProgress:
-    """Progress line of one sequence, drawn at most ten times a second."""
-
-    def __init__(
-        self, terminal: Terminal, name: str, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._terminal, self._name, self._clock = terminal, name, clock
-        self._begin_s, self._begin_bytes = clock(), -1
-        self._drawn_s = 0.0
-
-    def show_transfer(self, done: int, total: int | None) -> None:
-        """Show the transferred bytes, of the total if it is known."""
-        if self._begin_bytes < 0:  # data from an earlier download does not count as speed
-            self._begin_s, self._begin_bytes = self._clock(), done
-        elapsed_s = max(self._clock() - self._begin_s, 1e-3)
-        rate = max(done - self._begin_bytes, 0) / elapsed_s
-        text = f"{done / 1e6:.0f} MB"
-        if total:
-            text = f"{done / 1e6:.0f} of {total / 1e6:.0f} MB ({done / total:.0%})"
-        text += f", {rate / 1e6:.1f} MB/s"
-        if total and rate > 0:
-            text += f", {_format_duration((total - done) / rate)} left"
-        self._draw(text)
-
-    def show_unpacking(self, done: int, total: int | None) -> None:
-        """Show the fraction of the archive that has been unpacked."""
-        self._draw(f"unpacking ({done / total:.0%})" if total else "unpacking")
-
-    def _draw(self, text: str) -> None:
-        now_s = self._clock()
-        if now_s - self._drawn_s >= REDRAW_S:
-            self._drawn_s = now_s
-            self._terminal.show(f"{self._name}: {text}")
-
-
-def _format_duration(seconds: float) -> str:
-    minutes = round(seconds) // 60
-    return f"{minutes} min" if minutes else f"{seconds:.0f} s"
 
 
 @dataclass(frozen=True)
@@ -77,7 +41,7 @@ def sequence_folder(sequence: BenchmarkSequence, request: DownloadRequest) -> Pa
 
 
 def download_sequence(
-    sequence: BenchmarkSequence, request: DownloadRequest, progress: DownloadProgress
+    sequence: BenchmarkSequence, request: DownloadRequest, terminal: Terminal
 ) -> Path:
     """Download a sequence and return its folder, which appears only when it is complete.
 
@@ -92,10 +56,14 @@ def download_sequence(
     with PartialFile(request.output / f".{sequence.folder}.tgz.part") as part:
         if not folder.exists():
             url = sequence.url(request.source)
-            fetch_with_retries(url, part, progress.show_transfer)
+            fetch_with_retries(url, part, partial(terminal.progress_bytes, sequence.name))
             try:
                 _check_digest(part.path, request.sha256)
-                _unpack_into(folder, part.path, progress)
+                _unpack_into(
+                    folder,
+                    part.path,
+                    partial(terminal.progress_bytes, f"{sequence.name}: unpacking"),
+                )
             except (DamagedArchiveError, UnsafeArchiveError) as error:
                 part.discard()
                 raise _unusable_archive_error(url, error) from error
@@ -112,12 +80,12 @@ def _check_digest(archive: Path, sha256: str) -> None:
         raise DamagedArchiveError(f"its SHA-256 is {digest}")
 
 
-def _unpack_into(folder: Path, archive: Path, progress: DownloadProgress) -> None:
+def _unpack_into(folder: Path, archive: Path, on_progress: UnpackProgress) -> None:
     """Unpack into a temporary folder, check that it can be replayed, then rename it to `folder`."""
     temporary = folder.with_name(f".{folder.name}.unpacking")
     shutil.rmtree(temporary, ignore_errors=True)  # left by a killed process
     try:
-        unpack(archive, temporary, progress.show_unpacking)
+        unpack(archive, temporary, on_progress)
         # The camera follows from the folder's name, so the archive's own name is replaced.
         recording = _find_recording(temporary).rename(temporary / folder.name)
         _check_recording(recording)

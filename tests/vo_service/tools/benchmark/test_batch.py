@@ -1,6 +1,5 @@
 """Batches of runs and their cache."""
 
-import io
 import os
 import threading
 from collections.abc import Callable, Mapping
@@ -10,6 +9,7 @@ import pytest
 
 from drivers.core.errors import InputError
 from tests.conftest import FRAMES
+from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory
 from vo_service.config import OdometryConfig
 from vo_service.config_tables import MapConfig
@@ -30,13 +30,6 @@ VERSIONS = {"numpy": "2"}
 LIMIT_S = 100.0
 
 
-class FakeBatchTerminal(io.StringIO):
-    """Terminal that records its output."""
-
-    def isatty(self) -> bool:
-        return True
-
-
 def run_all(
     folder: Path,
     output: Path,
@@ -46,7 +39,7 @@ def run_all(
     observer: ObserverFactory = NULL_OBSERVER,
 ) -> tuple[list[BatchResult], str]:
     """Run a batch and return the results and the terminal's output."""
-    screen = FakeBatchTerminal()
+    screen = CapturedTerminal()
     stop = threading.Event()
     if stopped:
         stop.set()

@@ -1,6 +1,5 @@
 """The command ``download``."""
 
-import io
 import shutil
 import signal
 import subprocess
@@ -16,9 +15,7 @@ from tests.full_disk import limit_file_size
 from tests.vo_service.tools.download.conftest import FOLDER, NAME, Download, hidden_files
 from tests.vo_service.tools.download.web_server import RequestHandler, WebServer
 from tests.waiting import wait_until
-from vo_service.terminal import Terminal
 from vo_service.tools.download import transfer
-from vo_service.tools.download.sequence_download import DownloadProgress
 
 
 def test_a_sequence_is_in_its_folder_and_can_be_replayed(
@@ -139,18 +136,3 @@ def test_the_list_names_every_sequence_and_sends_no_request(
     assert len(outcome.out.splitlines()) == 1 + 47 + 33
     assert "fr1/floor " in outcome.out
     assert server.ranges == []
-
-
-class _FakeTerminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-def test_progress_shows_rate_and_remaining_time() -> None:
-    screen, now_s = _FakeTerminal(), iter([0.0, 10.0, 10.0, 10.0, 20.0, 20.0, 30.0, 30.0])
-    progress = DownloadProgress(Terminal(screen), NAME, lambda: next(now_s))
-    progress.show_transfer(100_000_000, 400_000_000)
-    progress.show_transfer(200_000_000, 400_000_000)
-    assert "fr1/xyz: 200 of 400 MB (50%), 10.0 MB/s, 20 s left" in screen.getvalue()
-    progress.show_unpacking(100, 400)
-    assert screen.getvalue().endswith("fr1/xyz: unpacking (25%)")

@@ -4,9 +4,17 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TextIO
 
+from vo_service.terminal import make_console
 from vo_service.tools.benchmark.results import RunEvaluation
 from vo_service.tools.benchmark.run import CompletedRun, LoopClosureRun
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+# A table that is wider than the terminal is not cut.
+MAX_WIDTH = 1000
 
 
 @dataclass(frozen=True)
@@ -47,11 +55,30 @@ class Table:
 
     def as_text(self) -> str:
         """Return aligned columns below the title; the best cell of a row has a star."""
-        rows = [[f"{cell.text}{'*' if cell.is_best else ' '}" for cell in row] for row in self.rows]
-        head = [f"{text} " for text in self.headings]
-        widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-        lines = [_format_line(row, widths) for row in [head, *rows]]
-        return "\n".join([self.title, *lines])
+        text = io.StringIO()
+        self.write(text)
+        return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
+
+    def write(self, stream: TextIO) -> None:
+        """Write the same to a stream; on a terminal, headings and best cells are bold."""
+        from rich import table  # slow to import
+
+        columns = [
+            table.Column(f"{heading} ", justify="right" if number else "left", no_wrap=True)
+            for number, heading in enumerate(self.headings)
+        ]
+        grid = table.Table(*columns, box=None, pad_edge=False, header_style="bold")
+        for row in self.rows:
+            grid.add_row(*(_format_cell(cell) for cell in row))
+        console = make_console(stream, MAX_WIDTH)
+        console.print(self.title, style="bold")
+        console.print(grid)
+
+
+def _format_cell(cell: TableCell) -> "Text":
+    from rich.text import Text
+
+    return Text(f"{cell.text}*", style="bold green") if cell.is_best else Text(f"{cell.text} ")
 
 
 def number_cell(
@@ -66,12 +93,6 @@ def number_cell(
 def text_cell(value: str, text: str | None = None) -> TableCell:
     """Make a cell of a text, with an optional other text for people."""
     return TableCell(value, value if text is None else text)
-
-
-def _format_line(texts: Sequence[str], widths: Sequence[int]) -> str:
-    first, *others = zip(texts, widths, strict=True)
-    left = f"{first[0]:<{first[1]}}"
-    return "  ".join([left, *(f"{text:>{width}}" for text, width in others)]).rstrip()
 
 
 MetricFunction = Callable[[RunEvaluation], float | None]

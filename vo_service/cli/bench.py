@@ -35,8 +35,6 @@ from vo_service.tools.benchmark.report.bench_tables import RelativeResults
 from vo_service.tools.benchmark.results import collect_results
 from vo_service.tools.benchmark.run import RunState
 
-NAME = "bench"
-HELP = "our methods and other people's on recordings: accuracy, gross errors, time, memory"
 EPILOG = f"""\
 {textwrap.fill("methods: " + ", ".join(METHOD_NAMES), 98, break_on_hyphens=False)}
 

@@ -27,8 +27,6 @@ from vo_service.tools.calibration.plot import check_plot_format, write_plot
 from vo_service.tools.calibration.result import CalibrationResult
 from vo_service.tools.calibration.solver import solve_calibration
 
-NAME = "calibrate"
-HELP = "make a camera file from views of a printed board, or measure a sensor's timing"
 EPILOG = """\
 examples:
   kinect-vo calibrate --board chessboard:9x6 --square 0.025 --print-board board.pdf

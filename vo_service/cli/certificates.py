@@ -6,8 +6,6 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from vo_service.tools.certificates import AUTHORITY_DAYS, CertificateAuthority
 
-NAME = "certificates"
-HELP = "make keys and certificates for a test network"
 EPILOG = f"""\
 examples:
   kinect-vo certificates keys --host robot1.local --host 192.168.1.20 --reader reader \\

@@ -11,8 +11,6 @@ from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.client.client import REPLY_TIMEOUT_S
 from vo_service.types import COMMANDS, Command
 
-NAME = "command"
-HELP = "send a command to a running kinect-vo: reset, pause, tilt, record or save"
 _EPILOG = """\
 examples:
   kinect-vo command reset

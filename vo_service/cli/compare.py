@@ -35,8 +35,6 @@ from vo_service.tools.benchmark.report.comparison_tables import (
 from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
 from vo_service.tools.benchmark.results import SequenceResults, collect_results
 
-NAME = "compare"
-HELP = "compare methods on recordings: tables, figures and a page with all of them"
 EPILOG = """\
 examples:
   kinect-vo compare recordings/desk recordings/kitchen

@@ -10,8 +10,6 @@ from vo_service.config_reference import render_reference
 
 logger = logging.getLogger(__name__)
 
-NAME = "config"
-HELP = "check a configuration file, or list all its keys"
 EPILOG = """\
 examples:
   kinect-vo config check /etc/kinect-vo/kinect.toml

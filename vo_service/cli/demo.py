@@ -30,8 +30,6 @@ from vo_service.tools.evaluation.association import MIN_MATCHES
 from vo_service.tools.evaluation.plot import write_plot
 from vo_service.tools.evaluation.run_summary import RunSummary
 
-NAME = "demo"
-HELP = "run the odometry on the virtual Kinect for 20 seconds and show the results"
 EPILOG = """\
 examples:
   kinect-vo demo

@@ -11,8 +11,6 @@ from vo_service.tools.doctor.devices import (
 )
 from vo_service.tools.doctor.usb_probe import probe_usb
 
-NAME = "devices"
-HELP = "list the connected sensors, with the --camera value of each"
 EPILOG = """\
 examples:
   kinect-vo devices

@@ -17,28 +17,29 @@ from vo_service.logs import log_to_stderr
 from vo_service.signals import EXIT_CODE_SIGINT
 from vo_service.terminal import clear_line
 
-COMMANDS = (
-    "demo",
-    "replay",
-    "run",
-    "record",
-    "calibrate",
-    "listen",
-    "command",
-    "router",
-    "certificates",
-    "evaluate",
-    "reconstruct",
-    "compare",
-    "bench",
-    "download",
-    "warm-up",
-    "config",
-    "udev",
-    "service",
-    "doctor",
-    "devices",
-)
+# Each command, and what it does. Its module is imported only when it is used.
+COMMANDS = {
+    "demo": "run the odometry on the virtual Kinect for 20 seconds and show the results",
+    "replay": "run the odometry over a recorded folder in TUM format",
+    "run": "run the odometry as a service, until Ctrl-C or SIGTERM",
+    "record": "record any camera into a folder in TUM format",
+    "calibrate": "make a camera file from views of a printed board, or measure a sensor's timing",
+    "listen": "print the poses that a running kinect-vo publishes",
+    "command": "send a command to a running kinect-vo: reset, pause, tilt, record or save",
+    "router": "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM",
+    "certificates": "make keys and certificates for a test network",
+    "evaluate": "compare a trajectory with its ground truth: ATE, RPE, coverage",
+    "reconstruct": "make a colored mesh from a recording",
+    "compare": "compare methods on recordings: tables, figures and a page with all of them",
+    "bench": "our methods and other people's on recordings: accuracy, gross errors, time, memory",
+    "download": "download sequences of the TUM RGB-D benchmark, ready to replay",
+    "warm-up": "compile and cache the numeric kernels, so that the next start is quick",
+    "config": "check a configuration file, or list all its keys",
+    "udev": "install, show or remove the rules that let a sensor be opened without root",
+    "service": "install this program as a systemd service, or uninstall it",
+    "doctor": "check the sensor and this computer, and print how to fix each fault",
+    "devices": "list the connected sensors, with the --camera value of each",
+}
 
 EPILOG = """\
 examples:
@@ -134,7 +135,7 @@ def _discard_buffered_output() -> None:
 
 
 def _make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Make the parser of all commands. If one is given, only its module is imported."""
+    """Make the parser of all commands; only that of the given command has its options."""
     parser = _OneLineErrorParser(
         prog="kinect-vo",
         description="Visual odometry for RGB-D cameras: poses over Zenoh, images in Rerun.",
@@ -144,20 +145,28 @@ def _make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"kinect-vo {version('kinect-vo')}")
     parser.set_defaults(verbose=False)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    requested = [name for name in COMMANDS if name in arguments[:1]]
-    for name in requested or COMMANDS:
-        module = importlib.import_module(f"vo_service.cli.{name.replace('-', '_')}")
-        sub = commands.add_parser(
-            name,
-            help=module.HELP,
-            description=f"{module.HELP[0].upper()}{module.HELP[1:]}.",
-            epilog=module.EPILOG,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.add_arguments(sub)
-        sub.add_argument("--verbose", action="store_true", help="log progress to stderr")
-        sub.set_defaults(command=module)
+    for name, purpose in COMMANDS.items():
+        if name in arguments[:1]:
+            _add_command(commands, name)
+        else:
+            commands.add_parser(name, help=purpose)
     return parser
+
+
+def _add_command(commands: "argparse._SubParsersAction[_OneLineErrorParser]", name: str) -> None:
+    """Import the module of a command and declare its options."""
+    module = importlib.import_module(f"vo_service.cli.{name.replace('-', '_')}")
+    purpose = COMMANDS[name]
+    parser = commands.add_parser(
+        name,
+        help=purpose,
+        description=f"{purpose[0].upper()}{purpose[1:]}.",
+        epilog=module.EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    parser.add_argument("--verbose", action="store_true", help="log progress to stderr")
+    parser.set_defaults(command=module)
 
 
 def _set_library_environment() -> None:

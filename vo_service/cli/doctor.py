@@ -26,8 +26,6 @@ from vo_service.tools.doctor.report import add_report_contents, open_bug_report,
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import probe_usb
 
-NAME = "doctor"
-HELP = "check the sensor and this computer, and print how to fix each fault"
 EPILOG = """\
 examples:
   kinect-vo doctor

@@ -21,8 +21,6 @@ from vo_service.tools.download.sequence_download import (
     sequence_folder,
 )
 
-NAME = "download"
-HELP = "download sequences of the TUM RGB-D benchmark, ready to replay"
 EPILOG = f"""\
 examples:
   kinect-vo download --list

@@ -13,8 +13,6 @@ from drivers.tum.folder import read_frame_pairs
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.plot import write_plot
 
-NAME = "evaluate"
-HELP = "compare a trajectory with its ground truth: ATE, RPE, coverage"
 EPILOG = """\
 examples:
   kinect-vo evaluate poses.txt recordings/desk

@@ -22,8 +22,6 @@ from vo_service.outputs.zenoh.cdr import (
     decode_transform,
 )
 
-NAME = "listen"
-HELP = "print the poses that a running kinect-vo publishes"
 EPILOG = """\
 examples:
   kinect-vo listen                          poses of the kinect-vo on this computer

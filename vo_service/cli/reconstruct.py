@@ -7,8 +7,6 @@ from pathlib import Path
 from vo_service.cli.options import add_config_options
 from vo_service.reconstruction.tsdf_config import TsdfConfig
 
-NAME = "reconstruct"
-HELP = "make a colored mesh from a recording"
 EPILOG = """\
 examples:
   kinect-vo reconstruct recordings/desk

@@ -28,8 +28,6 @@ from vo_service.config import read_config
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 
-NAME = "record"
-HELP = "record any camera into a folder in TUM format"
 EPILOG = """\
 examples:
   kinect-vo record --camera freenect --seconds 30 recordings/desk

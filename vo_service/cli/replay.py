@@ -32,8 +32,6 @@ from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.run_summary import RunSummary
 from vo_service.types import NullLoopClosure, Output
 
-NAME = "replay"
-HELP = "run the odometry over a recorded folder in TUM format"
 EPILOG = """\
 examples:
   kinect-vo replay recordings/desk --trajectory desk.txt

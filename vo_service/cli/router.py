@@ -11,8 +11,6 @@ from vo_service.outputs.zenoh.link_events import log_link_events
 from vo_service.outputs.zenoh.session import build_zenoh_config, configured_endpoints, open_session
 from vo_service.signals import stop_on_signals
 
-NAME = "router"
-HELP = "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM"
 EPILOG = """\
 examples:
   kinect-vo router /etc/kinect-vo/fleet-router.json5

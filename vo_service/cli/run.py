@@ -43,8 +43,6 @@ from vo_service.signals import (
 from vo_service.terminal import Terminal
 from vo_service.types import Command, Output
 
-NAME = "run"
-HELP = "run the odometry as a service, until Ctrl-C or SIGTERM"
 EPILOG = """\
 examples:
   kinect-vo run --camera freenect --rerun serve

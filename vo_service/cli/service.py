@@ -16,8 +16,6 @@ from vo_service.tools.install.systemd import (
     read_service_file,
 )
 
-NAME = "service"
-HELP = "install this program as a systemd service, or uninstall it"
 EPILOG = """\
 examples:
   kinect-vo service show kinect-vo.service                print a file

@@ -6,8 +6,6 @@ from pathlib import Path
 from vo_service.cli.options import print_message
 from vo_service.tools.install.udev import apply_rules, install, list_system_files, uninstall
 
-NAME = "udev"
-HELP = "install, show or remove the rules that let a sensor be opened without root"
 EPILOG = """\
 examples:
   kinect-vo udev show                 prints the files

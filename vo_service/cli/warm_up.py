@@ -10,8 +10,6 @@ from vo_service.reconstruction.warm_up import warm_up_reconstruction
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 
-NAME = "warm-up"
-HELP = "compile and cache the numeric kernels, so that the next start is quick"
 EPILOG = """\
 examples:
   kinect-vo warm-up                     as the user who will run kinect-vo

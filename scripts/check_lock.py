@@ -88,7 +88,13 @@ def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
 def runtime_packages(
     packages: Sequence[Table], target: Target, extras: Iterable[str]
 ) -> list[Table]:
-    """List every locked package that `target` needs to run the project with these extras."""
+    """List every locked package that `target` needs to run the project with these extras.
+
+    Args:
+        packages: All locked packages.
+        target: Processor and Python.
+        extras: Extras of the project.
+    """
     return _resolve_packages(packages, _dependencies(_project(packages), extras, target), target)
 
 

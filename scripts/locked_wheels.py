@@ -16,7 +16,13 @@ LOCK_FILE = Path(__file__).resolve().parent.parent / "uv.lock"
 def format_requirements(
     packages: Sequence[Table], target: Target, extras: Iterable[str]
 ) -> Iterator[str]:
-    """Yield name, version and hashes of the wheels that `target` can install, without markers."""
+    """Yield name, version and hashes of the wheels that `target` can install, without markers.
+
+    Args:
+        packages: All locked packages.
+        target: Processor and Python.
+        extras: Extras of the project.
+    """
     for package in runtime_packages(packages, target, extras):
         hashes = [f"--hash={wheel['hash']}" for wheel in compatible_wheels(package, target)]
         yield " ".join([f"{package['name']}=={package['version']}", *hashes])

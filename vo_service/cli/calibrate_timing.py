@@ -71,6 +71,11 @@ def check_no_board_options(args: argparse.Namespace, mode: str) -> None:
 def choose_camera_file(args: argparse.Namespace, config: Config, mode: str) -> Path:
     """Choose the camera file to change.
 
+    Args:
+        args: Options of the command line.
+        config: The configuration.
+        mode: The option that changes the file, for the error message.
+
     Raises:
         InputError: None is named.
     """

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 from drivers.core.errors import UserFacingError
-from vo_service.tools.install.installer import Installer, Uninstaller
+from vo_service.tools.install.installer import Installer
 from vo_service.tools.install.system_files import format_sudo_command
 from vo_service.tools.install.systemd import (
     DROP_IN,
@@ -74,11 +74,12 @@ def run(args: argparse.Namespace) -> int:
     try:
         _require_root(root, args)
         systemd = Systemd() if root == Path("/") else OfflineSystemd(root)
+        installer = Installer(root, systemd, print_line)
         if args.action == "install":
-            unit, installer = ServiceUnit(args.name), Installer(root, systemd, print_line)
+            unit = ServiceUnit(args.name)
             installer.install(unit, enable=args.enable, network_tls=args.network_tls)
         else:
-            Uninstaller(root, systemd, print_line).uninstall(purge=args.purge)
+            installer.uninstall(purge=args.purge)
     finally:
         os.umask(before)
     return 0

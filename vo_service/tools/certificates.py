@@ -31,7 +31,14 @@ def create_key(file: Path) -> None:
 
 
 def create_authority_certificate(key: Path, certificate: Path, name: str, days: int) -> None:
-    """Write a self-signed certificate with which `key` can sign others, but no sub-authorities."""
+    """Write a self-signed certificate with which `key` can sign others, but no sub-authorities.
+
+    Args:
+        key: File with its private key.
+        certificate: File to write.
+        name: Common name.
+        days: Days until it expires.
+    """
     _run_openssl(
         *("req", "-x509", "-new", "-key", str(key), "-out", str(certificate)),
         *("-subj", f"/CN={name}", "-days", str(days), "-set_serial", _random_serial()),

@@ -60,6 +60,11 @@ def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Ite
     Failed runs are run again the next time. After a stop, the other runs come from the cache or
     are not run.
 
+    Args:
+        plan: The runs.
+        terminal: Shows the progress.
+        stop: Ends the batch.
+
     Raises:
         UserFacingError: Results cannot be written, or no process can be started.
     """

@@ -50,7 +50,14 @@ class RunRecorder:
         return len(self._rows)
 
     def add_frame(self, frame: RgbdFrame, estimate: Estimate, cpu_s: float, wall_s: float) -> None:
-        """Add the result of a frame and its processor and elapsed time, s."""
+        """Add the result of a frame and its processor and elapsed time, s.
+
+        Args:
+            frame: The frame.
+            estimate: Its estimate.
+            cpu_s: Processor time of the estimate, s.
+            wall_s: Elapsed time of the estimate, s.
+        """
         self._epoch += estimate.is_reset
         times_ms = 1e3 * cpu_s, 1e3 * wall_s
         state = frame.stamp_s, estimate.ok, self._epoch, estimate.inliers
@@ -129,7 +136,13 @@ def run_method(
 def warm_up_method(
     factory: MethodFactory, recording: Recording, on_progress: Callable[[str], None]
 ) -> None:
-    """Compile or load the kernels, and process the first frames once."""
+    """Compile or load the kernels, and process the first frames once.
+
+    Args:
+        factory: Makes the method.
+        recording: The recording.
+        on_progress: Is called with each stage.
+    """
     factory.prepare(on_progress)
     on_progress("first frames")
     odometry = factory.make(CpuStageTimer(), recording)

@@ -67,6 +67,11 @@ def validate_depth(
 ) -> list[str]:
     """Return warnings.
 
+    Args:
+        depth: The fitted depth camera.
+        color: The fitted color camera.
+        gaps: Gaps in the coverage of the views.
+
     Raises:
         UserFacingError: If the result is not valid.
     """

@@ -59,7 +59,14 @@ SensorTiming = dict[str, TimingValue]
 def make_timing(
     readout_s: float, depth_offset_s: float, readout_sigma_s: float, depth_offset_sigma_s: float
 ) -> SensorTiming:
-    """Make a timing of its four numbers."""
+    """Make a timing of its four numbers.
+
+    Args:
+        readout_s: Readout of all rows, s.
+        depth_offset_s: Delay of depth after its stamps, s.
+        readout_sigma_s: Standard deviation, s; 0 is exact.
+        depth_offset_sigma_s: Standard deviation, s; 0 is exact.
+    """
     return {
         "readout_s": TimingValue(readout_s, readout_sigma_s),
         "depth_offset_s": TimingValue(depth_offset_s, depth_offset_sigma_s),

@@ -92,6 +92,12 @@ def measure_folder(
 ) -> MeasuredTiming:
     """Measure the timing of a recording.
 
+    Args:
+        folder: The recording.
+        file: Its camera file; None: the one in the folder.
+        terminal: Shows the progress.
+        stop: Ends the measurement.
+
     Raises:
         InputError: If it is not usable.
     """
@@ -107,6 +113,13 @@ def measure_live(
     source: str, file: Path, sensor: SensorConfig, terminal: Terminal, stop: threading.Event
 ) -> MeasuredTiming:
     """Measure the timing of a live camera for a minute, until it is certain, or until `stop`.
+
+    Args:
+        source: The camera, as for --camera.
+        file: Its camera file.
+        sensor: Settings of the sensor.
+        terminal: Shows the progress.
+        stop: Ends the measurement.
 
     Raises:
         CameraError: If that fails.

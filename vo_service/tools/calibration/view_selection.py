@@ -188,7 +188,13 @@ def count_zone_corners(views: Sequence[BoardView]) -> Array:
 def find_coverage_gaps(
     views: Sequence[BoardView], board_poses: Sequence[BoardPose], with_depth: bool
 ) -> list[CoverageGap]:
-    """Return the gaps in order of importance."""
+    """Return the gaps in order of importance.
+
+    Args:
+        views: Accepted views.
+        board_poses: Approximate pose of the board in each view.
+        with_depth: Whether the depth camera is calibrated, too.
+    """
     gaps = [*_tilt_gaps(board_poses), *_zone_gaps(views)]
     return [*gaps, *_distance_gaps(board_poses)] if with_depth else gaps
 
@@ -229,6 +235,13 @@ class CoverageGuide:
     """Guide of the user: gives instructions until the views are complete."""
 
     def __init__(self, selector: ViewSelector, view_count: int, with_depth: bool) -> None:
+        """Set the aim.
+
+        Args:
+            selector: Selects the views.
+            view_count: Number of views to take.
+            with_depth: Whether the depth camera is calibrated, too.
+        """
         self._selector = selector
         self._view_count = view_count
         self._with_depth = with_depth

@@ -79,6 +79,11 @@ class _BoundedGzip(gzip.GzipFile):
 def unpack(archive: Path, folder: Path, on_progress: UnpackProgress) -> None:
     """Unpack a .tgz into a new `folder`. After an error, unpacked files are left there.
 
+    Args:
+        archive: The .tgz file.
+        folder: New folder for its contents.
+        on_progress: Is called with the bytes of the archive that were read, and all.
+
     Raises:
         DamagedArchiveError: The archive is incomplete or invalid.
         UnsafeArchiveError: The archive has unsafe contents.

@@ -166,6 +166,12 @@ def fetch_with_retries(
     """Fetch a file as `fetch` does, with retries until several in a row make no progress.
 
     There is no retry if the first attempt receives nothing.
+
+    Args:
+        url: Address of the file.
+        part: Partial file to complete.
+        on_progress: Is called with the bytes received, and all if known.
+        sleep: Waits a number of seconds.
     """
     size_at_start, failures = part.size, 0
     while True:
@@ -181,6 +187,11 @@ def fetch_with_retries(
 
 def fetch(url: str, part: PartialFile, on_progress: TransferProgress) -> None:
     """Complete `part` to the whole file at `url`, without its existing part of this version.
+
+    Args:
+        url: Address of the file.
+        part: Partial file to complete.
+        on_progress: Is called with the bytes received, and all if known.
 
     Raises:
         InputError: The address is not usable.

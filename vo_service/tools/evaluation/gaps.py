@@ -97,7 +97,13 @@ def gap_error(matched: MatchedPoses, gap: Gap) -> RelativeErrors | None:
 
 
 def spans_gap(matched: MatchedPoses, pairs: PosePairs, gaps: list[Gap]) -> NDArray[np.bool_]:
-    """Return (K,) whether the poses of each pair lie on both sides of a gap."""
+    """Return (K,) whether the poses of each pair lie on both sides of a gap.
+
+    Args:
+        matched: Matched poses.
+        pairs: K pairs of them.
+        gaps: Gaps of the recording.
+    """
     earlier_s, later_s = matched.stamps_s[pairs.earlier], matched.stamps_s[pairs.later]
     is_across = np.zeros(len(pairs), np.bool_)
     for gap in gaps:

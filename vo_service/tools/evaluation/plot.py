@@ -29,6 +29,12 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
 
     The axes are those of the first true camera: right, forward, up. No partial file is left.
 
+    Args:
+        path: The image file.
+        trajectory: Estimated poses.
+        truth: True poses.
+        title: Title of the figure.
+
     Raises:
         InputError: Another suffix, fewer than 3 poses with ground truth within 20 ms, or a file
             that cannot be created.
@@ -48,7 +54,13 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
 
 
 def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure":
-    """Draw the matplotlib figure without pyplot: no global state, no window."""
+    """Draw the matplotlib figure without pyplot: no global state, no window.
+
+    Args:
+        trajectory: Estimated poses.
+        truth: True poses.
+        title: Title of the figure.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -76,7 +88,14 @@ def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure"
 
 
 def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
-    """Set the title, the axis labels and a grid."""
+    """Set the title, the axis labels and a grid.
+
+    Args:
+        plot: The axes.
+        title: Title.
+        x: Label of the x axis.
+        y: Label of the y axis.
+    """
     plot.set_title(title)
     plot.set_xlabel(x)
     plot.set_ylabel(y)
@@ -86,7 +105,14 @@ def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
 def draw_trajectory(
     plots: "dict[str, Axes]", poses: Trajectory, T_first_world: Array, style: dict[str, Any]
 ) -> None:
-    """Draw into both views; T_first_world transforms to the first true camera."""
+    """Draw into both views; T_first_world transforms to the first true camera.
+
+    Args:
+        plots: Axes of the views "A" from above and "B" from the right.
+        poses: The trajectory.
+        T_first_world: (4, 4) from its world to the first true camera.
+        style: Style of the line, for matplotlib.
+    """
     positions_m = transform_points(T_first_world, poses.T_world_camera[:, :3, 3])
     right_m, down_m, forward_m = insert_nan_at_gaps(poses.stamps_s, positions_m).T
     plots["A"].plot(right_m, forward_m, **style)
@@ -94,7 +120,13 @@ def draw_trajectory(
 
 
 def crop_trajectory(poses: Trajectory, begin_s: float, end_s: float) -> Trajectory:
-    """Return the poses between two stamps; motion capture may start long before the trajectory."""
+    """Return the poses between two stamps; motion capture may start long before the trajectory.
+
+    Args:
+        poses: The trajectory.
+        begin_s: First stamp.
+        end_s: Last stamp.
+    """
     during = (poses.stamps_s >= begin_s - MAX_STAMP_DIFFERENCE_S) & (
         poses.stamps_s <= end_s + MAX_STAMP_DIFFERENCE_S
     )

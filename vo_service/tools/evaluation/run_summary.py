@@ -191,7 +191,13 @@ class LoopClosureSummary:
 def evaluate_if_possible(
     trajectory: Trajectory, ground_truth: Trajectory | None, frames_s: Array
 ) -> Evaluation | None:
-    """Evaluate a trajectory; None without a truth or with too few matched poses."""
+    """Evaluate a trajectory; None without a truth or with too few matched poses.
+
+    Args:
+        trajectory: Estimated poses.
+        ground_truth: True poses; None if not known.
+        frames_s: (F,) stamps of all delivered frames.
+    """
     if ground_truth is None or not len(trajectory):
         return None
     try:

@@ -30,11 +30,18 @@ DATA_FOLDERS = ("var/lib/private", "var/lib", "var/cache/private", "var/cache")
 
 
 class Installer:
-    """Installer into the file system below `root`; can be run again at any time."""
+    """Installs into the file system below `root`, and removes it; can be run again at any time."""
 
     def __init__(
         self, root: Path, systemd: Systemd | OfflineSystemd, print_line: PrintLine
     ) -> None:
+        """Set where to install.
+
+        Args:
+            root: Root of the file system.
+            systemd: Control of its systemd.
+            print_line: Is called with a line for each step.
+        """
         self._root, self._systemd, self._print_line = root, systemd, print_line
 
     def install(self, unit: ServiceUnit, *, enable: bool, network_tls: bool) -> None:
@@ -100,15 +107,6 @@ class Installer:
     def _report_written(self, path: Path, is_new: bool) -> bool:
         self._print_line(f"{self._root / path}: {'written' if is_new else 'already installed'}")
         return is_new
-
-
-class Uninstaller:
-    """Remover of the files that `Installer` wrote below `root`."""
-
-    def __init__(
-        self, root: Path, systemd: Systemd | OfflineSystemd, print_line: PrintLine
-    ) -> None:
-        self._root, self._systemd, self._print_line = root, systemd, print_line
 
     def uninstall(self, *, purge: bool) -> None:
         """Stop and remove the service.

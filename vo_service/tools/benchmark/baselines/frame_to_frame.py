@@ -36,7 +36,13 @@ class PairwiseMethod(Protocol):
         ...
 
     def align(self, earlier: Any, later: Any, T_earlier_later: Array) -> Array | None:
-        """Return the 4x4 T_earlier_later from a predicted one, or None on failure."""
+        """Return the 4x4 T_earlier_later from a predicted one, or None on failure.
+
+        Args:
+            earlier: The earlier frame, as prepared.
+            later: The later frame, as prepared.
+            T_earlier_later: (4, 4) predicted motion.
+        """
         ...
 
 

@@ -23,6 +23,13 @@ class OpenCvExtractor:
     def __init__(
         self, create: Callable[[int], cv2.Feature2D], count: int, binary: bool = False
     ) -> None:
+        """Set the method.
+
+        Args:
+            create: Makes a detector with a maximum number of features.
+            count: Maximum number of features.
+            binary: Whether descriptors are bits.
+        """
         self._create = create
         self._binary = binary
         self.count = count

@@ -114,7 +114,13 @@ def _thread_state(thread: Path) -> str:
 def format_settings(
     calibration: CameraCalibration, frame_rate_hz: float, feature_count: int
 ) -> str:
-    """Return ORB-SLAM3's settings file for undistorted BGR and raw depth images."""
+    """Return ORB-SLAM3's settings file for undistorted BGR and raw depth images.
+
+    Args:
+        calibration: Camera of the recording.
+        frame_rate_hz: Frames per second.
+        feature_count: ORB features in a frame.
+    """
     camera = calibration.pinhole
     settings = {
         "File.version": '"1.0"',

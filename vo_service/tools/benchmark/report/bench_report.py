@@ -100,7 +100,13 @@ def _as_json(results: RelativeResults) -> dict[str, Any]:
 def write_bench_report(
     folder: Path, metadata: BenchMetadata, results: Sequence[RelativeResults]
 ) -> None:
-    """Write the files, report.json last. Raises InputError or UserFacingError as `write_file`."""
+    """Write the files, report.json last. Raises InputError or UserFacingError as `write_file`.
+
+    Args:
+        folder: Folder of the report.
+        metadata: Settings of the bench.
+        results: Results by recording and frame step.
+    """
     notes = (
         f"Methods: {', '.join(metadata.methods)}; `method` below applies to runs of the service.",
         f"--every {' '.join(map(str, metadata.frame_steps))}"

@@ -92,7 +92,13 @@ RATIO_METRICS = (*ERROR_METRICS, *CPU_METRICS, *WALL_METRICS, MEMORY_METRIC)
 def ratio(
     metric: MetricColumn, evaluation: RunEvaluation, reference: RunEvaluation
 ) -> float | None:
-    """Return the ratio of a metric to that of the baseline method, or None if not known."""
+    """Return the ratio of a metric to that of the baseline method, or None if not known.
+
+    Args:
+        metric: The metric.
+        evaluation: The run.
+        reference: The run of the baseline method.
+    """
     value, reference_value = metric.value(evaluation), metric.value(reference)
     return value / reference_value if value is not None and reference_value else None
 

@@ -45,7 +45,14 @@ def write_comparison_report(
     metadata: ComparisonMetadata,
     terminal: Terminal,
 ) -> ComparisonReport:
-    """Write everything, the page last. Raises InputError or UserFacingError as `write_file`."""
+    """Write everything, the page last. Raises InputError or UserFacingError as `write_file`.
+
+    Args:
+        folder: Folder of the report.
+        results: Results by recording.
+        metadata: Settings of the comparison.
+        terminal: Shows the progress.
+    """
     figures = {result.recording.name: _draw_figures(folder, result, terminal) for result in results}
     for table in _make_tables(results):
         write_file(folder / f"{table.name}.csv", table.as_csv().encode())

@@ -84,7 +84,14 @@ def _format_cell(cell: TableCell) -> "Text":
 def number_cell(
     value: float | None, digits: int, display_factor: float = 1.0, is_best: bool = False
 ) -> TableCell:
-    """Make a cell of a number; digits and factor apply to the displayed text only."""
+    """Make a cell of a number; digits and factor apply to the displayed text only.
+
+    Args:
+        value: The number; None if not known.
+        digits: Displayed digits after the decimal point.
+        display_factor: Factor of the displayed number.
+        is_best: Whether it is the best of its row.
+    """
     if value is None:
         return TableCell(None, "-")
     return TableCell(value, f"{display_factor * value:.{digits}f}", is_best)

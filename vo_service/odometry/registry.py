@@ -100,12 +100,10 @@ def _make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
     from vo_service.odometry.surf import SurfExtractor
 
-    def make_tracker() -> DirectOdometry:
-        return DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
-
+    tracker = DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
     if features.timing == FIXED_TIMING_MODE:
-        return make_tracker()
-    return OnlineFocalOdometry(OnlineTimingOdometry(make_tracker, timer=timer), timer=timer)
+        return tracker
+    return OnlineFocalOdometry(OnlineTimingOdometry(tracker, timer=timer), timer=timer)
 
 
 def _make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:

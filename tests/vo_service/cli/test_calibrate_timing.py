@@ -18,7 +18,7 @@ from drivers.camera import RgbdFrame
 from drivers.tum.writer import TumWriter
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
-from tests.vo_service.odometry.direct.test_online_timing import SwingingCamera
+from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
 
 pytestmark = pytest.mark.slow
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, adjoint, inverse, orthonormalize
@@ -317,17 +318,34 @@ def reinitialize(
 ) -> TrackingResult:
     """Rebuild the first keyframe by the velocity, and align the second frame with it again."""
     for _ in range(REINITIALIZATIONS):
-        old = result.keyframe
-        T_first_second = inverse(result.alignment.T_camera_keyframe)
-        motion = constant_velocity_motion(se3_log(T_first_second) * result.prior.rate_hz)
-        keyframe = make_keyframe(old.frame, old.images, old.T_world_keyframe, motion, ALL_STATIC)
-        alignment = align(
-            keyframe.points,
-            images,
-            [result.alignment.T_camera_keyframe],
-            result.prior,
-            motion_state.affine_brightness,
-            uniform_weights(),
-        )
-        result = TrackingResult(keyframe, alignment, result.prior)
+        result = rebuild_first_keyframe(result, images, motion_state, ALL_STATIC)
     return result
+
+
+def rebuild_first_keyframe(
+    result: TrackingResult,
+    images: ImagePyramid,
+    motion_state: MotionState,
+    is_static: NDArray[np.bool_],
+) -> TrackingResult:
+    """Rebuild the first keyframe once.
+
+    Args:
+        result: Alignment of the second frame with it.
+        images: The second frame.
+        motion_state: At the first frame.
+        is_static: (CELLS,) which cells of the image to take points from.
+    """
+    old = result.keyframe
+    T_first_second = inverse(result.alignment.T_camera_keyframe)
+    motion = constant_velocity_motion(se3_log(T_first_second) * result.prior.rate_hz)
+    keyframe = make_keyframe(old.frame, old.images, old.T_world_keyframe, motion, is_static)
+    alignment = align(
+        keyframe.points,
+        images,
+        [result.alignment.T_camera_keyframe],
+        result.prior,
+        motion_state.affine_brightness,
+        uniform_weights(),
+    )
+    return TrackingResult(keyframe, alignment, result.prior)

@@ -44,6 +44,9 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.quality import TrackingResult
 
+# A normalized innovation at which the measured pose is used alone.
+UNFILTERED_INNOVATION = 2.0
+
 
 @dataclass(frozen=True)
 class MotionState:

@@ -131,26 +131,18 @@ class DirectOdometry:
         """The keyframe that the next frame is aligned with; None before the first one."""
         return self._track.keyframe if self._track else None
 
-    def start_at(self, T_world_camera: Array) -> None:
-        """Set the pose of the first frame, before that."""
-        self._T_world_camera = T_world_camera
+    def continue_from(self, keyframe: DirectKeyframe, motion_state: MotionState) -> None:
+        """Go on with another keyframe and another motion in the same world, after the first frame.
 
-    def continue_from(self, former: "DirectOdometry", estimate: Estimate) -> Estimate:
-        """Continue another odometry's motion, and return the last estimate relative to it."""
-        self._vignetting = former._vignetting
-        self._brightness_weight = former._brightness_weight
-        if self._track is None or former._track is None:
-            return estimate
-        T_world_reference = former._track.T_world_reference
-        self._track = replace(self._track, T_world_reference=T_world_reference)
-        if not estimate.ok:
-            return estimate
-        T_reference_camera = inverse(T_world_reference) @ estimate.T_world_camera
-        return replace(
-            estimate,
-            T_reference_camera=T_reference_camera,
-            is_next_reference=False,
-        )
+        Args:
+            keyframe: Replaces all keyframes.
+            motion_state: At the last frame.
+        """
+        assert self._track is not None
+        self._map.reset(keyframe)
+        self._track = DirectTrack(keyframe, motion_state, self._track.T_world_reference)
+        self._T_world_camera = motion_state.T_world_camera
+        self._failures = 0
 
     def replace_keyframes(
         self, keyframes: Sequence[DirectKeyframe], active: DirectKeyframe

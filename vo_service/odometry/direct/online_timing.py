@@ -1,18 +1,17 @@
 """Direct odometry that learns readout and delay of the sensor while it runs.
 
 The timing of a frame is a prior, see `TimingPrior`. If it is uncertain, the first moving frames are
-tracked with several timings, and the best one goes on. From then on each tracked view adds to the
-estimate, two frames late, when the velocity at it is known.
+tracked with several timings, and the odometry goes on with the best one. Each tracked view adds to
+the estimate, two frames late, when the velocity at it is known.
 """
 
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse
+from drivers.core.geometry import Array, adjoint, inverse
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
@@ -22,9 +21,7 @@ from vo_service.odometry.direct.parameters import (
     HALF_WEIGHT_SPEED,
     MAX_KEYFRAME_TIMING_ERRORS_S,
     MIN_SEARCH_SPEED,
-    MIN_SEARCHED_FRAMES,
     MIN_TIMING_SPEED,
-    NUM_SEARCHED_FRAMES,
     SCENE_DEPTH_M,
     SETTLED_TIMING_SIGMAS_S,
     SETTLED_VIEW_STRIDE,
@@ -37,7 +34,12 @@ from vo_service.odometry.direct.timing_equations import (
 )
 from vo_service.odometry.direct.timing_estimate import TimingEstimator
 from vo_service.odometry.direct.timing_frames import TimedFrame, TrackedView, ViewHistory
-from vo_service.odometry.direct.timing_search import needs_search, search_timing
+from vo_service.odometry.direct.timing_search import (
+    SearchedFrame,
+    TimingSearch,
+    TimingSearchResult,
+    needs_search,
+)
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Estimate, OnlineTiming
 
@@ -46,22 +48,20 @@ class OnlineTimingOdometry:
     """Direct odometry with learned timing.
 
     Args:
-        make_tracker: Makes a `DirectOdometry` that starts at its next frame.
+        tracker: Tracks the frames.
         timer: Times the stages; not timed if None.
     """
 
-    def __init__(
-        self, make_tracker: Callable[[], DirectOdometry], timer: StageTimer | None = None
-    ) -> None:
-        self._make_tracker = make_tracker
+    def __init__(self, tracker: DirectOdometry, timer: StageTimer | None = None) -> None:
+        self._tracker = tracker
         self._timer = timer or NullStageTimer()
-        self._tracker = make_tracker()
         self._history = ViewHistory()
         self._estimator: TimingEstimator | None = None
         self._serial = ""
-        self._is_searching = False
-        # The last frames, each with the pose at it; only during the search.
-        self._searched: deque[tuple[TimedFrame, Array]] = deque(maxlen=NUM_SEARCHED_FRAMES)
+        self._is_search_needed = False
+        # The last good frame with the pose at it, before the search.
+        self._before_search: tuple[TimedFrame, Array] | None = None
+        self._search: TimingSearch | None = None
         self._view_count = 0
 
     @property
@@ -92,9 +92,13 @@ class OnlineTimingOdometry:
         # Another sensor has been plugged in: it has its own timing.
         if self._estimator is None or frame.serial != self._serial:
             self._start(timed)
+        if self._is_search_needed:
+            with self._timer.stage("timing"):
+                self._end_search(timed)
         estimate = self._track(timed)
-        if self._is_searching:
-            estimate = self._search(timed, estimate)
+        if self._is_search_needed:
+            with self._timer.stage("timing"):
+                self._search_timing(timed, estimate)
         return replace(estimate, timing=self._report(frame))
 
     # -- tracking --------------------------------------------------------------------------------
@@ -102,10 +106,10 @@ class OnlineTimingOdometry:
         """Start with what the first frame of a sensor tells."""
         self._serial = timed.frame.serial
         self._history.clear()
-        self._searched.clear()
+        self._before_search = self._search = None
         sigmas_s = _prior_sigmas_s(timed.frame)
         self._use(np.zeros(2), sigmas_s, timed)
-        self._is_searching = needs_search(sigmas_s)
+        self._is_search_needed = needs_search(sigmas_s)
 
     def _use(self, correction: Array, sigmas_s: Array, timed: TimedFrame) -> None:
         prior = timed.frame.timing_prior
@@ -123,7 +127,7 @@ class OnlineTimingOdometry:
             self._history.interrupt()
             return estimate
         with self._timer.stage("timing"):
-            if self._learn(self._make_view(timed, timing, estimate)):
+            if self._learn(self._make_view(timed, timing, estimate), self._tracker.keyframes):
                 self._correct_keyframes()
         return estimate
 
@@ -131,48 +135,76 @@ class OnlineTimingOdometry:
         tracked = self._tracker.last_frame
         stamp_s = timed.frame.stamp_s
         if tracked is None or tracked.images.stamp_s != stamp_s:
-            return TrackedView(stamp_s, estimate.T_world_camera, timed.told, timing, None, None)
+            return TrackedView.without_alignment(timed, estimate.T_world_camera, timing)
         result = tracked.result
         return TrackedView(
             stamp_s, estimate.T_world_camera, timed.told, timing, result.keyframe, result.alignment
         )
 
     # -- search ----------------------------------------------------------------------------------
-    def _search(self, timed: TimedFrame, estimate: Estimate) -> Estimate:
-        """Search for the timing, once there is motion or tracking fails."""
-        if estimate.is_reset or not (estimate.ok or self._searched):
-            self._searched.clear()
-            return estimate
-        self._searched.append((timed, estimate.T_world_camera))
-        is_full = len(self._searched) == NUM_SEARCHED_FRAMES
-        is_moving = _speed(self._tracker.velocity) > MIN_SEARCH_SPEED
-        has_failed = not estimate.ok and len(self._searched) >= MIN_SEARCHED_FRAMES
-        if not (has_failed or (is_full and is_moving)):
-            return estimate
-        frames = [frame for frame, _ in self._searched]
-        with self._timer.stage("timing"):
-            found = search_timing(frames, _prior_sigmas_s(timed.frame), self._make_tracker)
-        return self._restart(found.mean, found.sigmas_s)
+    def _search_timing(self, timed: TimedFrame, estimate: Estimate) -> None:
+        """Begin the search once there is motion or tracking fails, and continue it."""
+        assert self._estimator is not None
+        if estimate.is_reset or self._estimator.is_certain:
+            self._search = None
+            self._is_search_needed = not self._estimator.is_certain
+        is_moving = not estimate.ok or _speed(self._tracker.velocity) > MIN_SEARCH_SPEED
+        if self._search is None and self._before_search is not None and is_moving:
+            first, T_world_first = self._before_search
+            self._search = TimingSearch(
+                SearchedFrame.of(first), T_world_first, _prior_sigmas_s(timed.frame)
+            )
+        if self._search is not None:
+            self._search.add(SearchedFrame.of(timed))
+        self._before_search = (timed, estimate.T_world_camera) if estimate.ok else None
 
-    def _restart(self, correction: Array, sigmas_s: Array) -> Estimate:
-        """Track the searched frames again with another timing, from the first one's pose on."""
-        frames, T_world_first = [frame for frame, _ in self._searched], self._searched[0][1]
-        former = self._tracker
-        self._is_searching = False
-        self._searched.clear()
+    def _end_search(self, timed: TimedFrame) -> None:
+        """Go on with the best timing, if the search has found it."""
+        search = self._search
+        if search is None or not search.num_compared:
+            return
+        found = search.evaluate()
+        if not (found.is_certain or search.is_complete):
+            return
+        self._search = None
+        if found.is_clear:
+            self._is_search_needed = False
+            self._continue_from(search, found)
+        elif _speed(self._tracker.velocity) > MIN_SEARCH_SPEED:
+            self._is_search_needed = False
+
+    def _continue_from(self, search: TimingSearch, found: TimingSearchResult) -> None:
+        """Track the next frame from the best hypothesis on, with the timing found."""
+        best, first = found.best, search.first.timed
+        search.catch_up(best)
         self._history.clear()
-        self._use(correction, sigmas_s, frames[0])
-        self._tracker = self._make_tracker()
-        self._tracker.start_at(T_world_first)
-        estimates = [self._track(frame) for frame in frames]
-        if any(estimate.is_reset for estimate in estimates):
-            return replace(estimates[-1], is_reset=True)
-        return self._tracker.continue_from(former, estimates[-1])
+        self._use(found.mean, found.sigmas_s, first)
+        assert self._estimator is not None
+        for view in best.views:
+            self._learn(view, [best.keyframe])
+        velocity = best.views[0].velocity
+        readout_s, skew_s = (first.told + self._estimator.in_use).tolist()
+        keyframe = make_keyframe(
+            first.frame,
+            replace(best.keyframe.images, shutter=ImageTiming(max(readout_s, 0.0), skew_s)),
+            best.keyframe.T_world_keyframe,
+            best.keyframe.motion if velocity is None else constant_velocity_motion(velocity),
+            ALL_STATIC,
+        )
+        self._tracker.continue_from(keyframe, best.motion_state)
 
     # -- learning --------------------------------------------------------------------------------
-    def _learn(self, view: TrackedView) -> bool:
-        """Add a view to the history, and learn from the one whose velocity is now known."""
-        past = self._history.add(view, self._tracker.keyframes)
+    def _learn(self, view: TrackedView, keyframes: Sequence[DirectKeyframe]) -> bool:
+        """Add a view to the history, and learn from the one whose velocity is now known.
+
+        Args:
+            view: The view.
+            keyframes: All that are in use.
+
+        Returns:
+            Whether the timing in use has changed.
+        """
+        past = self._history.add(view, keyframes)
         if past is None or past.keyframe is None or past.alignment is None:
             return False
         assert self._estimator is not None
@@ -299,9 +331,16 @@ def _timing_view(view: TrackedView, keyframe_view: TrackedView) -> TimingView:
         assumed_velocity=np.ascontiguousarray(alignment.motion[:6]),
         keyframe_velocity=-keyframe_view.velocity,
         assumed_keyframe_velocity=np.ascontiguousarray(-keyframe.motion[:6]),
+        turns=_turns_in(T_keyframe_camera),
+        keyframe_turns=_turns_in(np.eye(4)),
         camera_position=np.ascontiguousarray(T_keyframe_camera[:3, 3]),
         timing=view.timing,
         keyframe_timing=_keyframe_timing(keyframe, keyframe_view),
         intrinsics=keyframe.images.intrinsics[0],
         height=keyframe.images.camera.height,
     )
+
+
+def _turns_in(T_keyframe_camera: Array) -> Array:
+    """(2, 6) twists of points for a camera that turns about its x and y axis, at 1 rad/s."""
+    return np.ascontiguousarray(-adjoint(T_keyframe_camera)[:, 3:5].T)

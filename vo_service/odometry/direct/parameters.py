@@ -233,6 +233,9 @@ MIN_OBSERVED_SHARE = 0.25
 TIMING_POINT_STRIDE = 2
 # Share of the true step that one step of the timing makes: residuals are not linear in it.
 TIMING_STEP_RATIO = 0.75
+# Information of the depth camera's turn against the color camera, 1/rad^2: that of 3 px or 6 mrad,
+# times the usual error of a view, as the view's information is too large by that factor.
+TURN_INFORMATION = 4e5
 # Smallest curvature of the residuals' Student's t, as a share of its weight.
 MIN_CURVATURE_RATIO = 0.2
 # Slower views are not used; the weight of a view is half at the second speed. Speeds are in rad/s,
@@ -256,9 +259,15 @@ TIMING_SPEED_DECAY = 0.95
 KEYFRAME_TIMING_SIGMAS_S = (0.004, 0.002)
 # Forgetting factor per keyframe.
 TIMING_DECAY = 0.99
-# If the last keyframes, at most so many, differ from all before by this many sigmas, the timing has
-# changed. Then all before is forgotten: the timing in use stays, with these sigmas.
-NUM_RECENT_TIMING_KEYFRAMES = 6
+# Largest readout time, and largest correction of the delay: rows are read within the interval of
+# frames, and the two images of a frame are at most half of it apart. A keyframe that asks for more,
+# by so many of its sigmas, has errors of another kind and is left out.
+MAX_TIMING_S = (0.040, 0.020)
+MAX_IMPOSSIBLE_SIGMAS = 2.0
+# If the last keyframes, at least and at most so many, differ from all before by this many sigmas,
+# the timing has changed. Then all before is forgotten: the timing in use stays, with the last
+# sigmas.
+MIN_CHANGED_KEYFRAMES, NUM_RECENT_TIMING_KEYFRAMES = 2, 6
 TIMING_CHANGE_SIGMAS = 3.5
 FORGOTTEN_TIMING_SIGMAS_S = (0.030, 0.010)
 # Fewest views, and largest sigmas, of an estimate that is used.
@@ -282,15 +291,19 @@ TIMING_RADIUS_PX = 260.0
 MAX_KEYFRAME_TIMING_ERRORS_S = (0.004, 0.002)
 # The largest interval between poses that a velocity is computed from, s.
 MAX_POSE_INTERVAL_S = 0.08
-# The search for the timing begins with this many frames, at this speed in rad/s; with fewer if
-# tracking fails.
-NUM_SEARCHED_FRAMES = 8
-MIN_SEARCHED_FRAMES = 3
+# The search for the timing begins at this speed in rad/s, and takes this many frames.
 MIN_SEARCH_SPEED = 0.2
+NUM_SEARCHED_FRAMES = 8
+# Largest number of alignments of small trackers in a frame. One takes a third of a usual alignment.
+MAX_SEARCH_STEPS_PER_FRAME = 9
 # Its steps in readout and delay: three values each.
 SEARCH_STEPS_S = (0.015, 0.008)
 # Difference of the summed logarithms of the residuals' sigmas that halves a timing's weight thrice.
 SEARCH_SCORE_SCALE = 0.5
+# The best timing is used if its score, in that scale, is lower by this much than without a
+# correction; and before the last frame of the search if it is lower by the second value.
+MIN_SEARCH_SCORE_GAIN = 1.0
+SUFFICIENT_SEARCH_SCORE_GAIN = 4.0
 # Sigmas of a timing between those that were tried.
 SEARCH_SIGMAS_S = (0.006, 0.004)
 # The frames contradict a timing that is off by this many sigmas.

@@ -23,7 +23,11 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.direct.parameters import TIMING_POINT_STRIDE, TIMING_STEP_RATIO
+from vo_service.odometry.direct.parameters import (
+    TIMING_POINT_STRIDE,
+    TIMING_STEP_RATIO,
+    TURN_INFORMATION,
+)
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
@@ -39,9 +43,9 @@ from vo_service.odometry.direct.warping import (
     SAMPLE_V,
 )
 
-# Pose (6), gain, offset, readout, delay.
-NUM_UNKNOWNS = 10
-FIRST_TIMING = 8
+# Pose (6), gain, offset, turn of the depth camera (2), readout, delay.
+NUM_UNKNOWNS = 12
+FIRST_TURN, FIRST_TIMING = 8, 10
 # Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
 _DAMPING_RATIO = 1e-6
 
@@ -56,6 +60,8 @@ class TimingView(NamedTuple):
         assumed_velocity: The same, as the alignment took it.
         keyframe_velocity: While the keyframe was taken.
         assumed_keyframe_velocity: The same, as the keyframe's points were made with it.
+        turns: (2, 6) of a camera that turns about its own x and y axis at 1 rad/s, at the frame.
+        keyframe_turns: (2, 6) the same at the keyframe.
         camera_position: (3,) of the frame's camera in the keyframe's axes, m.
         timing: (2,) readout and delay that the frame was aligned with.
         keyframe_timing: (2,) those of the keyframe.
@@ -67,6 +73,8 @@ class TimingView(NamedTuple):
     assumed_velocity: Array
     keyframe_velocity: Array
     assumed_keyframe_velocity: Array
+    turns: Array
+    keyframe_turns: Array
     camera_position: Array
     timing: Array
     keyframe_timing: Array
@@ -95,30 +103,22 @@ def _add_row(H: Array, g: Array, row: Array, weight: float, weighted_residual: f
 def accumulate_timing(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array, view: TimingView
 ) -> tuple[Array, Array]:
-    """Normal equations (10, 10), (10,) of pose, brightness, readout and delay of one view."""
+    """Normal equations (12, 12), (12,) of pose, brightness, turn, readout and delay of one view."""
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
     row, J, J_depth = np.zeros(NUM_UNKNOWNS), np.empty(6), np.empty(6)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
     variance, variance_depth = residual_variances(residual_model)
-    change = view.velocity - view.assumed_velocity
-    keyframe_change = view.keyframe_velocity - view.assumed_keyframe_velocity
-    readout, delay = view.timing
-    keyframe_readout, keyframe_delay = view.keyframe_timing
-    c = view.camera_position
     middle_row = 0.5 * (view.height - 1)
     for i in range(0, len(points), TIMING_POINT_STRIDE):
         brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
         if np.isnan(brightness):
             continue
-        cell, z = int(samples[i, SAMPLE_CELL]), points[i, 2]
-        v_keyframe = view.intrinsics[1] * points[i, 1] / z + view.intrinsics[3]
+        cell = int(samples[i, SAMPLE_CELL])
+        v_keyframe = view.intrinsics[1] * points[i, 1] / points[i, 2] + view.intrinsics[3]
         # Times of the rows as shares of the readout.
         share = (samples[i, SAMPLE_V] - middle_row) / view.height
         keyframe_share = (v_keyframe - middle_row) / view.height
         fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J_depth)
-        # Change of the point's depth with the keyframe's delay, m/s.
-        depth_rate = -z * z * _dot(J_depth, view.keyframe_velocity)
-        depth_rate_change = -z * z * _dot(J_depth, keyframe_change)
         if points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
             sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
@@ -126,48 +126,93 @@ def accumulate_timing(
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
             curvature = w * student_curvature(residual, sample_variance)
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
-            # Only parallax shows an error of the point's depth in its brightness.
-            parallax = (J[0] * c[0] + J[1] * c[1] + J[2] * c[2]) / z
-            by_frame = share * _dot(J, view.velocity)
-            by_keyframe = -keyframe_share * _dot(J, view.keyframe_velocity)
-            by_depth = parallax * depth_rate
-            row[:6] = J
             row[6], row[7] = -points[i, POINT_BRIGHTNESS], -1.0
-            row[8], row[9] = by_frame + by_keyframe, by_depth
-            linear = (
-                readout * share * _dot(J, change)
-                - keyframe_readout * keyframe_share * _dot(J, keyframe_change)
-                + keyframe_delay * parallax * depth_rate_change
-                - TIMING_STEP_RATIO
-                * (by_frame * readout + by_keyframe * keyframe_readout + by_depth * keyframe_delay)
+            linear = _fill_brightness_row(
+                points[i, 2], J, J_depth, share, keyframe_share, view, row
             )
             _add_row(H, g, row, curvature, w * residual + curvature * linear)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
             curvature = w * student_curvature(depth, variance_depth)
-            moved = _dot(J_depth, view.velocity)
-            by_keyframe = -keyframe_share * _dot(J_depth, view.keyframe_velocity)
-            by_depth = depth_rate / (z * z)
-            row[:6] = J_depth
             row[6] = row[7] = 0.0
-            row[8], row[9] = share * moved + by_keyframe, moved + by_depth
-            linear = (
-                (readout * share + delay) * _dot(J_depth, change)
-                - keyframe_readout * keyframe_share * _dot(J_depth, keyframe_change)
-                + keyframe_delay * depth_rate_change / (z * z)
-                - TIMING_STEP_RATIO
-                * (
-                    share * moved * readout
-                    + moved * delay
-                    + by_keyframe * keyframe_readout
-                    + by_depth * keyframe_delay
-                )
-            )
+            linear = _fill_depth_row(J_depth, share, keyframe_share, view, row)
             _add_row(H, g, row, curvature, w * depth + curvature * linear)
     for a in range(NUM_UNKNOWNS):
         for b in range(a):
             H[a, b] = H[b, a]
     return H, g
+
+
+@inline_kernel
+def _fill_brightness_row(
+    z: float,
+    J: Array,
+    J_depth: Array,
+    share: float,
+    keyframe_share: float,
+    view: TimingView,
+    row: Array,
+) -> float:
+    """Fill in the derivatives of a brightness residual, except by gain and offset.
+
+    Args:
+        z: Depth of the point, m.
+        J: (6,) derivative by a motion of the points.
+        J_depth: (6,) the same of the depth residual.
+        share: Time of the frame's row as a share of the readout.
+        keyframe_share: The same of the keyframe's row.
+        view: The view.
+        row: (UNKNOWNS,) the derivatives.
+
+    Returns:
+        What is added to the residual to make it that of zero timing and of the view's velocities.
+    """
+    readout, (keyframe_readout, keyframe_delay) = view.timing[0], view.keyframe_timing
+    change = view.velocity - view.assumed_velocity
+    keyframe_change = view.keyframe_velocity - view.assumed_keyframe_velocity
+    # Only parallax shows an error of the point's depth in its brightness.
+    c = view.camera_position
+    by_depth = -z * (J[0] * c[0] + J[1] * c[1] + J[2] * c[2])
+    by_frame = share * _dot(J, view.velocity)
+    by_keyframe = -keyframe_share * _dot(J, view.keyframe_velocity)
+    by_delay = by_depth * _dot(J_depth, view.keyframe_velocity)
+    row[:6] = J
+    for k in range(2):
+        row[FIRST_TURN + k] = by_depth * _dot(J_depth, view.keyframe_turns[k])
+    row[FIRST_TIMING], row[FIRST_TIMING + 1] = by_frame + by_keyframe, by_delay
+    used = by_frame * readout + by_keyframe * keyframe_readout + by_delay * keyframe_delay
+    return float(
+        readout * share * _dot(J, change)
+        - keyframe_readout * keyframe_share * _dot(J, keyframe_change)
+        + keyframe_delay * by_depth * _dot(J_depth, keyframe_change)
+        - TIMING_STEP_RATIO * used
+    )
+
+
+@inline_kernel
+def _fill_depth_row(
+    J_depth: Array, share: float, keyframe_share: float, view: TimingView, row: Array
+) -> float:
+    """Fill in the derivatives of a depth residual; see `_fill_brightness_row`."""
+    (readout, delay), (keyframe_readout, keyframe_delay) = view.timing, view.keyframe_timing
+    change = view.velocity - view.assumed_velocity
+    keyframe_change = view.keyframe_velocity - view.assumed_keyframe_velocity
+    moved = _dot(J_depth, view.velocity)
+    keyframe_moved = _dot(J_depth, view.keyframe_velocity)
+    row[:6] = J_depth
+    for k in range(2):
+        row[FIRST_TURN + k] = _dot(J_depth, view.turns[k]) - _dot(J_depth, view.keyframe_turns[k])
+    row[FIRST_TIMING] = share * moved - keyframe_share * keyframe_moved
+    row[FIRST_TIMING + 1] = moved - keyframe_moved
+    frame_s, keyframe_s = (
+        share * readout + delay,
+        keyframe_share * keyframe_readout + keyframe_delay,
+    )
+    return float(
+        frame_s * _dot(J_depth, change)
+        - keyframe_s * _dot(J_depth, keyframe_change)
+        - TIMING_STEP_RATIO * (frame_s * moved - keyframe_s * keyframe_moved)
+    )
 
 
 @kernel
@@ -176,6 +221,8 @@ def marginalize(H: Array, g: Array) -> tuple[Array, Array]:
     n = FIRST_TIMING
     scale = np.empty(n)
     X, Y = np.empty((n, n)), np.empty((n, 3))
+    for k in range(FIRST_TURN, FIRST_TIMING):
+        H[k, k] += TURN_INFORMATION
     for a in range(n):
         scale[a] = 1.0 / np.sqrt(H[a, a] + 1e-12)
     for a in range(n):

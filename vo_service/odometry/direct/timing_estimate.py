@@ -19,7 +19,10 @@ from vo_service.odometry.direct.parameters import (
     INSTANT_TIMING_SIGMAS,
     KEYFRAME_TIMING_SIGMAS_S,
     LINEAR_RANGE_PX,
+    MAX_IMPOSSIBLE_SIGMAS,
+    MAX_TIMING_S,
     MAX_TIMING_SIGMAS_S,
+    MIN_CHANGED_KEYFRAMES,
     MIN_TIMING_CHANGE_SIGMAS,
     MIN_TIMING_CHANGES_S,
     MIN_TIMING_VIEWS,
@@ -99,11 +102,10 @@ class TimingEstimator:
             return None
         from_frames = self._from_frames()
         by_frames, covariance = solve_information(from_frames)
-        if (np.sqrt(np.diag(covariance)) > MAX_TIMING_SIGMAS_S).any() or squared_disagreement(
-            from_frames, self._told
-        ) <= CONTRADICTION_SIGMAS**2:
-            return None
-        return by_frames
+        is_far = squared_disagreement(from_frames, self._told) > CONTRADICTION_SIGMAS**2
+        if is_far and (np.sqrt(np.diag(covariance)) <= MAX_TIMING_SIGMAS_S).all():
+            return by_frames
+        return None
 
     def _weigh(self, view: Array) -> float:
         """Weight of a view by its squared error, which the usual one is updated with."""
@@ -125,17 +127,29 @@ class TimingEstimator:
     def _finish_keyframe(self) -> None:
         """Add the information of the current keyframe's views to that of the last keyframes."""
         self._scale(TIMING_DECAY)
-        self._recent.append(limit_information(self._current, self._usual_error()))
+        finished = limit_information(self._current, self._usual_error())
         self._current = np.zeros((2, 3))
+        if not self._is_possible(finished):
+            return
+        self._recent.append(finished)
         self._forget_if_changed()
         if len(self._recent) > NUM_RECENT_TIMING_KEYFRAMES:
             self._older = self._older + self._recent.popleft()
 
+    def _is_possible(self, information: Array) -> bool:
+        """Whether a timing may be that of a sensor; errors of another kind give other ones."""
+        timing, covariance = solve_information(information)
+        readout_s, delay_s = timing - (self._instant[0], 0.0)
+        off_s = np.array(
+            [max(-readout_s, readout_s - MAX_TIMING_S[0]), abs(delay_s) - MAX_TIMING_S[1]]
+        )
+        return bool((off_s <= MAX_IMPOSSIBLE_SIGMAS * np.sqrt(np.diag(covariance))).all())
+
     def _forget_if_changed(self) -> None:
-        """Forget what the last keyframes contradict, if they do: the change may be at any one."""
+        """Forget what the last keyframes contradict, if several do."""
         keyframes = list(self._recent)
         worst, first = 0.0, 0
-        for k in range(1, len(keyframes)):
+        for k in range(1, len(keyframes) - MIN_CHANGED_KEYFRAMES + 1):
             before = self._prior + self._older + sum(keyframes[:k])
             squared = squared_disagreement(np.asarray(sum(keyframes[k:])), before)
             if squared > worst:

@@ -67,6 +67,13 @@ class TrackedView:
     velocity: Array | None = None
     is_first: bool = False
 
+    @classmethod
+    def without_alignment(
+        cls, timed: TimedFrame, T_world_camera: Array, timing: Array
+    ) -> "TrackedView":
+        """Make the view of a frame that was aligned with nothing."""
+        return cls(timed.frame.stamp_s, T_world_camera, timed.told, timing, None, None)
+
 
 class ViewHistory:
     """The last views without a gap, and those that have become keyframes."""

@@ -1,25 +1,48 @@
-"""Search for the timing over a few frames: the odometry is run on them with several timings.
+"""Search for the timing: the first moving frames are tracked with several timings side by side.
 
 The estimate by normal equations needs a timing near the right one, and so does the tracking of fast
-motion. Timings are compared by the residuals that they leave.
+motion. Timings are compared by the residuals that they leave. Each of them has a small tracker: one
+keyframe with a quarter of the usual points. The work of a frame is bounded, so that a live camera
+keeps its rate: a tracker may be some frames behind.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.alignment import IDENTITY_BRIGHTNESS, align, uniform_weights
+from vo_service.odometry.direct.image_pyramid import (
+    CELL_COLUMNS,
+    CELL_ROWS,
+    ImagePyramid,
+    ImageTiming,
+    build_image_pyramid,
+)
+from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import rebuild_first_keyframe
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.motion_state import UNFILTERED_INNOVATION, MotionState
 from vo_service.odometry.direct.parameters import (
+    MAX_SEARCH_STEPS_PER_FRAME,
     MAX_TIMING_SIGMAS_S,
+    MIN_SEARCH_SCORE_GAIN,
+    NUM_SEARCHED_FRAMES,
     SEARCH_SCORE_SCALE,
     SEARCH_SIGMAS_S,
     SEARCH_STEPS_S,
+    SUFFICIENT_SEARCH_SCORE_GAIN,
 )
+from vo_service.odometry.direct.quality import TrackingResult, rejection_reason
 from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS, SIGMA_DEPTH
-from vo_service.odometry.direct.timing_frames import TimedFrame
+from vo_service.odometry.direct.timing_frames import TimedFrame, TrackedView
+
+# A quarter of the cells, spread over the image: a tracker of the search takes its points from them.
+SEARCHED_CELLS = np.array(
+    [(row * 2 + column) % 4 == 0 for row in range(CELL_ROWS) for column in range(CELL_COLUMNS)]
+)
+# Steps that a tracker's start costs: two alignments, and a keyframe.
+START_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -27,13 +50,26 @@ class TimingSearchResult:
     """The timing that fits best, as a correction of what the frames tell.
 
     Attributes:
-        mean: (2,) readout and delay, s; exactly zero if nothing fits clearly better than no
-            correction.
+        mean: (2,) readout and delay, s.
         sigmas_s: (2,) standard deviations.
+        score_gain: By how much the best hypothesis fits better than no correction.
+        best: That hypothesis.
     """
 
     mean: Array
     sigmas_s: Array
+    score_gain: float
+    best: "TimingHypothesis"
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether no correction is clearly wrong; else frames hardly tell timings apart."""
+        return self.score_gain > MIN_SEARCH_SCORE_GAIN
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether no correction is certainly wrong, so that no more frames are needed."""
+        return self.score_gain > SUFFICIENT_SEARCH_SCORE_GAIN
 
 
 def needs_search(sigmas_s: Array) -> bool:
@@ -41,33 +77,175 @@ def needs_search(sigmas_s: Array) -> bool:
     return bool((sigmas_s > MAX_TIMING_SIGMAS_S).any())
 
 
-def search_timing(
-    frames: Sequence[TimedFrame], sigmas_s: Array, make_tracker: Callable[[], DirectOdometry]
-) -> TimingSearchResult:
-    """Search for the timing of frames.
+@dataclass(frozen=True)
+class SearchedFrame:
+    """A frame and its image pyramid, with the timing that the frame tells."""
+
+    timed: TimedFrame
+    images: ImagePyramid
+
+    @classmethod
+    def of(cls, timed: TimedFrame) -> "SearchedFrame":
+        """Make it from a frame."""
+        return cls(timed, build_image_pyramid(timed.frame))
+
+    def with_correction(self, correction: Array) -> ImagePyramid:
+        """Return the image pyramid with a corrected timing; the readout is at least zero."""
+        readout_s, skew_s = (self.timed.told + correction).tolist()
+        return replace(self.images, shutter=ImageTiming(max(readout_s, 0.0), skew_s))
+
+
+class TimingHypothesis:
+    """A timing, and a small tracker that uses it.
 
     Args:
-        frames: Consecutive frames with motion.
-        sigmas_s: (2,) standard deviations of what the frames tell.
-        make_tracker: Makes an odometry that starts at the first frame.
+        correction: (2,) of what the frames tell, s.
+        first: The first frame.
+        keyframe: It as a keyframe of a camera at rest.
+
+    Attributes:
+        correction: See above.
+        keyframe: The keyframe, after the second frame with the camera's velocity.
+        motion_state: At the last tracked frame.
+        scores: Of each frame but the first: sum of the logarithms of the residuals' sigmas; zero
+            if tracking failed.
+        views: The tracked frames, as the equations of the timing take them.
     """
-    corrections = _make_corrections(frames[0].told, sigmas_s)
-    scores = np.array(
-        [
-            _score([frame.with_correction(c) for frame in frames], make_tracker())
-            for c in corrections
+
+    def __init__(self, correction: Array, first: SearchedFrame, keyframe: DirectKeyframe) -> None:
+        images = first.with_correction(correction)
+        self.correction = correction
+        self.keyframe = replace(keyframe, images=images)
+        self.motion_state = MotionState(
+            keyframe.T_world_keyframe,
+            np.zeros(6),
+            images.stamp_s,
+            IDENTITY_BRIGHTNESS,
+            images.mean_brightness,
+            well_constrained_stamp_s=images.stamp_s,
+        )
+        self.scores: list[float] = []
+        self.views = [
+            TrackedView.without_alignment(first.timed, keyframe.T_world_keyframe, correction)
         ]
-    )
-    scores = (scores - scores.min()) / SEARCH_SCORE_SCALE
-    scores += 0.5 * np.square(corrections / np.maximum(sigmas_s, 1e-9)).sum(axis=1)
-    weights = np.exp(scores.min() - scores)
-    weights /= weights.sum()
-    mean = weights @ corrections
-    spread = weights @ np.square(corrections - mean)
-    sigmas = np.minimum(np.sqrt(spread + np.square(SEARCH_SIGMAS_S)), sigmas_s)
-    # Frames that hardly tell one timing from another change nothing.
-    is_corrected = scores[0] > scores.min() + 1.0
-    return TimingSearchResult(mean if is_corrected else np.zeros(2), sigmas)
+
+    @property
+    def steps_to_next(self) -> int:
+        """Steps that the next frame costs."""
+        return 1 if len(self.views) > 1 else START_STEPS
+
+    def track(self, frame: SearchedFrame) -> None:
+        """Align the next frame with the keyframe."""
+        images, state = frame.with_correction(self.correction), self.motion_state
+        prior = state.motion_prior(self.keyframe.T_world_keyframe, images.stamp_s)
+        alignment = align(
+            self.keyframe.points,
+            images,
+            state.initial_guesses(self.keyframe.T_world_keyframe, images.stamp_s),
+            prior,
+            state.predict_affine_brightness(images),
+            uniform_weights(),
+        )
+        if rejection_reason(alignment):
+            self.scores.append(0.0)
+            return
+        result = TrackingResult(self.keyframe, alignment, prior)
+        if len(self.views) == 1:
+            result = rebuild_first_keyframe(result, images, state, SEARCHED_CELLS)
+            self.keyframe = result.keyframe
+        self._advance(frame, images, result)
+
+    def _advance(self, frame: SearchedFrame, images: ImagePyramid, result: TrackingResult) -> None:
+        alignment = result.alignment
+        self.motion_state = self.motion_state.advance(
+            result.T_world_camera,
+            alignment.camera_velocity,
+            images,
+            alignment.affine_brightness,
+            UNFILTERED_INNOVATION,
+            images.stamp_s,
+        )
+        model = alignment.residual_model
+        self.scores.append(float(np.log(model[SIGMA_BRIGHTNESS]) + np.log(model[SIGMA_DEPTH])))
+        self.views.append(
+            TrackedView(
+                images.stamp_s,
+                result.T_world_camera,
+                frame.timed.told,
+                self.correction,
+                result.keyframe,
+                alignment,
+            )
+        )
+
+
+class TimingSearch:
+    """Tracks frames with several timings, and compares their residuals.
+
+    Args:
+        first: The first frame; the camera moves.
+        T_world_first: 4x4 pose at it.
+        sigmas_s: (2,) standard deviations of the timing that the frames tell.
+    """
+
+    def __init__(self, first: SearchedFrame, T_world_first: Array, sigmas_s: Array) -> None:
+        self._sigmas_s = sigmas_s
+        self._frames: list[SearchedFrame] = []
+        # Of a camera at rest it is the same for each timing.
+        keyframe = make_keyframe(
+            first.timed.frame, first.images, T_world_first, zero_motion(), SEARCHED_CELLS
+        )
+        self.first = first
+        self.hypotheses = [
+            TimingHypothesis(correction, first, keyframe)
+            for correction in _make_corrections(first.timed.told, sigmas_s)
+        ]
+
+    @property
+    def num_compared(self) -> int:
+        """Number of frames that all trackers have processed."""
+        return min(len(hypothesis.scores) for hypothesis in self.hypotheses)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether no more frames are needed."""
+        return self.num_compared >= NUM_SEARCHED_FRAMES - 1
+
+    def add(self, frame: SearchedFrame) -> None:
+        """Add a frame, and take up to `MAX_SEARCH_STEPS_PER_FRAME` steps of the trackers."""
+        self._frames.append(frame)
+        steps = MAX_SEARCH_STEPS_PER_FRAME
+        while True:
+            slowest = min(self.hypotheses, key=lambda hypothesis: len(hypothesis.scores))
+            count = len(slowest.scores)
+            steps -= slowest.steps_to_next
+            if count == len(self._frames) or steps < 0:
+                return
+            slowest.track(self._frames[count])
+
+    def catch_up(self, hypothesis: TimingHypothesis) -> None:
+        """Let one tracker process all frames."""
+        for frame in self._frames[len(hypothesis.scores) :]:
+            hypothesis.track(frame)
+
+    def evaluate(self) -> TimingSearchResult:
+        """Return the timing by the frames that all trackers have processed."""
+        corrections = np.array([hypothesis.correction for hypothesis in self.hypotheses])
+        count = self.num_compared
+        scores = np.array([sum(hypothesis.scores[:count]) for hypothesis in self.hypotheses])
+        scores = (scores - scores.min()) / SEARCH_SCORE_SCALE
+        scores += 0.5 * np.square(corrections / np.maximum(self._sigmas_s, 1e-9)).sum(axis=1)
+        weights = np.exp(scores.min() - scores)
+        weights /= weights.sum()
+        mean = weights @ corrections
+        spread = weights @ np.square(corrections - mean)
+        sigmas_s = np.minimum(np.sqrt(spread + np.square(SEARCH_SIGMAS_S)), self._sigmas_s)
+        return TimingSearchResult(
+            mean,
+            sigmas_s,
+            score_gain=float(scores[0] - scores.min()),
+            best=self.hypotheses[int(np.argmin(scores))],
+        )
 
 
 def _make_corrections(told: Array, sigmas_s: Array) -> Array:
@@ -78,14 +256,3 @@ def _make_corrections(told: Array, sigmas_s: Array) -> Array:
     readouts = (0.0, readout_step, 2.0 * readout_step if told[0] < readout_step else -readout_step)
     pairs = [(r, d) for r in readouts for d in (0.0, delay_step, -delay_step)]
     return np.array(list(dict.fromkeys(pairs)))
-
-
-def _score(frames: Sequence[RgbdFrame], tracker: DirectOdometry) -> float:
-    """Sum of the logarithms of the residuals' sigmas; a frame that fails counts as zero."""
-    score = 0.0
-    for frame in frames:
-        estimate, tracked = tracker.estimate(frame), tracker.last_frame
-        if estimate.ok and tracked is not None and tracked.images.stamp_s == frame.stamp_s:
-            model = tracked.result.alignment.residual_model
-            score += np.log(model[SIGMA_BRIGHTNESS]) + np.log(model[SIGMA_DEPTH])
-    return float(score)

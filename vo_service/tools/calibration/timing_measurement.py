@@ -42,7 +42,7 @@ class TimingMeasurement:
 
     def __init__(self) -> None:
         self.frame_count = 0
-        self._odometry = OnlineTimingOdometry(DirectOdometry)
+        self._odometry = OnlineTimingOdometry(DirectOdometry())
         self._estimator: TimingEstimator | None = None
 
     def process(self, frame: RgbdFrame) -> None:

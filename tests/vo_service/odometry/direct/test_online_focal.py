@@ -8,7 +8,7 @@ import pytest
 
 from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
-from tests.vo_service.odometry.direct.test_online_timing import SwingingCamera
+from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_focal import OnlineFocalOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
@@ -30,7 +30,7 @@ def with_focal_error(frame: RgbdFrame, scale: float) -> RgbdFrame:
 
 
 def learn(scale: float) -> tuple[OnlineFocalOdometry, list[Estimate]]:
-    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry))
+    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
     frames = (with_focal_error(frame, scale) for frame in swinging_frames())
     return odometry, [odometry.estimate(frame) for frame in frames]
 
@@ -52,7 +52,7 @@ def test_a_wrong_focal_length_is_corrected() -> None:
 def test_with_right_intrinsics_nothing_changes() -> None:
     _, estimates = learn(1.0)
     assert last_focal_length(estimates).scale == 1.0
-    plain = OnlineTimingOdometry(DirectOdometry)
+    plain = OnlineTimingOdometry(DirectOdometry())
     for estimate, frame in zip(estimates, swinging_frames(), strict=True):
         assert (estimate.T_world_camera == plain.estimate(frame).T_world_camera).all()
 
@@ -82,7 +82,7 @@ def test_another_sensor_starts_with_its_own_focal_length() -> None:
 
 
 def test_what_an_earlier_run_has_learned_is_used_from_the_first_frame() -> None:
-    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry))
+    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
     frames = [
         replace(with_focal_error(frame, 0.96), focal_prior=FocalPrior(1.04, 0.01))
         for frame in swinging_frames()
@@ -96,6 +96,6 @@ def test_what_an_earlier_run_has_learned_is_used_from_the_first_frame() -> None:
 
 
 def test_exact_frames_are_not_learned_from() -> None:
-    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry))
+    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
     for frame in swinging_frames()[:8]:
         assert odometry.estimate(replace(frame, timing_prior=None)).focal_length is None

@@ -1,52 +1,31 @@
 """Readout and delay are learned from frames that do not tell them."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
 from drivers.camera import RgbdFrame, TimingPrior, TimingSource
-from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
-    MovingCamera,
     add_noise,
     remove_color,
     remove_depth,
     render_view,
-    series_exponential,
+)
+from tests.vo_service.odometry.direct.swinging_camera import (
+    DELAY_S,
+    READOUT_S,
+    UNKNOWN,
+    SwingingCamera,
+    swinging_frames,
 )
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.registry import make_odometry
 from vo_service.types import Estimate, OnlineTiming
 
-READOUT_S, DELAY_S = 0.020, 0.008
-UNKNOWN = TimingPrior(0.0, 0.03, 0.01, TimingSource.UNKNOWN)
-# Radius and frequency of a hand's motion: up to 1 rad/s and 0.5 m/s.
-SWING = np.array([0.06, 0.05, 0.04, 0.11, 0.13, 0.10])
-SWING_RAD_S = np.array([7.0, 8.0, 6.0, 9.0, 8.0, 7.0])
-
-
-class SwingingCamera(MovingCamera):
-    """A camera in a hand that shakes it."""
-
-    def poses_at(self, times_s: Array) -> Array:
-        """(T, 4, 4) T_world_camera."""
-        return series_exponential(SWING * np.sin(times_s[:, None] * SWING_RAD_S))
-
-
-@cache
-def swinging_frames(readout_s: float, delay_s: float) -> tuple[RgbdFrame, ...]:
-    """Two seconds with noise; the frames tell neither readout nor delay."""
-    views = [
-        add_noise(render_view(SwingingCamera(), k / 30, readout_s=readout_s, skew_s=delay_s), k)
-        for k in range(60)
-    ]
-    return tuple(replace(f, readout_s=0.0, skew_s=0.0, timing_prior=UNKNOWN) for f in views)
-
 
 def learn(frames: tuple[RgbdFrame, ...]) -> list[Estimate]:
-    odometry = OnlineTimingOdometry(DirectOdometry)
+    odometry = OnlineTimingOdometry(DirectOdometry())
     return [odometry.estimate(frame) for frame in frames]
 
 
@@ -99,6 +78,13 @@ def test_a_global_shutter_stays_at_exactly_zero() -> None:
     assert (timing.readout_s, timing.depth_offset_s) == (0.0, 0.0)
 
 
+def test_a_global_shutter_stays_at_exactly_zero_with_depth_that_is_registered_off() -> None:
+    frames = swinging_frames(0.0, 0.0)
+    shifted = tuple(replace(f, depth_raw=np.roll(f.depth_raw, (2, 2), (0, 1))) for f in frames)
+    timings = [estimate.timing for estimate in learn(shifted)]
+    assert all(t is not None and (t.readout_s, t.depth_offset_s) == (0.0, 0.0) for t in timings)
+
+
 def test_the_same_frames_give_the_same_bits() -> None:
     first, second = (learn(swinging_frames(READOUT_S, DELAY_S)) for _ in range(2))
     for a, b in zip(first, second, strict=True):
@@ -138,7 +124,7 @@ def test_a_right_timing_that_was_told_is_not_contradicted() -> None:
 
 def test_exact_timing_is_not_estimated() -> None:
     frames = swinging_frames(0.0, 0.0)[:8]
-    odometry, plain = OnlineTimingOdometry(DirectOdometry), DirectOdometry()
+    odometry, plain = OnlineTimingOdometry(DirectOdometry()), DirectOdometry()
     for frame in frames:
         exact = replace(frame, timing_prior=None)
         estimate = odometry.estimate(exact)

@@ -89,6 +89,18 @@ def test_a_change_of_the_timing_is_learned_within_a_few_keyframes(change: Array)
     np.testing.assert_allclose(estimator.in_use, TRUE + change, atol=0.002)
 
 
+@pytest.mark.parametrize(("keyframes", "certainty"), [(1, 1.0), (4, 0.005)])
+def test_one_keyframe_or_uncertain_ones_are_no_change(keyframes: int, certainty: float) -> None:
+    estimator, wrong = estimator_of(WIDE), TRUE + np.array([0.040, 0.030])
+    add_views(estimator, 400, TRUE)
+    for keyframe in range(keyframes):
+        for _ in range(10):
+            A = certainty * INFORMATION
+            estimator.add(1000.0 + keyframe, 0.5, A, A @ wrong)
+    add_views(estimator, 4, TRUE)
+    np.testing.assert_allclose(estimator.in_use, TRUE, atol=0.003)
+
+
 def test_keyframes_that_scatter_by_their_shared_error_are_no_change() -> None:
     estimator, random = estimator_of(WIDE), np.random.default_rng(0)
     for keyframe in range(200):

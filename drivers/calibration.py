@@ -208,14 +208,20 @@ def find_calibration(folder: Path, camera_file: Path | None) -> CameraCalibratio
     default_file = folder / CAMERA_FILE_NAME
     if default_file.exists() or default_file.is_symlink():
         return read_calibration(default_file)
-    tum_name = _TUM_NAME.search(folder.resolve().name)
-    if tum_name:
-        return TUM_CALIBRATIONS[tum_name[1]]
+    tum_calibration = find_tum_calibration(folder)
+    if tum_calibration is not None:
+        return tum_calibration
     raise InputError(
         f"{folder}: no camera file, and the folder's name contains none of freiburg1, freiburg2, "
         f"freiburg3; write {default_file} with the keys schema = {SCHEMA_VERSION}, width, height, "
         "fx, fy, cx, cy, distortion = [k1, k2, p1, p2, k3], depth_factor"
     )
+
+
+def find_tum_calibration(recording: Path) -> CameraCalibration | None:
+    """Find the camera of a TUM recording by the name of its folder or file; None if it has none."""
+    tum_name = _TUM_NAME.search(recording.resolve().name)
+    return TUM_CALIBRATIONS[tum_name[1]] if tum_name else None
 
 
 def read_calibration(path: Path) -> CameraCalibration:

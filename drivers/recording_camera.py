@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core.errors import CameraError, InputError
 from drivers.core.trajectory import Trajectory
-from drivers.open_recording import open_recording
+from drivers.open_recording import open_recording, recording_format
 from drivers.recording.frame_reader import FrameReader
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.prefetch import (
@@ -18,7 +18,7 @@ from drivers.recording.prefetch import (
     LockstepBuffer,
     RealtimeBuffer,
 )
-from drivers.recording.recording import FramePair, Recording
+from drivers.recording.recording import FramePair, ImageTopics, Recording
 
 _log = logging.getLogger(__name__)
 JOIN_TIMEOUT_S = 5.0
@@ -34,6 +34,7 @@ class RecordingCamera(RgbdCamera):
         camera_file: Camera file; None to find one, see `find_calibration`.
         playback_mode: Lockstep or realtime.
         every: Use only every n-th pair; `seq` counts the used pairs.
+        topics: See `open_recording`.
     """
 
     clock = Clock.RECORDED
@@ -44,11 +45,12 @@ class RecordingCamera(RgbdCamera):
         camera_file: Path | None = None,
         playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
         every: int = 1,
+        topics: ImageTopics | None = None,
     ) -> None:
         if every < 1:
             raise InputError(f"every {every}: must be 1 (each frame) or more")
-        self.name = f"tum:{path}"
-        self._path, self._camera_file = path, camera_file
+        self.name = f"{recording_format(path)}:{path}"
+        self._path, self._camera_file, self._topics = path, camera_file, topics
         self._playback_mode, self._every = playback_mode, every
         self._opened: Recording | None = None
         self._pairs: Sequence[FramePair] = ()
@@ -63,7 +65,9 @@ class RecordingCamera(RgbdCamera):
             InputError: If the recording cannot be used.
         """
         self.close()
-        self._opened = open_recording(self._path, self._camera_file)
+        self._opened = open_recording(self._path, self._camera_file, self._topics)
+        if self._opened.summary:
+            _log.info("%s", self._opened.summary)
         self._pairs = self._opened.frames.pairs[:: self._every]
         self._buffer = _make_buffer(self._playback_mode, self._pairs, self.counters)
         self._thread = threading.Thread(

@@ -8,6 +8,7 @@ from pathlib import Path
 from drivers.camera import CameraFactory, Clock, PlaybackMode, RgbdCamera, SensorConfig
 from drivers.core.errors import InputError
 from drivers.core.files import cache_folder
+from drivers.open_recording import recording_format
 from drivers.synthetic.config import SyntheticConfig
 
 ONI_SUFFIX = ".oni"
@@ -40,7 +41,8 @@ def open_camera(
 
     Args:
         source: As for `--camera` on the command line: "freenect", "freenect:SERIAL", "openni2",
-            "openni2:SERIAL", "openni2:FILE.oni", "fakenect:FOLDER", "tum:FOLDER" or "synthetic".
+            "openni2:SERIAL", "openni2:FILE.oni", "fakenect:FOLDER", "tum:FOLDER", "bag:FILE" (MCAP
+            or a ROS bag) or "synthetic". The path of a recording alone is enough.
         camera_file: Camera file (TOML) with intrinsics, distortion and registration; None for that
             of the recording, or the usual values of the sensor.
         playback_mode: LOCKSTEP delivers every frame in order, REALTIME the newest frame. None is
@@ -55,6 +57,8 @@ def open_camera(
         InputError: The source is unknown, or its argument or camera file is wrong.
     """
     kind, _, argument = source.partition(":")
+    if kind not in CAMERA_FACTORIES and source and Path(source).exists():
+        kind, argument = recording_format(Path(source)), source
     if kind not in CAMERA_FACTORIES:
         raise InputError(
             f"camera {source!r} is unknown; use one of: {', '.join(CAMERA_USAGES.values())}"
@@ -74,11 +78,13 @@ def _default_playback_mode(kind: str, argument: str) -> PlaybackMode:
     return PlaybackMode.REALTIME if is_sensor else PlaybackMode.LOCKSTEP
 
 
-def _tum(argument: str, request: CameraRequest) -> RgbdCamera:
+def _recording(argument: str, request: CameraRequest) -> RgbdCamera:
     from drivers.recording_camera import RecordingCamera
 
     if not argument:
-        raise InputError("camera 'tum' needs a folder: tum:FOLDER")
+        kind = request.source.partition(":")[0]
+        what = "folder" if kind == "tum" else "file"
+        raise InputError(f"camera {kind!r} needs a {what}: {CAMERA_USAGES[kind]}")
     return RecordingCamera(Path(argument), request.camera_file, request.playback_mode)
 
 
@@ -142,7 +148,8 @@ CAMERA_FACTORIES: dict[str, Callable[[str, CameraRequest], RgbdCamera]] = {
     "freenect": _freenect,
     "openni2": _openni2,
     "fakenect": _fakenect,
-    "tum": _tum,
+    "tum": _recording,
+    "bag": _recording,
     "synthetic": _synthetic,
 }
 SENSORS = ("freenect", "openni2")
@@ -151,5 +158,6 @@ CAMERA_USAGES = {
     "openni2": "openni2[:SERIAL] or openni2:FILE.oni",
     "fakenect": "fakenect:FOLDER",
     "tum": "tum:FOLDER",
+    "bag": "bag:FILE",
     "synthetic": "synthetic",
 }

@@ -21,6 +21,7 @@ from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
 EXACT_CONTEXT = Context(prec=100)
 AVERAGING_WINDOW_S = 1.0
 ImageSize = tuple[int, int]  # (width, height)
+ImageTopics = tuple[str, str]  # of color and depth, in a bag
 
 
 @dataclass(frozen=True)

@@ -4,26 +4,26 @@ import logging
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from decimal import Decimal
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from drivers.calibration import (
     CAMERA_FILE_NAME,
-    NO_DISTORTION,
     CameraCalibration,
     format_calibration,
 )
-from drivers.camera import RgbdFrame, TimingSource
+from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
+from drivers.core.geometry import Vector
 from drivers.core.trajectory import Trajectory, format_pose_line
-from drivers.tum.encode import (
+from drivers.recording.encode import ColorFormat, EncodedFrame, encode_frame
+from drivers.recording.frame_stamps import (
     EARLIEST_STAMPS,
-    ColorFormat,
-    EncodedFrame,
     FrameStamps,
-    encode_frame,
+    calibration_of_frame,
     format_stamp,
     round_to_microseconds,
 )
@@ -85,13 +85,24 @@ class TumWriter:
             self.skipped += 1
             _log.warning("frame %d is not recorded: its stamp does not rise", frame.seq)
             return
-        self._write_calibration(frame)
+        self.set_calibration(calibration_of_frame(frame))
         self._last_stamps = stamps
         self._pending.append(self._pool.submit(encode_frame, frame, stamps, self._color_format))
         while len(self._pending) > MAX_PENDING_FRAMES or (
             self._pending and self._pending[0].done()
         ):
             self._commit(self._pending.popleft().result())
+
+    def write_encoded(self, frame: EncodedFrame) -> None:
+        """Write a frame with the bytes that it has; errors as `write`."""
+        self._commit(frame)
+
+    def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
+        """Write a reading that belongs to no frame; errors as `write`."""
+        try:
+            self._accelerometer.add(format_stamp(stamp), gravity_m_s2)
+        except OSError as error:
+            raise self._set_failure(error) from error
 
     def close(self) -> None:
         """Write pending frames. Safe to call twice. Raises as `write`, but no error twice."""
@@ -116,9 +127,12 @@ class TumWriter:
     ) -> None:
         self.close()
 
-    def _write_calibration(self, frame: RgbdFrame) -> None:
-        """Write the camera file with the first frame; later frames must have the same camera."""
-        calibration = _make_calibration(frame)
+    def set_calibration(self, calibration: CameraCalibration) -> None:
+        """Write the camera file, the first time; later frames must have the same camera.
+
+        Raises:
+            UserFacingError: Writing fails, or the camera is another one.
+        """
         if not self._calibrations:
             self._write_files(
                 [(self.folder / CAMERA_FILE_NAME, format_calibration(calibration).encode())]
@@ -126,14 +140,14 @@ class TumWriter:
             self._calibrations.append(calibration)
         if calibration != self._calibrations[0]:
             raise UserFacingError(
-                f"{self.folder}: the camera changed during recording (now {frame.camera}, "
-                f"depth factor {frame.depth_factor}, readout {frame.readout_s} s); record it into "
-                "another folder"
+                f"{self.folder}: the camera changed during recording (now {calibration.pinhole}, "
+                f"depth factor {calibration.depth_factor}, readout {calibration.readout_s} s); "
+                "record it into another folder"
             )
 
     def _commit(self, frame: EncodedFrame) -> None:
         stamps = frame.stamps
-        color_file = f"rgb/{round_to_microseconds(stamps.color):f}.{self._color_format}"
+        color_file = f"rgb/{round_to_microseconds(stamps.color):f}.{frame.color_format}"
         depth_file = f"depth/{round_to_microseconds(stamps.depth):f}.png"
         self._write_files(
             [(self.folder / color_file, frame.color), (self.folder / depth_file, frame.depth)]
@@ -191,26 +205,3 @@ def _create_folder(folder: Path, ground_truth: Trajectory | None) -> list[Append
         raise InputError(
             f"{folder}: cannot be written: {error.strerror}; name a folder that you may write to"
         ) from error
-
-
-def _make_calibration(frame: RgbdFrame) -> CameraCalibration:
-    """Make the calibration of a frame, which is already undistorted.
-
-    The depth stamps are written with the whole skew, so the depth offset is zero.
-    """
-    c, prior = frame.camera, frame.timing_prior
-    if prior is None:
-        sigmas_s: tuple[float | None, float | None] = (0.0, 0.0)
-    elif prior.source is TimingSource.UNKNOWN:
-        sigmas_s = (None, None)
-    else:
-        sigmas_s = (prior.readout_sigma_s, prior.depth_offset_sigma_s)
-    intrinsics = (c.width, c.height, c.fx, c.fy, c.cx, c.cy)
-    return CameraCalibration(
-        *intrinsics,
-        NO_DISTORTION,
-        frame.depth_factor,
-        frame.readout_s,
-        readout_sigma_s=sigmas_s[0],
-        depth_offset_sigma_s=sigmas_s[1],
-    )

@@ -77,3 +77,12 @@ def test_native_libraries_run_in_their_own_process(source: str, clock: Clock) ->
 def test_every_backend_has_a_help_text() -> None:
     assert set(CAMERA_USAGES) == set(CAMERA_FACTORIES)
     assert set(SENSORS) < set(CAMERA_FACTORIES)
+
+
+def test_the_path_of_a_recording_names_its_kind(tmp_path: Path) -> None:
+    (tmp_path / "desk.mcap").write_bytes(b"")
+    (tmp_path / "rgb.txt").write_bytes(b"")
+    assert open_camera(str(tmp_path / "desk.mcap")).name == f"bag:{tmp_path}/desk.mcap"
+    assert open_camera(str(tmp_path)).name == f"tum:{tmp_path}"
+    with pytest.raises(InputError, match="needs a file: bag:FILE"):
+        open_camera("bag:")

@@ -13,6 +13,7 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from drivers.core.files import create_output_folder
 from vo_service.cli.options import add_benchmark_options, load_config, parse_count
+from vo_service.cli.recordings import requested_topics
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.baselines.orb_vocabulary import read_vocabulary_file
@@ -122,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
     )
     recordings = [
         whole.select(FrameSelection(every, args.frames))
-        for whole in open_recordings(args.folders, metadata.camera_file)
+        for whole in open_recordings(args.folders, metadata.camera_file, requested_topics(args))
         for every in metadata.frame_steps
     ]
     with _open_report_folder(args.output) as folder, stop_on_signals() as stop:

@@ -9,6 +9,7 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from drivers.registry import CAMERA_USAGES
 from vo_service.cli.calibrate_timing import calibrate_timing, save_learnt
+from vo_service.cli.recordings import add_topics_option
 from vo_service.config import Config, read_config
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.signals import stop_on_signals
@@ -59,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "folder", metavar="FOLDER", type=Path, nargs="?",
         help="a recording, or a folder of images, instead of a camera",
     )  # fmt: skip
+    add_topics_option(parser)
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
         "--camera",

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 from drivers.calibration import (
     CAMERA_FILE_NAME,
     CameraCalibration,
-    find_calibration,
     read_calibration,
 )
 from drivers.core.errors import InputError, UserFacingError
+from drivers.open_recording import RecordingFormat, recording_format
 from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.kernels import run_warm_up
+from vo_service.cli.recordings import open_and_announce, requested_topics
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
 from vo_service.remembered_sensor import (
@@ -82,7 +83,7 @@ def choose_camera_file(args: argparse.Namespace, config: Config, mode: str) -> P
     named: Path | None = args.output or args.camera_file or config.camera.file
     if named is not None:
         return named
-    if args.folder is not None:
+    if args.folder is not None and recording_format(args.folder) is RecordingFormat.TUM:
         return Path(args.folder / CAMERA_FILE_NAME)
     raise InputError(
         f"{mode} puts its result into a camera file: name it with --camera-file, or make one "
@@ -174,11 +175,12 @@ def _check_arguments(args: argparse.Namespace, output: Path) -> None:
     check_no_board_options(args, "--timing")
     check_writable(output)
     if args.folder is not None:
-        _check_recording(args.folder, args.camera_file, output)
+        _check_recording(args, output)
 
 
-def _check_recording(folder: Path, file: Path | None, output: Path) -> None:
-    read = find_calibration(folder, file)
+def _check_recording(args: argparse.Namespace, output: Path) -> None:
+    folder, file = args.folder, args.camera_file
+    read = open_and_announce(args, file).calibration
     is_read = output.resolve() == (file or folder / CAMERA_FILE_NAME).resolve()
     offset_s = read_camera(output, read).depth_offset_s
     if offset_s != 0.0 and not is_read:
@@ -194,7 +196,9 @@ def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> "M
     with stop_on_signals() as stop:
         run_warm_up(partial(warm_up, "direct"), terminal, stop)
         if args.folder is not None:
-            measured = measure_folder(args.folder, args.camera_file, terminal, stop.event)
+            measured = measure_folder(
+                args.folder, args.camera_file, requested_topics(args), terminal, stop.event
+            )
             stop.check()
         else:
             file = args.camera_file or config.camera.file or args.output

@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from drivers.core.files import create_output_folder
 from vo_service.cli.options import add_benchmark_options, load_config
+from vo_service.cli.recordings import requested_topics
 from vo_service.config import Config
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import stop_on_signals
@@ -88,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     scale = SfmScale(args.sfm_scale)
     observer = LoopClosureObserverFactory(config.map) if args.loop_closure else NULL_OBSERVER
     metadata = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, observer)
-    recordings = open_recordings(args.folders, camera_file)
+    recordings = open_recordings(args.folders, camera_file, requested_topics(args))
     factories = make_method_factories(config, methods, scale)
     _check_ground_truth(recordings, factories)
     runs = args.output / "runs"

@@ -20,7 +20,7 @@ from vo_service.terminal import clear_line
 # Each command, and what it does. Its module is imported only when it is used.
 COMMANDS = {
     "demo": "run the odometry on the virtual Kinect for 20 seconds and show the results",
-    "replay": "run the odometry over a recorded folder in TUM format",
+    "replay": "run the odometry over a recording: a folder in TUM format, MCAP or a ROS bag",
     "run": "run the odometry as a service, until Ctrl-C or SIGTERM",
     "record": "record any camera into a folder in TUM format",
     "calibrate": "make a camera file from views of a printed board, or measure a sensor's timing",

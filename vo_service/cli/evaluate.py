@@ -8,8 +8,10 @@ import numpy as np
 
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
-from drivers.core.trajectory import read_trajectory
+from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.open_recording import RecordingFormat, recording_format
 from drivers.tum.folder import read_frame_pairs
+from vo_service.cli.recordings import add_topics_option, open_and_announce
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.plot import write_plot
 
@@ -37,9 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument("trajectory", metavar="TRAJECTORY", type=Path, help="file of poses")
     parser.add_argument(
-        "groundtruth", metavar="GROUNDTRUTH", type=Path,
-        help="file of true poses, or the folder of a recording that has groundtruth.txt",
+        "folder", metavar="GROUNDTRUTH", type=Path,
+        help="file of true poses, or a recording with groundtruth.txt or true poses in /tf",
     )  # fmt: skip
+    add_topics_option(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
     parser.add_argument(
         "--picture", metavar="FILE", type=Path,
@@ -53,11 +56,8 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         UserFacingError: If a file cannot be read or written, or if the trajectories do not match.
     """
-    truth_file: Path = args.groundtruth
-    if truth_file.is_dir():
-        truth_file = truth_file / "groundtruth.txt"
-    trajectory, truth = read_trajectory(args.trajectory), read_trajectory(truth_file)
-    frames_s = read_listed_frame_stamps_s(truth_file.parent)
+    trajectory = read_trajectory(args.trajectory)
+    truth, frames_s, truth_file = _read_ground_truth(args)
     try:
         evaluation = evaluate(trajectory, truth, frames_s)
     except InputError as error:
@@ -67,6 +67,18 @@ def run(args: argparse.Namespace) -> int:
         write_plot(args.picture, trajectory, truth, title)
     print(_as_json(evaluation, frames_s) if args.json else evaluation.as_table())
     return 0
+
+
+def _read_ground_truth(args: argparse.Namespace) -> tuple[Trajectory, Array | None, Path]:
+    """Read the true poses, the stamps of the frames if known, and the file of the poses."""
+    path: Path = args.folder
+    if recording_format(path) is RecordingFormat.TUM:
+        file = path / "groundtruth.txt" if path.is_dir() else path
+        return read_trajectory(file), read_listed_frame_stamps_s(file.parent), file
+    recording = open_and_announce(args, None)
+    if recording.ground_truth is None:
+        raise InputError(f"{path}: has no true poses, neither in /tf nor in a topic of poses")
+    return recording.ground_truth, recording.frames.stamps_s, path
 
 
 def read_listed_frame_stamps_s(folder: Path) -> Array | None:

@@ -70,8 +70,13 @@ def add_prefix_option(parser: argparse.ArgumentParser) -> None:
 def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
     """Add FOLDER... and the options of `bench` and `compare`."""
     parser.add_argument(
-        "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
-    )
+        "folders", metavar="RECORDING", nargs="+", type=Path,
+        help="recordings: folders in TUM format, MCAP files or ROS bags",
+    )  # fmt: skip
+    parser.add_argument(
+        "--topics", metavar=("COLOR", "DEPTH"), nargs=2,
+        help="topics of the color and depth images in all bags (default: they are found)",
+    )  # fmt: skip
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
         "--camera", metavar="FILE", type=Path, help="camera file (TOML) for all folders"

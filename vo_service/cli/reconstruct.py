@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vo_service.cli.options import add_config_options
+from vo_service.cli.recordings import RECORDING_HELP, add_topics_option
 from vo_service.reconstruction.tsdf_config import TsdfConfig
 
 EPILOG = """\
@@ -28,7 +29,8 @@ MIN_MEMORY_MB = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     defaults = TsdfConfig()
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording, in TUM format")
+    parser.add_argument("folder", metavar="RECORDING", type=Path, help=RECORDING_HELP)
+    add_topics_option(parser)
     parser.add_argument(
         "trajectory", metavar="TRAJECTORY", type=Path, nargs="?",
         help="poses of the optical camera, as in groundtruth.txt (default: the odometry's)",

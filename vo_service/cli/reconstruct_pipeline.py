@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from drivers.camera import RgbdCamera
 from drivers.core.errors import InputError
 from drivers.core.files import atomic_write, create_output_folder
@@ -20,12 +18,13 @@ from drivers.core.trajectory import (
     has_match,
     read_trajectory,
 )
+from drivers.recording.recording import Recording
 from drivers.recording_camera import RecordingCamera
-from drivers.tum.folder import open_tum_folder, read_frame_pairs
 from vo_service.app import run_replay
 from vo_service.cli.kernels import prepare_kernels, run_warm_up
 from vo_service.cli.loop_closure_options import make_loop_closure
 from vo_service.cli.options import load_config
+from vo_service.cli.recordings import open_and_announce, requested_topics
 from vo_service.config import Config
 from vo_service.frame_source import SinglePassSource
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
@@ -120,8 +119,8 @@ def run_reconstruction(args: argparse.Namespace) -> int:
             f"{args.trajectory}: --loop-closure works only on the odometry's own poses; "
             "leave one of the two out"
         )
-    open_tum_folder(args.folder, camera_file)
-    poses = None if args.trajectory is None else _read_trajectory(args.trajectory, args.folder)
+    recording = open_and_announce(args, camera_file)
+    poses = None if args.trajectory is None else _read_trajectory(args.trajectory, recording)
     loop_closure_counts: Mapping[str, int] = {}
     fusion = _make_volume(args)
     create_output_folder(args.output)
@@ -133,10 +132,10 @@ def run_reconstruction(args: argparse.Namespace) -> int:
     ):
         run_warm_up(warm_up_reconstruction, terminal, stop)
         if poses is None:
-            recording = RecordingCamera(args.folder, camera_file)
-            poses, loop_closure_counts = _track_and_save(args, recording, config, terminal, stop)
+            tracked = _make_camera(args, camera_file)
+            poses, loop_closure_counts = _track_and_save(args, tracked, config, terminal, stop)
         reconstruction = Reconstructor(fusion, FramePoses(poses), views)
-        with RecordingCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
+        with _make_camera(args, camera_file) as camera, terminal.busy("fusing") as busy:
             reconstruction.run(camera, stop.event, busy.progress_callback("frame"))
         with terminal.busy("making the map") as busy:
             results = _make_results(args.folder, reconstruction, fusion, stop)
@@ -147,6 +146,10 @@ def run_reconstruction(args: argparse.Namespace) -> int:
     )
     print(json.dumps(results.as_json()) if args.json else results.as_table())
     return stop.exit_code
+
+
+def _make_camera(args: argparse.Namespace, camera_file: Path | None) -> RecordingCamera:
+    return RecordingCamera(args.folder, camera_file, topics=requested_topics(args))
 
 
 def _load_scene_class() -> type[PreviewScene[PreviewFrame]]:
@@ -164,14 +167,14 @@ def _make_volume(args: argparse.Namespace) -> TsdfVolume:
         ) from error
 
 
-def _read_trajectory(trajectory: Path, folder: Path) -> Trajectory:
+def _read_trajectory(trajectory: Path, recording: Recording) -> Trajectory:
     """Read the poses of a recording; raise InputError if they belong to another one."""
     poses = read_trajectory(trajectory)
-    frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(folder).pairs])
+    frames_s = recording.frames.stamps_s
     if not has_match(frames_s, poses.stamps_s).any():
         raise InputError(
             f"{trajectory}: has no pose within {1000 * MAX_STAMP_DIFFERENCE_S:.0f} ms of any frame "
-            f"of {folder} "
+            f"of {recording.path} "
             f"(poses {poses.stamps_s[0]:.3f}..{poses.stamps_s[-1]:.3f} s, frames "
             f"{frames_s[0]:.3f}..{frames_s[-1]:.3f} s): give a trajectory of this recording"
         )

@@ -18,9 +18,9 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.recording.encode import ColorFormat
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.tum.encode import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.cli.options import add_camera_options, parse_seconds
 from vo_service.clock import make_publish_clock

@@ -1,4 +1,4 @@
-"""``kinect-vo replay``: run the odometry over a recorded folder and print a summary."""
+"""``kinect-vo replay``: run the odometry over a recording and print a summary."""
 
 import argparse
 import json
@@ -6,7 +6,6 @@ from pathlib import Path
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
-from drivers.recording_camera import RecordingCamera
 from vo_service.app import OutputsConfig, open_outputs, run_replay
 from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.loop_closure_options import (
@@ -23,6 +22,7 @@ from vo_service.cli.options import (
     parse_playback_mode,
     parse_seconds,
 )
+from vo_service.cli.recordings import RECORDING_HELP, add_topics_option, replayed_recording
 from vo_service.frame_source import SinglePassSource
 from vo_service.outputs.state_log import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
@@ -36,11 +36,13 @@ EPILOG = """\
 examples:
   kinect-vo replay recordings/desk --trajectory desk.txt
   kinect-vo replay recordings/desk --pace realtime --rerun serve
+  kinect-vo replay desk.bag --topics /camera/rgb/image_color /camera/depth/image
   kinect-vo replay recordings/desk --json --no-publish | jq .ate_rmse_m
   kinect-vo replay recordings/tour --optimized-trajectory tour.txt
 
-The folder needs FOLDER/camera.toml, a name that contains freiburg1, freiburg2 or freiburg3, or
---camera FILE. With FOLDER/groundtruth.txt the summary contains the errors of the trajectory.
+A folder needs FOLDER/camera.toml, a name that contains freiburg1, freiburg2 or freiburg3, or
+--camera FILE. A bag has its camera_info. With FOLDER/groundtruth.txt, or true poses in a bag's /tf,
+the summary contains the errors of the trajectory. docs/recordings.md describes the formats.
 
 lockstep runs every frame as fast as possible and repeats bit for bit; subscribers get every pose.
 realtime keeps the recording's own clock and drops late frames, as on the robot.
@@ -60,7 +62,8 @@ RECORDING_FILES = ("rgb.txt", "depth.txt", "associations.txt", "groundtruth.txt"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording")
+    parser.add_argument("folder", metavar="RECORDING", type=Path, help=RECORDING_HELP)
+    add_topics_option(parser)
     add_config_options(parser)
     parser.add_argument(
         "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.LOCKSTEP,
@@ -87,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     check_optimized_trajectory_path(args)
     terminal = Terminal()
     recorder = TrajectoryRecorder()
-    with RecordingCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
+    with replayed_recording(args, args.camera or config.camera.file, args.pace) as camera:
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
             loop_closure = make_requested_loop_closure(args, config, terminal, stop)

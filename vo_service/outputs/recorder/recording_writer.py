@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.core.errors import UserFacingError
 from drivers.core.files import free_disk_bytes
 from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
-from drivers.tum.encode import ColorFormat
+from drivers.recording.encode import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.frame_record import decode_frame, decode_metadata
 from vo_service.outputs.recorder.messages import RecordingResult

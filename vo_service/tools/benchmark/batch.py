@@ -125,6 +125,7 @@ class _PlannedRun:
             level,
             self.recording.frame_selection,
             observer_factory=self.plan.observer_factory,
+            topics=self.recording.topics,
         )
 
     def _describe(self) -> dict[str, object]:

@@ -12,8 +12,8 @@ import numpy as np
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, has_match, nearest_indices
-from drivers.recording.recording import Recording
-from drivers.tum.folder import open_tum_folder
+from drivers.open_recording import open_recording
+from drivers.recording.recording import ImageTopics, Recording
 from vo_service.tools.evaluation.gaps import Gap, find_gaps
 
 T = TypeVar("T")
@@ -50,6 +50,7 @@ class BenchmarkRecording:
         camera_file: Camera file that it was opened with.
         contents: Contents, with the selected frames.
         frame_selection: The selection.
+        topics: Topics of its images in a bag, if they were named.
     """
 
     name: str
@@ -57,6 +58,7 @@ class BenchmarkRecording:
     camera_file: Path | None
     contents: Recording
     frame_selection: FrameSelection = ALL_FRAMES
+    topics: ImageTopics | None = None
 
     def select(self, frame_selection: FrameSelection) -> "BenchmarkRecording":
         """Return the recording with a selection of its frames."""
@@ -104,12 +106,15 @@ class BenchmarkRecording:
         return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
 
 
-def open_recordings(folders: Sequence[Path], camera_file: Path | None) -> list[BenchmarkRecording]:
+def open_recordings(
+    folders: Sequence[Path], camera_file: Path | None, topics: ImageTopics | None = None
+) -> list[BenchmarkRecording]:
     """Check and open recordings before long runs.
 
     Args:
         folders: Folders of the recordings.
-        camera_file: As for `open_tum_folder`.
+        camera_file: As for `open_recording`.
+        topics: As for `open_recording`.
 
     Raises:
         InputError: A folder is not usable, or two folders have the same name.
@@ -123,6 +128,8 @@ def open_recordings(folders: Sequence[Path], camera_file: Path | None) -> list[B
                 "names are equal; rename one folder, or use separate runs with their own --output"
             )
     return [
-        BenchmarkRecording(name, folder, camera_file, open_tum_folder(folder, camera_file))
+        BenchmarkRecording(
+            name, folder, camera_file, open_recording(folder, camera_file, topics), topics=topics
+        )
         for name, folder in zip(names, folders, strict=True)
     ]

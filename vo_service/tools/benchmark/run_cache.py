@@ -59,6 +59,7 @@ def make_cache_key(
         "versions": dict(versions),
         "settings": {**factory.settings, **observer_factory.settings},
         "camera": repr(recording.contents.calibration),
+        "topics": recording.topics,
         "frames": list(_frame_fingerprints(recording)),
         "truth": _ground_truth_digest(recording) if factory.uses_truth else None,
     }

@@ -18,10 +18,10 @@ from numba.core.event import install_recorder
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.core.trajectory import Trajectory
+from drivers.open_recording import open_recording
 from drivers.recording.frame_reader import FrameReader
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
-from drivers.tum.folder import open_tum_folder
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.run import CompletedRun, FrameLog, LoopClosureRun
@@ -113,7 +113,7 @@ def run_method(
         UserFacingError: The folder is not usable, or a pose is not finite.
         KernelsCompiledFirst: Kernels had to be compiled, and the request allows to stop then.
     """
-    whole = open_tum_folder(request.folder, request.camera_file)
+    whole = open_recording(request.folder, request.camera_file, request.topics)
     pairs = request.frame_selection.select(whole.frames.pairs)
     recording = replace(whole, frames=replace(whole.frames, pairs=pairs))
     with install_recorder("numba:compile") as compiled:

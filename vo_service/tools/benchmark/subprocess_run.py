@@ -9,6 +9,7 @@ from pathlib import Path
 
 from drivers.core.errors import UserFacingError
 from drivers.core.process.worker_process import LogMessage, WorkerProcess, WorkerSpec
+from drivers.recording.recording import ImageTopics
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.recordings import ALL_FRAMES, FrameSelection
@@ -25,7 +26,8 @@ class RunRequest:
 
     Attributes:
         folder: The recording.
-        camera_file: As for `open_tum_folder`.
+        camera_file: As for `open_recording`.
+        topics: As for `open_recording`.
         factory: Makes the method.
         log_level: Level of the log messages to forward.
         frame_selection: Frames to use.
@@ -40,6 +42,7 @@ class RunRequest:
     frame_selection: FrameSelection = ALL_FRAMES
     stop_after_compiling: bool = True
     observer_factory: ObserverFactory = NULL_OBSERVER
+    topics: ImageTopics | None = None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from drivers.calibration import (
 )
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError
+from drivers.recording.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
 from drivers.registry import open_camera
 from vo_service.odometry.direct.odometry import DirectOdometry
@@ -88,20 +89,25 @@ class MeasuredTiming:
 
 
 def measure_folder(
-    folder: Path, file: Path | None, terminal: Terminal, stop: threading.Event
+    folder: Path,
+    file: Path | None,
+    topics: ImageTopics | None,
+    terminal: Terminal,
+    stop: threading.Event,
 ) -> MeasuredTiming:
     """Measure the timing of a recording.
 
     Args:
         folder: The recording.
-        file: Its camera file; None: the one in the folder.
+        file: Its camera file; None: the one in the recording.
+        topics: As for `open_recording`.
         terminal: Shows the progress.
         stop: Ends the measurement.
 
     Raises:
         InputError: If it is not usable.
     """
-    with RecordingCamera(folder, file) as camera:
+    with RecordingCamera(folder, file, topics=topics) as camera:
 
         def report(measurement: TimingMeasurement, seconds: float) -> None:
             terminal.progress("frame", measurement.frame_count, camera.frame_count)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from drivers.camera import RgbdCamera
 from drivers.core.errors import InputError, UserFacingError
-from drivers.tum.encode import ColorFormat
+from drivers.recording.encode import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, list_usb_devices

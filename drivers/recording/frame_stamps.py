@@ -1,25 +1,14 @@
-"""Encoding of a frame's images and stamps."""
+"""The exact stamps of a frame, and the camera file that its recording needs."""
 
 from dataclasses import dataclass
 from decimal import Decimal
-from enum import StrEnum
-from typing import Any, Self
+from typing import Self
 
-import cv2
-from numpy.typing import NDArray
-
-from drivers.camera import RgbdFrame
-from drivers.core.geometry import Vector
+from drivers.calibration import NO_DISTORTION, CameraCalibration
+from drivers.camera import RgbdFrame, TimingSource
 from drivers.recording.recording import EXACT_CONTEXT
 
 MICROSECOND = Decimal("1e-6")
-
-
-class ColorFormat(StrEnum):
-    """The file format of color images; depth is always PNG."""
-
-    PNG = "png"  # lossless
-    JPEG = "jpg"  # far smaller and faster, but lossy
 
 
 @dataclass(frozen=True)
@@ -45,24 +34,6 @@ class FrameStamps:
 EARLIEST_STAMPS = FrameStamps(Decimal("-Infinity"), Decimal("-Infinity"))
 
 
-@dataclass(frozen=True)
-class EncodedFrame:
-    """A frame as it is stored on disk."""
-
-    stamps: FrameStamps
-    color: bytes
-    depth: bytes
-    gravity_m_s2: Vector | None
-
-
-def encode_frame(frame: RgbdFrame, stamps: FrameStamps, color_format: ColorFormat) -> EncodedFrame:
-    """Encode the images of a frame."""
-    depth = _encode_image(frame.depth_raw, ColorFormat.PNG)
-    return EncodedFrame(
-        stamps, _encode_image(frame.color_bgr, color_format), depth, frame.gravity_m_s2
-    )
-
-
 def round_to_microseconds(stamp: Decimal) -> Decimal:
     """Round a stamp to a microsecond, as in file names."""
     return stamp.quantize(MICROSECOND) if stamp.is_finite() else stamp
@@ -74,7 +45,24 @@ def format_stamp(stamp: Decimal) -> str:
     return f"{short if short == stamp else stamp:f}"
 
 
-def _encode_image(image: NDArray[Any], kind: ColorFormat) -> bytes:
-    # OpenCV's own PNG settings (run lengths, horizontal differences) beat level 1 in time and size.
-    options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind is ColorFormat.JPEG else []
-    return cv2.imencode(f".{kind}", image, options)[1].tobytes()
+def calibration_of_frame(frame: RgbdFrame) -> CameraCalibration:
+    """Make the calibration of a frame, which is already undistorted.
+
+    The depth stamps are written with the whole skew, so the depth offset is zero.
+    """
+    c, prior = frame.camera, frame.timing_prior
+    if prior is None:
+        sigmas_s: tuple[float | None, float | None] = (0.0, 0.0)
+    elif prior.source is TimingSource.UNKNOWN:
+        sigmas_s = (None, None)
+    else:
+        sigmas_s = (prior.readout_sigma_s, prior.depth_offset_sigma_s)
+    intrinsics = (c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+    return CameraCalibration(
+        *intrinsics,
+        NO_DISTORTION,
+        frame.depth_factor,
+        frame.readout_s,
+        readout_sigma_s=sigmas_s[0],
+        depth_offset_sigma_s=sigmas_s[1],
+    )

@@ -1,0 +1,1 @@
+"""Recordings in MCAP and in ROS bags: found topics, frames, camera, ground truth."""

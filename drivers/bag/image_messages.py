@@ -1,0 +1,178 @@
+"""Conversion of image messages: sensor_msgs Image, and CompressedImage with PNG or JPEG."""
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.bag.message_cursor import MessageCursor, MessageKey
+from drivers.recording.image_decoding import (
+    BgrImage,
+    DepthImage,
+    UnreadableFrameError,
+    decode_color,
+    decode_depth,
+    decode_image,
+)
+from drivers.recording.recording import RecordedImage
+
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
+DEPTH_ENCODINGS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
+# Number of channels, and OpenCV's conversion to BGR. ROS names the first pixels of a Bayer pattern,
+# OpenCV those of the second row and column.
+COLOR_ENCODINGS: dict[str, tuple[int, int | None]] = {
+    "bgr8": (3, None),
+    "8UC3": (3, None),
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "mono8": (1, cv2.COLOR_GRAY2BGR),
+    "8UC1": (1, cv2.COLOR_GRAY2BGR),
+    "bgra8": (4, cv2.COLOR_BGRA2BGR),
+    "8UC4": (4, cv2.COLOR_BGRA2BGR),
+    "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    "bayer_rggb8": (1, cv2.COLOR_BayerBG2BGR),
+    "bayer_bggr8": (1, cv2.COLOR_BayerRG2BGR),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2BGR),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGB2BGR),
+}
+# compressed_depth_image_transport puts this before the image: a format, and two coefficients of
+# inverse depth, which only depth in meters uses.
+COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")
+MAX_DEPTH_VALUE = 65535
+
+
+@dataclass(frozen=True)
+class ImageMessage(RecordedImage):
+    """An image of a bag.
+
+    Attributes:
+        cursor: Reads the message.
+        key: Identity of the message.
+        depth_factor: Value per meter of depth that the message has in meters.
+    """
+
+    cursor: MessageCursor
+    key: MessageKey
+    depth_factor: float
+
+    @property
+    def name(self) -> str:
+        """File, topic and stamp."""
+        return f"{self.file}: {self.key.topic} at {self.stamp}"
+
+    def read_message(self) -> Any:
+        """Read the message. Raises UnreadableFrameError."""
+        return self.cursor.read(self.key)
+
+    def read_color(self) -> BgrImage:
+        """Read a raw or compressed color image."""
+        return color_from_message(self.read_message(), self.name)
+
+    def read_depth(self) -> DepthImage:
+        """Read raw or compressed depth; depth in meters is rounded."""
+        return depth_from_message(self.read_message(), self.name, self.depth_factor)
+
+
+def is_depth_in_meters(message: Any) -> bool:
+    """Whether a message of depth has meters; else it has the sensor's millimeters."""
+    return getattr(message, "encoding", None) == "32FC1" or (
+        getattr(message, "format", "").startswith("32FC1")
+    )
+
+
+def color_from_message(message: Any, name: str) -> BgrImage:
+    """Convert to (height, width, 3) BGR uint8.
+
+    Raises:
+        UnreadableFrameError: The encoding is not known, or the data is incomplete.
+    """
+    if not hasattr(message, "encoding"):
+        return decode_color(bytes(message.data), name)
+    if message.encoding not in COLOR_ENCODINGS:
+        raise UnreadableFrameError(
+            f"{name}: encoding {message.encoding} is not color; use one of "
+            f"{', '.join(COLOR_ENCODINGS)}"
+        )
+    channels, conversion = COLOR_ENCODINGS[message.encoding]
+    image = _pixels(message, np.dtype(np.uint8), channels, name)
+    if conversion is None:
+        return np.ascontiguousarray(image)
+    return cv2.cvtColor(image, conversion)  # type: ignore[return-value]
+
+
+def depth_from_message(message: Any, name: str, depth_factor: float) -> DepthImage:
+    """Convert to (height, width) uint16, 0 = no reading.
+
+    Args:
+        message: The message.
+        name: Its name in error messages.
+        depth_factor: Value per meter of the result, if the message is in meters.
+
+    Raises:
+        UnreadableFrameError: The encoding is not known, or the data is incomplete.
+    """
+    if not hasattr(message, "encoding"):
+        return _decompress_depth(message, name, depth_factor)
+    if message.encoding not in DEPTH_ENCODINGS:
+        raise UnreadableFrameError(
+            f"{name}: encoding {message.encoding} is not depth; use one of "
+            f"{', '.join(DEPTH_ENCODINGS)}"
+        )
+    image = _pixels(message, np.dtype(DEPTH_ENCODINGS[message.encoding]), 1, name)
+    if image.dtype == np.float32:
+        return _depth_from_meters(image, depth_factor)
+    return np.ascontiguousarray(image)
+
+
+def _pixels(message: Any, dtype: np.dtype[Any], channels: int, name: str) -> NDArray[Any]:
+    """View the pixels, (height, width) or (height, width, channels), in this machine's order."""
+    order = dtype.newbyteorder(">" if message.is_bigendian else "<")
+    row_bytes = message.width * channels * dtype.itemsize
+    step = message.step or row_bytes
+    data = np.asarray(message.data, np.uint8)
+    if step < row_bytes or len(data) < step * message.height or not message.height * message.width:
+        raise UnreadableFrameError(
+            f"{name}: is incomplete ({len(data)} bytes for {message.width}x{message.height} "
+            f"{message.encoding}); remove the message"
+        )
+    rows = data[: step * message.height].reshape(message.height, step)[:, :row_bytes]
+    pixels = np.ascontiguousarray(rows).view(order).astype(dtype, copy=False)
+    return pixels.reshape(message.height, message.width, channels) if channels > 1 else pixels
+
+
+def _depth_from_meters(depth_m: NDArray[np.float32], depth_factor: float) -> DepthImage:
+    """Convert meters; NaN, infinite and too large values have no reading."""
+    values = np.nan_to_num(np.rint(depth_m * np.float32(depth_factor)), nan=0.0, posinf=0.0)
+    values[(values < 0) | (values > MAX_DEPTH_VALUE)] = 0
+    depth: DepthImage = values.astype(np.uint16)
+    return depth
+
+
+def _decompress_depth(message: Any, name: str, depth_factor: float) -> DepthImage:
+    """Decode compressed depth: a PNG, with the header of compressedDepth or without."""
+    data = bytes(message.data)
+    if "compressedDepth" not in message.format:
+        return decode_depth(data, name)
+    if "rvl" in message.format:
+        raise UnreadableFrameError(
+            f"{name}: compression RVL cannot be read; record it as png (its parameter `format`)"
+        )
+    if len(data) <= COMPRESSED_DEPTH_HEADER.size:
+        raise UnreadableFrameError(f"{name}: is empty; remove the message")
+    _, a, b = COMPRESSED_DEPTH_HEADER.unpack_from(data)
+    png = data[COMPRESSED_DEPTH_HEADER.size :]
+    if not message.format.startswith("32FC1"):
+        return decode_depth(png, name)
+    inverse = decode_image(png, name).astype(np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _depth_from_meters(np.where(inverse > 0, a / (inverse - b), 0.0), depth_factor)
+
+
+def stamp_ns_of(message: Any, log_ns: int) -> int:
+    """Return a message's stamp, or its log time if it has none, in ns."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec) or log_ns

@@ -1,0 +1,114 @@
+"""Transforms between frames, as /tf and /tf_static have them."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+
+from drivers.core.geometry import Array, inverse, transform_from_pose
+from drivers.core.trajectory import Trajectory, nearest_indices
+
+# Larger changes of a transform are motion: its elements in meters, or without unit.
+MAX_CONSTANT_CHANGE = 1e-6
+MAX_CHAIN_LENGTH = 50
+
+
+def frame_name(frame_id: str) -> str:
+    """Return a frame's name without the leading slash that ROS once used."""
+    return frame_id.lstrip("/")
+
+
+def matrix_from_message(translation: Any, rotation: Any) -> Array | None:
+    """Make a 4x4 transform from a message's translation and rotation; None if it is no rotation."""
+    position = [translation.x, translation.y, translation.z]
+    quaternion = [rotation.x, rotation.y, rotation.z, rotation.w]
+    if not np.isfinite([*position, *quaternion]).all():
+        return None
+    try:
+        return transform_from_pose(position, quaternion)
+    except ValueError:
+        return None
+
+
+@dataclass
+class _Edge:
+    """Samples of the transform from one frame to its parent."""
+
+    parent: str
+    stamps_s: list[float] = field(default_factory=list)
+    T_parent_child: list[Array] = field(default_factory=list)
+
+    @property
+    def is_constant(self) -> bool:
+        return bool(np.ptp(self.T_parent_child, axis=0).max() <= MAX_CONSTANT_CHANGE)
+
+    def sorted(self) -> Trajectory:
+        stamps_s, first = np.unique(self.stamps_s, return_index=True)
+        return Trajectory(stamps_s, np.array(self.T_parent_child)[first])
+
+
+class TransformTree:
+    """Collects transforms. If a frame has two parents, the one with more samples counts."""
+
+    def __init__(self) -> None:
+        self._edges: dict[str, dict[str, _Edge]] = defaultdict(dict)
+
+    def add(self, message: Any) -> None:
+        """Add the transforms of a TFMessage."""
+        for each in message.transforms:
+            T = matrix_from_message(each.transform.translation, each.transform.rotation)
+            if T is None:
+                continue
+            parent, child = frame_name(each.header.frame_id), frame_name(each.child_frame_id)
+            edge = self._edges[child].setdefault(parent, _Edge(parent))
+            stamp = each.header.stamp
+            ns = Decimal(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
+            edge.stamps_s.append(float(ns.scaleb(-9)))
+            edge.T_parent_child.append(T)
+
+    def constant_transform(self, to_frame: str, from_frame: str) -> Array | None:
+        """Return the 4x4 transform that maps `from_frame` to `to_frame`; None if it moves."""
+        paths = [self._path_to_root(frame_name(each)) for each in (to_frame, from_frame)]
+        ancestors = [
+            [frame_name(name), *(edge.parent for edge in path)]
+            for name, path in zip((to_frame, from_frame), paths, strict=True)
+        ]
+        common = next((frame for frame in ancestors[0] if frame in ancestors[1]), None)
+        if common is None:
+            return None
+        matrices = []
+        for path, frames in zip(paths, ancestors, strict=True):
+            edges = path[: frames.index(common)]
+            if not all(edge.is_constant for edge in edges):
+                return None
+            T_common_frame = np.eye(4)
+            for edge in edges:
+                T_common_frame = edge.T_parent_child[0] @ T_common_frame
+            matrices.append(T_common_frame)
+        return inverse(matrices[0]) @ matrices[1]
+
+    def trajectory(self, frame: str) -> tuple[Trajectory, str] | None:
+        """Return the motion of a frame in the root of its tree, and the root's name.
+
+        It has a pose at each sample of the moving transform that has the most; others contribute
+        their nearest sample. None if nothing moves.
+        """
+        path = self._path_to_root(frame_name(frame))
+        moving = [edge for edge in path if not edge.is_constant]
+        if not moving:
+            return None
+        stamps_s = max((edge.sorted().stamps_s for edge in moving), key=len)
+        T = np.tile(np.eye(4), (len(stamps_s), 1, 1))
+        for edge in path:
+            samples = edge.sorted()
+            T = samples.T_world_camera[nearest_indices(samples.stamps_s, stamps_s)] @ T
+        return Trajectory(stamps_s, T), path[-1].parent
+
+    def _path_to_root(self, frame: str) -> list[_Edge]:
+        path: list[_Edge] = []
+        while frame in self._edges and len(path) < MAX_CHAIN_LENGTH:
+            path.append(max(self._edges[frame].values(), key=lambda edge: len(edge.stamps_s)))
+            frame = path[-1].parent
+        return path

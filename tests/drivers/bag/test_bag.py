@@ -1,0 +1,319 @@
+"""Bags of ROS 1 and ROS 2, as robots record them."""
+
+import sqlite3
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER
+from drivers.core.errors import InputError
+from drivers.open_recording import open_recording
+from drivers.recording_camera import RecordingCamera
+from tests.drivers.bag.bag_maker import (
+    COMPRESSED,
+    FRAME,
+    IMAGE,
+    INFO,
+    SIZE,
+    TF,
+    BagWriter,
+    color_image,
+    depth_mm,
+    open_writer,
+    stamp_ns,
+)
+
+COLOR_TOPIC, DEPTH_TOPIC = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
+INFO_TOPIC = "/camera/color/camera_info"
+KINDS = ("bag", "sqlite3", "mcap")
+Fill = Callable[[BagWriter, int], None]
+
+
+def write_color(bag: BagWriter, k: int) -> None:
+    t = stamp_ns(k)
+    bag.write(INFO_TOPIC, INFO, t, bag.maker.info(t))
+    bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, color_image(k), "bgr8"))
+
+
+def write_frame(bag: BagWriter, k: int) -> None:
+    write_color(bag, k)
+    t = stamp_ns(k)
+    bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
+
+
+def make_bag(path: Path, fill: Fill = write_frame, kind: str = "mcap", count: int = 4) -> Path:
+    with open_writer(path, kind) as bag:
+        for k in range(count):
+            fill(bag, k)
+    return path
+
+
+def complaint(path: Path, **options: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        open_recording(path, **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message.replace(str(path), "BAG")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_raw_images_are_read_bit_for_bit(tmp_path: Path, kind: str) -> None:
+    path = make_bag(tmp_path / ("a.bag" if kind == "bag" else "a"), kind=kind)
+    with RecordingCamera(path) as camera:
+        frames = list(camera)
+    assert camera.name == f"bag:{path}"
+    assert [frame.depth_factor for frame in frames] == [1000.0] * 4
+    for k, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.color_bgr, color_image(k))
+        np.testing.assert_array_equal(frame.depth_raw, depth_mm(k))
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
+def test_a_file_of_a_ros2_bag_can_be_read_alone(tmp_path: Path, kind: str) -> None:
+    (file,) = [
+        each for each in make_bag(tmp_path / "a", kind=kind).iterdir() if each.suffix != ".yaml"
+    ]
+    assert len(open_recording(file).frames.pairs) == 4
+    (tmp_path / "a" / "metadata.yaml").unlink()
+    assert len(open_recording(tmp_path / "a").frames.pairs) == 4
+
+
+def test_an_old_ros2_bag_without_definitions_is_read(tmp_path: Path) -> None:
+    path = make_bag(tmp_path / "a", kind="sqlite3")
+    (file,) = path.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("DELETE FROM message_definitions")
+    database.close()
+    assert len(open_recording(path).frames.pairs) == 4
+
+
+def test_frames_are_read_in_any_order(tmp_path: Path) -> None:
+    for kind in KINDS:
+        path = make_bag(tmp_path / ("b.bag" if kind == "bag" else kind), kind=kind, count=40)
+        recording = open_recording(path)
+        for k in (39, 3, 3, 21, 0):
+            color, depth = recording.frames.pairs[k].load(SIZE, SIZE)
+            np.testing.assert_array_equal(color, color_image(k))
+            np.testing.assert_array_equal(depth, depth_mm(k))
+        recording.close()
+
+
+@pytest.mark.parametrize(
+    ("form", "kind"), [("jpeg", ".jpg"), ("bgr8; jpeg compressed bgr8", ".jpg"), ("png", ".png")]
+)
+def test_compressed_images_are_read(tmp_path: Path, form: str, kind: str) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        t = stamp_ns(k)
+        color = cv2.imencode(kind, color_image(k))[1].tobytes()
+        png = COMPRESSED_DEPTH_HEADER.pack(0, 0, 0) + cv2.imencode(".png", depth_mm(k))[1].tobytes()
+        depth = bag.maker.compressed(t, png, "16UC1; compressedDepth png")
+        bag.write(INFO_TOPIC, INFO, t, bag.maker.info(t))
+        bag.write(f"{COLOR_TOPIC}/compressed", COMPRESSED, t, bag.maker.compressed(t, color, form))
+        bag.write(f"{DEPTH_TOPIC}/compressedDepth", COMPRESSED, t, depth)
+
+    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
+        frame = next(iter(camera))
+    np.testing.assert_array_equal(frame.depth_raw, depth_mm(0))
+    assert np.abs(frame.color_bgr.astype(int) - color_image(0)).mean() < 3
+
+
+def test_compressed_depth_in_meters_is_inverted(tmp_path: Path) -> None:
+    a, b = 20.0, 0.5
+
+    def fill(bag: BagWriter, k: int) -> None:
+        write_color(bag, k)
+        inverse = np.full(SIZE[::-1], 0, np.uint16)
+        inverse[8:] = round(a / 2.0 + b)  # 2 m
+        png = COMPRESSED_DEPTH_HEADER.pack(0, a, b) + cv2.imencode(".png", inverse)[1].tobytes()
+        message = bag.maker.compressed(stamp_ns(k), png, "32FC1; compressedDepth png")
+        bag.write(f"{DEPTH_TOPIC}/compressedDepth", COMPRESSED, stamp_ns(k), message)
+
+    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
+        depth_m = next(iter(camera)).depth_m
+    assert not depth_m[:8].any()
+    np.testing.assert_allclose(depth_m[8:], a / (round(a / 2.0 + b) - b), atol=2e-4)
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "rgba8", "bayer_rggb8"])
+def test_other_encodings_of_color_are_converted(tmp_path: Path, encoding: str) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        t, gray = stamp_ns(k), np.full(SIZE[::-1], 90, np.uint8)
+        image = np.dstack([gray] * 4) if encoding == "rgba8" else gray
+        bag.write(INFO_TOPIC, INFO, t, bag.maker.info(t))
+        bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, image, encoding))
+        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
+
+    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
+        assert np.all(next(iter(camera)).color_bgr == 90)
+
+
+def test_lens_distortion_is_undone(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k)
+        t = stamp_ns(k)
+        bag.write("/other/camera_info", INFO, t, bag.maker.info(t, distortion=(0.3, 0, 0, 0, 0.0)))
+        bag.write("/other/image_raw", IMAGE, t, bag.maker.image(t, color_image(k), "bgr8"))
+
+    path = make_bag(tmp_path / "a", fill)
+    assert open_recording(path).calibration.distortion == (0.0,) * 5
+    named = open_recording(path, topics=("/other/image_raw", DEPTH_TOPIC))
+    assert named.calibration.distortion == (0.3, 0.0, 0.0, 0.0, 0.0)
+
+
+def write_unregistered(bag: BagWriter, k: int) -> None:
+    write_color(bag, k)
+    t, depth_frame = stamp_ns(k), "depth_optical"
+    depth = np.full(SIZE[::-1], 1000, np.uint16)
+    bag.write("/camera/depth/camera_info", INFO, t, bag.maker.info(t, frame=depth_frame))
+    message = bag.maker.image(t, depth, "16UC1", depth_frame)
+    bag.write("/camera/depth/image_raw", IMAGE, t, message)
+
+
+def test_depth_of_its_own_camera_is_registered(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_unregistered(bag, k)
+        move = bag.maker.transform(stamp_ns(k), FRAME, "depth_optical", (0.1, 0.0, 0.2))
+        bag.transforms("/tf_static", stamp_ns(k), TF, move)
+
+    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
+        depth = next(iter(camera)).depth_raw
+    assert set(np.unique(depth)) == {0, 1200}
+    assert not depth[:, :5].any()  # nothing is seen left of the depth camera's view
+
+
+def test_depth_that_cannot_be_registered_is_refused(tmp_path: Path) -> None:
+    assert "no transform between them" in complaint(make_bag(tmp_path / "a", write_unregistered))
+
+
+def test_gravity_comes_from_the_imu(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k)
+        t, make = stamp_ns(k), bag.maker
+        # Optical axes in an IMU with x forward, y left, z up.
+        turn = make.transform(t, "imu", FRAME, (0.0, 0.0, 0.0), (-0.5, 0.5, -0.5, 0.5))
+        bag.transforms("/tf_static", t, TF, turn)
+        bag.write("/imu/data", "sensor_msgs/msg/Imu", t, make.imu(t, (0.0, 0.0, 9.81), "imu"))
+
+    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
+        gravity = next(iter(camera)).gravity_m_s2
+    assert gravity is not None
+    np.testing.assert_allclose(gravity, [0, 9.81, 0], atol=1e-9)
+
+
+def test_ground_truth_can_be_a_topic_of_poses(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k)
+        pose = bag.maker.pose(stamp_ns(k), (0.5 * k, 0.0, 0.0))
+        bag.write("/ground_truth/pose", "geometry_msgs/msg/PoseStamped", stamp_ns(k), pose)
+
+    recording = open_recording(make_bag(tmp_path / "a", fill))
+    assert recording.ground_truth is not None
+    np.testing.assert_allclose(recording.ground_truth.T_world_camera[3, :3, 3], [1.5, 0, 0])
+    assert "ground truth /ground_truth/pose" in recording.summary
+
+
+def test_frames_after_a_jump_back_of_the_clock_are_left_out_and_counted(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k if k < 6 else k - 5)
+
+    recording = open_recording(make_bag(tmp_path / "a", fill, count=8))
+    assert len(recording.frames.pairs) == 6
+    assert "4 images left out, because their stamps do not rise" in recording.summary
+
+
+def test_color_without_depth_of_its_own_rate_is_counted(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        (write_color if k % 2 else write_frame)(bag, k)
+
+    recording = open_recording(make_bag(tmp_path / "a", fill, count=6))
+    assert (len(recording.frames.pairs), recording.frames.unpaired) == (3, 3)
+    assert "3 images without a partner" in recording.summary
+
+
+def test_a_bag_without_images_is_refused(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        bag.write("/chatter", "std_msgs/msg/String", k, bag.maker.make("std_msgs/msg/String", "hi"))
+
+    assert complaint(make_bag(tmp_path / "a", fill)) == (
+        "BAG: no topic of color images; it holds no images"
+    )
+    path = make_bag(tmp_path / "b", write_color)
+    assert complaint(path).startswith(
+        "BAG: no topic of depth images; name two of these with --topics"
+    )
+    assert "no images at topic /nowhere" in complaint(path, topics=("/nowhere", DEPTH_TOPIC))
+
+
+def test_two_cameras_must_be_chosen_from(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        t = stamp_ns(k)
+        for name in ("front", "rear"):
+            bag.write(f"/{name}/color/camera_info", INFO, t, bag.maker.info(t))
+            bag.write(
+                f"/{name}/color/image_raw", IMAGE, t, bag.maker.image(t, color_image(k), "bgr8")
+            )
+            bag.write(
+                f"/{name}/depth/image_raw", IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1")
+            )
+
+    path = make_bag(tmp_path / "a", fill)
+    assert "are equally good" in complaint(path)
+    topics = ("/rear/color/image_raw", "/rear/depth/image_raw")
+    assert len(open_recording(path, topics=topics).frames.pairs) == 4
+
+
+def test_another_size_of_depth_is_refused(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_color(bag, k)
+        depth = bag.maker.image(stamp_ns(k), depth_mm(k)[:, :32], "16UC1")
+        bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), depth)
+
+    assert "color is 64x48 but depth" in complaint(make_bag(tmp_path / "a", fill))
+
+
+def test_a_lens_model_that_is_not_browns_is_refused(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        t = stamp_ns(k)
+        info = bag.maker.info(t, distortion=(0.1,) * 8, model="rational_polynomial")
+        bag.write("/camera/rgb/camera_info", INFO, t, info)
+        bag.write("/camera/rgb/image_raw", IMAGE, t, bag.maker.image(t, color_image(k), "bgr8"))
+        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
+
+    assert "the lens model rational_polynomial with 8" in complaint(make_bag(tmp_path / "a", fill))
+
+
+def test_a_damaged_ros1_bag_is_one_clear_line(tmp_path: Path) -> None:
+    path = make_bag(tmp_path / "a.bag", kind="bag")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    assert complaint(path) == (
+        "BAG: the bag has no usable index, because it was cut off; run `rosbag reindex` on it"
+    )
+    path.write_bytes(b"not a bag")
+    assert complaint(path).startswith("BAG: cannot be read: ")
+    assert complaint(tmp_path / "gone.mcap") == "BAG: no such file; check the path"
+
+
+def test_an_mcap_that_was_cut_off_is_read_up_to_its_last_chunk(tmp_path: Path) -> None:
+    (file,) = make_bag(tmp_path / "a", count=200).glob("*.mcap")
+    data = file.read_bytes()
+    whole = len(open_recording(file).frames.pairs)
+    file.write_bytes(data[: len(data) // 2])
+    with RecordingCamera(file) as camera:
+        frames = list(camera)
+        assert "cut off and read up to its last whole chunk" in camera.recording.summary
+    assert 0 < len(frames) < whole
+    np.testing.assert_array_equal(frames[-1].color_bgr, color_image(len(frames) - 1))
+    file.write_bytes(data[:20])
+    assert "holds no messages of ROS 2" in complaint(file)
+
+
+def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = make_bag(tmp_path / "a.bag", kind="bag")
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    assert "run: pip install 'kinect-vo[bags]'" in complaint(path)

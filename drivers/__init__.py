@@ -6,7 +6,7 @@
         for frame in camera:
             print(frame.stamp_s, frame.color_bgr.shape, frame.depth_m.max())
 
-`docs/python.md` shows more. OpenCV is imported when the first of these names is used.
+`docs/guide/python.md` shows more. OpenCV is imported when the first of these names is used.
 """
 
 from importlib import import_module

@@ -1,7 +1,7 @@
 """Write what the definitions of messages, commands and configuration keys determine.
 
-These are the JSON Schemas in ``schemas/``, ``docs/configuration.md``, and the tables in
-``docs/messages.md`` between ``<!-- NAME: ... -->`` and ``<!-- end -->``.
+These are the JSON Schemas in ``schemas/``, ``docs/reference/configuration.md``, and the tables in
+``docs/reference/messages.md`` between ``<!-- NAME: ... -->`` and ``<!-- end -->``.
 
 Usage: .venv/bin/python scripts/write_reference.py
 """
@@ -28,8 +28,8 @@ from vo_service.types import (
 
 ROOT = Path(__file__).parents[1]
 SCHEMA_FOLDER = ROOT / "schemas"
-CONFIGURATION = ROOT / "docs" / "configuration.md"
-MESSAGES = ROOT / "docs" / "messages.md"
+CONFIGURATION = ROOT / "docs" / "reference" / "configuration.md"
+MESSAGES = ROOT / "docs" / "reference" / "messages.md"
 
 
 def make_files() -> dict[Path, str]:
@@ -45,7 +45,7 @@ def make_files() -> dict[Path, str]:
 
 
 def replace_tables(page: str) -> str:
-    """Replace the tables in the text of docs/messages.md."""
+    """Replace the tables in the text of docs/reference/messages.md."""
     for name, table in message_tables().items():
         begin = f"<!-- {name}: written by scripts/write_reference.py -->\n"
         pattern = re.compile(f"{re.escape(begin)}.*?<!-- end -->\n", re.DOTALL)
@@ -56,7 +56,7 @@ def replace_tables(page: str) -> str:
 
 
 def message_tables() -> dict[str, str]:
-    """Return the tables of docs/messages.md by name."""
+    """Return the tables of docs/reference/messages.md by name."""
     versions = ("versions", "object", VERSIONS_DESCRIPTION)
     return {
         "odom attachment": _message_table(OdomAttachment),

@@ -18,8 +18,8 @@ Read the poses that a running service publishes:
         for pose in client.poses():
             print(pose.stamp_s, pose.position_m, pose.state)
 
-`docs/python.md` shows more. A name's libraries are imported when it is first used: Zenoh for the
-client, OpenCV and Numba for the odometry.
+`docs/guide/python.md` shows more. A name's libraries are imported when it is first used: Zenoh for
+the client, OpenCV and Numba for the odometry.
 """
 
 from importlib import import_module

@@ -16,7 +16,7 @@ INTRODUCTION = f"""\
 # Configuration
 
 Every key of the file that `kinect-vo run --config FILE` reads, with its default;
-[config/kinect.toml](../config/kinect.toml) is such a file. `{REFERENCE_COMMAND}` writes this
+[config/kinect.toml](../../config/kinect.toml) is such a file. `{REFERENCE_COMMAND}` writes this
 page.
 
 The file is TOML and begins with `schema = {SCHEMA_VERSION}`. Every table and every key below is

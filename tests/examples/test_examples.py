@@ -250,7 +250,9 @@ def documented_programs(page: str) -> list[str]:
 
 
 def test_camera_programs_in_the_documentation_run(recording: Path) -> None:
-    programs = [code for code in documented_programs("docs/python.md") if "open_camera" in code]
+    programs = [
+        code for code in documented_programs("docs/guide/python.md") if "open_camera" in code
+    ]
     assert len(programs) == 2
     for code in programs:
         here = code.replace("recordings/desk", str(recording))
@@ -258,7 +260,9 @@ def test_camera_programs_in_the_documentation_run(recording: Path) -> None:
         assert (done.stderr, done.stdout.count("\n")) == ("", FRAMES)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/messages.md", "docs/python.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/reference/messages.md", "docs/guide/python.md"]
+)
 def test_service_programs_in_the_documentation_run(endpoint: str, page: str) -> None:
     programs = [code for code in documented_programs(page) if "open_camera" not in code]
     assert programs

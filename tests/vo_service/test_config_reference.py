@@ -12,7 +12,7 @@ from tests.vo_service.cli.cli_runner import run_in_process
 from vo_service.config import RELOADABLE_KEYS, Config, read_config
 from vo_service.config_reference import REFERENCE_COMMAND, render_reference
 
-PAGE = Path(__file__).parents[2] / "docs" / "configuration.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "configuration.md"
 
 
 def rows() -> dict[str, list[str]]:
@@ -40,7 +40,7 @@ def keys(kind: Any, path: str = "") -> set[str]:
 
 def test_the_page_matches_the_code() -> None:
     assert PAGE.read_text() == render_reference(), (
-        f"run: {REFERENCE_COMMAND} > docs/configuration.md"
+        f"run: {REFERENCE_COMMAND} > docs/reference/configuration.md"
     )
 
 

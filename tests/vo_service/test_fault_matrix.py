@@ -9,7 +9,7 @@ from tests.vo_service.frame_faults import FRAME_FAULTS, FrameFault
 from tests.vo_service.lifecycle_stages import STAGES
 from tests.vo_service.sensor_faults import SENSOR_FAULTS, SensorFault
 
-PAGE = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "design" / "faults.md").read_text(encoding="utf-8")
 Fault = SensorFault | FrameFault | EnvironmentFault
 ALL: tuple[Fault, ...] = (*SENSOR_FAULTS, *FRAME_FAULTS, *ENVIRONMENT_FAULTS)
 

@@ -16,7 +16,7 @@ examples:
 
 FOLDER becomes a certificate authority: ca.key signs, ca.pem verifies. Each name gets a folder with
 the three files to copy: ca.pem, tls.pem, tls.key. Keys are never overwritten. The Zenoh
-configuration says what each name may do; see docs/security.md.
+configuration says what each name may do; see docs/guide/remote-access.md.
 
 This is for a test network: the key of the authority has no password and is valid for
 {AUTHORITY_DAYS // 365} years. To revoke a certificate, remove its name from the configuration. A

@@ -42,7 +42,7 @@ examples:
 
 A folder needs FOLDER/camera.toml, a name that contains freiburg1, freiburg2 or freiburg3, or
 --camera FILE. A bag has its camera_info. With FOLDER/groundtruth.txt, or true poses in a bag's /tf,
-the summary contains the errors of the trajectory. docs/recordings.md describes the formats.
+the summary contains the errors of the trajectory. docs/guide/bags.md describes the formats.
 
 lockstep runs every frame as fast as possible and repeats bit for bit; subscribers get every pose.
 realtime keeps the recording's own clock and drops late frames, as on the robot.

@@ -6,7 +6,7 @@
         for pose in client.poses():
             print(pose.stamp_s, pose.position_m, pose.state)
 
-Needs only zenoh and numpy. `docs/python.md` describes the client.
+Needs only zenoh and numpy. `docs/guide/python.md` describes the client.
 """
 
 from drivers.core.errors import InputError

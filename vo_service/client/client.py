@@ -162,7 +162,7 @@ class PoseClient:
         return self._state.wait_until_alive(timeout_s)
 
     def status(self, timeout_s: float = REPLY_TIMEOUT_S) -> StatusMessage:
-        """Return the newest status; `docs/messages.md` lists its fields.
+        """Return the newest status; `docs/reference/messages.md` lists its fields.
 
         Raises:
             ServiceUnavailable: No status arrived recently and no service replied.

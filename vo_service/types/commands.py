@@ -1,7 +1,8 @@
 """The commands to the service: names, arguments, replies, and the parser.
 
 Each command is one class: its docstring, name and fields are the Zenoh key, the JSON Schemas, the
-check of the arguments, the help of ``kinect-vo command`` and the table in docs/messages.md.
+check of the arguments, the help of ``kinect-vo command`` and the table in
+docs/reference/messages.md.
 `vo_service.control` executes it.
 """
 

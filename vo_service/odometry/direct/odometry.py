@@ -160,7 +160,7 @@ class DirectOdometry:
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Estimate the camera's pose by aligning this frame with the keyframe.
 
-        The steps are those of docs/direct.md, in the same order.
+        The steps are those of docs/design/direct.md, in the same order.
         """
         # Pyramid: brightness in four sizes, and inverse depth.
         with self._timer.stage("images"):

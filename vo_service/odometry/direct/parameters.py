@@ -3,8 +3,8 @@
 Kernels are compiled with these values, so they are no settings. A tuple is one quantity: by pyramid
 level from fine to coarse; or for brightness in gray levels and for depth in 1/m (inverse depth
 1/z); or for translation in m and rotation in rad. Where no source is named, the value was chosen by
-measurement; docs/direct.md shows the effect of other values. Sizes of arrays (cells of the image,
-bands of rows, columns) stand beside their arrays.
+measurement; docs/design/direct.md shows the effect of other values. Sizes of arrays (cells of the
+image, bands of rows, columns) stand beside their arrays.
 """
 
 # IMAGE PYRAMID

@@ -76,7 +76,7 @@ class ExtraEndpoints:
 class ZenohOutput:
     """Publishes poses, the map->odom transform and the status; replies to queries.
 
-    Keys under `{prefix}`; `docs/messages.md` has the details:
+    Keys under `{prefix}`; `docs/reference/messages.md` has the details:
 
     - odom: CDR ``nav_msgs/msg/Odometry``; attachment: JSON of schema, seq, state, epoch, reason
     - map_odom: map->odom transform, if there is a map: on each change, at each new epoch and with

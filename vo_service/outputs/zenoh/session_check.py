@@ -47,7 +47,8 @@ def check_session_config(config: ZenohConfig) -> str:
     ]
     if not exposed:
         return ""
-    return f"{where}: anyone in the network may connect to {', '.join(exposed)}; docs/security.md"
+    open_to_all = f"anyone in the network may connect to {', '.join(exposed)}"
+    return f"{where}: {open_to_all}; docs/guide/remote-access.md"
 
 
 def _check_endpoint(text: str, where: str) -> None:

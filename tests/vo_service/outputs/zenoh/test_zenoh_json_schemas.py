@@ -34,7 +34,7 @@ from vo_service.types import (
 from vo_service.versions import versions
 
 SCHEMAS = all_schemas()
-MESSAGES = (Path(__file__).parents[4] / "docs" / "messages.md").read_text()
+MESSAGES = (Path(__file__).parents[4] / "docs" / "reference" / "messages.md").read_text()
 
 plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 numbers = st.lists(st.floats(-2.0, 2.0) | st.integers(-1, 1), min_size=2, max_size=5)

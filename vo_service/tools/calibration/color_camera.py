@@ -13,7 +13,6 @@ from drivers.calibration import NO_DISTORTION
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from vo_service.tools.calibration.board import BoardCorners, BoardView, Lens
-from vo_service.tools.calibration.least_squares import jackknife_sigma
 
 MIN_VIEWS = 6
 # Groups of views for the jackknife: each fit leaves out one group.
@@ -173,3 +172,15 @@ def _fit_with_flags(
 
 def _view_rms_px(residuals_px: Sequence[Array]) -> Array:
     return np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in residuals_px])
+
+
+def jackknife_sigma(fits: Sequence[Array]) -> Array:
+    """Return standard deviations (P,) from fits (P,) that each leave out one of the groups.
+
+    They include all variation between views, of any cause (Efron and Stein, The jackknife estimate
+    of variance, Annals of Statistics 9(3), 1981).
+    """
+    deviations = np.asarray(fits) - np.mean(fits, axis=0)
+    count = len(fits)
+    sigma: Array = np.sqrt((count - 1) / count * (deviations**2).sum(axis=0))
+    return sigma

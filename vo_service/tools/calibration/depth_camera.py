@@ -20,6 +20,7 @@ from vo_service.tools.calibration.color_camera import (
     JACKKNIFE_GROUPS,
     MIN_SIGNIFICANT_SIGMAS,
     ColorCalibrationResult,
+    jackknife_sigma,
     refit_without_views,
 )
 from vo_service.tools.calibration.depth_model import (
@@ -29,7 +30,6 @@ from vo_service.tools.calibration.depth_model import (
     DepthModel,
     collect_board_readings,
 )
-from vo_service.tools.calibration.least_squares import jackknife_sigma, minimize_gauss_newton
 
 # Maximum distances of inliers from the board's plane, in robust standard deviations: large while
 # only default parameters are known, small at the end.
@@ -162,14 +162,24 @@ class _DepthFit:
         free: NDArray[np.int64],
         gates: Sequence[float],
     ) -> DepthModel:
-        """Fit the parameters with indices `free`; the boards' outlines follow the model."""
+        """Fit the parameters with indices `free`; the boards' outlines follow the model.
+
+        Args:
+            color: Fitted color camera.
+            model: Initial depth camera.
+            free: (P,) indices of the parameters to fit.
+            gates: Maximum distance of inliers for each fit, in robust standard deviations.
+        """
+        from scipy.optimize import least_squares  # slow to import
+
         for gate in gates:
             pixels = self.collect_readings(color, model)
             weights = _is_used(pixels, model, gate) / depth_sigma_m(pixels.readings_m)
-            residuals = _residuals(pixels, model, free)
-            model = model.with_parameters(
-                free, minimize_gauss_newton(residuals, model.vector[free], weights)
-            )
+            fit = least_squares(
+                _weighted_residuals, model.vector[free], method="lm", x_scale="jac",
+                args=(pixels, model, free, weights),
+            )  # fmt: skip
+            model = model.with_parameters(free, fit.x)
         return model
 
     def collect_readings(self, color: ColorCalibrationResult, model: DepthModel) -> BoardReadings:
@@ -230,7 +240,8 @@ def _normalized_distances(pixels: BoardReadings, model: DepthModel) -> Array:
     return distances
 
 
-def _residuals(
-    pixels: BoardReadings, model: DepthModel, free: NDArray[np.int64]
-) -> Callable[[Array], Array]:
-    return lambda x: pixels.residuals_m(model.with_parameters(free, x))
+def _weighted_residuals(
+    x: Array, pixels: BoardReadings, model: DepthModel, free: NDArray[np.int64], weights: Array
+) -> Array:
+    """Return residuals (N,) with the values x (P,) of the free parameters."""
+    return pixels.residuals_m(model.with_parameters(free, x)) * weights

@@ -14,7 +14,11 @@ from tests.vo_service.tools.calibration.rendered_boards import (
 )
 from vo_service.tools.calibration.board import BoardCorners, BoardView, Lens
 from vo_service.tools.calibration.chessboards import Chessboard
-from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
+from vo_service.tools.calibration.color_camera import (
+    ColorCalibrationResult,
+    calibrate_color,
+    jackknife_sigma,
+)
 from vo_service.tools.calibration.view_selection import ViewSelector
 
 NO_DISTORTION = replace(COLOR_LENS, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
@@ -97,3 +101,10 @@ def test_views_may_show_different_corners(selector: ViewSelector) -> None:
     ]
     error = intrinsics(calibrate_color(partial_views).lens) - intrinsics(COLOR_LENS)
     assert np.abs(error).max() < 1.0
+
+
+def test_the_jackknife_gives_the_standard_error_of_a_mean() -> None:
+    values = np.random.default_rng(0).normal(5.0, 2.0, 40)
+    fits = [np.array([np.delete(values, n).mean()]) for n in range(40)]
+    expected = values.std(ddof=1) / np.sqrt(40)
+    np.testing.assert_allclose(jackknife_sigma(fits), [expected])

@@ -161,7 +161,8 @@ def _viewers(*targets: str) -> str:
 def _make_viewer_signal_action(number: signal.Signals) -> Action:
     def send(service: ServiceProcess) -> None:
         os.kill(
-            find_child_running(service.process.pid, "vo_service.outputs.rerun.worker_main"), number
+            find_child_running(service.process.pid, "vo_service.outputs.rerun.worker:run_viewer"),
+            number,
         )
 
     return send

@@ -257,6 +257,7 @@ class RgbdCamera(ABC):
 
     name: str  # for messages: "tum:DIR", "synthetic"
     clock: Clock
+    reconnects = False  # opens itself again after a loss: `read` then only times out
 
     def prepare(self) -> None:  # noqa: B027 (most cameras have nothing to prepare)
         """Start long preparations for the first frame in the background. Returns at once.

@@ -25,7 +25,7 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.trajectory import Trajectory
 from drivers.tum.writer import TumWriter
-from tests.forked_process import WORKER_MODULES, forked_modules
+from tests.forked_process import WORKERS, forked_workers
 from tests.simulators.fixtures import (  # noqa: F401
     fakenect,
     kinect_frames,
@@ -80,9 +80,9 @@ def _hand_held_pose(seq: int) -> Array:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def forked_workers() -> Iterator[None]:
+def fork_workers() -> Iterator[None]:
     """Fork the worker processes of cameras, maps and recorders: see `tests.forked_process`."""
-    with forked_modules(WORKER_MODULES):
+    with forked_workers(WORKERS):
         yield
 
 

@@ -31,14 +31,14 @@ def load() -> None:
     import vo_service.cli.replay
     import vo_service.cli.run  # noqa: F401
     from drivers.core.shared_frames.depth_packing import compile_kernels
-    from tests.forked_process import WORKER_MODULES
+    from tests.forked_process import WORKERS
     from vo_service.odometry.registry import DEFAULT_METHOD, warm_up
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
     from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
 
     cv2.setNumThreads(1)
-    for module in WORKER_MODULES:
-        import_module(module)
+    for function in WORKERS:
+        import_module(function.partition(":")[0])
     warm_up(DEFAULT_METHOD, _discard_stage)
     warm_up_reconstruction(_discard_stage)
     warm_up_loop_closure(_discard_stage)

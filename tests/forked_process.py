@@ -20,18 +20,18 @@ from typing import Any
 
 import pytest
 
-from drivers.core.process import supervisor, worker_process
+from drivers.core.process import worker_process
 from tests.waiting import DEFAULT_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
 # The command of the installed script, for a `ForkedProcess`.
 KINECT_VO = (sys.executable, "-c", "from vo_service import cli\ncli.main()\n")
 # Worker processes whose start is not what their tests are about.
-WORKER_MODULES = {
-    "drivers.subprocess_camera.worker_main",
-    "drivers.synthetic.render_worker",
-    "vo_service.mapper_process",
-    "vo_service.outputs.recorder.worker_main",
+WORKERS = {
+    "drivers.subprocess_camera.worker:run_camera",
+    "drivers.synthetic.render_worker:run_renderer",
+    "vo_service.mapper_process:run",
+    "vo_service.outputs.recorder.worker:run_recorder",
 }
 # Orphaned descendants become children of the process that sets this, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36
@@ -87,12 +87,16 @@ def run_module(module: str, *arguments: str) -> "subprocess.CompletedProcess[str
     return run([sys.executable, "-c", _program_of(module), *arguments])
 
 
-def start_module(
-    module: str, fds: Sequence[int], stdout: int, stderr: int | None
+def start_worker(
+    function: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
-    """Replace `start_module` of `drivers.core.process.worker_process` by a `ForkedProcess`."""
+    """Replace `start_worker` of `drivers.core.process.worker_process` by a `ForkedProcess`."""
+    program = "import sys\nfrom drivers.core.process.worker_main import main\n"
     return ForkedProcess(
-        [sys.executable, "-c", _program_of(module), str(fds[0])],
+        [
+            *(sys.executable, "-c", f"{program}main(sys.argv[1], int(sys.argv[2]))\n"),
+            *(function, str(fds[0])),
+        ],
         stdin=subprocess.DEVNULL,
         stdout=stdout,
         stderr=stderr,
@@ -111,18 +115,17 @@ def _program_of(module: str) -> str:
 
 
 @contextmanager
-def forked_modules(modules: Collection[str]) -> Iterator[None]:
-    """Let this process fork workers that run one of these modules."""
-    real, conditions = worker_process.start_module, _start_conditions()
+def forked_workers(functions: Collection[str]) -> Iterator[None]:
+    """Let this process fork the workers that run one of these functions."""
+    real, conditions = worker_process.start_worker, _start_conditions()
 
-    def start(module: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
+    def start(function: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
         # A test that changes these needs a new process.
-        is_forked = module in modules and _start_conditions() == conditions
-        return (start_module if is_forked else real)(module, *args, **kwargs)
+        is_forked = function in functions and _start_conditions() == conditions
+        return (start_worker if is_forked else real)(function, *args, **kwargs)
 
     with pytest.MonkeyPatch.context() as patch:
-        for user in (worker_process, supervisor):
-            patch.setattr(user, "start_module", start)
+        patch.setattr(worker_process, "start_worker", start)
         yield
 
 

@@ -14,11 +14,12 @@ from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import CameraError
 from drivers.core.memory import release_memory
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
+from drivers.reconnect import ReconnectingCamera
 from vo_service.clock import make_publish_clock
 from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
 from vo_service.control import CommandQueue, Control
-from vo_service.frame_source import FrameSource, ReconnectingSource
+from vo_service.frame_source import FrameSource, LiveSource
 from vo_service.load_shedding import ReconfigurableLoadShedder
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
@@ -280,13 +281,14 @@ def build_live_service(
         camera: The camera; the service opens it.
         dependencies: Outputs, commands and the parts that take them.
     """
+    camera = camera if camera.reconnects else ReconnectingCamera(camera)
     timer = CpuStageTimer()
     odometry = config.odometry.make_odometry(timer)
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
     load_shedder = ReconfigurableLoadShedder(dependencies.viewers, odometry)
     load_shedder.configure(config.load, config.odometry.feature_count)
     mapper = dependencies.mapper
-    frame_source = ReconnectingSource(camera, dependencies.sensor_memory.apply)
+    frame_source = LiveSource(camera, dependencies.sensor_memory.apply)
     service = Service(
         _make_input(config, camera, frame_source),
         Estimator(config.odometry.method, mapper.loop_closure.wrap(odometry), timer),

@@ -1,10 +1,9 @@
-"""Frame sources: read frames from a camera once, or reconnect whenever it disconnects."""
+"""Frame sources: one pass through a camera's frames, or frames until the service stops."""
 
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from itertools import count
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from drivers.camera import (
@@ -15,12 +14,9 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraError
 
 # A source yields at least this often, with or without a frame.
 TICK_S = 0.25
-# Ticks to wait before a camera is opened again, at first and at most.
-MIN_RETRY_TICKS, MAX_RETRY_TICKS = 1, 6
 
 
 class FrameSource(Protocol):
@@ -89,15 +85,12 @@ class PacedSource(SinglePassSource):
             yield frame
 
 
-class ReconnectingSource:
-    """Opens the camera, and opens it again whenever it disconnects, until stopped.
+class LiveSource(SinglePassSource):
+    """A camera that comes and goes: the source opens it, and waits after its last frame.
 
     Args:
-        camera: The camera.
+        camera: The camera; it reconnects by itself.
         prepare_frame: Is applied to each frame.
-
-    Attributes:
-        reason: Reason why there is no frame; "" while there are frames.
     """
 
     def __init__(
@@ -105,7 +98,7 @@ class ReconnectingSource:
         camera: RgbdCamera,
         prepare_frame: Callable[[RgbdFrame], RgbdFrame] = lambda frame: frame,
     ) -> None:
-        self._camera = camera
+        super().__init__(camera)
         self._prepare_frame = prepare_frame
         self.reason = "camera not opened yet"
 
@@ -115,29 +108,13 @@ class ReconnectingSource:
         Raises:
             InputError: If the camera refuses its settings: waiting does not help.
         """
-        retry = MIN_RETRY_TICKS
-        while not stop.is_set():
-            try:
-                self._camera.open()
-                plain = SinglePassSource(self._camera)
-                for frame in plain.frames(stop):
-                    self.reason = plain.reason
-                    retry = MIN_RETRY_TICKS
-                    yield None if frame is None else self._prepare_frame(frame)
-                self.reason = "the recording has ended"
-                yield from _wait_ticks(count(), stop)
-            except CameraError as error:
-                self.reason = str(error)
-            finally:
-                self._camera.close()
-            yield from _wait_ticks(range(retry), stop)
-            retry = min(2 * retry, MAX_RETRY_TICKS)
-
-
-def _wait_ticks(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:
-    """Yield None once per tick."""
-    for _ in ticks:
-        if stop.is_set():
-            return
-        yield None
-        stop.wait(TICK_S)
+        try:
+            self._camera.open()
+            for frame in super().frames(stop):
+                yield None if frame is None else self._prepare_frame(frame)
+            self.reason = "the recording has ended"
+            while not stop.is_set():
+                yield None
+                stop.wait(TICK_S)
+        finally:
+            self._camera.close()

@@ -1,17 +1,16 @@
-"""Program of the mapper's process: ``python -m vo_service.mapper_process FD``.
+"""Program of the mapper's process.
 
 It connects SLAM, which keeps the keyframes, with the reconstruction, which fuses them.
 """
 
-import sys
 from collections.abc import Iterable
 from functools import partial
-from multiprocessing.connection import Connection
 
+from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MapConfig
 from vo_service.slam.mapper.mesh_job import FusedMesh
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
-from vo_service.slam.mapper.worker_main import run_mapper
+from vo_service.slam.mapper.worker import run_mapper
 
 
 def fuse_keyframes(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> FusedMesh:
@@ -35,6 +34,6 @@ def fuse_keyframes(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> Fuse
     return FusedMesh(len(mesh.triangles), volume.is_full, partial(write_ply, mesh=mesh))
 
 
-if __name__ == "__main__":
-    with Connection(int(sys.argv[1])) as connection:
-        run_mapper(connection, fuse_keyframes)
+def run(service: ServiceConnection) -> None:
+    """Run the mapper until the service asks the process to end."""
+    run_mapper(service, fuse_keyframes)

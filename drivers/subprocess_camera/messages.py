@@ -1,7 +1,6 @@
 """Messages between the service and a camera's worker process, besides frames."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 from drivers.camera import (
     CameraCounters,
@@ -11,9 +10,9 @@ from drivers.camera import (
     PlaybackMode,
     RgbdCamera,
 )
-from drivers.core.errors import UserFacingError
-from drivers.core.process.worker_process import LogMessage
+from drivers.core.process.messages import Heartbeat, WorkerFailed
 from drivers.core.trajectory import Trajectory
+from drivers.reconnect import INITIAL_RETRY_S, MAX_RETRY_S, ConnectionPhase
 from drivers.subprocess_camera.frame_ring import FrameRingFds
 
 
@@ -50,17 +49,6 @@ class SetLed:
 DeviceRequest = SetTilt | SetLed
 
 
-class WorkerPhase(StrEnum):
-    """What the worker is doing; each phase has its own time limit."""
-
-    LAUNCHING = "starting up"
-    OPENING = "opening the camera"
-    STARTING = "waiting for the first frame"
-    STREAMING = "reading frames"
-    CLOSING = "closing the camera"
-    WAITING = "waiting to open the camera again"
-
-
 @dataclass(frozen=True)
 class Timeouts:
     """Time limits in seconds. A worker that sends nothing for longer counts as hung and is killed.
@@ -83,63 +71,67 @@ class Timeouts:
     closing_s: float = 2.0
     heartbeat_s: float = 1.5
     first_frame_s: float = 2.5
-    initial_retry_s: float = 0.2
-    max_retry_s: float = 1.5
+    initial_retry_s: float = INITIAL_RETRY_S
+    max_retry_s: float = MAX_RETRY_S
     orphan_s: float = 10.0
 
-    def heartbeat_timeout_s(self, phase: WorkerPhase) -> float:
+    def phase_timeout_s(self, phase: ConnectionPhase) -> float:
         """Return the longest time without a message in this phase."""
         match phase:
-            case WorkerPhase.LAUNCHING:
-                return self.launching_s
-            case WorkerPhase.OPENING:
+            case ConnectionPhase.OPENING:
                 return self.opening_s
-            case WorkerPhase.CLOSING:
+            case ConnectionPhase.CLOSING:
                 return self.closing_s
-            case WorkerPhase.WAITING:
-                return self.max_retry_s + self.heartbeat_s
-            case WorkerPhase.STARTING | WorkerPhase.STREAMING:
+            case _:
                 return self.heartbeat_s
 
 
 @dataclass(frozen=True)
 class CameraWorkerConfig:
-    """The configuration of a camera's worker process.
+    """What the worker is to do.
 
     Attributes:
+        factory: Makes the camera.
+        playback_mode: Whether the worker waits for a late reader.
         is_live: Whether a lost camera is opened again; the loss of a recording is an error.
+        timeouts: Time limits.
+        ring_fds: File descriptors of the ring of frames.
+        status: The status of the camera so far.
+        requests: The requests to the camera so far.
     """
 
     factory: CameraFactory
     playback_mode: PlaybackMode
     is_live: bool
     timeouts: Timeouts
-
-
-@dataclass(frozen=True)
-class StartCameraWorker:
-    """To the worker, as the first message; requests follow, and None at the end.
-
-    Attributes:
-        status: The status of the camera so far.
-        requests: The requests to the camera so far.
-        log_level: Level of the service's log.
-    """
-
-    config: CameraWorkerConfig
     ring_fds: FrameRingFds
     status: CameraStatus
     requests: tuple[DeviceRequest, ...]
-    log_level: int
+
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """File descriptors of the ring."""
+        return self.ring_fds.all
 
 
 @dataclass(frozen=True)
-class CameraHeartbeat:
+class CameraHeartbeat(Heartbeat):
     """From the worker, at every change and several times a second: it is alive."""
 
-    phase: WorkerPhase
+    phase: ConnectionPhase
     status: CameraStatus
     counters: CameraCounters
+    phase_timeout_s: float
+
+    @property
+    def activity(self) -> str:
+        """What happens with the camera."""
+        return str(self.phase)
+
+    @property
+    def timeout_s(self) -> float:
+        """The time limit of the phase."""
+        return self.phase_timeout_s
 
 
 @dataclass(frozen=True)
@@ -157,9 +149,7 @@ class CameraProperties:
 
 @dataclass(frozen=True)
 class CameraFinished:
-    """From the worker, as the last message: no frame will follow; the error is None at the end."""
-
-    error: UserFacingError | None = None
+    """From the worker, as the last message: the last frame of the recording was delivered."""
 
 
-CameraWorkerMessage = CameraHeartbeat | CameraProperties | CameraFinished | LogMessage
+CameraWorkerMessage = CameraHeartbeat | CameraProperties | CameraFinished | WorkerFailed

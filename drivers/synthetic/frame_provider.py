@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from drivers.core.errors import CameraLostError
+from drivers.core.process.messages import WorkerFailed
 from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.render_messages import (
     ReaderPosition,
     RenderingComplete,
-    RenderingFailed,
     RenderJob,
     RenderRequest,
 )
@@ -24,9 +24,8 @@ from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequenc
 if TYPE_CHECKING:  # its kernels are slow to load; the renderer's process loads them
     from drivers.synthetic.renderer import Renderer
 
-RENDERER = WorkerSpec("drivers.synthetic.render_worker", "renderer")
-# The process is killed rather than waited for; the frames that it has written stay valid.
-STOP_TIMEOUT_S = 2.0
+# Live readers of the frames have priority.
+RENDERER = WorkerSpec("drivers.synthetic.render_worker:run_renderer", "renderer", nice=10)
 # A frame takes a second on a slow board; the room is painted before the first one.
 MAX_FRAME_S = 120.0
 
@@ -191,18 +190,18 @@ class BackgroundFrameProvider:
         """Return the renderer's process; start it if needed. Raises CameraLostError."""
         if self._process is None:
             try:
-                self._process = WorkerProcess(RENDERER, (self._wake_fd,), STOP_TIMEOUT_S)
+                job = replace(self._job, wake_fd=self._wake_fd)
+                self._process = WorkerProcess(RENDERER, job)
             except OSError as error:
                 raise CameraLostError(
                     f"synthetic camera: cannot start the renderer: {error.strerror}"
                 ) from error
-            self._process.send(replace(self._job, wake_fd=self._wake_fd))
         return self._process
 
     def _stop_process(self) -> None:
         process, self._process = self._process, None
         if process is not None:
-            process.kill()
+            process.kill()  # the frames that it has written stay valid
             with process:
                 pass  # the exit reaps it
 
@@ -219,7 +218,7 @@ class BackgroundFrameProvider:
         match message:
             case RenderingComplete():
                 self._stop_process()
-            case RenderingFailed(error):
+            case WorkerFailed(error):
                 self._stop_process()
                 raise error
 

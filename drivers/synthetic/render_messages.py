@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import SequenceFiles
 
@@ -25,6 +24,11 @@ class RenderJob:
     threads: int
     wake_fd: int
 
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """The file descriptor of the eventfd."""
+        return (self.wake_fd,)
+
 
 @dataclass(frozen=True)
 class ReaderPosition:
@@ -43,10 +47,3 @@ class RenderRequest:
 @dataclass(frozen=True)
 class RenderingComplete:
     """No frame is missing."""
-
-
-@dataclass(frozen=True)
-class RenderingFailed:
-    """Rendering stopped because of this error."""
-
-    error: UserFacingError

@@ -1,26 +1,19 @@
-"""The renderer's process: ``python -m drivers.synthetic.render_worker FD``.
+"""The renderer's process.
 
 It renders the missing frames in the order in which the reader needs them. It ends when no frame is
 missing or when its parent process ends.
 """
 
 import os
-import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from multiprocessing.connection import Connection
-from typing import Any
 
-import cv2
-
-from drivers.core.errors import CameraError, UserFacingError
+from drivers.core.errors import CameraError
 from drivers.core.memory import release_memory
-from drivers.core.process.parent_connection import ParentConnection, ignore_terminal_signals
+from drivers.core.process.service_connection import ServiceConnection
 from drivers.synthetic.render_messages import (
     ReaderPosition,
     RenderingComplete,
-    RenderingFailed,
     RenderJob,
     RenderRequest,
 )
@@ -28,33 +21,27 @@ from drivers.synthetic.render_schedule import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence
 from drivers.synthetic.renderer import make_renderer
 
-# Live readers of the frames have priority.
-NICENESS = 10
 
+def run_renderer(service: ServiceConnection) -> None:
+    """Render until no frame is missing.
 
-def main(connection: "Connection[Any, Any]") -> None:
-    """Render until no frame is missing."""
-    ignore_terminal_signals()
-    os.nice(NICENESS)
-    cv2.setNumThreads(1)
-    job: RenderJob = connection.recv()
-    outbox = ParentConnection(connection)
+    Raises:
+        UserFacingError: A frame cannot be rendered or stored.
+    """
+    job: RenderJob = service.config
     try:
-        _render_missing(job, connection, outbox)
-    except UserFacingError as error:
-        outbox.send(RenderingFailed(error))
+        _render_missing(job, service)
     except OSError as error:
-        message = f"{job.files.frames}: cannot store frames: {error.strerror or error}"
-        outbox.send(RenderingFailed(CameraError(message)))
+        raise CameraError(
+            f"{job.files.frames}: cannot store frames: {error.strerror or error}"
+        ) from error
 
 
-def _render_missing(
-    job: RenderJob, connection: "Connection[Any, Any]", outbox: ParentConnection
-) -> None:
+def _render_missing(job: RenderJob, service: ServiceConnection) -> None:
     """Render the missing frames. Raises UserFacingError, and OSError for the disk."""
     sequence = RenderedSequence(job.files)
     schedule = RenderSchedule(sequence, job.rate_hz)
-    threading.Thread(target=_receive_requests, args=(connection, schedule), daemon=True).start()
+    threading.Thread(target=_receive_requests, args=(service, schedule), daemon=True).start()
     renderer = make_renderer(job.config, job.threads, job.files.folder)
 
     def render_next() -> bool:
@@ -79,21 +66,15 @@ def _render_missing(
         render_all()  # here, because another thread would hold as much freed memory again
         for future in futures:
             future.result()
-    outbox.send(RenderingComplete())
+    service.send(RenderingComplete())
 
 
-def _receive_requests(connection: "Connection[Any, Any]", schedule: RenderSchedule) -> None:
+def _receive_requests(service: ServiceConnection, schedule: RenderSchedule) -> None:
     """Receive the reader's requests, in a thread; end the process when the reader is gone."""
-    with suppress(EOFError, OSError):
-        while True:
-            match connection.recv():
-                case ReaderPosition(index):
-                    schedule.set_reader_position(index)
-                case RenderRequest(index):
-                    schedule.add_urgent(index)
+    for message in service.messages():
+        match message:
+            case ReaderPosition(index):
+                schedule.set_reader_position(index)
+            case RenderRequest(index):
+                schedule.add_urgent(index)
     os._exit(1)  # at once: a half-written frame is not marked as rendered
-
-
-if __name__ == "__main__":
-    with Connection(int(sys.argv[1])) as _connection:
-        main(_connection)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.process import supervisor
-from tests.forked_process import forked_modules
+from drivers.core.process import worker_process
+from tests.forked_process import forked_workers
 from tests.shared_fixture import make_once
 from tests.vo_service.service_process import KINECT_VO, START_TIMEOUT_S
 from tests.waiting import DEFAULT_TIMEOUT_S
@@ -24,8 +24,7 @@ def patience() -> Iterator[None]:
     service in this very process would be ended by force, and pytest with it.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervisor, "SHUTDOWN_TIMEOUT_S", DEFAULT_TIMEOUT_S)
-        patch.setattr(supervisor, "REAP_TIMEOUT_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(worker_process, "FINISHING_TIMEOUT_S", DEFAULT_TIMEOUT_S)
         patch.setattr(run, "MAX_SHUTDOWN_S", DEFAULT_TIMEOUT_S)
         yield
 
@@ -33,7 +32,7 @@ def patience() -> Iterator[None]:
 @pytest.fixture
 def forked_runs() -> Iterator[None]:
     """Processes of runs begin with what they need: see `tests.forked_process`."""
-    with forked_modules({RUN_WORKER.module}):
+    with forked_workers({RUN_WORKER.function}):
         yield
 
 

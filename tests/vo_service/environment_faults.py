@@ -17,8 +17,8 @@ from tests.vo_service.sensor_faults import FaultTiming
 from tests.vo_service.service_runner import ServiceRunner
 from tests.waiting import wait_until
 
-RECORDER = "vo_service.outputs.recorder.worker_main"
-MAPPER = "vo_service.mapper_process"
+RECORDER = "vo_service.outputs.recorder.worker:run_recorder"
+MAPPER = "vo_service.mapper_process:run"
 NO_LIMIT = resource.RLIM_INFINITY
 
 

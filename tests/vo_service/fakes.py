@@ -159,6 +159,10 @@ class ScriptedCamera(RgbdCamera):
         self._counters = replace(self._counters, delivered=self._counters.delivered + 1)
         return event
 
+    def wait_for_reconnect(self, timeout_s: float) -> None:
+        """Let the clock go on."""
+        self._clock.now_s += timeout_s
+
     def close(self) -> None:
         """Remember that it was called."""
         self.closed += 1

@@ -62,7 +62,7 @@ class ServiceProcess:
     @property
     def driver_pid(self) -> int:
         """Process number of the driver; fails unless there is exactly one."""
-        return find_child_running(self.process.pid, "drivers.subprocess_camera.worker_main")
+        return find_child_running(self.process.pid, "drivers.subprocess_camera.worker:run_camera")
 
     def resources_in_use(self) -> Counter[str]:
         """Open files, threads, mapped frames and processes (zombies too) of the service."""

@@ -6,16 +6,15 @@ from dataclasses import replace
 import pytest
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout
-from drivers.core.errors import CameraLostError, CameraNotFoundError, InputError
+from drivers.core.errors import CameraLostError, InputError
 from tests.vo_service.fakes import Delay, Event, FakeClock, InstantStop, ScriptedCamera, make_frame
 from vo_service import frame_source
-from vo_service.frame_source import TICK_S, PacedSource, ReconnectingSource, SinglePassSource
+from vo_service.frame_source import TICK_S, LiveSource, PacedSource, SinglePassSource
 
 LOST = CameraLostError("unplugged; plug it in again")
-MISSING = CameraNotFoundError("no Kinect found; plug one in")
 
 
-def seqs(stop: threading.Event, source: SinglePassSource | ReconnectingSource) -> list[int | None]:
+def seqs(stop: threading.Event, source: SinglePassSource | LiveSource) -> list[int | None]:
     return [None if each is None else each.seq for each in source.frames(stop)]
 
 
@@ -91,7 +90,7 @@ def test_the_reason_is_the_camera_status_until_a_frame_comes() -> None:
     missing = CameraStatus(CameraState.ABSENT, "no Kinect found; plug one in")
     lost = CameraStatus(CameraState.LOST, "unplugged")
     part: list[Event] = [opening, missing, starting, make_frame(1), lost, make_frame(2)]
-    source = ReconnectingSource(ScriptedCamera(part))
+    source = LiveSource(ScriptedCamera(part))
     reasons = [source.reason for _ in source.frames(InstantStop(1))]
     expected = [
         "opening",
@@ -104,7 +103,7 @@ def test_the_reason_is_the_camera_status_until_a_frame_comes() -> None:
 
 
 def test_each_frame_is_prepared() -> None:
-    source = ReconnectingSource(
+    source = LiveSource(
         ScriptedCamera([make_frame(0), make_frame(1)]), lambda frame: replace(frame, serial="A1")
     )
     stop = InstantStop(1)
@@ -112,56 +111,8 @@ def test_each_frame_is_prepared() -> None:
     assert [(frame.seq, frame.serial) for frame in frames] == [(0, "A1"), (1, "A1")]
 
 
-def test_a_lost_camera_is_reopened() -> None:
-    camera = ScriptedCamera([make_frame(1), LOST], [make_frame(7)])
-    assert seqs(InstantStop(2), ReconnectingSource(camera)) == [1, None, 7, None]
-    assert camera.opened == 2
-
-
-def test_the_reason_is_that_of_the_camera_and_ends_with_the_next_frame() -> None:
-    source = ReconnectingSource(ScriptedCamera(MISSING, [make_frame(1), LOST]))
-    reasons = [source.reason, *(source.reason for _ in source.frames(InstantStop(2)))]
-    assert reasons == ["camera not opened yet", str(MISSING), "", str(LOST)]
-
-
-def openings(camera: ScriptedCamera, ticks: int) -> list[int]:
-    """How often the camera had been opened, at each turn of the loop."""
-    return [camera.opened for _ in ReconnectingSource(camera).frames(InstantStop(ticks))]
-
-
-def test_retry_delays_grow_up_to_a_limit() -> None:
-    found = openings(ScriptedCamera(*[MISSING] * 9), ticks=19)
-    assert found == [1] + [2] * 2 + [3] * 4 + [4] * 6 + [5] * 6
-
-
-def test_a_camera_that_delivered_frames_is_reopened_quickly() -> None:
-    camera = ScriptedCamera(MISSING, MISSING, [make_frame(1), LOST], MISSING)
-    assert openings(camera, ticks=6) == [1] + [2] * 2 + [3] * 2 + [4] * 2
-
-
-def test_the_loop_gets_idle_ticks_while_waiting() -> None:
-    stop = InstantStop(20)
-    seqs(stop, ReconnectingSource(ScriptedCamera(*[MISSING] * 9)))
-    assert stop.waited_s == [TICK_S] * 20
-
-
-def test_counts_accumulate_over_openings() -> None:
-    camera = ScriptedCamera(
-        [make_frame(1), make_frame(2), LOST], MISSING, [make_frame(7), LOST], [make_frame(9)]
-    )
-    source = ReconnectingSource(camera)
-    seqs(InstantStop(5), source)
-    assert camera.counters.delivered == 4
-
-
-def test_a_lost_camera_is_closed_before_it_is_reopened() -> None:
-    camera = ScriptedCamera(MISSING, [make_frame(1), LOST], [make_frame(2)])
-    seqs(InstantStop(3), ReconnectingSource(camera))
-    assert camera.closed == camera.opened == 3
-
-
 def test_after_the_end_of_a_recording_the_loop_continues_without_frames() -> None:
-    source = ReconnectingSource(ScriptedCamera([make_frame(1)]))
+    source = LiveSource(ScriptedCamera([make_frame(1)]))
     stop = InstantStop(4)
     assert seqs(stop, source) == [1, None, None, None, None]
     assert source.reason == "the recording has ended"
@@ -171,13 +122,13 @@ def test_after_the_end_of_a_recording_the_loop_continues_without_frames() -> Non
 def test_an_input_error_reaches_the_caller_and_the_camera_is_closed() -> None:
     camera = ScriptedCamera(InputError("DESK: no such folder"))
     with pytest.raises(InputError, match="no such folder"):
-        seqs(InstantStop(3), ReconnectingSource(camera))
+        seqs(InstantStop(3), LiveSource(camera))
     assert camera.closed == 1
 
 
-@pytest.mark.parametrize("kind", [SinglePassSource, ReconnectingSource])
+@pytest.mark.parametrize("kind", [SinglePassSource, LiveSource])
 def test_a_stop_ends_the_source_at_the_next_frame(
-    kind: type[SinglePassSource] | type[ReconnectingSource],
+    kind: type[SinglePassSource] | type[LiveSource],
 ) -> None:
     camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
     camera.open() if kind is SinglePassSource else None
@@ -193,7 +144,7 @@ def test_a_stop_ends_the_source_within_a_tick_while_the_camera_is_silent() -> No
     camera = ScriptedCamera([FrameTimeout()] * 10)
     stop = threading.Event()
     given = 0
-    for _ in ReconnectingSource(camera).frames(stop):
+    for _ in LiveSource(camera).frames(stop):
         given += 1
         stop.set()
     assert (given, camera.closed) == (1, 1)

@@ -31,7 +31,7 @@ def test_a_command_that_computes_nothing_loads_no_heavy_library(arguments: tuple
 
 
 @pytest.mark.parametrize(
-    "worker", ["vo_service.outputs.recorder.worker_main", "vo_service.outputs.rerun.worker_main"]
+    "worker", ["vo_service.outputs.recorder.worker", "vo_service.outputs.rerun.worker"]
 )
 def test_a_worker_process_without_kernels_does_not_load_numba(worker: str) -> None:
     program = f"import sys, {worker}; print('numba' in sys.modules)"

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout
 from drivers.core.errors import CameraLostError
+from drivers.reconnect import ReconnectingCamera
 from tests.vo_service.fakes import (
     CollectingOutput,
     Delay,
@@ -26,7 +27,7 @@ from tests.vo_service.sample_map import FixedLoopClosure, make_map
 from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
 from vo_service.clock import LiveClock, RecordedClock
-from vo_service.frame_source import ReconnectingSource, SinglePassSource
+from vo_service.frame_source import LiveSource, SinglePassSource
 from vo_service.odometry.registry import STAGE_BUDGETS_MS
 from vo_service.types import Estimate, TrackingState
 
@@ -146,16 +147,20 @@ def test_without_a_map_the_status_says_so() -> None:
 
 def test_without_a_camera_the_status_has_the_reason_and_continues(clock: FakeClock) -> None:
     camera = ScriptedCamera(
-        [make_frame(0), CameraLostError("unplugged")], CameraLostError("not found"), [make_frame(9)]
+        [make_frame(0), CameraLostError("unplugged")],
+        CameraLostError("busy"),
+        [make_frame(9)],
+        clock=clock,
     )
     collector = CollectingOutput()
-    make_service(ReconnectingSource(camera), [collector]).run(InstantStop(4))
+    source = LiveSource(ReconnectingCamera(camera, now_s=clock))
+    make_service(source, [collector]).run(InstantStop(4))
     states = [(status.state.value, status.reason) for status in collector.statuses]
     assert states == [
         ("no_camera", "camera not opened yet"),
         ("tracking", ""),
-        ("no_camera", "unplugged"),
-        ("no_camera", "not found"),
+        ("no_camera", "lost: unplugged"),
+        ("no_camera", "opening: busy"),
         ("tracking", ""),
         ("no_camera", "the recording has ended"),
     ]

@@ -2,52 +2,89 @@
 
 import logging
 import os
+import select
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import wait
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, Protocol, Self
+
+from drivers.core.process.messages import (
+    LogMessage,
+    WorkerFailed,
+    receive_message,
+    send_message,
+)
 
 _log = logging.getLogger(__name__)
 _MAX_LINE_CHARS = 200
 _REAP_TIMEOUT_S = 5.0
-
-
-@dataclass(frozen=True)
-class Shutdown:
-    """To the process, as the last message: the service ends in order."""
-
-
-@dataclass(frozen=True)
-class Heartbeat:
-    """From the process, every second: it is alive and receives messages."""
-
-
-@dataclass(frozen=True)
-class LogMessage:
-    """From the worker, for the log of the service."""
-
-    level: int
-    logger_name: str
-    text: str
+# How long the service waits for the end of a process that finishes alone.
+FINISHING_TIMEOUT_S = 1.5
 
 
 @dataclass(frozen=True)
 class WorkerSpec:
-    """The module of a worker process and its name in the log.
+    """What a worker process runs, and its limits.
 
-    Its argument is the file descriptor of its `Connection`. It must ignore SIGTERM and end when
-    the other end of the connection is closed.
+    Attributes:
+        function: "MODULE:FUNCTION". The process calls it with its `ServiceConnection`.
+        name: Name in the log.
+        start_timeout_s: Longest time to the first heartbeat.
+        heartbeat_timeout_s: Longest time between two heartbeats. After it the process is killed.
+        exit_timeout_s: Longest time to end, when asked to or when the service has ended. After it
+            the process is killed.
+        finishes_alone: The service does not wait for the end of the process, which may still write
+            data. It also prints to the service's stderr, since nobody may be left to log that.
+        orphan_timeout_s: Longest time until a process whose native code holds the GIL is killed
+            when the service has ended.
+        nice: Added to its niceness: poses have priority if CPUs are scarce.
+        oom_score_adj: How readily the kernel kills it when memory runs out: at most 1000.
+        memory_mb: Its memory limit; 0 = none.
+        memory_key: The configuration key of the memory limit, for the message.
     """
 
-    module: str
+    function: str
     name: str
+    start_timeout_s: float = 60.0
+    heartbeat_timeout_s: float = 120.0
+    exit_timeout_s: float = 1.5
+    finishes_alone: bool = False
+    orphan_timeout_s: float = 20.0
+    nice: int = 0
+    oom_score_adj: int | None = None
+    memory_mb: int = 0
+    memory_key: str = ""
+
+    @property
+    def closing_timeout_s(self) -> float:
+        """How long the service waits for the end of the process."""
+        return FINISHING_TIMEOUT_S if self.finishes_alone else self.exit_timeout_s
+
+
+class WorkerConfig(Protocol):
+    """What a worker is to do. It is sent to the process as a part of the first message."""
+
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """File descriptors that the process inherits, with the same numbers."""
+        ...
+
+
+@dataclass(frozen=True)
+class StartWorker:
+    """The first message to a worker process; see `WorkerSpec`."""
+
+    spec: WorkerSpec
+    config: WorkerConfig
+    log_level: int
 
 
 class WorkerProcess:
@@ -56,47 +93,50 @@ class WorkerProcess:
     The output of native libraries is logged at level debug; the last line may explain a crash.
 
     Args:
-        spec: Module and name of the process.
-        fds: File descriptors that the process inherits.
-        exit_timeout_s: How long the process may take to end before it is killed.
+        spec: What it runs, and its limits.
+        config: What it is to do.
 
     Raises:
         OSError: The process cannot be started.
     """
 
-    def __init__(self, spec: WorkerSpec, fds: Sequence[int], exit_timeout_s: float) -> None:
-        self._exit_timeout_s = exit_timeout_s
+    def __init__(self, spec: WorkerSpec, config: WorkerConfig) -> None:
+        self._spec = spec
+        self._error: Exception | None = None
         self._connection, theirs = Pipe()
         with theirs:
             try:
-                self._process = start_module(
-                    spec.module,
-                    (theirs.fileno(), *fds),
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.STDOUT,
+                self._process = start_worker(
+                    spec.function,
+                    (theirs.fileno(), *config.fds),
+                    stdout=subprocess.DEVNULL if spec.finishes_alone else subprocess.PIPE,
+                    stderr=None if spec.finishes_alone else subprocess.STDOUT,
                 )
             except OSError:
                 self._connection.close()
                 raise
-        assert self._process.stdout is not None
         self._output = _OutputLogger(spec.name, self._process.stdout)
+        self._is_left = False
+        self.send(StartWorker(spec, config, logging.getLogger().getEffectiveLevel()))
 
     def send(self, message: object) -> None:
-        """Send a message; it is lost if the process has died."""
+        """Send a message; it is lost if the process has died. Blocks while nobody reads."""
         with suppress(OSError):
-            self._connection.send(message)
+            send_message(self._connection, message)
 
-    def send_parts(self, parts: Iterable[bytes | memoryview]) -> None:
-        """Send the parts of one message; they are lost if the process has died."""
-        with suppress(OSError):
-            for part in parts:
-                self._connection.send_bytes(part)
+    @property
+    def can_send(self) -> bool:
+        """Whether a small message can be sent without waiting."""
+        poll = select.poll()
+        poll.register(self._connection.fileno(), select.POLLOUT)
+        return bool(poll.poll(0))
 
     def receive(self, timeout_s: float, *wake_fds: int) -> Any:
-        """Wait for the next message.
+        """Wait for the next message; a `LogMessage` is logged.
 
         Returns:
-            The message; None after `timeout_s`, or if one of `wake_fds` can be read.
+            The message; None after `timeout_s`, after a `LogMessage`, or if one of `wake_fds` can
+            be read.
 
         Raises:
             EOFError: The process has ended.
@@ -107,17 +147,30 @@ class WorkerProcess:
         if self._connection not in ready:
             return None
         try:
-            return self._connection.recv()
+            message = receive_message(self._connection)
         except OSError as error:
             raise EOFError from error
+        if isinstance(message, LogMessage):
+            logger = logging.getLogger(message.logger_name)
+            logger.log(message.level, "%s", message.text)
+            return None
+        if isinstance(message, WorkerFailed):
+            self._error = message.error
+        return message
 
     def kill(self) -> None:
         """Kill the process."""
         self._process.kill()
 
+    def leave(self) -> None:
+        """Leave the process running when the context is left; it ends on its own."""
+        self._is_left = True
+
     @property
     def exit_reason(self) -> str:
         """How the process ended, in words; valid after leaving the context."""
+        if self._error is not None:
+            return str(self._error)
         code = self._process.poll() or 0
         how = f"ended (exit code {code})"
         if code < 0:
@@ -145,7 +198,10 @@ class WorkerProcess:
 
         Its messages are read meanwhile: a process that blocks on sending cannot end.
         """
-        due_s = time.monotonic() + self._exit_timeout_s
+        if self._is_left:
+            threading.Thread(target=self._process.wait, name="reaper", daemon=True).start()
+            return
+        due_s = time.monotonic() + self._spec.closing_timeout_s
         try:
             with suppress(EOFError):
                 while (left_s := due_s - time.monotonic()) > 0.0:
@@ -160,19 +216,20 @@ class WorkerProcess:
 class _OutputLogger:
     """Logs the lines that the process prints."""
 
-    def __init__(self, name: str, pipe: IO[bytes]) -> None:
+    def __init__(self, name: str, pipe: IO[bytes] | None) -> None:
         self._name = name
-        self._pipe = pipe
         self._partial_line = b""
-        self.sources = [pipe]  # to wait for; empty after the end of the output
+        self.sources = [] if pipe is None else [pipe]  # to wait for; empty after the end
+        self._pipes = list(self.sources)
         self.last_line = ""
-        os.set_blocking(pipe.fileno(), False)
+        for each in self._pipes:
+            os.set_blocking(each.fileno(), False)
 
     def log_available(self) -> None:
         """Log the lines that have arrived."""
         with suppress(BlockingIOError):
             while self.sources:
-                data = os.read(self._pipe.fileno(), 65536)
+                data = os.read(self.sources[0].fileno(), 65536)
                 if not data:
                     self.sources.clear()
                 *lines, self._partial_line = (self._partial_line + data).split(b"\n")
@@ -182,7 +239,8 @@ class _OutputLogger:
     def close(self) -> None:
         """Log the incomplete last line and close the pipe."""
         self._log_line(self._partial_line)
-        self._pipe.close()
+        for pipe in self._pipes:
+            pipe.close()
 
     def _log_line(self, line: bytes) -> None:
         text = "".join(c for c in line.decode(errors="replace").strip() if c.isprintable())
@@ -191,15 +249,14 @@ class _OutputLogger:
             _log.debug("%s: %s", self._name, text)
 
 
-def start_module(
-    module: str, fds: Sequence[int], stdout: int, stderr: int | None
+def start_worker(
+    function: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
-    """Run a module as a process.
+    """Start the process of a worker.
 
     Args:
-        module: Name of the module.
-        fds: File descriptors that the process inherits. The first is the module's connection; its
-            number is the only argument.
+        function: "MODULE:FUNCTION" of the worker.
+        fds: File descriptors that the process inherits. The first is that of its connection.
         stdout: As for `subprocess.Popen`.
         stderr: As for `subprocess.Popen`.
 
@@ -209,7 +266,7 @@ def start_module(
     # The process imports the same modules as this one, and none from the working folder. It has a
     # session of its own, so that Ctrl-C in the terminal reaches only the service.
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", module, str(fds[0])],
+        [sys.executable, "-P", "-m", "drivers.core.process.worker_main", function, str(fds[0])],
         stdin=subprocess.DEVNULL,
         stdout=stdout,
         stderr=stderr,

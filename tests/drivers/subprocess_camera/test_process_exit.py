@@ -102,7 +102,7 @@ def test_only_the_service_handles_ctrl_c_and_sigterm_of_the_process_group(script
 
 def test_the_driver_process_does_not_import_the_service() -> None:
     names = (
-        "import json, sys, drivers.subprocess_camera.worker_main; "
+        "import json, sys, drivers.core.process.worker_main, drivers.subprocess_camera.worker; "
         "print(json.dumps(list(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", names], capture_output=True, check=True)

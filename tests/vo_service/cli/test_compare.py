@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("forked_runs")]
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
-CHILD = "vo_service.tools.benchmark.worker_main"
+CHILD = "vo_service.tools.benchmark.worker_main:run_benchmark"
 
 
 def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(

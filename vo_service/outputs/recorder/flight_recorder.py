@@ -11,9 +11,9 @@ from drivers.core.errors import UserFacingError
 from drivers.core.files import state_folder
 from drivers.core.queues import DropOldestQueue, WorkerThread
 from vo_service.config_tables import MEGABYTE, RecorderConfig
+from vo_service.outputs.recorder.client import RecorderClient
 from vo_service.outputs.recorder.frame_history import FrameHistory, StampedStatus
 from vo_service.outputs.recorder.messages import RecorderWorkerConfig
-from vo_service.outputs.recorder.recorder_client import RecorderClient
 from vo_service.types import (
     CommandError,
     ErrorCode,
@@ -115,7 +115,6 @@ class FlightRecorder:
                 max_incident_bytes=settings.total_mb * MEGABYTE,
                 recordings_folder=state_folder / "recordings",
                 service_info=json.dumps(service_info, default=str),
-                log_level=logging.getLogger().getEffectiveLevel(),
             )
         )
         self._worker: WorkerThread[OdometryUpdate | StampedStatus] = WorkerThread(
@@ -239,9 +238,6 @@ def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Rec
     """
     if not settings.enabled:
         return NullRecorder("the recorder is switched off (recorder.enabled)")
-    # Imported here because it compiles kernels, which `kinect-vo --help` does not need.
-    from vo_service.outputs.recorder.flight_recorder import FlightRecorder
-
     service_info = {"versions": versions(), "config": config}
     try:
         return FlightRecorder(settings, state_folder(), service_info)

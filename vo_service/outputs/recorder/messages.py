@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.worker_process import Heartbeat, LogMessage, Shutdown
+from drivers.core.process.messages import Heartbeat
 from drivers.core.shared_frames.record_ring import RecordRingMemory
 
 
 @dataclass(frozen=True)
 class RecorderWorkerConfig:
-    """Configuration of the recorder's process: the first message to it.
+    """Configuration of the recorder's process.
 
     Attributes:
         frame_ring: Shared memory of the frames.
@@ -19,7 +19,6 @@ class RecorderWorkerConfig:
         max_incident_bytes: Quota of all incidents together.
         recordings_folder: Folder of the recordings.
         service_info: JSON object about the service, copied into each incident.
-        log_level: Level of the service's log.
     """
 
     frame_ring: RecordRingMemory
@@ -29,7 +28,6 @@ class RecorderWorkerConfig:
     max_incident_bytes: int
     recordings_folder: Path
     service_info: str
-    log_level: int
 
     @property
     def fds(self) -> tuple[int, ...]:
@@ -67,9 +65,7 @@ class SetDiskQuota:
     max_bytes: int
 
 
-RecorderRequest = (
-    SaveIncidentRequest | StartRecordingRequest | StopRecordingRequest | SetDiskQuota | Shutdown
-)
+RecorderRequest = SaveIncidentRequest | StartRecordingRequest | StopRecordingRequest | SetDiskQuota
 
 
 @dataclass(frozen=True)
@@ -106,4 +102,4 @@ class RecordingResult:
     error: str = ""
 
 
-RecorderMessage = RecorderStatus | IncidentResult | RecordingResult | LogMessage
+RecorderMessage = RecorderStatus | IncidentResult | RecordingResult

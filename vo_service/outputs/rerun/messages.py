@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array
-from drivers.core.process.worker_process import LogMessage
+from drivers.core.process.messages import Heartbeat, WorkerFailed
 from vo_service.outputs.rerun.bounded_trajectory import BoundedTrajectory
 from vo_service.outputs.rerun.sinks import Sink
 from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
@@ -17,21 +16,22 @@ from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
 
 @dataclass(frozen=True)
 class RerunWorkerConfig:
-    """Configuration of the viewer's process: the first message to it.
+    """Configuration of the viewer's process.
 
     Attributes:
         sink: Where the data goes.
         jpeg_quality: Quality of the color images, 0 to 100.
-        memory_mb: Memory limit of the process.
         recording_id: The same for all processes and files of a run, which Rerun shows as one.
-        log_level: Level of the service's log.
     """
 
     sink: Sink
     jpeg_quality: int
-    memory_mb: int
     recording_id: str
-    log_level: int
+
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """No file descriptors."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,6 @@ class InitialState:
     graph: MapGraph = field(default_factory=MapGraph)
 
 
-@dataclass(frozen=True)
-class RerunShutdown:
-    """The last message: flush everything and exit."""
-
-
 RerunMessage = (
     InitialState
     | FrameScalars
@@ -134,25 +129,12 @@ RerunMessage = (
     | CorrectedPosition
     | TrackingStatus
     | TextLog
-    | RerunShutdown
 )
 
 
 @dataclass(frozen=True)
-class RerunReady:
-    """From the viewer's process: the sink is open."""
-
-
-@dataclass(frozen=True)
-class RerunWorkerFailed:
-    """Last message from the viewer's process: it cannot start or cannot continue."""
-
-    error: UserFacingError
-
-
-@dataclass(frozen=True)
-class RerunHealth:
-    """Heartbeat of the viewer's process, several times a second.
+class RerunHealth(Heartbeat):
+    """Heartbeat of the viewer's process, several times a second from when the sink is open.
 
     Attributes:
         fault: The current fault, "" if there is none.
@@ -163,4 +145,4 @@ class RerunHealth:
     data_loss: str = ""
 
 
-RerunWorkerMessage = RerunReady | RerunWorkerFailed | RerunHealth | LogMessage
+RerunWorkerMessage = RerunHealth | WorkerFailed

@@ -10,20 +10,14 @@ from collections.abc import Iterable
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import UserFacingError
+from drivers.core.process.messages import Shutdown
 from drivers.core.queues import WorkerThread
 from vo_service.config_tables import RerunConfig
-from vo_service.outputs.rerun.fault_reporter import RerunFaultReporter
-from vo_service.outputs.rerun.messages import (
-    RerunMessage,
-    RerunShutdown,
-    RerunWorkerConfig,
-    TextLog,
-)
+from vo_service.outputs.rerun.client import RerunClient
+from vo_service.outputs.rerun.messages import RerunMessage, RerunWorkerConfig, TextLog
 from vo_service.outputs.rerun.sinks import PortTakenError, Sink
-from vo_service.outputs.rerun.supervisor import RerunSupervisor
 from vo_service.outputs.rerun.targets import make_sink, prepare_rerun
 from vo_service.outputs.rerun.update_encoder import UpdateEncoder
-from vo_service.outputs.rerun.worker_connection import WorkerConnection
 from vo_service.types import GroundTruthSource, OdometryUpdate, Status, no_ground_truth
 
 # Longest wait for the process before the first frame; then frames are processed without it.
@@ -67,19 +61,14 @@ class RerunOutput:
         prepare_rerun()
         self._sink = sink
         self._is_paused = self._is_closed = False
-        self._connection = WorkerConnection()
-        self._faults = RerunFaultReporter(sink.address)
         self._encoder = UpdateEncoder(sink, 1.0 / settings.picture_hz, ground_truth)
-        level = logging.getLogger().getEffectiveLevel()
-        config = RerunWorkerConfig(
-            sink, settings.jpeg_quality, settings.memory_mb, str(uuid.uuid4()), level
-        )
-        self._supervisor = RerunSupervisor(config, self._connection, self._faults)
+        config = RerunWorkerConfig(sink, settings.jpeg_quality, str(uuid.uuid4()))
+        self._client = RerunClient(config, settings.memory_mb, lambda: self._encoder.initial_state)
         self._worker: WorkerThread[OdometryUpdate | Status | TextLog] = WorkerThread(
             "viewer", sink.make_queue(playback_mode), self._handle, self._finish
         )
         try:
-            self._supervisor.wait_until_settled(START_TIMEOUT_S)
+            self._client.wait_until_settled(START_TIMEOUT_S)
         except BaseException:
             self.close()
             raise
@@ -92,7 +81,7 @@ class RerunOutput:
     @property
     def warning(self) -> str:
         """The current fault; "" if there is none."""
-        return self._faults.warning
+        return self._client.warning
 
     @property
     def dropped(self) -> int:
@@ -123,10 +112,10 @@ class RerunOutput:
         """
         due_s = time.monotonic() + CLOSE_TIMEOUT_S
         self._worker.close(CLOSE_TIMEOUT_S)
-        has_ended = self._supervisor.stop(max(0.0, due_s - time.monotonic()))
+        has_ended = self._client.close(max(0.0, due_s - time.monotonic()))
         if not has_ended:
             logger.warning("rerun: %s was too slow; the last data is lost", self.address)
-        is_incomplete = self._supervisor.data_loss or (self._sink.is_persistent and not has_ended)
+        is_incomplete = self._client.data_loss or (self._sink.is_persistent and not has_ended)
         if is_incomplete and not self._is_closed:
             self._is_closed = True
             raise UserFacingError(f"{self.address}: the recording is incomplete")
@@ -142,12 +131,12 @@ class RerunOutput:
                 self._send([item])
 
     def _finish(self) -> None:
-        self._supervisor.expect_end()
-        self._send([*self._encoder.encode_pending(), RerunShutdown()])
+        self._send(self._encoder.encode_pending())
+        self._client.send(Shutdown())
 
     def _send(self, messages: Iterable[RerunMessage]) -> None:
         for message in messages:
-            self._connection.send(message, self._encoder.initial_state)
+            self._client.send(message)
 
 
 def open_rerun_output(

@@ -17,7 +17,7 @@ from vo_service.outputs.rerun.messages import (
     TrajectoryPoint,
 )
 from vo_service.outputs.rerun.scene import RerunScene
-from vo_service.outputs.rerun.sinks import APPLICATION, DiskFullError, Sink
+from vo_service.outputs.rerun.sinks import APPLICATION, DiskFullError, Sink, ViewerGoneError
 
 CHECK_PERIOD_S = RETRY_PERIOD_S = 1.0
 
@@ -55,7 +55,11 @@ class RotatingRecording:
             self._suspend(error)
 
     def log(self, message: RerunMessage) -> None:
-        """Draw one message; before a new frame, check the file and rotate it if it is full."""
+        """Draw one message; before a new frame, check the file and rotate it if it is full.
+
+        Raises:
+            ViewerGoneError: The viewer does not read.
+        """
         match message:
             case InitialState():
                 self._initial_state = message
@@ -67,13 +71,15 @@ class RotatingRecording:
                 if not self._initial_state.trajectory.add(position, epoch):
                     return
             case FrameScalars():
-                self._check_and_rotate()
+                self.check()
         self._scene.log(message)
 
     def finish(self) -> None:
         """Flush everything and close the sink."""
         try:
             self._scene.check_written(self._sink)
+        except ViewerGoneError:
+            return  # nothing is stored, and closing the stream could block
         except DiskFullError as error:
             self._suspend(error)
         except UserFacingError as error:
@@ -86,8 +92,12 @@ class RotatingRecording:
         self._scene = RerunScene(self._stream, self._initial_state, self._config.jpeg_quality)
         self.fault = ""
 
-    def _check_and_rotate(self) -> None:
-        """Check now and then that data arrives; start a new scene if the file is full."""
+    def check(self) -> None:
+        """Check now and then that data arrives; start a new scene if the file is full.
+
+        Raises:
+            ViewerGoneError: The viewer does not read.
+        """
         try:
             if time.monotonic() - self._last_check_s > CHECK_PERIOD_S:
                 self._last_check_s = time.monotonic()
@@ -97,6 +107,8 @@ class RotatingRecording:
                 self._start_scene()
         except DiskFullError as error:
             self._suspend(error)
+        except ViewerGoneError:
+            raise
         except UserFacingError as error:
             self._stop(error)
 

@@ -10,7 +10,6 @@ from drivers.core.files import free_disk_bytes, is_disk_full, rotate_file
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from vo_service.config_tables import MEGABYTE
 from vo_service.outputs.rerun.sinks import APPLICATION, BrokenFileError, DiskFullError
-from vo_service.outputs.rerun.viewer_probe import AlwaysPresent, ViewerProbe
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -35,6 +34,7 @@ class RrdFileSink:
     """
 
     is_persistent = True
+    absence_text = ""
     # Rerun keeps 3 kB in memory for every batch of a file until its end.
     flush_interval_s = 2.0
 
@@ -58,9 +58,9 @@ class RrdFileSink:
         """Return the frame's stamp."""
         return stamp_s
 
-    def make_probe(self) -> ViewerProbe:
-        """Make a probe that always succeeds."""
-        return AlwaysPresent()
+    def is_present(self) -> bool:
+        """Return True: `attach` creates the file."""
+        return True
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Create the file. Raises InputError if that fails, DiskFullError."""

@@ -1,14 +1,13 @@
 """Sinks for Rerun's data: the protocol, live sinks, and a viewer that is already running."""
 
 import re
+import socket
 import time
-from threading import Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.queues import BoundedQueue, DropOldestQueue
-from vo_service.outputs.rerun.viewer_probe import AlwaysPresent, GrpcViewerProbe, ViewerProbe
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -17,7 +16,9 @@ if TYPE_CHECKING:
 APPLICATION = "kinect-vo"
 LOOPBACK = "127.0.0.1"
 DATA_PORT = 9876  # Rerun's own default
-CONNECT_TIMEOUT_S = 0.5
+PRESENCE_TIMEOUT_S = 0.7
+# A viewer that takes longer to read what was sent is frozen.
+FLUSH_TIMEOUT_S = 5.0
 
 
 class Sink(Protocol):
@@ -39,14 +40,22 @@ class Sink(Protocol):
     def rate_clock_s(self, stamp_s: float) -> float:
         """Return the time, for a frame with this stamp, that limits the rate of images."""
 
-    def make_probe(self) -> ViewerProbe:
-        """Make a probe of whether the sink accepts data."""
+    @property
+    def absence_text(self) -> str:
+        """What is wrong while the sink is not there."""
+
+    def is_present(self) -> bool:
+        """Return whether the sink is there; may take a second."""
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Send the stream to this sink. Raises UserFacingError, DiskFullError."""
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """Check that the logged data has arrived. Raises DiskFullError, BrokenFileError."""
+        """Check that the logged data has arrived.
+
+        Raises:
+            DiskFullError, BrokenFileError, ViewerGoneError: It has not.
+        """
 
     def is_full(self) -> bool:
         """Return whether the stream should be closed and attached again."""
@@ -61,6 +70,10 @@ class DiskFullError(UserFacingError):
 
 class BrokenFileError(UserFacingError):
     """The file cannot be written. Its stream must not be closed: Rerun may block forever."""
+
+
+class ViewerGoneError(UserFacingError):
+    """The viewer has exited or is frozen. Its stream must not be closed: Rerun may block."""
 
 
 class PortTakenError(UserFacingError):
@@ -91,9 +104,14 @@ class LiveSink:
         """Return this computer's clock: a viewer draws in real time."""
         return time.monotonic()
 
-    def make_probe(self) -> ViewerProbe:
-        """Make a probe that always succeeds."""
-        return AlwaysPresent()
+    @property
+    def absence_text(self) -> str:
+        """Nothing: it is always there."""
+        return ""
+
+    def is_present(self) -> bool:
+        """Return True: the sink is in this computer."""
+        return True
 
     def check(self, stream: "rr.RecordingStream") -> None:
         """Do nothing: no data is stored."""
@@ -117,21 +135,30 @@ class RunningViewerSink(LiveSink):
         self.address = address
         self._host, self._port = _host_and_port(address)
 
-    def make_probe(self) -> ViewerProbe:
-        """Make a probe of the viewer, which may start, freeze and exit."""
-        return GrpcViewerProbe(self._host, self._port)
+    @property
+    def absence_text(self) -> str:
+        """How to start a viewer."""
+        return f"no viewer answers at {self.address}; start one with: rerun"
+
+    def is_present(self) -> bool:
+        """Return whether a program listens there; only `check` knows whether it is a viewer."""
+        try:
+            socket.create_connection((self._host, self._port), PRESENCE_TIMEOUT_S).close()
+        except (OSError, OverflowError, UnicodeError):
+            return False
+        return True
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Connect to the viewer."""
-        # On a thread: Rerun blocks for five seconds if there is no viewer.
-        connecting = Thread(
-            target=stream.connect_grpc,
-            args=(self.address,),
-            kwargs={"default_blueprint": blueprint},
-            daemon=True,
-        )
-        connecting.start()
-        connecting.join(CONNECT_TIMEOUT_S)
+        """Connect to the viewer. Raises ViewerGoneError."""
+        stream.connect_grpc(self.address, default_blueprint=blueprint)  # at most five seconds
+        self.check(stream)
+
+    def check(self, stream: "rr.RecordingStream") -> None:
+        """Check that the viewer reads. Raises ViewerGoneError."""
+        try:
+            stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except RuntimeError as error:
+            raise ViewerGoneError(self.absence_text) from error
 
 
 def _host_and_port(address: str) -> tuple[str, int]:

@@ -24,7 +24,7 @@ from vo_service.slam.loop_closure.odometry_constraint import (
     NullConstraintAccumulator,
     OdometryConstraint,
 )
-from vo_service.slam.mapper.mapper_client import MapperClient
+from vo_service.slam.mapper.client import MapperClient
 from vo_service.slam.mapper.messages import MapperWorkerConfig, RelocalizationQuery
 from vo_service.types import (
     NO_MAP,
@@ -133,13 +133,12 @@ class LiveMapper:
         self._is_closed = False
         compile_kernels()
         self._ring = RecordRingWriter("map-keyframes", _RING_S, _RING_BYTES)
-        level = logging.getLogger().getEffectiveLevel()
         loop_closure = AsynchronousLoopClosure(self._enqueue)
         self.loop_closure: LoopClosure = (
             loop_closure if settings.loop_closure else NullLoopClosure()
         )
         self._asynchronous_loop_closure = loop_closure
-        worker_config = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings, level)
+        worker_config = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings)
         self._client = MapperClient(
             worker_config,
             loop_closure.handle_message,
@@ -237,9 +236,6 @@ def open_mapper(settings: MapConfig) -> Mapper:
     """Open the mapper of the settings; a `NullMapper` if it is disabled or fails."""
     if not settings.enabled:
         return NullMapper("the map is disabled (map.enabled)")
-    # This import compiles kernels, which `kinect-vo --help` does not need.
-    from vo_service.slam.mapper.live_mapper import LiveMapper
-
     try:
         return LiveMapper(settings, state_folder() / "maps")
     except UserFacingError as error:

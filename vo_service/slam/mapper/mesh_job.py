@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.background import set_oom_score
+from drivers.core.process.worker_main import set_oom_score
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
 from vo_service.slam.mapper.messages import SaveMapResult

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.worker_process import Heartbeat, LogMessage, Shutdown
+from drivers.core.process.messages import Heartbeat
 from drivers.core.shared_frames.record_ring import RecordRingMemory
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
@@ -13,21 +13,19 @@ from vo_service.types import MapSnapshot
 
 @dataclass(frozen=True)
 class MapperWorkerConfig:
-    """Config of the mapper process, sent first.
+    """Config of the mapper process.
 
     Attributes:
         frame_ring: Ring with the keyframes.
         first_frame: Number of the first valid frame.
         maps_folder: Folder of the saved maps.
         map_config: Config table `map`.
-        log_level: Of the service's log.
     """
 
     frame_ring: RecordRingMemory
     first_frame: int
     maps_folder: Path
     map_config: MapConfig
-    log_level: int
 
     @property
     def fds(self) -> tuple[int, ...]:
@@ -58,7 +56,7 @@ class LoadMapRequest:
     name: str
 
 
-MapperRequest = SaveMapRequest | LoadMapRequest | MapConfig | Shutdown
+MapperRequest = SaveMapRequest | LoadMapRequest | MapConfig
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,5 @@ class LoadMapResult:
 
 
 # A snapshot is sent when the map has changed, a relocalization result when a frame is recognized.
-MapperMessage = (
-    MapperStatus | SaveMapResult | LoadMapResult | MapSnapshot | RelocalizationResult | LogMessage
-)
+MapperMessage = MapperStatus | SaveMapResult | LoadMapResult | MapSnapshot | RelocalizationResult
 SendMapperMessage = Callable[[MapperMessage], object]

@@ -117,12 +117,10 @@ class _PlannedRun:
         return cache.load(key) or outcome  # the same rounded values as from the cache
 
     def _make_request(self) -> RunRequest:
-        level = logging.getLogger().getEffectiveLevel()
         return RunRequest(
             self.recording.folder,
             self.recording.camera_file,
             self.factory,
-            level,
             self.recording.frame_selection,
             observer_factory=self.plan.observer_factory,
             topics=self.recording.topics,

@@ -1,6 +1,5 @@
 """Run in a subprocess, where it may crash or hang without harm to other runs."""
 
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -8,16 +7,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.worker_process import LogMessage, WorkerProcess, WorkerSpec
+from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
 from drivers.recording.recording import ImageTopics
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.recordings import ALL_FRAMES, FrameSelection
 from vo_service.tools.benchmark.run import RunOutcome, RunState
 
-RUN_WORKER = WorkerSpec("vo_service.tools.benchmark.worker_main", "run")
+RUN_WORKER = WorkerSpec(
+    "vo_service.tools.benchmark.worker_main:run_benchmark",
+    "run",
+    exit_timeout_s=5.0,
+    orphan_timeout_s=60.0,
+)
 POLL_PERIOD_S = 0.25
-SHUTDOWN_TIMEOUT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,6 @@ class RunRequest:
         camera_file: As for `open_recording`.
         topics: As for `open_recording`.
         factory: Makes the method.
-        log_level: Level of the log messages to forward.
         frame_selection: Frames to use.
         stop_after_compiling: If kernels had to be compiled, end with `KernelsCompiled`.
         observer_factory: Makes the observer of the run.
@@ -38,11 +40,15 @@ class RunRequest:
     folder: Path
     camera_file: Path | None
     factory: MethodFactory
-    log_level: int
     frame_selection: FrameSelection = ALL_FRAMES
     stop_after_compiling: bool = True
     observer_factory: ObserverFactory = NULL_OBSERVER
     topics: ImageTopics | None = None
+
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """No file descriptors."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ class KernelsCompiled:
 
 
 # The last message is one of the last two types.
-RunMessage = RunPreparing | RunProgress | LogMessage | KernelsCompiled | RunOutcome
+RunMessage = RunPreparing | RunProgress | KernelsCompiled | RunOutcome
 
 
 def run_in_subprocess(
@@ -108,8 +114,7 @@ def _run_once(
 ) -> RunOutcome | KernelsCompiled:
     """Return the last message of a worker, or how it ended without one."""
     try:
-        with WorkerProcess(RUN_WORKER, (), SHUTDOWN_TIMEOUT_S) as worker:
-            worker.send(request)
+        with WorkerProcess(RUN_WORKER, request) as worker:
             result = _receive_outcome(worker, time_limit_s, on_progress, stop)
     except OSError as error:
         raise UserFacingError(
@@ -139,8 +144,6 @@ def _receive_outcome(
         match message:
             case RunOutcome() | KernelsCompiled():
                 return message
-            case LogMessage(level, logger, text):
-                logging.getLogger(logger).log(level, "%s", text)
             case RunPreparing() | RunProgress():
                 on_progress(message)
     worker.kill()

@@ -1,53 +1,29 @@
-"""Worker process of one run, started by `run_in_subprocess`.
-
-Run as ``python -m vo_service.tools.benchmark.worker_main FD``. It always ends with its parent,
-by force if needed.
-"""
+"""Worker process of one run, started by `run_in_subprocess`."""
 
 import vo_service.tools.benchmark.single_thread  # noqa: F401
 
 # isort: split
 
 import os
-import signal
-import sys
 import threading
 import traceback
 from collections.abc import Callable
-from contextlib import suppress
-from multiprocessing.connection import Connection
-from typing import Any
-
-import cv2
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.parent_connection import (
-    ParentConnection,
-    forward_logs,
-    ignore_terminal_signals,
-)
+from drivers.core.process.service_connection import ServiceConnection
 from vo_service.tools.benchmark.run import RunOutcome, RunState
 from vo_service.tools.benchmark.runner import KernelsCompiledFirst, run_method
 from vo_service.tools.benchmark.subprocess_run import KernelsCompiled, RunMessage, RunRequest
 
-# Native code that holds Python's lock blocks all threads; SIGALRM ends the process after this time.
-ORPHAN_TIMEOUT_S = 60.0
 
-
-def main(connection: "Connection[Any, Any]") -> None:
-    """Receive one request, run it and send the outcome."""
-    ignore_terminal_signals()
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_exit_with_parent`
-    request: RunRequest = connection.recv()
-    parent = ParentConnection(connection)
-    forward_logs(parent, request.log_level)
+def run_benchmark(program: ServiceConnection) -> None:
+    """Run the one request and send the outcome."""
+    request: RunRequest = program.config
+    threading.Thread(target=_exit_with_parent, args=(program,), daemon=True).start()
     pin_to_one_cpu()
-    cv2.setNumThreads(1)
-    watchdog = threading.Thread(target=_exit_with_parent, args=(connection,), daemon=True)
-    watchdog.start()
 
     def send(message: RunMessage) -> None:
-        parent.send(message)
+        program.send(message)
 
     send(run_request(request, send))
 
@@ -75,16 +51,7 @@ def run_request(
         return RunOutcome(RunState.ERROR, error=message, details=traceback.format_exc())
 
 
-def _exit_with_parent(connection: "Connection[Any, Any]") -> None:
+def _exit_with_parent(program: ServiceConnection) -> None:
     """Exit when the parent process has ended; runs in a thread."""
-    with suppress(EOFError, OSError):
-        while True:
-            signal.setitimer(signal.ITIMER_REAL, ORPHAN_TIMEOUT_S)
-            if connection.poll(ORPHAN_TIMEOUT_S / 3):
-                connection.recv()  # nothing follows the request but the end of file
+    program.stop.wait()
     os._exit(1)
-
-
-if __name__ == "__main__":
-    main(Connection(int(sys.argv[1])))
-    os._exit(0)

@@ -17,7 +17,7 @@ MIN_SPEED_MBIT_S = 480.0
 HIGH_BANDWIDTH_CLASSES = {"01": "audio", "0e": "video"}
 OWN_CONTROLLER_FIX = "plug one of them into a port of another USB controller: `lsusb -t` shows them"
 # The process name of our driver is only "python"; its command line has this module.
-DRIVER_MODULE = "drivers.subprocess_camera.worker_main"
+DRIVER_MODULE = "drivers.subprocess_camera.worker:run_camera"
 REPLUG = "then unplug the sensor and plug it in again"
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.core.errors import UserFacingError
 from drivers.core.files import PARTIAL_SUFFIX, check_writable
-from vo_service.outputs.recorder.incident_store import IncidentStore, incident_name
+from vo_service.outputs.recorder.incidents import IncidentStore, incident_name
 
 NEW = "2026-11-21T16-30-05Z-lost"
 

@@ -1,7 +1,6 @@
 """The incident writer with a deadline and without frames."""
 
 import json
-import logging
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,10 +13,10 @@ from drivers.core.shared_frames.record_ring import RecordRingReader, RecordRingW
 from tests.drivers.tum.read_recording import read_recording
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
 from vo_service.frame_record import write_frame
-from vo_service.outputs.recorder import incident_writer as incident_module
-from vo_service.outputs.recorder.incident_writer import IncidentWriter, select_last_frames
+from vo_service.outputs.recorder import incidents as incident_module
+from vo_service.outputs.recorder.incidents import IncidentWriter, select_last_frames
 from vo_service.outputs.recorder.messages import RecorderMessage, RecorderWorkerConfig
-from vo_service.outputs.recorder.recorder_worker import RecorderWorker
+from vo_service.outputs.recorder.worker import RecorderWorker
 
 FRAMES = 20
 
@@ -76,7 +75,6 @@ def test_a_crash_before_the_first_frame_leaves_no_incident(tmp_path: Path) -> No
             max_incident_bytes=1 << 30,
             recordings_folder=tmp_path / "recordings",
             service_info="{}",
-            log_level=logging.WARNING,
         ),
         messages.append,
     )

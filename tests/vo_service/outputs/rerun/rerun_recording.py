@@ -1,6 +1,5 @@
 """Drawing in this process, and reading of recordings with Rerun's own reader."""
 
-import logging
 import subprocess
 from collections import Counter
 from collections.abc import Iterable
@@ -22,7 +21,7 @@ IMAGE_PERIOD_S = 0.1
 
 def make_config(sink: Sink) -> RerunWorkerConfig:
     """Make the configuration of a viewer's process."""
-    return RerunWorkerConfig(sink, 80, 300, "recording", logging.WARNING)
+    return RerunWorkerConfig(sink, 80, "recording")
 
 
 def draw(

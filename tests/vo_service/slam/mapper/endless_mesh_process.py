@@ -1,18 +1,17 @@
 """A mapper's process whose meshes are never complete, for tests that kill it while it saves a map.
 
-It is started as ``vo_service.mapper_process`` is.
+It is started as the function of `vo_service.mapper_process` is.
 """
 
 import signal
-import sys
 from collections.abc import Iterable
 from multiprocessing import parent_process
-from multiprocessing.connection import Connection
 from typing import NoReturn
 
+from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MapConfig
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
-from vo_service.slam.mapper.worker_main import run_mapper
+from vo_service.slam.mapper.worker import run_mapper
 
 
 def fuse_until_orphaned(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> NoReturn:
@@ -25,6 +24,6 @@ def fuse_until_orphaned(keyframes: Iterable[MeshKeyframe], config: MapConfig) ->
         signal.pause()
 
 
-if __name__ == "__main__":
-    with Connection(int(sys.argv[1])) as connection:
-        run_mapper(connection, fuse_until_orphaned)
+def run(service: ServiceConnection) -> None:
+    """Run the mapper."""
+    run_mapper(service, fuse_until_orphaned)

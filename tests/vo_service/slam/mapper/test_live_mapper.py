@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.process.supervisor import BackgroundWorkerSpec
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import child_pids_of, is_alive, resources_in_use
 from tests.vo_service.outputs.recorder.recorder_inputs import command_error
@@ -25,7 +24,7 @@ from tests.vo_service.slam.mapper.wall_sequence import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import MapConfig
-from vo_service.slam.mapper import mapper_client
+from vo_service.slam.mapper import client
 from vo_service.slam.mapper.live_mapper import LiveMapper, open_mapper
 from vo_service.types import NullMapper
 
@@ -80,8 +79,8 @@ def test_keyframes_are_those_of_this_epoch_up_to_the_current_limit(tmp_path: Pat
 @pytest.fixture
 def endless_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Meshes that are still being computed when the test kills their process."""
-    spec = BackgroundWorkerSpec("tests.vo_service.slam.mapper.endless_mesh_process", "map")
-    monkeypatch.setattr(mapper_client, "WORKER_SPEC", spec)
+    function = "tests.vo_service.slam.mapper.endless_mesh_process:run"
+    monkeypatch.setattr(client, "WORKER_SPEC", replace(client.WORKER_SPEC, function=function))
 
 
 @pytest.mark.usefixtures("endless_meshes")

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.process.supervisor import BackgroundWorkerSpec
+from drivers.core.process.worker_process import WorkerSpec
 from drivers.core.shared_frames.record_ring import RecordRingMemory
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.slam.mapper import mapper_client as client
-from vo_service.slam.mapper.mapper_client import MapperClient
+from vo_service.slam.mapper import client
+from vo_service.slam.mapper.client import MapperClient
 from vo_service.slam.mapper.messages import (
     LoadMapResult,
     MapperMessage,
@@ -25,10 +25,10 @@ FIRST_AFTER = 77
 class FakeSupervisor:
     """Supervisor without a process."""
 
-    spec: BackgroundWorkerSpec
-    config: MapperWorkerConfig
+    spec: WorkerSpec
+    make_config: Callable[[], MapperWorkerConfig]
     on_message: Callable[[MapperMessage], None]
-    on_exit: Callable[[], None]
+    on_exit: Callable[[str], bool]
     is_ready: bool = True
     is_unresponsive: bool = False
     sent: list[object] = field(default_factory=list)
@@ -58,7 +58,7 @@ def fixture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ClientFixture:
 
     monkeypatch.setattr(client, "WorkerSupervisor", make_supervisor)
     loaded_events: list[None] = []
-    job = MapperWorkerConfig(RecordRingMemory(0, 0), 0, tmp_path, COARSE, 0)
+    job = MapperWorkerConfig(RecordRingMemory(0, 0), 0, tmp_path, COARSE)
     made = MapperClient(
         job, lambda published: None, lambda: loaded_events.append(None), lambda: FIRST_AFTER
     )
@@ -72,9 +72,9 @@ def test_a_restarted_process_loads_the_map_again(
     fixture.load("home")
     assert fixture.client.state.loaded == "/maps/home.keyframes"
     assert len(fixture.loaded_events) == 1
-    fixture.supervisor.on_exit()
-    assert fixture.supervisor.config.map_config.load == "home"
-    assert fixture.supervisor.config.first_frame == FIRST_AFTER
+    fixture.supervisor.on_exit("crashed")
+    assert fixture.supervisor.make_config().map_config.load == "home"
+    assert fixture.supervisor.make_config().first_frame == FIRST_AFTER
     assert fixture.client.state.loaded == ""  # until it says so
 
 
@@ -84,7 +84,7 @@ def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_reported_until_the_n
     fixture.load("home")
     fixture.load("bad", error="bad.keyframes: damaged map")
     assert fixture.client.state.loaded == "/maps/home.keyframes"
-    assert fixture.supervisor.config.map_config.load == "home"
+    assert fixture.supervisor.make_config().map_config.load == "home"
     assert fixture.client.warning == "map: bad.keyframes: damaged map"
     assert len(fixture.loaded_events) == 1
     fixture.client.load("home")

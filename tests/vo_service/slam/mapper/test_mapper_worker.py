@@ -22,16 +22,16 @@ from vo_service.frame_record import write_frame
 from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
-from vo_service.slam.mapper import mapper_worker as desk_module
+from vo_service.slam.mapper import worker as desk_module
 from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure
 from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
-from vo_service.slam.mapper.mapper_worker import MapperWorker
 from vo_service.slam.mapper.messages import (
     MapperMessage,
     MapperWorkerConfig,
     RelocalizationQuery,
     SaveMapRequest,
 )
+from vo_service.slam.mapper.worker import MapperWorker
 from vo_service.slam.saved_maps.map_file import write_map
 from vo_service.types import OdometryUpdate, TrackingState
 
@@ -89,9 +89,7 @@ def test_a_mesh_uses_the_keyframe_poses_of_the_map(
     made = []
     monkeypatch.setattr(desk_module, "MeshJob", lambda file, make, leave: made.append(make))
     write_map(tmp_path / "corner.keyframes", make_loop_closer(3).contents)
-    config = MapperWorkerConfig(
-        ring.memory, 0, tmp_path, replace(WITH_LOOP_CLOSURE, load="corner"), 0
-    )
+    config = MapperWorkerConfig(ring.memory, 0, tmp_path, replace(WITH_LOOP_CLOSURE, load="corner"))
     worker = MapperWorker(config, lambda message: None, lambda: None, fuse_keyframes)
     odom = rigid_transform(so3_exp([0.0, 0.0, 2.0]), [7.0, -3.0, 1.0])
     for n in (2, 4):

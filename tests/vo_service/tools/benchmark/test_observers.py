@@ -1,6 +1,5 @@
 """Observers of a run: loop closure uses the estimates and does not change them."""
 
-import logging
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +32,6 @@ def run_observed(folder: Path, observer: ObserverFactory) -> CompletedRun:
         folder,
         None,
         factory,
-        logging.WARNING,
         stop_after_compiling=False,
         observer_factory=observer,
     )

@@ -1,6 +1,5 @@
 """Runs on a selection of a recording's frames."""
 
-import logging
 import threading
 from pathlib import Path
 
@@ -45,7 +44,7 @@ def test_the_method_gets_the_selected_frames_only(recording: Path) -> None:
     selection = FrameSelection(step=2, max_frames=9)
     expected_s = open_recordings([recording], None)[0].select(selection).frame_stamps_s
     messages: list[object] = []
-    request = RunRequest(recording, None, FaultyMethodFactory(), logging.WARNING, selection)
+    request = RunRequest(recording, None, FaultyMethodFactory(), selection)
     outcome = run_in_subprocess(request, 60.0, messages.append, threading.Event())
     np.testing.assert_array_equal(outcome.run.frames.stamps_s, expected_s)
     assert len(expected_s) == 5 < FRAMES

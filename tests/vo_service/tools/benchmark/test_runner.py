@@ -1,6 +1,5 @@
 """Run of a method on a recording, in this process."""
 
-import logging
 import os
 import subprocess
 import sys
@@ -64,7 +63,7 @@ class RecordingMethod:
 def run_all(folder: Path, factory: RecordingFactory, max_frames: int | None = None) -> CompletedRun:
     messages: list[object] = []
     run = run_method(
-        RunRequest(folder, None, factory, logging.WARNING, FrameSelection(max_frames=max_frames)),
+        RunRequest(folder, None, factory, FrameSelection(max_frames=max_frames)),
         messages.append,
     )
     assert messages[:2] == [RunPreparing("nothing"), RunPreparing("first frames")]
@@ -96,7 +95,7 @@ def test_after_compilation_no_frame_is_counted_unless_requested(
     with pytest.raises(KernelsCompiledFirst):
         run_all(recording, factory)
     assert factory.frames == [list(range(WARM_UP_FRAMES))]
-    request = RunRequest(recording, None, factory, logging.WARNING, stop_after_compiling=False)
+    request = RunRequest(recording, None, factory, stop_after_compiling=False)
     assert len(run_method(request, lambda message: None).frames) == FRAMES
 
 

@@ -1,6 +1,5 @@
 """Run in a subprocess, which may crash or hang without harm to other runs."""
 
-import logging
 import os
 import threading
 from collections.abc import Callable
@@ -31,7 +30,7 @@ def run_faulty_method(
 ) -> RunOutcome:
     """Run a faulty method and check that its process leaves no resources."""
     before = resources_in_use()
-    request = RunRequest(folder, None, FaultyMethodFactory(action), logging.WARNING)
+    request = RunRequest(folder, None, FaultyMethodFactory(action))
     outcome = run_in_subprocess(request, time_limit_s, lambda message: None, threading.Event())
     assert resources_in_use() <= before
     return outcome
@@ -39,7 +38,7 @@ def run_faulty_method(
 
 def test_a_complete_run_has_every_frame_with_its_times(recording: Path) -> None:
     messages: list[RunPreparing | RunProgress] = []
-    request = RunRequest(recording, None, FaultyMethodFactory(), logging.WARNING)
+    request = RunRequest(recording, None, FaultyMethodFactory())
     outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, messages.append, threading.Event())
     frames = outcome.run.frames
     assert (outcome.state, outcome.error, len(frames)) == (RunState.DONE, "", FRAMES)
@@ -78,7 +77,7 @@ def test_kernels_are_compiled_in_a_separate_process(
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     messages: list[RunPreparing | RunProgress] = []
-    request = RunRequest(recording, None, FaultyMethodFactory("compile"), logging.WARNING)
+    request = RunRequest(recording, None, FaultyMethodFactory("compile"))
     outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, messages.append, threading.Event())
     assert (outcome.state, len(outcome.run.frames)) == (RunState.DONE, FRAMES)
     assert messages.count(RunPreparing("nothing")) == 2
@@ -105,7 +104,7 @@ def test_a_run_that_takes_too_long_is_killed(recording: Path) -> None:
 
 def test_a_stop_ends_the_run_at_once(recording: Path) -> None:
     stop = threading.Event()
-    request = RunRequest(recording, None, FaultyMethodFactory("hang"), logging.WARNING)
+    request = RunRequest(recording, None, FaultyMethodFactory("hang"))
     outcome = run_in_subprocess(request, DEFAULT_TIMEOUT_S, lambda message: stop.set(), stop)
     assert (outcome.state, outcome.error) == (RunState.NOT_RUN, "stopped before its end")
 

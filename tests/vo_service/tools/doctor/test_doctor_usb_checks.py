@@ -235,7 +235,12 @@ def test_a_program_that_only_root_may_see_is_another(tmp_path: Path) -> None:
 
 
 def test_our_own_driver_is_named(tmp_path: Path) -> None:
-    make_process(tmp_path, 813, "python -m drivers.subprocess_camera.worker_main 7", CAMERA_FILE)
+    make_process(
+        tmp_path,
+        813,
+        "python -m drivers.core.process.worker_main drivers.subprocess_camera.worker:run_camera 7",
+        CAMERA_FILE,
+    )
     finding = ExclusiveAccessCheck().run(
         make_context([make_sensor(open_error=OpenError.BUSY)], root=tmp_path)
     )

@@ -1,15 +1,26 @@
-"""Request handling in the recorder's process; each write runs on its own thread."""
+"""The recorder's process: it handles requests, and writes each folder on a thread of its own.
 
+If the service ends without `Shutdown`, it has crashed; the process then writes the ring to disk.
+"""
+
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 
 from drivers.core.errors import UserFacingError
 from drivers.core.files import check_writable
+from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
-from vo_service.outputs.recorder.incident_store import IncidentStore, incident_name
-from vo_service.outputs.recorder.incident_writer import IncidentWriter, select_last_frames
+from vo_service.outputs.recorder.incidents import (
+    IncidentStore,
+    IncidentWriter,
+    incident_name,
+    select_last_frames,
+)
 from vo_service.outputs.recorder.messages import (
     IncidentResult,
     RecorderMessage,
@@ -29,6 +40,40 @@ CRASH_FRAMES_DEADLINE_S = 6.5
 CRASH_RECORDING_TIMEOUT_S = 1.5
 CRASH_INCIDENT_DEADLINE_S = 3.0
 CRASH_REASON = "the service crashed"
+
+
+STATUS_PERIOD_S = 1.0
+
+
+def run_recorder(service: ServiceConnection) -> None:
+    """Handle requests until the service asks the process to end, or ends itself."""
+    os.umask(0o077)  # other users must not read images of the robot's surroundings
+    worker = RecorderWorker(service.config, partial(_send, service))
+    with suppress(EOFError):
+        while True:
+            service.send(worker.status)
+            request = service.receive(STATUS_PERIOD_S)
+            if request is not None:
+                worker.handle(request)
+    if service.is_connected:
+        worker.finish()
+    else:
+        worker.dump_after_crash()
+
+
+def _send(service: ServiceConnection, message: RecorderMessage) -> None:
+    """Send a message; if the service is gone, print an incident's result."""
+    if not service.send(message) and isinstance(message, IncidentResult):
+        print(_crash_message(message), file=sys.stderr, flush=True)
+
+
+def _crash_message(result: IncidentResult) -> str:
+    if result.error:
+        return f"kinect-vo: error: recorder: the frames before the crash are lost: {result.error}"
+    return (
+        "kinect-vo: warning: recorder: the service crashed; its last "
+        f"{result.frame_count} frames are in {result.folder}"
+    )
 
 
 class RecorderWorker:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from re import fullmatch
 
-from drivers.core.process.supervisor import BackgroundWorkerSpec, FaultReporter, WorkerSupervisor
-from drivers.core.process.worker_process import LogMessage
+from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
+from drivers.core.process.worker_process import WorkerSpec
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.mapper.messages import (
@@ -26,7 +26,16 @@ logger = logging.getLogger(__name__)
 
 
 NAME = "map"
-WORKER_SPEC = BackgroundWorkerSpec("vo_service.mapper_process", NAME)
+WORKER_SPEC = WorkerSpec(
+    "vo_service.mapper_process:run",
+    NAME,
+    start_timeout_s=300.0,  # it loads or compiles kernels, and a map
+    exit_timeout_s=20.0,
+    finishes_alone=True,
+    nice=10,
+    # The service can run without such a process, so it is killed first when memory runs out.
+    oom_score_adj=800,
+)
 
 
 class MapperClient:
@@ -59,9 +68,10 @@ class MapperClient:
         )
         self._process_fault = ""
         self.state = MapState()
+        self._config = config  # of the next process
         with self._lock:  # the callbacks wait until there is a supervisor
             self._supervisor = WorkerSupervisor(
-                WORKER_SPEC, config, self._handle_message, self._handle_worker_death
+                WORKER_SPEC, lambda: self._config, self._handle_message, self._handle_worker_death
             )
 
     @property
@@ -72,7 +82,7 @@ class MapperClient:
     @property
     def warning(self) -> str:
         """Current faults as one clause; "" for none."""
-        if self._supervisor.is_ready and self._supervisor.is_unresponsive:
+        if self._supervisor.is_unresponsive:
             return f"{NAME}: the mapper process does not respond; the disk may be blocked"
         faults = (
             self._process_fault,
@@ -126,7 +136,7 @@ class MapperClient:
 
     def configure(self, settings: MapConfig) -> None:
         """Apply settings to later keyframes and the next map."""
-        self._supervisor.config = replace(self._supervisor.config, map_config=settings)
+        self._config = replace(self._config, map_config=settings)
         self._supervisor.send(settings)
 
     def close(self) -> None:
@@ -152,8 +162,6 @@ class MapperClient:
                 self._handle_load_result(message)
             case MapSnapshot() | RelocalizationResult():
                 self._on_map_message(message)
-            case LogMessage(level, name, text):
-                logging.getLogger(name).log(level, "%s: %s", NAME, text)
 
     def _handle_save_result(self, result: SaveMapResult) -> None:
         file, fault = result.file, result.error
@@ -176,8 +184,8 @@ class MapperClient:
             file = self.state.loaded if result.error else str(result.file)
             self.state = replace(self.state, loading="", loaded=file)
             if not result.error:  # a restarted process loads it as well
-                settings = replace(self._supervisor.config.map_config, load=result.file.stem)
-                self._supervisor.config = replace(self._supervisor.config, map_config=settings)
+                settings = replace(self._config.map_config, load=result.file.stem)
+                self._config = replace(self._config, map_config=settings)
         if not result.error:
             self._on_map_loaded()
 
@@ -186,17 +194,16 @@ class MapperClient:
         if not self._supervisor.is_ready or self._supervisor.is_unresponsive:
             raise _not_possible_error("the mapper process does not respond; try again in a moment")
 
-    def _handle_worker_death(self) -> None:
+    def _handle_worker_death(self, reason: str) -> bool:
         with self._lock:
             saving = self.state.saving
             self.state = replace(self.state, mesh_keyframes=0, saving="", loading="", loaded="")
             self._process_fault = "the mapper process died and is restarted with an empty map"
-            self._supervisor.config = replace(
-                self._supervisor.config, first_frame=self._on_worker_died()
-            )
+            self._config = replace(self._config, first_frame=self._on_worker_died())
         logger.warning("%s: %s", NAME, self._process_fault)
         if saving:
             self._save_faults.set(f"saving {saving} was interrupted")
+        return True
 
 
 def _check_name(name: str) -> None:

@@ -6,9 +6,9 @@ import time
 from dataclasses import replace
 from re import fullmatch
 
-from drivers.core.process.supervisor import BackgroundWorkerSpec, FaultReporter, WorkerSupervisor
-from drivers.core.process.worker_process import LogMessage
-from vo_service.outputs.recorder.incident_store import incident_name
+from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
+from drivers.core.process.worker_process import WorkerSpec
+from vo_service.outputs.recorder.incidents import incident_name
 from vo_service.outputs.recorder.messages import (
     IncidentResult,
     RecorderMessage,
@@ -26,7 +26,15 @@ logger = logging.getLogger(__name__)
 
 
 NAME = "recorder"
-WORKER_SPEC = BackgroundWorkerSpec("vo_service.outputs.recorder.worker_main", NAME)
+WORKER_SPEC = WorkerSpec(
+    "vo_service.outputs.recorder.worker:run_recorder",
+    NAME,
+    exit_timeout_s=300.0,  # it finishes its writing
+    finishes_alone=True,
+    nice=10,
+    # The service can run without such a process, so it is killed first when memory runs out.
+    oom_score_adj=800,
+)
 
 
 class RecorderClient:
@@ -44,7 +52,7 @@ class RecorderClient:
         self._process_fault = ""
         self.recording = ""
         self._supervisor = WorkerSupervisor(
-            WORKER_SPEC, config, self._handle_message, self._handle_worker_death
+            WORKER_SPEC, lambda: self._config, self._handle_message, self._handle_worker_death
         )
 
     @property
@@ -60,7 +68,7 @@ class RecorderClient:
     @property
     def warning(self) -> str:
         """The fault in one clause; "" if there is none."""
-        if self._supervisor.is_ready and self._supervisor.is_unresponsive:
+        if self._supervisor.is_unresponsive:
             return "recorder: its process does not respond; the disk may hang"
         if self.recording and self._missed_frames:
             return (
@@ -132,7 +140,7 @@ class RecorderClient:
 
     def set_disk_quota(self, max_bytes: int) -> None:
         """Change the quota of all incidents together."""
-        self._supervisor.config = replace(self._config, max_incident_bytes=max_bytes)
+        self._config = replace(self._config, max_incident_bytes=max_bytes)
         self._supervisor.send(SetDiskQuota(max_bytes))
 
     def close(self) -> None:
@@ -160,10 +168,8 @@ class RecorderClient:
                         self.recording = ""
                 logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
                 self._recording_faults.set(error)
-            case LogMessage(level, name, text):
-                logging.getLogger(name).log(level, "recorder: %s", text)
 
-    def _handle_worker_death(self) -> None:
+    def _handle_worker_death(self, reason: str) -> bool:
         with self._lock:
             saving, recording = self._saving_name, self.recording
             self._saving_name = self.recording = ""
@@ -175,6 +181,7 @@ class RecorderClient:
         ):
             if interrupted:
                 faults.set(f"its process ended and cut off {interrupted}")
+        return True
 
 
 def _not_possible_error(reason: str) -> CommandError:

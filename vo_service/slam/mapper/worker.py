@@ -1,17 +1,27 @@
-"""Worker of the mapper process: it handles requests and the frames of the ring."""
+"""The mapper process: it handles requests and the frames of the ring.
 
-from collections.abc import Callable
+Each mesh is built in another process.
+"""
+
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from multiprocessing.connection import Connection
-from typing import Any
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import check_writable
+from drivers.core.geometry import Array
+from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_metadata
+from vo_service.slam.loop_closure.anchored_pose import AnchoredPose
 from vo_service.slam.mapper.mesh_job import FuseKeyframes, MeshJob, build_mesh
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
 from vo_service.slam.mapper.messages import (
@@ -23,9 +33,44 @@ from vo_service.slam.mapper.messages import (
     SaveMapResult,
     SendMapperMessage,
 )
-from vo_service.slam.mapper.null_loop_closure_worker import open_loop_closure_worker
 from vo_service.slam.saved_maps.map_store import MapStore
 from vo_service.types import TrackingState
+
+if TYPE_CHECKING:  # its libraries take a second and a hundred megabytes
+    from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
+    from vo_service.slam.pose_graph.pose_graph import NodeRemoval
+
+
+STATUS_PERIOD_S = 1.0
+POLL_PERIOD_S = 0.2
+
+
+def run_mapper(service: ServiceConnection, fuse_keyframes: FuseKeyframes) -> None:
+    """Run until the service asks the process to end; a running mesh job is cancelled."""
+    os.umask(0o077)  # other users must not read images of the robot's surroundings
+    worker = MapperWorker(service.config, service.send, service.close, fuse_keyframes)
+    try:
+        _serve(service, worker)
+    except EOFError:
+        pass  # the service ends
+    finally:
+        worker.cancel_jobs()
+
+
+def _serve(service: ServiceConnection, worker: "MapperWorker") -> None:
+    """Run until the end. Raises EOFError."""
+    last_status_s = -math.inf
+    while not service.stop.is_set():
+        is_due = time.monotonic() - last_status_s >= STATUS_PERIOD_S
+        if worker.process_frames() or is_due:
+            last_status_s = time.monotonic()
+            service.send(worker.status)
+        request = service.receive(POLL_PERIOD_S, *worker.result_connections)
+        if request is not None:
+            worker.process_frames()  # frames before the request
+            worker.handle(request)
+        elif wait(worker.result_connections, 0.0):
+            worker.send_job_results()
 
 
 class MapperWorker:
@@ -163,3 +208,40 @@ class MapperWorker:
                     file, error=f"{file}: the mesh process cannot be started: {error.strerror}"
                 )
             )
+
+
+class NullLoopClosureWorker:
+    """Loop closure worker that does nothing."""
+
+    def process_record(self, record: RingRecord) -> "Sequence[NodeRemoval]":
+        """Do nothing; no node is removed."""
+        return ()
+
+    def answer_query(self) -> None:
+        """Do nothing."""
+
+    def save(self, store: MapStore, name: str, max_total_bytes: int) -> None:
+        """Do nothing."""
+
+    def load(self, file: Path) -> int:
+        """Raise InputError, as loop closure is disabled."""
+        raise InputError(f"{file}: loop closure is disabled (map.loop_closure)")
+
+    def anchor_to_last_keyframe(self, T_odom_camera: Array) -> AnchoredPose:
+        """Return the pose relative to the map, which is `odom`."""
+        return AnchoredPose(None, T_odom_camera)
+
+    def T_map_camera(self, pose: AnchoredPose) -> Array:
+        """4x4 pose in the map."""
+        return pose.T_keyframe_camera
+
+
+def open_loop_closure_worker(
+    settings: MapConfig, send: SendMapperMessage
+) -> "LoopClosureWorker | NullLoopClosureWorker":
+    """Open the loop closure worker of the settings."""
+    if not settings.loop_closure:
+        return NullLoopClosureWorker()
+    from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
+
+    return LoopClosureWorker(settings, send)

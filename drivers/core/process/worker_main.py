@@ -34,6 +34,8 @@ def main(function: str, fd: int) -> None:
         code = 0
     except EOFError:
         pass  # the service ended before it sent the first message
+    except SystemExit as end:
+        print(end.code, file=sys.stderr)
     except BaseException:
         traceback.print_exc()
     sys.stdout.flush()

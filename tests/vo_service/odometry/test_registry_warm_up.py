@@ -7,7 +7,7 @@ from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry import features, ransac
 from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
-from vo_service.odometry.surf import descriptor, detector, guided_matching, packed_pyramid
+from vo_service.odometry.surf import descriptor, detector, recovery
 
 
 def test_every_stage_of_the_method_is_run_and_reported() -> None:
@@ -20,7 +20,7 @@ def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:
     warm_up("surf", lambda _: None)
     kernels = [
         each
-        for module in (guided_matching, features, ransac, detector, descriptor, packed_pyramid)
+        for module in (recovery, features, ransac, detector, descriptor)
         for each in vars(module).values()
         if hasattr(each, "signatures") and hasattr(each, "py_func")
     ]

@@ -29,6 +29,7 @@ from vo_service.odometry.direct.residuals import (
     GAIN,
     IN_IMAGE,
     MAX_POINT_COST,
+    NUM_SAMPLE_COLUMNS,
     OFFSET,
     RESIDUAL_MODEL_SIZE,
     SIGMA_BRIGHTNESS,
@@ -36,9 +37,9 @@ from vo_service.odometry.direct.residuals import (
     WEIGHT_BRIGHTNESS,
     count_residuals,
     fit_affine_brightness,
+    warp_and_sample,
     weigh_regions,
 )
-from vo_service.odometry.direct.warping import NUM_SAMPLE_COLUMNS, warp_and_sample
 
 PointPyramid = Sequence[Array]
 

@@ -44,18 +44,16 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
-    WEIGHT_BRIGHTNESS,
-    residual_variances,
-    student_weight,
-)
-from vo_service.odometry.direct.warping import (
     NUM_ROW_BANDS,
+    OFFSET,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_COLOR_BAND,
     SAMPLE_DEPTH_BAND,
     SAMPLE_DEPTH_RESIDUAL,
+    WEIGHT_BRIGHTNESS,
+    residual_variances,
+    student_weight,
 )
 from vo_service.odometry.uncertainty import (
     DegeneracyAnalysis,

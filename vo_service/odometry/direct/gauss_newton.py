@@ -39,22 +39,20 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
-    WEIGHT_BRIGHTNESS,
-    fit_affine_brightness,
-    residual_variances,
-    student_weight,
-    weigh_regions,
-)
-from vo_service.odometry.direct.warping import (
     NUM_ROW_BANDS,
     NUM_SAMPLE_COLUMNS,
+    OFFSET,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_COLOR_BAND,
     SAMPLE_DEPTH_BAND,
     SAMPLE_DEPTH_RESIDUAL,
+    WEIGHT_BRIGHTNESS,
+    fit_affine_brightness,
+    residual_variances,
+    student_weight,
     warp_and_sample,
+    weigh_regions,
 )
 
 # Number of elements in the upper triangle of a symmetric 6x6 matrix; sums of the normal equations

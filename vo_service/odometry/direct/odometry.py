@@ -18,7 +18,7 @@ from vo_service.odometry.direct.alignment import (
     align,
     uniform_weights,
 )
-from vo_service.odometry.direct.brightness_weight import BrightnessWeight
+from vo_service.odometry.direct.brightness import BrightnessWeight, VignettingEstimate
 from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_uncertainty
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
@@ -49,7 +49,6 @@ from vo_service.odometry.direct.recovery import (
     rejection_reason_after,
     retry_without_half,
 )
-from vo_service.odometry.direct.vignetting import VignettingEstimate
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.types import Estimate, TrackingDebug

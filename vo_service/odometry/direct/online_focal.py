@@ -1,23 +1,244 @@
 """Direct odometry that learns the focal length of the color camera while it runs.
 
+A wrong focal length magnifies the keyframe's points and the frame alike, so that it leaves
+residuals as soon as the points have moved in the image. One more column of the normal equations
+measures it; pose and brightness are marginalized, as they are estimated with it. Brightness and
+depth have equations of their own: if they do not agree, the camera is not well calibrated.
+
 The frames' focal length, or what an earlier run has learned of it, is a prior. Each tracked view
 adds to the estimate, once the timing of the sensor is certain: a wrong readout looks like a wrong
-focal length.
+focal length. Focal lengths are logarithms of the ratio to that of the frames. Information is a
+(2, 2) array, by brightness and by depth: A and the product A x with the best focal length x.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import exp, log
+from math import exp, hypot, log, sqrt
+
+import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from vo_service.odometry.direct.focal_equations import measure_focal_length
-from vo_service.odometry.direct.focal_estimate import FocalEstimator
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.gauss_newton import fill_jacobian, solve_cholesky
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.keyframe_points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_DEPTH_GRADIENT,
+)
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
+from vo_service.odometry.direct.parameters import (
+    FOCAL_DECAY,
+    FOCAL_NONLINEARITY,
+    FOCAL_POINT_STRIDE,
+    FOCAL_PRIOR_SIGMA,
+    FOCAL_STEP_RATIO,
+    FOCAL_VIEW_ERROR,
+    KEYFRAME_FOCAL_SIGMA,
+    MAX_FOCAL_CORRECTION,
+    MAX_FOCAL_SIGMAS,
+    MIN_FOCAL_CHANGE,
+    MIN_FOCAL_CHANGE_SIGMAS,
+    MIN_FOCAL_DISAGREEMENT_SHARE,
+)
+from vo_service.odometry.direct.residuals import (
+    GAIN,
+    OFFSET,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_U,
+    SAMPLE_V,
+    WEIGHT_BRIGHTNESS,
+    residual_variances,
+    student_curvature,
+    student_weight,
+)
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Estimate, OnlineFocalLength
+
+# Pose (6), gain, offset, focal length.
+_NUM_UNKNOWNS = 9
+_FOCAL = 8
+# Rows of the information about the focal length.
+BY_BRIGHTNESS, BY_DEPTH = 0, 1
+# Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
+_DAMPING_RATIO = 1e-6
+
+
+@kernel
+def measure_focal_length(
+    points: Array,
+    samples: Array,
+    cell_weights: Array,
+    residual_model: Array,
+    intrinsics: Array,
+    T_camera_keyframe: Array,
+) -> Array:
+    """Information about the focal length of one view, by brightness and by depth.
+
+    Args:
+        points: (N, COLUMNS) of the keyframe's finest level.
+        samples: (N, COLUMNS) of the view.
+        cell_weights: (2, CELLS).
+        residual_model: (5,), see `residuals`.
+        intrinsics: (4,) of the whole image.
+        T_camera_keyframe: 4x4.
+
+    Returns:
+        (2, 2), for each the information A and the product A x with the best change x of the
+        logarithm of the focal length.
+    """
+    H, g = np.zeros((2, _NUM_UNKNOWNS, _NUM_UNKNOWNS)), np.zeros((2, _NUM_UNKNOWNS))
+    row = np.zeros(_NUM_UNKNOWNS)
+    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    variance, variance_depth = residual_variances(residual_model)
+    fx, fy, cx, cy = intrinsics
+    T = T_camera_keyframe
+    for i in range(0, len(points), FOCAL_POINT_STRIDE):
+        brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
+        if np.isnan(brightness):
+            continue
+        point, cell = points[i], int(samples[i, SAMPLE_CELL])
+        x, y, z = point[0], point[1], point[2]
+        # The point moves sideways in the frame's axes, and in the keyframe's by as much.
+        z_there = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        x_there = (samples[i, SAMPLE_U] - cx) / fx * z_there
+        y_there = (samples[i, SAMPLE_V] - cy) / fy * z_there
+        dx = T[0, 0] * x_there + T[1, 0] * y_there - x
+        dy = T[0, 1] * x_there + T[1, 1] * y_there - y
+        dz = T[0, 2] * x_there + T[1, 2] * y_there
+        if point[HAS_TEXTURE] > 0:
+            residual = brightness - gain * point[POINT_BRIGHTNESS] - offset
+            sample_variance = variance + point[POINT_BRIGHTNESS_VARIANCE]
+            w = student_weight(residual, sample_variance)
+            w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
+            fill_jacobian(point, POINT_BRIGHTNESS_GRADIENT, gain, row)
+            row[6], row[7] = -point[POINT_BRIGHTNESS], -1.0
+            row[_FOCAL] = row[0] * dx + row[1] * dy + row[2] * dz
+            curvature = w * student_curvature(residual, sample_variance)
+            _add_row(H[BY_BRIGHTNESS], g[BY_BRIGHTNESS], row, curvature, w * residual)
+        if not np.isnan(depth) and point[HAS_SHAPE] > 0:
+            w = student_weight(depth, variance_depth) * cell_weights[1, cell]
+            fill_jacobian(point, POINT_DEPTH_GRADIENT, 1.0, row)
+            row[6] = row[7] = 0.0
+            row[_FOCAL] = row[0] * dx + row[1] * dy + row[2] * dz
+            curvature = w * student_curvature(depth, variance_depth)
+            _add_row(H[BY_DEPTH], g[BY_DEPTH], row, curvature, w * depth)
+    information = np.empty((2, 2))
+    for k in range(2):
+        information[k, 0], information[k, 1] = _marginalize(H[k], g[k])
+    return information
+
+
+@inline_kernel
+def _add_row(H: Array, g: Array, row: Array, weight: float, weighted_residual: float) -> None:
+    for a in range(_NUM_UNKNOWNS):
+        weighted = weight * row[a]
+        for b in range(a, _NUM_UNKNOWNS):
+            H[a, b] += weighted * row[b]
+        g[a] += row[a] * weighted_residual
+
+
+@kernel
+def _marginalize(H: Array, g: Array) -> tuple[float, float]:
+    """Information A of the focal length and A x; of H (9, 9) the upper triangle is used."""
+    n = _FOCAL
+    scale = np.empty(n)
+    X, y, z = np.empty((n, n)), np.empty(n), np.empty(n)
+    for a in range(n):
+        scale[a] = 1.0 / np.sqrt(H[a, a] + 1e-12)
+    for a in range(n):
+        for b in range(a, n):
+            X[a, b] = X[b, a] = H[a, b] * scale[a] * scale[b]
+        X[a, a] += _DAMPING_RATIO
+        y[a], z[a] = H[a, n] * scale[a], g[a] * scale[a]
+    solved = solve_cholesky(X, y)
+    A, b_value = H[n, n], -g[n]
+    for a in range(n):
+        A -= y[a] * solved[a]
+        b_value += z[a] * solved[a]
+    return max(A, 0.0), b_value
+
+
+class FocalEstimator:
+    """Information about the focal length, summed over keyframes, and the focal length in use.
+
+    Brightness alone gives the estimate. Depth is only compared with it: the focal length in use is
+    kept if brightness is not clearly further away from it than depth.
+
+    Attributes:
+        in_use: Focal length in use.
+        estimate: Focal length by the prior and brightness.
+        sigma: Its standard deviation.
+
+    Args:
+        prior: Focal length in use at the start.
+        prior_sigma: Its standard deviation.
+    """
+
+    def __init__(self, prior: float = 0.0, prior_sigma: float = FOCAL_PRIOR_SIGMA) -> None:
+        self.in_use = self.estimate = prior
+        self.sigma = prior_sigma
+        self._prior = (prior, prior_sigma)
+        # Of former keyframes; of the views of the current one.
+        self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
+        self._keyframe_stamp_s = np.nan
+
+    def add(self, keyframe_stamp_s: float, view: Array) -> bool:
+        """Add a view; return whether the focal length in use has changed.
+
+        Args:
+            keyframe_stamp_s: Stamp of the view's keyframe.
+            view: (2, 2) information of the view about the change of the one in use.
+        """
+        if keyframe_stamp_s != self._keyframe_stamp_s:
+            self._former = FOCAL_DECAY * self._from_views()
+            self._current = np.zeros((2, 2))
+            self._keyframe_stamp_s = keyframe_stamp_s
+        A, b = FOCAL_STEP_RATIO * view[:, 0], view[:, 1]
+        self._current += np.column_stack([A, b + A * self.in_use])
+        mean, sigma = self._prior
+        information, product = self._from_views()[BY_BRIGHTNESS].tolist()
+        self.sigma = 1.0 / sqrt(information + sigma**-2.0)
+        self.estimate = (product + mean * sigma**-2.0) * self.sigma**2
+        return self._update_in_use()
+
+    @property
+    def disagreement(self) -> tuple[float, float] | None:
+        """Focal length by depth minus that by brightness, and its sigma; None while unsure."""
+        A, b = self._from_views().T
+        if (A * np.square(MAX_FOCAL_SIGMAS) < 1.0).any():
+            return None
+        by_brightness, by_depth = (b / A).tolist()
+        return by_depth - by_brightness, sqrt((1.0 / A).sum())
+
+    def _from_views(self) -> Array:
+        """(2, 2) information without the prior; views of one keyframe share an error."""
+        A = self._current[:, :1]
+        return self._former + self._current / (FOCAL_VIEW_ERROR + KEYFRAME_FOCAL_SIGMA**2 * A)
+
+    def _update_in_use(self) -> bool:
+        target = min(max(self.estimate, -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)
+        change = abs(target - self.in_use)
+        disagreement = self.disagreement
+        if disagreement is None or change <= max(
+            MIN_FOCAL_CHANGE,
+            MIN_FOCAL_CHANGE_SIGMAS * self.sigma,
+            MIN_FOCAL_DISAGREEMENT_SHARE * abs(disagreement[0]),
+        ):
+            return False
+        self._prior = (target, hypot(self.sigma, FOCAL_NONLINEARITY * change))
+        self.in_use = target
+        # Former views are not linear in the change.
+        self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
+        return True
 
 
 class OnlineFocalOdometry:

@@ -28,12 +28,14 @@ from vo_service.odometry.direct.parameters import (
     TIMING_STEP_RATIO,
 )
 from vo_service.odometry.direct.timing_equations import (
+    TimedFrame,
     TimingView,
+    TrackedView,
+    ViewHistory,
     accumulate_timing,
     marginalize,
 )
 from vo_service.odometry.direct.timing_estimate import TimingEstimator
-from vo_service.odometry.direct.timing_frames import TimedFrame, TrackedView, ViewHistory
 from vo_service.odometry.direct.timing_search import (
     SearchedFrame,
     TimingSearch,

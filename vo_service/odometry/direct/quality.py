@@ -35,19 +35,17 @@ from vo_service.odometry.direct.residuals import (
     DISREGARDED,
     GAIN,
     IN_IMAGE,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    WITH_BRIGHTNESS,
-    WITH_DEPTH,
-    find_inliers,
-)
-from vo_service.odometry.direct.warping import (
     OCCLUDED,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_OCCLUSION,
     SAMPLE_U,
     SAMPLE_V,
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    WITH_BRIGHTNESS,
+    WITH_DEPTH,
+    find_inliers,
 )
 from vo_service.types import TrackingDebug
 

@@ -2,10 +2,9 @@
 
 Reading order as in the paper: `detector` (box filters on the integral image, maxima), `extractor`
 (scale space, selection of the strongest), and `descriptor` (direction and descriptor).
-`packed_pyramid` has the gray values for the last.
 
-`odometry` is the odometry by these features; `recovery` and `guided_matching` find the camera again
-where matching with the last frame fails.
+`odometry` is the odometry by these features; `recovery` finds the camera again where matching with
+the last frame fails.
 """
 
 from vo_service.odometry.surf.extractor import Features, SurfExtractor

@@ -9,7 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_service.odometry.surf.descriptor import DESCRIPTOR_SIZE, describe, make_templates
+from vo_service.odometry.surf.descriptor import (
+    DESCRIPTOR_SIZE,
+    build_pyramid,
+    describe,
+    make_templates,
+)
 from vo_service.odometry.surf.detector import (
     NUM_COLUMNS,
     RESPONSE,
@@ -22,7 +27,6 @@ from vo_service.odometry.surf.detector import (
     find_maxima,
     max_num_maxima,
 )
-from vo_service.odometry.surf.packed_pyramid import build_pyramid
 
 # Below this response (gray levels^2) a maximum is sensor noise.
 MIN_THRESHOLD = 10.0

@@ -7,8 +7,7 @@ import pytest
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
-from vo_service.odometry.direct import residuals
-from vo_service.odometry.direct import warping as columns
+from vo_service.odometry.direct import residuals as columns
 from vo_service.odometry.direct.alignment import (
     STATIC_PRIOR,
     DirectAlignment,
@@ -42,14 +41,14 @@ GOOD = align(
 def counted(**counts: float) -> DirectAlignment:
     changed = GOOD.counts.copy()
     for name, value in counts.items():
-        changed[getattr(residuals, name)] = value
+        changed[getattr(columns, name)] = value
     return replace(GOOD, counts=changed)
 
 
 def fitted(**fit: float) -> DirectAlignment:
     changed = GOOD.residual_model.copy()
     for name, value in fit.items():
-        changed[getattr(residuals, name)] = value
+        changed[getattr(columns, name)] = value
     return replace(GOOD, residual_model=changed)
 
 
@@ -64,7 +63,7 @@ def test_a_good_alignment_is_accepted_without_a_reason() -> None:
     [
         (counted(IN_IMAGE=40), "only 40 of "),
         (
-            counted(DISREGARDED=0.9 * GOOD.counts[residuals.IN_IMAGE]),
+            counted(DISREGARDED=0.9 * GOOD.counts[columns.IN_IMAGE]),
             "90 % of the view does not fit",
         ),
         (counted(DEPTH_AGREES=0), "depth samples agree with the keyframe"),
@@ -91,15 +90,15 @@ def test_missing_information_is_reported() -> None:
 
 
 def count_of(readings: Array) -> Array:
-    return residuals.count_residuals(POINTS[0], readings, GOOD.residual_model, uniform_weights())
+    return columns.count_residuals(POINTS[0], readings, GOOD.residual_model, uniform_weights())
 
 
 def test_samples_are_counted_by_their_state() -> None:
     counts = count_of(GOOD.samples)
-    assert counts[residuals.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, columns.SAMPLE_CELL] >= 0)
-    assert 0.9 * counts[residuals.WITH_DEPTH] < counts[residuals.DEPTH_AGREES]
-    assert 0.9 * counts[residuals.WITH_BRIGHTNESS] < counts[residuals.BRIGHTNESS_AGREES]
-    assert counts[residuals.DISREGARDED] == 0
+    assert counts[columns.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, columns.SAMPLE_CELL] >= 0)
+    assert 0.9 * counts[columns.WITH_DEPTH] < counts[columns.DEPTH_AGREES]
+    assert 0.9 * counts[columns.WITH_BRIGHTNESS] < counts[columns.BRIGHTNESS_AGREES]
+    assert counts[columns.DISREGARDED] == 0
 
 
 def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> None:
@@ -110,21 +109,21 @@ def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> No
         readings[within, columns.SAMPLE_BRIGHTNESS] = readings[
             within, columns.SAMPLE_DEPTH_RESIDUAL
         ] = np.nan
-    assert count_of(hidden)[residuals.IN_IMAGE] < before[residuals.IN_IMAGE]
+    assert count_of(hidden)[columns.IN_IMAGE] < before[columns.IN_IMAGE]
     assert is_consistent(count_of(hidden))
-    assert count_of(hidden)[residuals.COST] < before[residuals.COST]
-    assert count_of(through)[residuals.IN_IMAGE] == before[residuals.IN_IMAGE]
-    assert count_of(through)[residuals.DEPTH_AGREES] < 0.8 * before[residuals.DEPTH_AGREES]
-    assert count_of(through)[residuals.COST] > before[residuals.COST]
+    assert count_of(hidden)[columns.COST] < before[columns.COST]
+    assert count_of(through)[columns.IN_IMAGE] == before[columns.IN_IMAGE]
+    assert count_of(through)[columns.DEPTH_AGREES] < 0.8 * before[columns.DEPTH_AGREES]
+    assert count_of(through)[columns.COST] > before[columns.COST]
 
 
 def test_points_agree_if_both_brightness_and_depth_do() -> None:
-    agreeing = residuals.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
+    agreeing = columns.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
     assert agreeing.mean() > 0.85
     for column, by in ((columns.SAMPLE_BRIGHTNESS, 200.0), (columns.SAMPLE_DEPTH_RESIDUAL, 0.05)):
         wrong = GOOD.samples.copy()
         wrong[::2, column] += by
-        now = residuals.find_inliers(POINTS[0], wrong, GOOD.residual_model)
+        now = columns.find_inliers(POINTS[0], wrong, GOOD.residual_model)
         assert now[::2].mean() < 0.3
         np.testing.assert_array_equal(now[1::2], agreeing[1::2])
 
@@ -139,7 +138,7 @@ def test_a_mostly_occluded_view_is_rejected_however_well_the_rest_fits() -> None
     assert occlusion_reason(GOOD) == occlusion_reason(occluded(0.4)) == ""
     assert "of the view is occluded" in occlusion_reason(occluded(0.7))
     assert rejection_reason(occluded(0.7)) == ""
-    unfit = counted(DISREGARDED=0.7 * GOOD.counts[residuals.IN_IMAGE])
+    unfit = counted(DISREGARDED=0.7 * GOOD.counts[columns.IN_IMAGE])
     assert occlusion_reason(unfit) == "70 % of the view is occluded"
 
 
@@ -149,16 +148,16 @@ def test_a_partly_occluded_view_is_reported() -> None:
 
 
 def test_a_bad_fit_everywhere_scores_worse_than_a_good_fit_except_for_a_corner() -> None:
-    in_image = GOOD.counts[residuals.IN_IMAGE]
-    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.residual_model[residuals.SIGMA_BRIGHTNESS])
+    in_image = GOOD.counts[columns.IN_IMAGE]
+    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.residual_model[columns.SIGMA_BRIGHTNESS])
     but_for_a_corner = counted(DISREGARDED=0.15 * in_image)
     assert outlier_score(but_for_a_corner) > outlier_score(all_over)
     assert residual_score(GOOD) < residual_score(but_for_a_corner) < residual_score(all_over)
 
 
 def test_ignoring_half_of_the_view_does_not_improve_the_score() -> None:
-    half = counted(DISREGARDED=0.5 * GOOD.counts[residuals.IN_IMAGE])
-    better = 0.6 * GOOD.residual_model[[residuals.SIGMA_BRIGHTNESS, residuals.SIGMA_DEPTH]]
+    half = counted(DISREGARDED=0.5 * GOOD.counts[columns.IN_IMAGE])
+    better = 0.6 * GOOD.residual_model[[columns.SIGMA_BRIGHTNESS, columns.SIGMA_DEPTH]]
     assert residual_score(
         replace(half, residual_model=np.array([1.0, 0.0, *better]))
     ) > residual_score(GOOD)

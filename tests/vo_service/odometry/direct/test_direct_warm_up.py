@@ -24,10 +24,10 @@ from vo_service.odometry.registry import (
     StageReporter,
     warm_up,
 )
-from vo_service.odometry.surf import descriptor, detector, packed_pyramid
+from vo_service.odometry.surf import descriptor, detector
 
 OWN = [f"{direct.__name__}.{each.name}" for each in pkgutil.iter_modules(direct.__path__)]
-SHARED = [depth, features, ransac, descriptor, detector, packed_pyramid]
+SHARED = [depth, features, ransac, descriptor, detector]
 MODULES = [*map(import_module, OWN), *SHARED]
 KERNELS = [
     each

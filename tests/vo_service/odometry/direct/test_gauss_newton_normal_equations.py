@@ -33,11 +33,12 @@ from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_DEPTH_RESIDUAL,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
     fit_affine_brightness,
 )
-from vo_service.odometry.direct.warping import SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL
 
 READOUT_S, SKEW_S = 0.03, 0.012
 IMAGES = build_image_pyramid(render_view(readout_s=READOUT_S, skew_s=SKEW_S))

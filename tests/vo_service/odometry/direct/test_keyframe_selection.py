@@ -17,7 +17,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.direct.tracking_results import MOTION
 from tests.vo_service.odometry.hand_held_sequence import assert_close
-from vo_service.odometry.direct import warping as columns
+from vo_service.odometry.direct import residuals as columns
 from vo_service.odometry.direct.alignment import STATIC_PRIOR, align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
 from vo_service.odometry.direct.keyframe import (

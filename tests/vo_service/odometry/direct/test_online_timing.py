@@ -20,6 +20,7 @@ from tests.vo_service.odometry.direct.swinging_camera import (
 )
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
+from vo_service.odometry.direct.parameters import MAX_KEYFRAME_TIMING_ERRORS_S
 from vo_service.odometry.registry import make_odometry
 from vo_service.types import Estimate, OnlineTiming
 
@@ -134,6 +135,43 @@ def test_exact_timing_is_not_estimated() -> None:
 
 def test_fixed_timing_is_that_of_the_frames() -> None:
     assert isinstance(make_odometry("direct", timing="fixed"), DirectOdometry)
+
+
+def learn_from_a_wrong_value() -> tuple[
+    OnlineTimingOdometry, list[Estimate], dict[float, set[float]]
+]:
+    """Learn from frames that tell half of the readout; the readouts of each active keyframe."""
+    prior = TimingPrior(0.0, 0.0049, 0.0029, TimingSource.SENSOR)
+    odometry, estimates = OnlineTimingOdometry(DirectOdometry()), []
+    readouts_s: dict[float, set[float]] = {}
+    for frame in swinging_frames(READOUT_S, DELAY_S):
+        told = replace(frame, readout_s=0.5 * READOUT_S, timing_prior=prior)
+        estimates.append(odometry.estimate(told))
+        active = odometry.tracker.active_keyframe
+        assert active is not None
+        readouts_s.setdefault(active.images.stamp_s, set()).add(active.images.shutter.readout_s)
+    return odometry, estimates, readouts_s
+
+
+def test_the_active_keyframe_is_rebuilt_with_the_timing_in_use() -> None:
+    odometry, estimates, readouts_s = learn_from_a_wrong_value()
+    active, timing = odometry.tracker.active_keyframe, last_timing(estimates)
+    assert active is not None
+    assert any(len(each) > 1 for each in readouts_s.values())
+    assert abs(active.images.shutter.readout_s - timing.readout_s) < 0.002
+
+
+def test_keyframes_whose_timing_is_far_off_are_forgotten() -> None:
+    odometry, estimates, readouts_s = learn_from_a_wrong_value()
+    timing = last_timing(estimates)
+    kept = [keyframe.images for keyframe in odometry.tracker.keyframes]
+    assert len(kept) < len(readouts_s)
+    for images in kept:
+        off_s = (
+            images.shutter.readout_s - timing.readout_s,
+            images.shutter.skew_s - timing.depth_offset_s,
+        )
+        assert (np.abs(off_s) <= MAX_KEYFRAME_TIMING_ERRORS_S).all()
 
 
 def test_the_motion_relative_to_the_reference_is_continuous_over_the_search() -> None:

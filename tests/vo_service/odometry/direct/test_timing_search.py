@@ -12,7 +12,7 @@ from vo_service.odometry.direct.parameters import (
     NUM_SEARCHED_FRAMES,
     SEARCH_STEPS_S,
 )
-from vo_service.odometry.direct.timing_frames import TimedFrame
+from vo_service.odometry.direct.timing_equations import TimedFrame
 from vo_service.odometry.direct.timing_search import SearchedFrame, TimingSearch
 
 SIGMAS_S = np.array([0.03, 0.01])

@@ -28,8 +28,7 @@ from tests.vo_service.odometry.icp.depth_views import (
     render_view,
 )
 from tests.vo_service.odometry.recording_stage_timer import RecordingStageTimer
-from vo_service.odometry.icp.odometry import IcpOdometry
-from vo_service.odometry.icp.parameters import IcpParameters
+from vo_service.odometry.icp.odometry import IcpOdometry, IcpParameters
 
 NO_DEPTH = make_frame(np.zeros((CAMERA.height, CAMERA.width)))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vo_service.odometry.direct.focal_estimate import FocalEstimator
+from vo_service.odometry.direct.online_focal import FocalEstimator
 from vo_service.odometry.direct.parameters import FOCAL_PRIOR_SIGMA, FOCAL_STEP_RATIO
 
 # Information of a view that measures the focal length to 0.3 %.

@@ -14,7 +14,7 @@ from vo_service.odometry.features import (
 )
 from vo_service.odometry.motion_model import MotionPrediction
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.surf.guided_matching import match_by_prediction, match_within_radius
+from vo_service.odometry.surf.recovery import match_by_prediction, match_within_radius
 
 SPREAD_RAD = 0.04
 

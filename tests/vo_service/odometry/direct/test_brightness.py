@@ -19,7 +19,7 @@ from vo_service.odometry.direct.alignment import (
     align,
     uniform_weights,
 )
-from vo_service.odometry.direct.brightness_weight import BrightnessWeight
+from vo_service.odometry.direct.brightness import BrightnessWeight
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion

@@ -22,6 +22,7 @@ from vo_service.odometry.direct.alignment import (
     align,
     uniform_weights,
 )
+from vo_service.odometry.direct.brightness import VignettingEstimate
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import TrackedFrame
@@ -29,7 +30,6 @@ from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_VIGNETTING
 from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS
-from vo_service.odometry.direct.vignetting import VignettingEstimate
 
 # 9 degrees to the right and 4 down in a second.
 TURN = MovingCamera(np.array([0.05, 0.0, 0.0, -0.07, 0.16, 0.02]))

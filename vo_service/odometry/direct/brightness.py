@@ -1,9 +1,14 @@
-"""Weight of brightness against depth, by the errors that neighboring brightness samples share.
+"""What many views tell of brightness: its weight against depth, and the vignetting of the lens.
 
 Blur, shadows, reflections, and depth that is registered to color with an error of a pixel shift the
 brightness of a whole region. Its samples then count as fewer ones. How many fewer is shown by the
 scores of the image's cells: they scatter more than independent samples would make them (Liang and
 Zeger, Biometrika 73, 1986, as in `covariance`).
+
+Vignetting: where the tangent of the angle to the optical axis is r, the brightness is
+1 - vignetting r^2 of that in the center. Without this model, points that enter at the side get
+brighter, and rotations are biased. As in Goldman, "Vignette and Exposure Calibration and
+Compensation" (PAMI 32, 2010), it is estimated together with the exposure.
 """
 
 from dataclasses import dataclass
@@ -14,7 +19,8 @@ from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.gauss_newton import fill_jacobian
-from vo_service.odometry.direct.image_pyramid import NUM_CELLS
+from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
+from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.keyframe_points import (
     HAS_TEXTURE,
     POINT_BRIGHTNESS,
@@ -26,13 +32,26 @@ from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT_RANGE,
     INDEPENDENT_BRIGHTNESS_WEIGHT,
     INITIAL_SHARED_ERROR_VIEWS,
+    MAX_VIGNETTING,
     MIN_SHARED_ERROR_SAMPLES,
     SHARED_ERROR_DECAY,
+    VIGNETTING_DECAY,
+    VIGNETTING_PRIOR_SIGMA,
+    VIGNETTING_VIEW_SIGMA,
 )
-from vo_service.odometry.direct.residuals import GAIN, OFFSET, SIGMA_BRIGHTNESS, student_weight
-from vo_service.odometry.direct.warping import SAMPLE_BRIGHTNESS, SAMPLE_CELL
+from vo_service.odometry.direct.residuals import (
+    GAIN,
+    OFFSET,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_U,
+    SAMPLE_V,
+    SIGMA_BRIGHTNESS,
+    squared_radius_change,
+    student_weight,
+)
 
-# Added to the diagonal of a matrix, relative to its trace, before a system is solved.
+# Added to the diagonal of a matrix before a system is solved, relative to its trace or diagonal.
 REGULARIZATION = 1e-9
 
 
@@ -100,3 +119,63 @@ def _accumulate_scores(
             for b in range(6):
                 products[a, b] += J[a] * J[b]
     return scores, products, count
+
+
+@dataclass(frozen=True)
+class VignettingEstimate:
+    """Estimate of the vignetting.
+
+    Attributes:
+        value: 0 for none.
+        information: 1 / variance.
+    """
+
+    value: float = 0.0
+    information: float = VIGNETTING_PRIOR_SIGMA**-2
+
+    def update(
+        self, keyframe: DirectKeyframe, images: ImagePyramid, alignment: DirectAlignment
+    ) -> "VignettingEstimate":
+        """Return the estimate updated by a view in which the keyframe's points have moved far."""
+        H, g = _regress(
+            keyframe.points[0],
+            alignment.samples,
+            alignment.cell_weights,
+            alignment.residual_model,
+            images.intrinsics[0],
+        )
+        if H[2, 2] <= 0.0:
+            return self
+        inverse = np.linalg.inv(
+            H + REGULARIZATION * np.diag(np.diag(H)) + REGULARIZATION * np.eye(3)
+        )
+        measured = images.vignetting + float(inverse[2] @ g)
+        prior_information = VIGNETTING_DECAY * self.information
+        view_information = 1.0 / (VIGNETTING_VIEW_SIGMA**2 + float(inverse[2, 2]))
+        information = prior_information + view_information
+        value = (prior_information * self.value + view_information * measured) / information
+        return VignettingEstimate(min(max(value, -MAX_VIGNETTING), MAX_VIGNETTING), information)
+
+
+@kernel
+def _regress(
+    points: Array, samples: Array, cell_weights: Array, residual_model: Array, intrinsics: Array
+) -> tuple[Array, Array]:
+    """Normal equations (3, 3) and (3,) of changes of gain, offset and vignetting."""
+    H, g, J = np.zeros((3, 3)), np.zeros(3), np.ones(3)
+    for i in range(len(points)):
+        brightness = samples[i, SAMPLE_BRIGHTNESS]
+        if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
+            continue
+        u, v = samples[i, SAMPLE_U], samples[i, SAMPLE_V]
+        expected = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+        residual = brightness - expected - residual_model[OFFSET]
+        variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
+        w = student_weight(residual, variance)
+        w *= cell_weights[0, int(samples[i, SAMPLE_CELL])]
+        J[0], J[2] = expected, -expected * squared_radius_change(u, v, intrinsics, points[i])
+        for a in range(3):
+            for b in range(3):
+                H[a, b] += w * J[a] * J[b]
+            g[a] += w * J[a] * residual
+    return H, g

@@ -14,8 +14,8 @@ from pathlib import Path
 import zenoh
 
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.cdr import decode_odometry
 from vo_service.outputs.zenoh.session import open_session
+from vo_service.ros_messages import decode_odometry
 
 
 def main(file: Path) -> None:

@@ -3,11 +3,12 @@
 import argparse
 from pathlib import Path
 
+import zenoh
+
 from drivers.core.errors import InputError
 from vo_service.cli.options import print_message
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.access_denied_log import capture_zenoh_log
-from vo_service.outputs.zenoh.link_events import log_link_events
+from vo_service.outputs.zenoh.connection import log_connections
 from vo_service.outputs.zenoh.session import build_zenoh_config, configured_endpoints, open_session
 from vo_service.signals import stop_on_signals
 
@@ -38,8 +39,9 @@ def run(args: argparse.Namespace) -> int:
     settings = build_zenoh_config(config)
     if settings.get_json("mode") != '"router"':
         raise InputError(f'{args.file}: not a router\'s configuration; set mode: "router" in it')
-    with stop_on_signals() as stop, capture_zenoh_log(), open_session(config) as session:
-        log_link_events(session)
+    zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
+    with stop_on_signals() as stop, open_session(config) as session:
+        log_connections(session)
         endpoints = ", ".join(configured_endpoints(settings, "listen"))
         print_message(f"router: listening at {endpoints} (Ctrl-C ends)")
         # Wait with a timeout: the kernel may deliver the signal to one of Zenoh's threads, which

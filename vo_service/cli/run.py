@@ -7,6 +7,8 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+import zenoh
+
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import InputError
 from drivers.core.files import rotate_file
@@ -27,7 +29,6 @@ from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level
 from vo_service.outputs.state_log import ProgressOutput, StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
-from vo_service.outputs.zenoh.access_denied_log import log_access_denied
 from vo_service.outputs.zenoh.command_server import make_command_endpoint
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
 from vo_service.outputs.zenoh.output import ExtraEndpoints
@@ -110,6 +111,7 @@ def _serve(
     from vo_service.outputs.recorder.flight_recorder import open_recorder
     from vo_service.slam.mapper.live_mapper import open_mapper
 
+    zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     command_queue: CommandQueue[Command] = CommandQueue()
     reloader = ConfigReloader(config, lambda: load_config(args))
     systemd = SystemdOutput()
@@ -126,7 +128,6 @@ def _serve(
         log_line=terminal.write_line,
     )
     with (
-        log_access_denied(config.zenoh),
         open_outputs(outputs_config) as opened,
         closing(open_sensor_memory(config.odometry.timing)) as sensor_memory,
         closing(systemd),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.geometry import Array
-from vo_service.outputs.zenoh.cdr import decode_transform
+from vo_service.ros_messages import decode_transform
 from vo_service.types import MapOdomAttachment, decode_message, parse_json_message
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.outputs.zenoh.cdr import OdometryMessage, decode_odometry
+from vo_service.ros_messages import OdometryMessage, decode_odometry
 from vo_service.types import OdomAttachment, decode_message, parse_json_message
 
 LOST = "lost"

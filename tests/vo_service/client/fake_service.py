@@ -13,13 +13,13 @@ from tests.ports import free_port
 from tests.waiting import wait_until
 from vo_service.client import Pose, PoseClient
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.cdr import (
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.ros_messages import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,
     encode_transform,
 )
-from vo_service.outputs.zenoh.session import open_session
 
 
 def find_free_endpoint() -> str:

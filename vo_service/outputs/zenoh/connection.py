@@ -29,6 +29,7 @@ RETRY_S = 2.0
 ROUTER_GRACE_S = 3.0
 # Another program may take a free port before Zenoh opens it.
 MAX_PORT_ATTEMPTS = 5
+_MAX_NAME_CHARS = 64
 
 
 class ZenohConnection(Protocol):
@@ -112,7 +113,7 @@ class ConnectWithRetry:
         self._tried_s = now_s()
         self.warning = ""
         try:
-            self._opened = [open_session(config)]
+            self._opened = [_open_logged_session(config)]
         except ZenohUnavailableError as error:
             self._set_warning(f"{error.clause}; trying again")
 
@@ -129,7 +130,7 @@ class ConnectWithRetry:
         if self._now_s() - self._tried_s < RETRY_S:
             return
         try:
-            self._opened = [open_session(self._config)]
+            self._opened = [_open_logged_session(self._config)]
         except ZenohUnavailableError as error:
             self._set_warning(f"{error.clause}; trying again")
         except UserFacingError as error:  # a configuration file has changed since the start
@@ -143,6 +144,25 @@ class ConnectWithRetry:
             return
         self.warning = warning
         logger.warning("%s", warning or "zenoh: connected again")
+
+
+def _open_logged_session(config: ZenohConfig) -> zenoh.Session:
+    session = open_session(config)
+    log_connections(session)
+    return session
+
+
+def log_connections(session: zenoh.Session) -> None:
+    """Log each connection and its end at level INFO, with its certificate's common name."""
+    session.info.declare_link_events_listener(_log_link_event, history=True)
+
+
+def _log_link_event(event: zenoh.LinkEvent) -> None:
+    link = event.link
+    change = "connected" if event.kind == zenoh.SampleKind.PUT else "disconnected"
+    # The name comes from outside: it must not write lines of its own.
+    name = "".join(c if c.isprintable() else "?" for c in link.auth_identifier or "unauthenticated")
+    logger.info("zenoh: %s, %s: %s", name[:_MAX_NAME_CHARS], link.dst, change)
 
 
 def _describe(config: ZenohConfig) -> str:

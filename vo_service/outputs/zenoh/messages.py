@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vo_service.outputs.zenoh.cdr import (
+from vo_service.ros_messages import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.rate_limit import TokenBucket
-from vo_service.outputs.zenoh.cdr import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.outputs.zenoh.json_schemas import all_schemas
+from vo_service.ros_messages import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.types import MESSAGE_SCHEMA, CommandError, ErrorCode, ErrorReply, encode_message
 
 logger = logging.getLogger(__name__)

@@ -18,8 +18,8 @@ import zenoh
 
 from drivers.core.errors import InputError
 from vo_service.config_tables import Ros2Config
-from vo_service.outputs.zenoh.cdr import TransformMessage, encode_transforms
 from vo_service.outputs.zenoh.messages import FrameIds, map_odom_transform
+from vo_service.ros_messages import TransformMessage, encode_transforms
 from vo_service.types import NO_MAP, OdometryUpdate, TrackingState
 
 # Stands for the empty enclave and namespace: a key may have no empty part.

@@ -1,7 +1,9 @@
-"""Check of a Zenoh configuration without the network."""
+"""Check of a Zenoh configuration without the network: endpoints, TLS keys, access rules."""
 
 import json
 import re
+import ssl
+from collections.abc import Callable, Sequence
 
 import zenoh
 
@@ -13,12 +15,8 @@ from vo_service.outputs.zenoh.session import (
     configured_endpoints,
     parse_endpoint,
 )
-from vo_service.outputs.zenoh.tls_check import (
-    ENCRYPTED_PROTOCOLS,
-    check_tls_keys,
-    requires_client_certificates,
-)
 
+_ENCRYPTED = ("tls", "quic")
 _UNENCRYPTED = ("tcp", "udp", "ws")
 _PATH_PROTOCOLS = ("unixsock-stream", "unixpipe", "serial", "vsock")
 
@@ -37,9 +35,9 @@ def check_session_config(config: ZenohConfig) -> str:
     listen, connect = (configured_endpoints(settings, key) for key in ("listen", "connect"))
     for endpoint in (*listen, *connect):
         _check_endpoint(endpoint, where)
-    check_tls_keys(settings, where, listen, connect)
+    _check_tls_keys(settings, where, listen, connect)
     _check_rules(settings, where)
-    is_safe = ENCRYPTED_PROTOCOLS if requires_client_certificates(settings) else ()
+    is_safe = _ENCRYPTED if _requires_client_certificates(settings) else ()
     exposed = [
         text
         for text, endpoint in zip(listen, map(parse_endpoint, listen), strict=True)
@@ -55,7 +53,7 @@ def _check_endpoint(text: str, where: str) -> None:
     if text.partition("/")[0] in _PATH_PROTOCOLS:
         return
     endpoint = parse_endpoint(text)
-    if endpoint.protocol not in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) or int(endpoint.port) > 65535:
+    if endpoint.protocol not in (*_UNENCRYPTED, *_ENCRYPTED) or int(endpoint.port) > 65535:
         raise InputError(
             f"{where}: {json.dumps(text)} is not an endpoint; write PROTOCOL/ADDRESS:PORT, such as "
             f"{DEFAULT_ENDPOINT} or tls/robot1.local:7451"
@@ -82,3 +80,71 @@ def _check_rules(settings: zenoh.Config, where: str) -> None:
         reason = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
         plain = " ".join(reason.split()).removeprefix("Access control not enabled due to: ")
         raise InputError(f"{where}: {plain}; correct it there") from error
+
+
+def _check_tls_keys(
+    settings: zenoh.Config, where: str, listen: Sequence[str], connect: Sequence[str]
+) -> None:
+    """Check the TLS keys of a configuration.
+
+    Args:
+        settings: The configuration.
+        where: Its name, for the message.
+        listen: Endpoints to listen on.
+        connect: Endpoints to connect to.
+
+    Raises:
+        InputError: A key is missing, not readable or does not match; it names the file.
+    """
+    root = _tls_file(settings, "root_ca_certificate")
+    if root:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        _run_ssl_load(lambda: context.load_verify_locations(root), where, root)
+    for side, endpoints in (("listen", listen), ("connect", connect)):
+        certificate = _tls_file(settings, f"{side}_certificate")
+        key = _tls_file(settings, f"{side}_private_key")
+        if certificate and key:
+            _check_pair(certificate, key, where)
+        if (
+            side == "listen"
+            and _has_encrypted_endpoint(endpoints)
+            and not (certificate and key and root)
+        ):
+            raise InputError(
+                f"{where}: to listen with TLS, transport.link.tls needs root_ca_certificate, "
+                "listen_certificate and listen_private_key; see config/zenoh/robot-tls.json5"
+            )
+
+
+def _requires_client_certificates(settings: zenoh.Config) -> bool:
+    """Return whether TLS clients need a certificate."""
+    return json.loads(settings.get_json("transport/link/tls/enable_mtls")) is True
+
+
+def _check_pair(certificate: str, key: str, where: str) -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    # An empty password: a prompt on the terminal would block forever.
+    _run_ssl_load(
+        lambda: context.load_cert_chain(certificate, key, password=lambda: ""),
+        where,
+        f"{certificate} with {key}",
+    )
+
+
+def _run_ssl_load(load: Callable[[], None], where: str, what: str) -> None:
+    try:
+        load()
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
+        plain = str(reason).replace("_", " ").lower()
+        raise InputError(
+            f"{where}: {what}: {plain}; give matching PEM files without a password"
+        ) from error
+
+
+def _tls_file(settings: zenoh.Config, name: str) -> str:
+    return json.loads(settings.get_json(f"transport/link/tls/{name}")) or ""
+
+
+def _has_encrypted_endpoint(endpoints: Sequence[str]) -> bool:
+    return any(endpoint.partition("/")[0] in _ENCRYPTED for endpoint in endpoints)

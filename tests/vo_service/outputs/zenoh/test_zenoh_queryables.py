@@ -16,8 +16,8 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
     reply_json,
 )
 from tests.waiting import wait_until
-from vo_service.outputs.zenoh.cdr import decode_odometry
 from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.ros_messages import decode_odometry
 from vo_service.types import OdometryUpdate, Status
 
 pytestmark = pytest.mark.zenoh

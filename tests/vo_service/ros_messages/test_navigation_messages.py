@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.outputs.zenoh.cdr import (
+from vo_service.ros_messages import (
     OdometryMessage,
     TransformMessage,
     decode_odometry,

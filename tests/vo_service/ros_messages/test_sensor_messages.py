@@ -1,0 +1,183 @@
+"""The messages of images, points and acceleration against rosbags' own serializer."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from rosbags.typesys import Stores, get_typestore
+
+from vo_service import ros_messages as ros
+from vo_service.ros_messages.cdr import CDR_HEADER
+
+ROS = get_typestore(Stores.ROS2_JAZZY)
+frame_ids = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=30)
+stamps = st.floats(0.0, 2.0**31 - 1)
+sizes = st.tuples(st.integers(1, 9), st.integers(1, 9))
+numbers = st.floats(-1e6, 1e6, width=32)
+quick = settings(max_examples=40, deadline=None)
+
+
+def header(message: Any) -> Any:
+    sec, nanosec = ros.split_stamp(message.stamp_s)
+    time = ROS.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return ROS.types["std_msgs/msg/Header"](stamp=time, frame_id=message.frame_id)
+
+
+def deserialize(payload: bytes, schema: str) -> Any:
+    return ROS.deserialize_cdr(payload, schema)
+
+
+def by_rosbags(schema: str, **fields: Any) -> bytes:
+    return bytes(ROS.serialize_cdr(ROS.types[schema](**fields), schema))
+
+
+@given(stamps, frame_ids, st.data(), sizes)
+@quick
+def test_a_color_image(stamp_s: float, frame_id: str, data: st.DataObject, size: Any) -> None:
+    pixels = data.draw(arrays(np.uint8, (*size, 3)))
+    message = ros.RawImageMessage(stamp_s, frame_id, "bgr8", pixels)
+    encoded = ros.encode_image(message)
+    assert encoded == by_rosbags(
+        ros.IMAGE_SCHEMA,
+        header=header(message),
+        height=size[0],
+        width=size[1],
+        encoding="bgr8",
+        is_bigendian=0,
+        step=3 * size[1],
+        data=pixels.ravel(),
+    )
+    decoded = ros.decode_image(encoded)
+    np.testing.assert_array_equal(decoded.pixels, pixels)
+    assert (decoded.frame_id, decoded.encoding) == (frame_id, "bgr8")
+    assert ros.split_stamp(decoded.stamp_s) == ros.split_stamp(stamp_s)
+
+
+@given(stamps, frame_ids, st.data(), sizes)
+@quick
+def test_a_depth_image(stamp_s: float, frame_id: str, data: st.DataObject, size: Any) -> None:
+    pixels = data.draw(arrays(np.uint16, size))
+    message = ros.RawImageMessage(stamp_s, frame_id, "16UC1", pixels)
+    encoded = ros.encode_image(message)
+    decoded = deserialize(encoded, ros.IMAGE_SCHEMA)
+    assert (decoded.height, decoded.width, decoded.step) == (*size, 2 * size[1])
+    np.testing.assert_array_equal(decoded.data.view(np.uint16).reshape(size), pixels)
+    np.testing.assert_array_equal(ros.decode_image(encoded).pixels, pixels)
+
+
+@given(stamps, frame_ids, st.binary(max_size=50))
+@quick
+def test_a_compressed_image(stamp_s: float, frame_id: str, data: bytes) -> None:
+    text = "bgr8; jpeg compressed bgr8"
+    message = ros.CompressedImageMessage(stamp_s, frame_id, text, data)
+    encoded = ros.encode_compressed_image(message)
+    array = np.frombuffer(data, np.uint8)
+    schema = ros.COMPRESSED_IMAGE_SCHEMA
+    assert encoded == by_rosbags(schema, header=header(message), format=text, data=array)
+    assert bytes(ros.decode_compressed_image(encoded).data) == data
+
+
+@given(stamps, frame_ids, sizes, arrays(np.float64, (3, 3), elements=numbers))
+@quick
+def test_camera_info(stamp_s: float, frame_id: str, size: Any, K: Any) -> None:
+    message = ros.CameraInfoMessage(stamp_s, frame_id, size[0], size[1], K)
+    encoded = ros.encode_camera_info(message)
+    region = ROS.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    assert encoded == by_rosbags(
+        ros.CAMERA_INFO_SCHEMA,
+        header=header(message),
+        width=size[0],
+        height=size[1],
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=K.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.hstack([K, np.zeros((3, 1))]).ravel(),
+        binning_x=0,
+        binning_y=0,
+        roi=region,
+    )
+    np.testing.assert_array_equal(ros.decode_camera_info(encoded).K, K)
+
+
+@given(stamps, frame_ids, st.integers(0, 20), st.data())
+@quick
+def test_a_point_cloud(stamp_s: float, frame_id: str, count: int, data: st.DataObject) -> None:
+    xyz_m = data.draw(arrays(np.float32, (count, 3), elements=numbers))
+    bgr = data.draw(arrays(np.uint8, (count, 3)))
+    encoded = ros.encode_point_cloud(ros.PointCloudMessage(stamp_s, frame_id, xyz_m, bgr))
+    cloud = deserialize(encoded, ros.POINT_CLOUD_SCHEMA)
+    assert [(field.name, field.offset) for field in cloud.fields] == [
+        ("x", 0),
+        ("y", 4),
+        ("z", 8),
+        ("rgb", 12),
+    ]
+    assert (cloud.height, cloud.width, cloud.point_step) == (1, count, 16)
+    rows = cloud.data.reshape(count, 16)
+    np.testing.assert_array_equal(rows[:, :12].copy().view(np.float32), xyz_m)
+    np.testing.assert_array_equal(rows[:, 12:15], bgr)  # rgb is 0x00RRGGBB, little endian
+    decoded = ros.decode_point_cloud(encoded)
+    np.testing.assert_array_equal(decoded.xyz_m, xyz_m)
+    np.testing.assert_array_equal(decoded.bgr, bgr)
+
+
+@given(stamps, frame_ids, arrays(np.float64, 3, elements=numbers))
+@quick
+def test_an_acceleration(stamp_s: float, frame_id: str, acceleration: Any) -> None:
+    encoded = ros.encode_imu(ros.ImuMessage(stamp_s, frame_id, acceleration))
+    imu = deserialize(encoded, ros.IMU_SCHEMA)
+    assert imu.orientation_covariance[0] == imu.angular_velocity_covariance[0] == -1.0
+    measured = imu.linear_acceleration
+    assert [measured.x, measured.y, measured.z] == list(acceleration)
+    np.testing.assert_array_equal(ros.decode_imu(encoded).acceleration_m_s2, acceleration)
+
+
+DECODERS = (
+    ros.decode_image,
+    ros.decode_compressed_image,
+    ros.decode_camera_info,
+    ros.decode_point_cloud,
+    ros.decode_imu,
+    ros.decode_transforms,
+)
+
+
+@pytest.mark.parametrize("decode", DECODERS)
+@given(st.binary(max_size=200))
+@quick
+def test_any_bytes_give_a_message_or_a_value_error(
+    decode: Callable[[bytes], object], body: bytes
+) -> None:
+    with suppress(ValueError):
+        decode(CDR_HEADER + body)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "encoding"),
+    [(np.zeros((4, 4), np.uint8), "bgr8"), (np.zeros((4, 4, 3), np.uint16), "16UC1")],
+)
+def test_pixels_that_do_not_fit_the_encoding_are_rejected(pixels: Any, encoding: str) -> None:
+    with pytest.raises(ValueError, match="not an image"):
+        ros.encode_image(ros.RawImageMessage(1.0, "camera", encoding, pixels))
+
+
+def test_points_that_are_not_finite_are_never_encoded() -> None:
+    xyz_m = np.array([[0.0, 0.0, np.nan]], np.float32)
+    cloud = ros.PointCloudMessage(1.0, "camera", xyz_m, np.zeros((1, 3), np.uint8))
+    with pytest.raises(ValueError, match="not finite"):
+        ros.encode_point_cloud(cloud)
+
+
+def test_a_distorted_camera_info_is_refused() -> None:
+    info = ros.CameraInfoMessage(1.0, "camera_rgb_optical_frame", 640, 480, np.eye(3))
+    encoded = bytearray(ros.encode_camera_info(info))
+    assert len(encoded) == 381
+    encoded[76:84] = np.float64(0.1).tobytes()
+    with pytest.raises(ValueError, match="distorted"):
+        ros.decode_camera_info(encoded)

@@ -1,0 +1,77 @@
+"""The messages of a frame: millimeters, points where the pixels are, and images that come back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from vo_service.frame_messages import (
+    FrameMessages,
+    decode_color_jpeg,
+    decode_depth_png,
+    depth_in_mm,
+)
+from vo_service.ros_messages import CompressedImageMessage
+
+CAMERA = PinholeCamera(64, 48, 50.0, 52.0, 31.5, 23.5)
+
+
+@pytest.fixture
+def frame() -> RgbdFrame:
+    rows, columns = np.mgrid[:48, :64]
+    color = np.dstack([rows * 3, columns * 2, rows + columns]).astype(np.uint8)
+    depth = (1000 + 10 * rows + columns).astype(np.uint16)
+    depth[:5] = 0
+    gravity = (0.0, 9.8, 0.3)
+    return RgbdFrame(7, 1.0, 0.0, color, depth, 1000.0, CAMERA, gravity_m_s2=gravity)
+
+
+@pytest.fixture
+def messages(frame: RgbdFrame) -> FrameMessages:
+    return FrameMessages(frame, 1.0, "camera_rgb_optical_frame")
+
+
+def test_depth_of_another_unit_becomes_millimeters(frame: RgbdFrame) -> None:
+    tum = replace(frame, depth_raw=np.array([[0, 5, 5000, 65535]], np.uint16), depth_factor=5000.0)
+    assert depth_in_mm(tum).tolist() == [[0, 1, 1000, 13107]]
+    coarse = replace(tum, depth_factor=500.0)
+    assert depth_in_mm(coarse).tolist() == [[0, 10, 10000, 0]]  # 131 m does not fit
+
+
+def test_compressed_depth_is_lossless(messages: FrameMessages, frame: RgbdFrame) -> None:
+    np.testing.assert_array_equal(decode_depth_png(messages.depth_png()), frame.depth_raw)
+
+
+def test_a_jpeg_is_close_to_the_image(messages: FrameMessages, frame: RgbdFrame) -> None:
+    decoded = decode_color_jpeg(messages.color_jpeg(95))
+    assert np.abs(decoded.astype(int) - frame.color_bgr).mean() < 4.0
+
+
+def test_points_project_onto_their_pixels(messages: FrameMessages, frame: RgbdFrame) -> None:
+    cloud = messages.points(stride=3)
+    projected = cloud.xyz_m @ CAMERA.K.T
+    columns, rows = np.rint(projected[:, :2] / projected[:, 2:]).astype(int).T
+    assert np.all(rows % 3 == 0)
+    assert np.all(columns % 3 == 0)
+    np.testing.assert_allclose(cloud.xyz_m[:, 2], frame.depth_m[rows, columns])
+    np.testing.assert_array_equal(cloud.bgr, frame.color_bgr[rows, columns])
+    assert len(cloud.xyz_m) == np.count_nonzero(frame.depth_raw[::3, ::3])
+
+
+def test_the_acceleration_at_rest_points_up(messages: FrameMessages) -> None:
+    imu = messages.imu()
+    assert imu is not None
+    np.testing.assert_allclose(imu.acceleration_m_s2, [0.0, -9.8, -0.3])  # y points down
+
+
+def test_without_an_accelerometer_there_is_no_acceleration(frame: RgbdFrame) -> None:
+    assert FrameMessages(replace(frame, gravity_m_s2=None), 1.0, "camera").imu() is None
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00" * 12, b"\x00" * 40])
+def test_images_that_cannot_be_decoded_are_refused(data: bytes) -> None:
+    message = CompressedImageMessage(1.0, "camera", "some format", data or b"\x00")
+    for decode in (decode_color_jpeg, decode_depth_png):
+        with pytest.raises(ValueError, match="cannot be decoded"):
+            decode(message)

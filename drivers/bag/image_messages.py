@@ -76,6 +76,21 @@ class ImageMessage(RecordedImage):
         """Read raw or compressed depth; depth in meters is rounded."""
         return depth_from_message(self.read_message(), self.name, self.depth_factor)
 
+    def read_stored_color(self) -> bytes | BgrImage:
+        """Read a compressed image as it is stored, and decode a raw one."""
+        message = self.read_message()
+        if hasattr(message, "encoding"):
+            return color_from_message(message, self.name)
+        return bytes(message.data)
+
+    def read_stored_depth(self) -> bytes | DepthImage:
+        """Read the PNG of compressed depth as it is stored, and decode other images."""
+        message = self.read_message()
+        if hasattr(message, "encoding") or is_depth_in_meters(message) or "rvl" in message.format:
+            return depth_from_message(message, self.name, self.depth_factor)
+        has_header = "compressedDepth" in message.format
+        return bytes(message.data)[COMPRESSED_DEPTH_HEADER.size if has_header else 0 :]
+
 
 def is_depth_in_meters(message: Any) -> bool:
     """Whether a message of depth has meters; else it has the sensor's millimeters."""

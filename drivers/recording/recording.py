@@ -56,6 +56,14 @@ class RecordedImage(ABC):
     def read_depth(self) -> DepthImage:
         """Read (height, width) uint16. Raises UnreadableFrameError."""
 
+    @abstractmethod
+    def read_stored_color(self) -> bytes | BgrImage:
+        """Read the PNG or JPEG as it is stored; raw images as `read_color`."""
+
+    @abstractmethod
+    def read_stored_depth(self) -> bytes | DepthImage:
+        """Read the PNG as it is stored; other images as `read_depth`."""
+
 
 @dataclass(frozen=True)
 class FramePair:

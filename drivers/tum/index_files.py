@@ -41,6 +41,14 @@ class ListedImage(RecordedImage):
         """Read the file; it must be a complete PNG with 16 bits."""
         return decode_depth(self._read_bytes(), self.name)
 
+    def read_stored_color(self) -> bytes:
+        """Read the file's bytes."""
+        return self._read_bytes()
+
+    def read_stored_depth(self) -> bytes:
+        """Read the file's bytes."""
+        return self._read_bytes()
+
     def _read_bytes(self) -> bytes:
         try:
             return self.file.read_bytes()

@@ -1,4 +1,4 @@
-"""``kinect-vo record``: record any camera into a folder in TUM format."""
+"""``kinect-vo record``: record any camera into a folder in TUM format, or an MCAP file."""
 
 import argparse
 import math
@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.camera import (
     CameraState,
@@ -17,7 +18,9 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.core.trajectory import Trajectory
+from drivers.open_recording import BAG_SUFFIXES, check_bag_packages
 from drivers.recording.encode import ColorFormat
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
@@ -28,17 +31,25 @@ from vo_service.config import read_config
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 
+if TYPE_CHECKING:  # its packages are optional
+    from drivers.bag.mcap_recorder import McapRecorder
+
 EPILOG = """\
 examples:
   kinect-vo record --camera freenect --seconds 30 recordings/desk
   kinect-vo record --camera openni2:desk.oni recordings/desk
   kinect-vo record --camera synthetic --seconds 10 recordings/room
   kinect-vo record --camera freenect recordings/desk
+  kinect-vo record --camera freenect desk.mcap
   kinect-vo record --camera tum:recordings/desk --jpeg desk-small
 
 The folder can be replayed at any time, also after a crash: an image is listed only once it is
 complete. PNG is lossless, so a replay gives the same trajectory as the camera did.
+
+FILE.mcap opens in Foxglove and Rerun. Its color images are JPEG, which is lossy, unless --raw is
+given. After a crash it can be replayed up to the last second.
 """
+MCAP_SUFFIX = ".mcap"
 POLL_PERIOD_S = 0.25
 # Timeouts without a frame, streaming and opening. Opening includes rendering the virtual room and
 # compiling its kernels on a slow computer.
@@ -48,7 +59,7 @@ OPEN_TIMEOUT_S = 120.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="new folder to record into")
+    parser.add_argument("output", metavar="OUT", type=Path, help="new folder or FILE.mcap")
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     add_camera_options(parser)
     parser.add_argument(
@@ -58,6 +69,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jpeg", action="store_true", help="color as JPEG: a third of the size, but lossy"
     )
+    parser.add_argument(
+        "--raw", action="store_true",
+        help="FILE.mcap: store the images as they are (default: color as JPEG, which is lossy, "
+        "and depth as PNG)",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
         UserFacingError: If an option is not valid, or if the camera or the disk fails.
     """
     config = read_config(args.config)
+    _check_output(args)
     terminal = Terminal()
     camera = open_camera(
         args.camera or config.camera.source,
@@ -81,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         written = 0 if first is None else _write_frames(args, camera, first, frames, terminal)
     terminal.clear()
     print(
-        f"{written} frames in {args.folder}" if written else "no frame received: nothing is written"
+        f"{written} frames in {args.output}" if written else "no frame received: nothing is written"
     )
     return stop.exit_code
 
@@ -93,15 +110,41 @@ def _write_frames(
     rest: Iterator[RgbdFrame],
     terminal: Terminal,
 ) -> int:
-    """Create the folder, write the frames, and return their number."""
-    color = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
-    with TumWriter(args.folder, ground_truth=camera.ground_truth, color_format=color) as writer:
+    """Create the folder or file, write the frames, and return their number."""
+    with _create_writer(args, camera.ground_truth) as writer:
         for frame in chain([first], rest):
             if frame.stamp_s - first.stamp_s >= args.seconds:
                 break
             writer.write(frame)
             terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
     return writer.written
+
+
+def _check_output(args: argparse.Namespace) -> None:
+    """Raise InputError if the options do not fit the kind of output."""
+    suffix = args.output.suffix.lower()
+    if suffix == MCAP_SUFFIX:
+        check_bag_packages(args.output)
+        if args.jpeg and args.raw:
+            raise InputError("--jpeg and --raw contradict each other; leave one of the two out")
+    elif suffix in BAG_SUFFIXES:
+        raise InputError(
+            f"{args.output}: bags are not recorded live; record an .mcap and use `kinect-vo "
+            "convert`"
+        )
+    elif args.raw:
+        raise InputError("--raw is for FILE.mcap; a folder without --jpeg is lossless")
+
+
+def _create_writer(
+    args: argparse.Namespace, ground_truth: Trajectory | None
+) -> "TumWriter | McapRecorder":
+    if args.output.suffix.lower() != MCAP_SUFFIX:
+        color = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
+        return TumWriter(args.output, ground_truth=ground_truth, color_format=color)
+    from drivers.bag.mcap_recorder import McapRecorder  # its packages are optional
+
+    return McapRecorder(args.output, ground_truth=ground_truth, is_raw=args.raw)
 
 
 def _play_once(synthetic: SyntheticConfig, max_duration_s: float) -> SyntheticConfig:

@@ -1,0 +1,236 @@
+"""Recording of any camera into an MCAP file that survives a crash."""
+
+import logging
+import time
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from decimal import Decimal
+from io import FileIO
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self, cast
+
+from drivers.bag.bag_writer import McapWriter
+from drivers.bag.frame_writer import MILLIMETER_DEPTH_FACTOR, FrameWriter
+from drivers.calibration import CameraCalibration
+from drivers.camera import RgbdFrame
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import free_disk_bytes, is_disk_full
+from drivers.core.trajectory import Trajectory
+from drivers.recording.encode import ColorFormat, encode_image
+from drivers.recording.frame_stamps import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
+from drivers.recording.image_decoding import BgrImage, DepthImage
+
+_log = logging.getLogger(__name__)
+
+ENCODER_THREADS = 2
+# Frames that wait for a slow disk: one second of a Kinect, 45 MB.
+MAX_PENDING_FRAMES = 30
+# What a crash may lose.
+FLUSH_PERIOD_S = 0.5
+# Left free on the disk, for the end of the file.
+RESERVED_BYTES = 16_000_000
+_Images = tuple[bytes | BgrImage, bytes | DepthImage]
+
+
+class McapRecorder:
+    """Writes frames, gravity and the ground truth as ROS messages, see `FrameWriter`.
+
+    Images are encoded on threads and written in order on another, so that a slow disk does not
+    hold up the camera. Everything older than `FLUSH_PERIOD_S` outlives the process. A frame whose
+    stamp is not after the previous one, to the microsecond, is skipped, counted and logged.
+
+    Args:
+        path: New file.
+        ground_truth: Written at the start.
+        is_raw: Write the images as they are. Otherwise color is JPEG, which loses a little, and
+            depth in millimeters is PNG.
+
+    Raises:
+        InputError: The file exists or cannot be created.
+    """
+
+    def __init__(
+        self, path: Path, *, ground_truth: Trajectory | None = None, is_raw: bool = False
+    ) -> None:
+        self.path = path
+        self.written = self.skipped = 0
+        self._ground_truth, self._is_raw = ground_truth, is_raw
+        self._file = _create(path)
+        self._mcap = McapWriter(cast(IO[bytes], _UnbufferedStream(self._file)))
+        self._frame_writer: FrameWriter | None = None
+        self._calibration: CameraCalibration | None = None
+        self._last_stamps = EARLIEST_STAMPS
+        self._failure: UserFacingError | None = None
+        self._flushed_bytes = self._flushed_frames = 0
+        self._flushed_s = time.monotonic()
+        self._pending: deque[Future[None]] = deque()
+        self._encoders = ThreadPoolExecutor(ENCODER_THREADS, thread_name_prefix="mcap-encode")
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix="mcap-write")
+
+    def write(self, frame: RgbdFrame) -> None:
+        """Add a frame; it may reach the disk up to a second later.
+
+        Raises:
+            UserFacingError: Writing fails (earlier frames remain), or the camera differs from that
+                of the first frame.
+        """
+        self._raise_failure()
+        stamps = FrameStamps.from_frame(frame)
+        if not stamps.is_after(self._last_stamps):
+            self.skipped += 1
+            _log.warning("frame %d is not recorded: its stamp does not rise", frame.seq)
+            return
+        self._check_camera(calibration_of_frame(frame))
+        self._last_stamps = stamps
+        images = self._encoders.submit(_encode, frame, self._is_raw)
+        self._pending.append(self._writer.submit(self._commit, frame, stamps, images))
+        while len(self._pending) > MAX_PENDING_FRAMES or (
+            self._pending and self._pending[0].done()
+        ):
+            self._pending.popleft().result()
+        self._raise_failure()
+
+    def close(self) -> None:
+        """Write pending frames and complete the file. Safe to call twice. Raises as `write`."""
+        if self._file.closed:
+            return
+        try:
+            self._encoders.shutdown()
+            self._writer.shutdown()
+            while self._pending:
+                self._pending.popleft().result()
+            self._complete()
+        finally:
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+    def _check_camera(self, calibration: CameraCalibration) -> None:
+        if self._calibration is None:
+            self._calibration = calibration
+        if calibration != self._calibration:
+            raise UserFacingError(
+                f"{self.path}: the camera changed during recording (now {calibration.pinhole}, "
+                f"depth factor {calibration.depth_factor}, readout {calibration.readout_s} s); "
+                "record it into another file"
+            )
+
+    def _commit(self, frame: RgbdFrame, stamps: FrameStamps, images: Future[_Images]) -> None:
+        """Write a frame, on the writer's thread. After a failure the rest is discarded."""
+        if self._failure is not None:
+            return
+        try:
+            writer = self._frame_writer or self._begin(calibration_of_frame(frame), stamps)
+            if frame.gravity_m_s2 is not None:
+                writer.write_gravity(stamps.color, frame.gravity_m_s2)
+            writer.write_frame(stamps, *images.result())
+            self.written += 1
+            if time.monotonic() - self._flushed_s >= FLUSH_PERIOD_S:
+                self._flush()
+        except OSError as error:
+            self._set_failure(error)
+            self._cut_to_last_flush()
+        except UserFacingError as error:
+            self._failure = error
+
+    def _begin(self, calibration: CameraCalibration, stamps: FrameStamps) -> FrameWriter:
+        """Write what belongs to the whole recording."""
+        writer = FrameWriter(self._mcap, calibration, min(stamps.color, stamps.depth))
+        truth = self._ground_truth
+        if truth is not None:
+            for stamp_s, T in zip(truth.stamps_s, truth.T_world_camera, strict=True):
+                writer.write_true_pose(Decimal(repr(float(stamp_s))), T)
+        self._frame_writer = writer
+        return writer
+
+    def _flush(self) -> None:
+        """Hand the messages to the system; raise UserFacingError if the disk is nearly full."""
+        self._mcap.flush()
+        self._flushed_bytes, self._flushed_frames = self._file.tell(), self.written
+        self._flushed_s = time.monotonic()
+        if free_disk_bytes(self.path.parent) < RESERVED_BYTES:
+            raise self._full_error()
+
+    def _complete(self) -> None:
+        """Write the end of the file, which is already cut if the disk was full."""
+        if not isinstance(getattr(self._failure, "__cause__", None), OSError):
+            try:
+                self._mcap.close()
+            except OSError as error:
+                self._set_failure(error)
+                self._cut_to_last_flush()
+                self._raise_failure()
+
+    def _set_failure(self, error: OSError) -> None:
+        if is_disk_full(error):
+            self._failure = self._full_error()
+        else:
+            self._failure = UserFacingError(
+                f"{self.path}: cannot be written: {error.strerror}; the frames recorded so far can "
+                "be replayed; check the disk and record into a new file"
+            )
+        self._failure.__cause__ = error
+
+    def _full_error(self) -> UserFacingError:
+        return UserFacingError(
+            f"{self.path}: the disk is full; the frames recorded so far can be replayed; free some "
+            "space and record into a new file"
+        )
+
+    def _cut_to_last_flush(self) -> None:
+        """Remove the incomplete chunk: the file is then read up to its last whole one."""
+        self.written = self._flushed_frames
+        try:
+            self._file.truncate(self._flushed_bytes)
+        except OSError as error:
+            _log.warning("%s: cannot be cut: %s", self.path, error.strerror)
+
+
+class _UnbufferedStream:
+    """Writes all or raises OSError; nothing stays in a buffer that a full disk could not take."""
+
+    def __init__(self, file: FileIO) -> None:
+        self._file = file
+        self.tell, self.flush = file.tell, file.flush
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        written = 0
+        while written < len(view):
+            written += self._file.write(view[written:])
+        return written
+
+
+def _create(path: Path) -> FileIO:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("xb", buffering=0)
+    except FileExistsError as error:
+        raise InputError(f"{path}: exists already; name a new file") from error
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written: {error.strerror}; name a file that you may write"
+        ) from error
+
+
+def _encode(frame: RgbdFrame, is_raw: bool) -> _Images:
+    if is_raw:
+        return frame.color_bgr, frame.depth_raw
+    color = encode_image(frame.color_bgr, ColorFormat.JPEG)
+    if frame.depth_factor != MILLIMETER_DEPTH_FACTOR:
+        return color, frame.depth_raw
+    return color, encode_image(frame.depth_raw, ColorFormat.PNG)

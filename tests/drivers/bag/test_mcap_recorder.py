@@ -1,0 +1,185 @@
+"""Recording into MCAP: lossless if raw, and whole after a crash or on a full disk."""
+
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from drivers.bag import mcap_recorder
+from drivers.bag.mcap_recorder import McapRecorder
+from drivers.camera import RgbdFrame
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.geometry import rigid_transform
+from drivers.core.trajectory import Trajectory
+from drivers.open_recording import open_recording
+from drivers.recording_camera import RecordingCamera
+
+FrameMaker = Callable[..., RgbdFrame]
+
+
+def replay(path: Path) -> list[RgbdFrame]:
+    with RecordingCamera(path) as camera:
+        return list(camera)
+
+
+def record(path: Path, frames: list[RgbdFrame], is_raw: bool = False) -> None:
+    with McapRecorder(path, is_raw=is_raw) as recorder:
+        for frame in frames:
+            recorder.write(frame)
+    assert recorder.written == len(frames)
+
+
+def test_a_raw_recording_replays_the_same_frames_to_the_last_bit(
+    make_frame: FrameMaker, tmp_path: Path
+) -> None:
+    gravity = (0.12345678901234567, 9.8, -0.3)
+    frames = [
+        make_frame(k, stamp_s=0.1 + k / 30, skew_s=0.01 - k / 3000, gravity_m_s2=gravity)
+        for k in range(8)
+    ]
+    record(tmp_path / "a.mcap", frames, is_raw=True)
+    for ours, theirs in zip(replay(tmp_path / "a.mcap"), frames, strict=True):
+        assert (ours.stamp_s, ours.skew_s, ours.camera) == (
+            theirs.stamp_s, theirs.skew_s, theirs.camera,
+        )  # fmt: skip
+        assert (ours.depth_factor, ours.gravity_m_s2) == (5000.0, gravity)
+        assert ours.timing_prior == theirs.timing_prior
+        np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
+        np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
+
+
+@pytest.mark.parametrize("depth_factor", [1000.0, 5000.0])
+def test_without_raw_only_color_loses_a_little(
+    make_frame: FrameMaker, tmp_path: Path, depth_factor: float
+) -> None:
+    frame = make_frame(0, depth_factor=depth_factor)
+    record(tmp_path / "a.mcap", [frame])
+    (ours,) = replay(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(ours.depth_raw, frame.depth_raw)
+    assert 0 < np.abs(ours.color_bgr.astype(int) - frame.color_bgr).mean() < 3
+
+
+def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path) -> None:
+    frame = make_frame(0, depth_factor=1000.0, gravity_m_s2=(0.0, 9.8, 0.0))
+    truth = Trajectory(np.array([1000.0]), rigid_transform(np.eye(3), [1.0, 2.0, 3.0])[None])
+    with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
+        recorder.write(frame)
+    with AnyReader([tmp_path / "a.mcap"]) as reader:
+        found = {
+            connection.topic: reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+        }
+    assert sorted(found) == [
+        "/camera/camera_file",
+        "/camera/depth_registered/camera_info",
+        "/camera/depth_registered/image_raw/compressedDepth",
+        "/camera/imu",
+        "/camera/rgb/camera_info",
+        "/camera/rgb/image_raw/compressed",
+        "/camera/timing",
+        "/tf",
+    ]
+    color: object = found["/camera/rgb/image_raw/compressed"]
+    assert getattr(color, "format", "") == "bgr8; jpeg compressed bgr8"
+    imu: object = found["/camera/imu"]
+    assert imu.linear_acceleration.y == -9.8  # type: ignore[attr-defined]
+    assert imu.orientation_covariance[0] == -1  # type: ignore[attr-defined]
+
+
+def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
+    T = np.stack([np.eye(4)] * 2)
+    T[1, :3, 3] = [1.0, -2.0, 0.5]
+    truth = Trajectory(np.array([999.25, 1000.5]), T)
+    with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
+        recorder.write(make_frame(0))
+    read = open_recording(tmp_path / "a.mcap").ground_truth
+    assert read is not None
+    np.testing.assert_array_equal(read.stamps_s, truth.stamps_s)
+    np.testing.assert_array_equal(read.T_world_camera, T)
+
+
+def test_frames_that_cannot_be_recorded_are_refused(
+    make_frame: FrameMaker, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with McapRecorder(tmp_path / "a.mcap") as recorder:
+        recorder.write(make_frame(1))
+        recorder.write(make_frame(0))
+        with pytest.raises(UserFacingError, match="the camera changed during recording"):
+            recorder.write(make_frame(2, depth_factor=1000.0))
+    assert (recorder.written, recorder.skipped) == (1, 1)
+    assert "its stamp does not rise" in caplog.text
+    with pytest.raises(InputError, match=r"a\.mcap: exists already"):
+        McapRecorder(tmp_path / "a.mcap")
+
+
+def test_a_disk_that_fills_leaves_a_whole_file(
+    make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_recorder, "FLUSH_PERIOD_S", 0.0)
+    free = iter([mcap_recorder.RESERVED_BYTES] * 5)
+    monkeypatch.setattr(mcap_recorder, "free_disk_bytes", lambda _: next(free, 0))
+    with pytest.raises(UserFacingError, match="disk is full; the frames recorded so far can be"):  # noqa: PT012, SIM117
+        with McapRecorder(tmp_path / "a.mcap") as recorder:
+            for k in range(1000):
+                recorder.write(make_frame(k))
+    assert len(replay(tmp_path / "a.mcap")) == 6
+    assert "cut off" not in open_recording(tmp_path / "a.mcap").summary
+
+
+def test_a_full_disk_leaves_what_was_written(
+    make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_recorder, "FLUSH_PERIOD_S", 0.0)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))
+    try:
+        with pytest.raises(UserFacingError, match=r"a\.mcap: the disk is full"):  # noqa: PT012, SIM117
+            with McapRecorder(tmp_path / "a.mcap", is_raw=True) as recorder:
+                for k in range(1000):
+                    recorder.write(make_frame(k))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    frames = replay(tmp_path / "a.mcap")
+    assert len(frames) == recorder.written > 3
+    np.testing.assert_array_equal(frames[-1].color_bgr, make_frame(len(frames) - 1).color_bgr)
+
+
+RECORD_FOR_EVER = """
+import sys
+from itertools import count
+from pathlib import Path
+import numpy as np
+from drivers.bag.mcap_recorder import McapRecorder
+from drivers.camera import PinholeCamera, RgbdFrame
+
+noise = np.random.default_rng(0)
+camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
+recorder = McapRecorder(Path(sys.argv[1]))
+for k in count():
+    color = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    depth = noise.integers(0, 65536, (48, 64), dtype=np.uint16)
+    recorder.write(RgbdFrame(k, 1000 + k / 30, 0.0, color, depth, 1000.0, camera))
+    print(recorder.written, flush=True)
+"""
+
+
+@pytest.mark.subprocess
+def test_a_killed_recording_replays(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", RECORD_FOR_EVER, str(tmp_path / "a.mcap")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recording:
+        assert recording.stdout is not None
+        written = 0
+        while written < 500 or (tmp_path / "a.mcap").stat().st_size < 1_000_000:
+            written = int(recording.stdout.readline())
+        recording.send_signal(signal.SIGKILL)
+        recording.stdout.read()
+    frames = replay(tmp_path / "a.mcap")
+    assert len(frames) > 100
+    assert [frame.stamp_s for frame in frames] == [1000 + k / 30 for k in range(len(frames))]
+    assert "cut off" in open_recording(tmp_path / "a.mcap").summary

@@ -1,0 +1,256 @@
+"""Lossless conversion of recordings between a folder, MCAP and bags."""
+
+import heapq
+import logging
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from decimal import Decimal
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from drivers.calibration import CameraCalibration
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.geometry import Array, Vector
+from drivers.core.trajectory import Trajectory
+from drivers.open_recording import check_bag_packages
+from drivers.recording.encode import ColorFormat, EncodedFrame, encode_image
+from drivers.recording.frame_reader import FrameReader
+from drivers.recording.frame_stamps import FrameStamps, calibration_of_frame
+from drivers.recording.image_decoding import (
+    JPEG_START,
+    BgrImage,
+    DepthImage,
+    UnreadableFrameError,
+)
+from drivers.recording.recording import Recording
+from drivers.tum.writer import TumWriter
+
+if TYPE_CHECKING:  # its packages are optional
+    from drivers.bag.bag_writer import BagWriter
+
+_log = logging.getLogger(__name__)
+
+
+class OutputFormat(StrEnum):
+    """The formats that can be written."""
+
+    FOLDER = "folder"
+    MCAP = "mcap"
+    ROS1 = "ros1"
+    ROS2 = "ros2"
+
+
+FORMATS_BY_SUFFIX = {".mcap": OutputFormat.MCAP, ".bag": OutputFormat.ROS1}
+
+
+class StoredFrame(NamedTuple):
+    """A frame with its images as they are stored: files, or raw."""
+
+    stamps: FrameStamps
+    color: bytes | BgrImage
+    depth: bytes | DepthImage
+
+
+class RecordingSink(Protocol):
+    """Takes the contents of a recording, in order of time."""
+
+    def write_frame(
+        self, stamps: FrameStamps, color: bytes | BgrImage, depth: bytes | DepthImage
+    ) -> None:
+        """Write a frame. Raises UserFacingError, OSError or UnreadableFrameError."""
+        ...
+
+    def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
+        """Write a reading of the accelerometer, as gravity in camera axes."""
+        ...
+
+    def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
+        """Write a true pose."""
+        ...
+
+
+class FolderSink:
+    """Writes a folder in TUM format, whose true poses its writer has written at the start."""
+
+    def __init__(self, writer: TumWriter, calibration: CameraCalibration) -> None:
+        self._writer = writer
+        writer.set_calibration(calibration)
+
+    def write_frame(
+        self, stamps: FrameStamps, color: bytes | BgrImage, depth: bytes | DepthImage
+    ) -> None:
+        """Write files as they are, and raw images as PNG."""
+        color_format = ColorFormat.PNG
+        if not isinstance(color, bytes):
+            color = encode_image(color, ColorFormat.PNG)
+        elif color.startswith(JPEG_START):
+            color_format = ColorFormat.JPEG
+        if not isinstance(depth, bytes):
+            depth = encode_image(depth, ColorFormat.PNG)
+        self._writer.write_encoded(EncodedFrame(stamps, color, color_format, depth, None))
+
+    def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
+        """Write a line of the accelerometer's file."""
+        self._writer.write_gravity(stamp, gravity_m_s2)
+
+    def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
+        """Do nothing: the pose is in the folder already."""
+
+
+def choose_format(path: Path, requested: str | None) -> OutputFormat:
+    """Return the requested format, or that of the path's suffix; else a folder."""
+    return OutputFormat(requested or FORMATS_BY_SUFFIX.get(path.suffix, OutputFormat.FOLDER))
+
+
+def convert(
+    recording: Recording, path: Path, output_format: OutputFormat, progress: Callable[[int], None]
+) -> int:
+    """Write a recording in another format; after a failure nothing is left of it.
+
+    Args:
+        recording: The recording.
+        path: New file or folder.
+        output_format: Its format.
+        progress: Called with the number of written frames; an exception ends the conversion.
+
+    Returns:
+        Number of written frames. Frames that cannot be read are left out and logged.
+
+    Raises:
+        InputError: The path exists, or the recording does not fit into the format.
+        UserFacingError: Writing fails.
+    """
+    if path.exists():
+        raise InputError(f"{path}: exists already; name a new file or folder")
+    calibration, frames = _read_frames(recording)
+    count = 0
+    try:
+        with _open_sink(path, output_format, recording, calibration) as sink:
+            for frame in _write_others_before(recording, frames, sink):
+                try:
+                    sink.write_frame(*frame)
+                except UnreadableFrameError as error:
+                    _log.warning("the frame at %s is left out: %s", frame.stamps.color, error)
+                    continue
+                count += 1
+                progress(count)
+    except OSError as error:
+        _remove(path)
+        raise UserFacingError(f"{path}: cannot be written: {error.strerror}") from error
+    except BaseException:
+        _remove(path)
+        raise
+    finally:
+        recording.close()
+    return count
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    elif path.is_file():
+        path.unlink()
+
+
+def _read_frames(recording: Recording) -> tuple[CameraCalibration, Iterator[StoredFrame]]:
+    """Return the camera and the frames; depth that is not registered gets registered."""
+    if recording.depth_camera is None:
+        return recording.calibration, _stored_frames(recording)
+    first = FrameReader(recording).read(recording.frames.pairs[0], 0)
+    return calibration_of_frame(first), _registered_frames(recording)
+
+
+def _stored_frames(recording: Recording) -> Iterator[StoredFrame]:
+    for pair in recording.frames.pairs:
+        stamps = FrameStamps(pair.color.stamp, pair.depth.stamp)
+        try:
+            color, depth = pair.color.read_stored_color(), pair.depth.read_stored_depth()
+        except UnreadableFrameError as error:
+            _log.warning("the frame at %s is left out: %s", stamps.color, error)
+            continue
+        yield StoredFrame(stamps, color, depth)
+
+
+def _registered_frames(recording: Recording) -> Iterator[StoredFrame]:
+    reader = FrameReader(recording)
+    for seq, pair in enumerate(recording.frames.pairs):
+        try:
+            frame = reader.read(pair, seq)
+        except UnreadableFrameError as error:
+            _log.warning("the frame at %s is left out: %s", pair.color.stamp, error)
+            continue
+        yield StoredFrame(FrameStamps.from_frame(frame), frame.color_bgr, frame.depth_raw)
+
+
+def _write_others_before(
+    recording: Recording, frames: Iterator[StoredFrame], sink: RecordingSink
+) -> Iterator[StoredFrame]:
+    """Yield the frames; before each, write the readings and true poses up to its stamp."""
+    readings, poses = _readings(recording, sink), _true_poses(recording.ground_truth, sink)
+    others = heapq.merge(readings, poses, key=lambda event: event[0])
+    other = next(others, None)
+    for frame in frames:
+        while other is not None and other[0] <= frame.stamps.color:
+            other[1]()
+            other = next(others, None)
+        yield frame
+    while other is not None:
+        other[1]()
+        other = next(others, None)
+
+
+_Event = tuple[Decimal, Callable[[], None]]
+
+
+def _readings(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
+    gravity = recording.gravity
+    for stamp_s, (x, y, z) in zip(gravity.stamps_s, gravity.gravity_m_s2.tolist(), strict=True):
+        stamp = Decimal(repr(float(stamp_s)))
+        yield stamp, partial(sink.write_gravity, stamp, (x, y, z))
+
+
+def _true_poses(truth: Trajectory | None, sink: RecordingSink) -> Iterator[_Event]:
+    if truth is None:
+        return
+    for stamp_s, T_world_camera in zip(truth.stamps_s, truth.T_world_camera, strict=True):
+        stamp = Decimal(repr(float(stamp_s)))
+        yield stamp, partial(sink.write_true_pose, stamp, T_world_camera)
+
+
+@contextmanager
+def _open_sink(
+    path: Path, output_format: OutputFormat, recording: Recording, calibration: CameraCalibration
+) -> Iterator[RecordingSink]:
+    if output_format is OutputFormat.FOLDER:
+        with TumWriter(path, ground_truth=recording.ground_truth) as writer:
+            yield FolderSink(writer, calibration)
+        return
+    check_bag_packages(path)
+    from drivers.bag.frame_writer import FrameWriter  # its packages are optional
+
+    first = recording.frames.pairs[0]
+    with _open_bag_writer(path, output_format) as bag:
+        yield FrameWriter(bag, calibration, min(first.color.stamp, first.depth.stamp))
+
+
+@contextmanager
+def _open_bag_writer(path: Path, output_format: OutputFormat) -> Iterator["BagWriter"]:
+    from drivers.bag.bag_writer import McapWriter, Ros1Writer, Ros2Writer
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if output_format is OutputFormat.MCAP:
+        with path.open("wb") as file:
+            mcap = McapWriter(file)
+            yield mcap
+            mcap.close()
+        return
+    bag = Ros1Writer(path) if output_format is OutputFormat.ROS1 else Ros2Writer(path)
+    try:
+        yield bag
+        bag.close()
+    except BaseException:
+        bag.abort()
+        raise

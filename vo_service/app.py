@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import CameraError
@@ -20,7 +20,7 @@ from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
 from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, LiveSource
-from vo_service.load_shedding import ReconfigurableLoadShedder
+from vo_service.load_shedding import LoadShedder
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer
@@ -40,6 +40,7 @@ from vo_service.types import (
     NullLoopClosure,
     NullMapper,
     NullRecorder,
+    Odometry,
     Output,
     PausableViewer,
     Recorder,
@@ -57,6 +58,13 @@ MAX_QUEUED_TRAJECTORY_LINES = 9000
 
 # By each key of `config.RELOADABLE_KEYS`: the function that applies a changed value.
 ConfigHandlers = Mapping[str, Callable[[Config], None]]
+
+
+@runtime_checkable
+class HasFeatureCount(Protocol):
+    """An odometry whose number of features may change while it runs."""
+
+    feature_count: int
 
 
 @dataclass(frozen=True)
@@ -285,8 +293,8 @@ def build_live_service(
     timer = CpuStageTimer()
     odometry = config.odometry.make_odometry(timer)
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera)
-    load_shedder = ReconfigurableLoadShedder(dependencies.viewers, odometry)
-    load_shedder.configure(config.load, config.odometry.feature_count)
+    load_shedder = LoadShedder(dependencies.viewers)
+    load_shedder.configure(config.load)
     mapper = dependencies.mapper
     frame_source = LiveSource(camera, dependencies.sensor_memory.apply)
     service = Service(
@@ -299,22 +307,27 @@ def build_live_service(
         dependencies.warning_sources,
         mapper.loop_closure,
     )
-    return LiveService(service, make_config_handlers(camera, load_shedder, dependencies))
+    return LiveService(service, make_config_handlers(camera, odometry, load_shedder, dependencies))
 
 
 def make_config_handlers(
-    camera: RgbdCamera, load_shedder: ReconfigurableLoadShedder, dependencies: ServiceDependencies
+    camera: RgbdCamera,
+    odometry: Odometry,
+    load_shedder: LoadShedder,
+    dependencies: ServiceDependencies,
 ) -> ConfigHandlers:
     """Make the handler of each reloadable key. They run on the loop's thread.
 
     Args:
         camera: Takes LED and tilt.
-        load_shedder: Takes the settings of features and load.
+        odometry: Takes the number of features, if its method has features.
+        load_shedder: Takes the settings of load shedding.
         dependencies: Recorder, mapper and commands.
     """
 
-    def load(config: Config) -> None:
-        load_shedder.configure(config.load, config.odometry.feature_count)
+    def features(config: Config) -> None:
+        if isinstance(odometry, HasFeatureCount):
+            odometry.feature_count = config.odometry.feature_count
 
     def tilt(config: Config) -> None:
         if config.sensor.tilt_deg is not None:
@@ -329,9 +342,8 @@ def make_config_handlers(
     return {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),
         "sensor.tilt_deg": tilt,
-        "odometry.feature_count": load,
-        "load.adapt": load,
-        "load.min_features": load,
+        "odometry.feature_count": features,
+        "load.adapt": lambda config: load_shedder.configure(config.load),
         "commands.per_second": lambda config: dependencies.on_command_config(config.commands),
         "recorder.save_on_loss": recorder,
         "recorder.total_mb": recorder,

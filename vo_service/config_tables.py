@@ -170,15 +170,11 @@ class CommandConfig:
 
 @dataclass(frozen=True)
 class LoadConfig:
-    """`[load]`: load shedding when the machine is too slow: first the viewer, then features."""
+    """`[load]`: load shedding: the viewer is paused while the odometry is late."""
 
     adapt: Annotated[
         bool, Field("false disables load shedding; frames are dropped instead", is_reloadable=True)
     ] = True
-    min_features: Annotated[
-        int,
-        Field("least number of features per frame", minimum=50, maximum=5000, is_reloadable=True),
-    ] = 300
 
 
 class LogLevel(StrEnum):

@@ -10,7 +10,7 @@ from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.clock import PublishClock, TimestampFilter
 from vo_service.control import Control
 from vo_service.frame_source import FrameSource
-from vo_service.load_shedding import FrameCost, LoadShedder, NullLoadShedder
+from vo_service.load_shedding import LoadShedder
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import STAGE_BUDGETS_MS
@@ -78,7 +78,7 @@ class Service:
         odom_frame: OdomFrame,
         control: Control,
         outputs: Sequence[Output],
-        load_shedder: LoadShedder = NullLoadShedder(),  # noqa: B008 (it has no state)
+        load_shedder: LoadShedder | None = None,
         warning_sources: Sequence[HasWarning] = (),
         loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
     ) -> None:
@@ -90,7 +90,7 @@ class Service:
             odom_frame: Turns estimates into updates.
             control: Handles commands between two frames.
             outputs: Take updates and the status.
-            load_shedder: Reduces the work if the machine is too slow.
+            load_shedder: Pauses the viewers if the machine is too slow; None for a replay.
             warning_sources: Whose warnings, beside those of the outputs, are in the status.
             loop_closure: Corrects the transform from map to odom.
         """
@@ -103,9 +103,13 @@ class Service:
         self._odom_frame = odom_frame
         self._outputs = outputs
         self._control = control
-        self._load_shedder = load_shedder
+        self._load_shedder = load_shedder or LoadShedder(())
         self._loop_closure = loop_closure
-        self._warning_sources: Sequence[HasWarning] = (*outputs, load_shedder, *warning_sources)
+        self._warning_sources: Sequence[HasWarning] = (
+            *outputs,
+            self._load_shedder,
+            *warning_sources,
+        )
         self._timestamp_filter = TimestampFilter()
         self._last: OdometryUpdate | None = None
         self._last_reported: tuple[str, ...] = ()
@@ -141,10 +145,10 @@ class Service:
             output.on_update(update)
         self.statistics.add(update, cpu_s * 1e3)
         self._last = update
-        # Load shedding: reduce the work if the machine is too slow.
+        # Load shedding: pause the viewers if the machine is too slow.
         busy_s = time.monotonic() - begin_s
         interval_s, dropped = self.statistics.interval_s, self._camera.counters.dropped
-        self._load_shedder.add_frame(FrameCost(busy_s, cpu_s, interval_s, dropped))
+        self._load_shedder.add_frame(busy_s, interval_s, dropped)
 
     def _make_update(self, frame: RgbdFrame, estimate: Estimate) -> OdometryUpdate:
         stamped = StampedFrame(frame, self._clock.published_s(frame.stamp_s))

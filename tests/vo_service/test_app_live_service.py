@@ -3,11 +3,11 @@
 from tests.vo_service.fakes import ScriptedCamera, ScriptedOdometry
 from vo_service.app import ServiceDependencies, make_config_handlers
 from vo_service.config import RELOADABLE_KEYS
-from vo_service.load_shedding import ReconfigurableLoadShedder
+from vo_service.load_shedding import LoadShedder
 
 
 def test_every_live_key_has_a_handler() -> None:
-    governor = ReconfigurableLoadShedder([], ScriptedOdometry())
-    assert set(make_config_handlers(ScriptedCamera(), governor, ServiceDependencies([]))) == set(
-        RELOADABLE_KEYS
+    handlers = make_config_handlers(
+        ScriptedCamera(), ScriptedOdometry(), LoadShedder([]), ServiceDependencies([])
     )
+    assert set(handlers) == set(RELOADABLE_KEYS)

@@ -108,7 +108,7 @@ class NormalizedErrorCollector:
         self.squares.step.append(nees(step, self._covariance.step))
 
 
-def measure(method: str, folder: Path, every: int) -> NormalizedErrors:
+def _measure(method: str, folder: Path, every: int) -> NormalizedErrors:
     """Run a method on every `every`-th frame of a TUM folder.
 
     Raises:
@@ -126,11 +126,11 @@ def measure(method: str, folder: Path, every: int) -> NormalizedErrors:
             if number % every == 0:
                 estimate = odometry.estimate(frame)
                 if estimate.ok:
-                    collector.add(estimate, true_pose(truth, frame.stamp_s, folder))
+                    collector.add(estimate, _true_pose(truth, frame.stamp_s, folder))
     return collector.squares
 
 
-def true_pose(truth: Trajectory, stamp_s: float, folder: Path) -> Array:
+def _true_pose(truth: Trajectory, stamp_s: float, folder: Path) -> Array:
     """Return the true pose (4, 4) of a frame. Raises InputError if there is none."""
     index = int(nearest_indices(truth.stamps_s, np.array([stamp_s]))[0])
     if abs(truth.stamps_s[index] - stamp_s) > STAMP_ROUNDING_S:
@@ -154,7 +154,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Render missing rooms, measure and print."""
-    results = run(_folders(args), args.method, args.every, make_printer(args))
+    results = _run(_folders(args), args.method, args.every, make_printer(args))
     print_json(args, results)
 
 
@@ -170,14 +170,14 @@ def _folders(args: argparse.Namespace) -> list[Path]:
     return [*args.folder, *wanted]
 
 
-def run(
+def _run(
     folders: list[Path], method: str, every: int, print_line: Callable[[str], None]
 ) -> dict[str, ConsistencyRow]:
     """Measure each folder; return a row for each and one for all together."""
     print_line(HEAD)
     together, results = NormalizedErrors(), dict[str, ConsistencyRow]()
     for folder in folders:
-        squares = measure(method, folder, every)
+        squares = _measure(method, folder, every)
         together.extend(squares)
         results[str(folder)] = _consistency_row(squares)
         print_line(_format_row(folder.name, results[str(folder)]))

@@ -94,7 +94,13 @@ def parse_change(change: str) -> tuple[str, object]:
 
 
 def format_row(change: str, cells: Json, recordings: Sequence[str]) -> str:
-    """One row of the table."""
+    """One row of the table.
+
+    Args:
+        change: The change, "NAME=VALUE".
+        cells: Results by recording, or the failure.
+        recordings: The columns.
+    """
     if "failed" in cells:
         return f"{change:38}  failed: {cells['failed']}"
     return f"{change:38}" + "".join(f"{_cell(cells.get(each)):>30}" for each in recordings)

@@ -80,7 +80,7 @@ def make_all_methods() -> dict[str, FeatureMethod]:
     }
 
 
-def match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np.int64]:
+def _match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np.int64]:
     """Match descriptors by brute force and the ratio test (Lowe 2004, Section 7.1).
 
     Returns:
@@ -128,13 +128,13 @@ def score_features(
     back_px = transform_points(np.asarray(np.linalg.inv(H), np.float64), changed.position_px)
     is_of_original = is_inside(back_px, size)
     back_scale = changed.scale_px / scale_at(H, back_px)
-    repeated = count_repeated(
+    repeated = _count_repeated(
         original.position_px[seen_again],
         original.scale_px[seen_again],
         back_px[is_of_original],
         back_scale[is_of_original],
     )
-    pairs = match(original, changed, MATCH_RATIO)
+    pairs = _match(original, changed, MATCH_RATIO)
     away_px = original.position_px[pairs[:, 0]] - back_px[pairs[:, 1]]
     errors_px = np.asarray(np.linalg.norm(away_px, axis=1), np.float64)
     return FeatureScore(
@@ -163,7 +163,7 @@ def is_inside(points_px: Array, size: tuple[int, int]) -> NDArray[np.bool_]:
     return np.asarray(np.all((points_px >= 0) & (points_px <= np.array(size) - 1.0), axis=1))
 
 
-def count_repeated(a_px: Array, a_scale: Array, b_px: Array, b_scale: Array) -> int:
+def _count_repeated(a_px: Array, a_scale: Array, b_px: Array, b_scale: Array) -> int:
     """Count features with a counterpart of similar position and scale; the smaller count of both.
 
     The assignment is not one to one: two features on the same spot both count.

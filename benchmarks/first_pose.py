@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> None:
     """Measure and print a line for each."""
     cases = {
-        "first pose of run": measure_first_pose_s,
-        "first picture of demo": measure_first_picture_s,
+        "first pose of run": _measure_first_pose_s,
+        "first picture of demo": _measure_first_picture_s,
     }
     for name, measure in cases.items():
         taken_s = sorted(measure_start_s(measure) for _ in range(args.rounds))
@@ -54,7 +54,7 @@ def measure_start_s(measure: Callable[[Path, Path, int], float]) -> float:
         return measure(folder, config, port)
 
 
-def measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
+def _measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
     """Measure the seconds until a client has the first pose of the service."""
     begin_s = time.monotonic()
     with (
@@ -65,7 +65,7 @@ def measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
         return time.monotonic() - begin_s
 
 
-def measure_first_picture_s(folder: Path, config: Path, port: int) -> float:
+def _measure_first_picture_s(folder: Path, config: Path, port: int) -> float:
     """Measure the seconds until the demo's recording has an image."""
     recording = folder / "demo" / "demo.rrd"
     begin_s = time.monotonic()

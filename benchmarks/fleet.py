@@ -47,7 +47,13 @@ class FleetFiles:
 
 
 def write_fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
-    """Create all keys, and write the files for a router at a port of 127.0.0.1."""
+    """Create all keys, and write the files for a router at a port of 127.0.0.1.
+
+    Args:
+        folder: New folder for the files.
+        robots: Number of robots.
+        port: TCP port of the router.
+    """
     authority = CertificateAuthority(folder)
     router = authority.issue_server_certificate([HOST], VALIDITY_DAYS)
     reader = authority.issue_client_certificate("reader", VALIDITY_DAYS)
@@ -117,12 +123,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Measure and print a table."""
     with tempfile.TemporaryDirectory() as folder:
-        outcome = measure(Path(folder), args.robots, args.seconds, args.processes)
-    print(format_table(outcome, args.robots, args.seconds))
+        outcome = _measure(Path(folder), args.robots, args.seconds, args.processes)
+    print(_format_table(outcome, args.robots, args.seconds))
     return 1 if outcome.lost_poses else 0
 
 
-def measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetResult:
+def _measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetResult:
     """Run the fleet once."""
     port = free_port()
     files = write_fleet_files(folder, [f"robot{number}" for number in range(1, robots + 1)], port)
@@ -156,7 +162,7 @@ def measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetRes
     )
 
 
-def format_table(outcome: FleetResult, robots: int, seconds: int) -> str:
+def _format_table(outcome: FleetResult, robots: int, seconds: int) -> str:
     """Format the table with its one row."""
     p50, p99 = np.percentile(outcome.latency_ms, (50, 99)) if len(outcome.latency_ms) else (0, 0)
     cells = {

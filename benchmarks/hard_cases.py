@@ -132,11 +132,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> None:
     """Render, measure and print."""
     print_line = make_printer(args)
-    results = run(args.folder, args.method, args.only, args.still_frames, print_line)
+    results = _run(args.folder, args.method, args.only, args.still_frames, print_line)
     print_json(args, results)
 
 
-def run(
+def _run(
     folder: Path,
     method: str,
     names: list[str],

@@ -123,7 +123,7 @@ def main(args: argparse.Namespace) -> None:
     for folder in args.folder:
         frames, truth = load_depth_frames(folder)
         results[str(folder)] = {
-            name: measure(make, frames, truth) for name, make in compared.items()
+            name: _measure(make, frames, truth) for name, make in compared.items()
         }
         print_line(f"{folder}\n{format_results(results[str(folder)])}\n")
     print_json(args, results)
@@ -139,7 +139,7 @@ def load_depth_frames(folder: Path) -> tuple[list[RgbdFrame], Trajectory | None]
         return frames, camera.ground_truth
 
 
-def measure(
+def _measure(
     make: Callable[[], Odometry], frames: list[RgbdFrame], truth: Trajectory | None
 ) -> IcpResult:
     """Run a method on all frames."""

@@ -70,7 +70,7 @@ def all_transforms() -> list[ImageTransform]:
             for sigma in (1.0, 1.5, 2.0, 3.0)
         ),
         *(
-            ImageTransform("light", change_brightness=partial(change_lighting, *light))
+            ImageTransform("light", change_brightness=partial(_change_lighting, *light))
             for light in LIGHTS
         ),
         *(
@@ -101,7 +101,14 @@ def make_rotation(angle_deg: float, zoom: float = 1.0) -> Callable[[int, int], A
 def make_perspective_tilt(
     left: float, right: float, top: float, bottom: float
 ) -> Callable[[int, int], Array]:
-    """Tilt the scene away from the camera: one side becomes shorter."""
+    """Tilt the scene away from the camera: one side becomes shorter.
+
+    Args:
+        left: Fraction of the image by which the left corners move inwards.
+        right: The same for the right corners.
+        top: The same for the upper corners.
+        bottom: The same for the lower corners.
+    """
 
     def warp(width: int, height: int) -> Array:
         right_px, bottom_px = width - 1.0, height - 1.0
@@ -123,7 +130,7 @@ def blur(sigma_px: float, image: Gray) -> Gray:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
 
 
-def change_lighting(gamma: float, contrast: float, offset: float, image: Gray) -> Gray:
+def _change_lighting(gamma: float, contrast: float, offset: float, image: Gray) -> Gray:
     """Change light and exposure; bright values are clipped."""
     levels = 255.0 * (np.arange(256) / 255.0) ** gamma
     table = np.clip(np.rint(contrast * levels + offset), 0, 255).astype(np.uint8)

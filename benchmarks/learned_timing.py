@@ -157,8 +157,8 @@ def main(args: argparse.Namespace) -> None:
     cache = ResultCache(args.folder)
     warm_up(METHOD, lambda stage: None)
     if args.seeds:
-        print_seeds(cache, args.folder, make_sensors(args.seeds, args.seconds), args.processes)
-    print_starts(cache, args.starts, args.at)
+        _print_seeds(cache, args.folder, make_sensors(args.seeds, args.seconds), args.processes)
+    _print_starts(cache, args.starts, args.at)
 
 
 def make_sensors(seeds: Sequence[int], duration_s: float) -> dict[str, RandomSensor]:
@@ -170,7 +170,7 @@ def make_sensors(seeds: Sequence[int], duration_s: float) -> dict[str, RandomSen
     return sensors
 
 
-def print_seeds(
+def _print_seeds(
     cache: ResultCache, folder: Path, sensors: Mapping[str, RandomSensor], processes: int
 ) -> None:
     """Render and measure what has no result; print a row for each sensor and the summary."""
@@ -243,7 +243,7 @@ def ate_ratio(result: Json) -> float:
     return float("nan") if not told_m else float(untold_m / told_m)
 
 
-def print_starts(cache: ResultCache, recordings: Sequence[Path], frames: Sequence[int]) -> None:
+def _print_starts(cache: ResultCache, recordings: Sequence[Path], frames: Sequence[int]) -> None:
     """Print a row for each recording and each first frame."""
     if recordings:
         print(f"\n{START_HEAD}")

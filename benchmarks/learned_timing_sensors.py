@@ -50,6 +50,11 @@ def make_random_sensor(
 ) -> RandomSensor:
     """Draw the sensor of a seed, which is also that of the room and of the motion.
 
+    Args:
+        seed: The seed.
+        duration_s: Length of the sequence, s.
+        is_global_shutter: Whether all rows are exposed at once.
+
     Raises:
         InputError: The seed is negative, or the duration is shorter than a frame.
     """
@@ -89,6 +94,11 @@ def tell_zero(frame: RgbdFrame) -> RgbdFrame:
 def measure_start(method: str, recording: Path, first: int) -> Json:
     """Track a recording from a frame on: with its timing if it has one, with zeros, and learned.
 
+    Args:
+        method: The method.
+        recording: Folder of the recording.
+        first: First frame.
+
     Raises:
         InputError: The recording has no ground truth, or fewer frames.
     """
@@ -110,7 +120,13 @@ def measure_start(method: str, recording: Path, first: int) -> Json:
 
 
 def format_start(recording: str, first: int, result: Json) -> str:
-    """One row of the table of starts."""
+    """One row of the table of starts.
+
+    Args:
+        recording: Name of the recording.
+        first: First frame.
+        result: Result of `measure_start`.
+    """
     runs = [result[key] for key in ("told", "ignored", "learned")]
     ate_m = [None if run is None else run["ate_m"] for run in runs]
     ratio = f"{ate_m[2] / ate_m[0]:.2f}" if ate_m[0] and ate_m[2] is not None else "-"

@@ -161,7 +161,13 @@ def main(args: argparse.Namespace) -> None:
 
 
 def measure(folder: Path, truth: Trajectory, solids: Sequence[Solid]) -> MapError:
-    """Measure the error of a map. Raises InputError if there is no map in the folder."""
+    """Measure the error of a map. Raises InputError if there is no map in the folder.
+
+    Args:
+        folder: Folder with the map.
+        truth: True trajectory.
+        solids: True surfaces.
+    """
     poses = read_trajectory(folder / "trajectory.txt")
     T_room_map = first_pose_alignment(associate(poses, truth))
     in_room_m = transform_points(T_room_map, read_vertices_m(folder / "map.ply"))

@@ -66,6 +66,13 @@ def make_configs(
 ) -> dict[str, SyntheticConfig]:
     """Make the configurations by name: `duration_s` of each track, or less if it is shorter.
 
+    Args:
+        tracks: Folder of the trajectories.
+        seeds: Seeds of the rooms.
+        timings: Names of the timings.
+        start_s: Start in each track, s.
+        duration_s: Length, s.
+
     Raises:
         InputError: There are no tracks, one is broken, or one ends before `start_s`.
     """

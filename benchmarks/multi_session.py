@@ -105,7 +105,13 @@ class SessionStartResult:
 
 
 def build_map(method: str, tour: TourSequence, file: Path) -> Array:
-    """Save the map of the first half; return T_room_map (4, 4)."""
+    """Save the map of the first half; return T_room_map (4, 4).
+
+    Args:
+        method: The method.
+        tour: The tour.
+        file: File of the map.
+    """
     runner = LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
     T_room_map = np.eye(4)
     for number in range(tour.second_half_start):
@@ -120,7 +126,15 @@ def build_map(method: str, tour: TourSequence, file: Path) -> Array:
 def relocalize_in_map(
     method: str, tour: TourSequence, file: Path, T_room_map: Array, first: int
 ) -> SessionStartResult:
-    """Start at frame `first` with the map of a file. Raises InputError if it is not a map."""
+    """Start at frame `first` with the map of a file. Raises InputError if it is not a map.
+
+    Args:
+        method: The method.
+        tour: The tour.
+        file: File of the map.
+        T_room_map: (4, 4) pose of the map in the room.
+        first: First frame.
+    """
     contents = read_map(file)
     runner = LoopClosureRunner(
         method, SynchronousLoopClosure(create_loop_closer_from_map(contents, MapConfig()))

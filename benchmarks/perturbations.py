@@ -114,7 +114,13 @@ def _print_recording(runs: StoredRuns, folder: Path, args: argparse.Namespace) -
 
 
 def format_spread(method: str, unchanged: Json, changed: Sequence[Json]) -> str:
-    """A row for each figure: without change, and the range over all perturbations."""
+    """A row for each figure: without change, and the range over all perturbations.
+
+    Args:
+        method: The method.
+        unchanged: Accuracy without change.
+        changed: Accuracy of each perturbation.
+    """
     lines = [f"{f'{method}, {len(changed)} perturbations':28}{SPREAD_HEAD}{'ratio':>11}"]
     for label, key in FIGURES.items():
         values = [result[key] for result in changed]

@@ -209,7 +209,7 @@ def measure(
     results: dict[str, dict[str, RecoveryOutcome]] = {}
     for name, corruption in CORRUPTIONS.items():
         corrupted = corruption.apply(frames)
-        results[name] = {recovery: track(corrupted, truth, recovery) for recovery in RECOVERIES}
+        results[name] = {recovery: _track(corrupted, truth, recovery) for recovery in RECOVERIES}
         print_line(format_row(name, results[name]))
     return results
 
@@ -220,7 +220,7 @@ def load_frames(folder: Path) -> tuple[Frames, Trajectory | None]:
         return list(read_all_frames(camera)), camera.ground_truth
 
 
-def track(frames: Frames, truth: Trajectory | None, recovery: str) -> RecoveryOutcome:
+def _track(frames: Frames, truth: Trajectory | None, recovery: str) -> RecoveryOutcome:
     """Track all frames once."""
     parameters = SurfParameters()
     odometry = SurfOdometry(parameters=parameters, recovery=RECOVERIES[recovery](parameters))

@@ -103,7 +103,7 @@ class RelocalizationSummary:
 MAX_PROMPT_FRAMES = 30
 
 
-def run_trial(
+def _run_trial(
     runner: TrajectoryRunner, frames: Iterable[RgbdFrame], T_room_camera: Array, overlap_frame: int
 ) -> RelocalizationOutcome:
     """Run one trial; the other arguments are as for `evaluate_trial`."""
@@ -230,7 +230,7 @@ def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
         truth = T_room_camera[trial.source_frames]
         frames = trial_frames(trial, config, sequence)
         outcomes.append(
-            run_trial(
+            _run_trial(
                 make_runner(args.method, args.alone),
                 frames,
                 truth,

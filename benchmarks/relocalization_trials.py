@@ -49,7 +49,13 @@ class RelocalizationTrial:
 
 
 def open_cached_sequence(folder: Path, config: SyntheticConfig, terminal: Terminal) -> ImageSource:
-    """Open the rendered frames of a tour in FOLDER/sequences; render missing ones."""
+    """Open the rendered frames of a tour in FOLDER/sequences; render missing ones.
+
+    Args:
+        folder: Folder of the benchmark.
+        config: The tour.
+        terminal: Shows the progress.
+    """
     # Each has its own folder: a cache folder is too small for two of this length.
     name = f"{'twins' if config.twin_corners else 'tour'}-{config.seed}"
     progress = terminal.progress_callback(f"rendering room {config.seed}: frame")
@@ -66,7 +72,13 @@ def open_cached_sequence(folder: Path, config: SyntheticConfig, terminal: Termin
 def trial_frames(
     trial: RelocalizationTrial, config: SyntheticConfig, sequence: ImageSource
 ) -> Iterator[RgbdFrame]:
-    """Yield the frames of a trial, with evenly spaced stamps."""
+    """Yield the frames of a trial, with evenly spaced stamps.
+
+    Args:
+        trial: The trial.
+        config: The tour.
+        sequence: Its rendered frames.
+    """
     for seq, source in enumerate(trial.source_frames):
         frame = make_tour_frame(config, seq, sequence(int(source)))
         if FRAMES_BEFORE <= seq < FRAMES_BEFORE + FRAMES_COVERED:
@@ -78,7 +90,13 @@ def trial_frames(
 def sample_views(
     config: SyntheticConfig, sequence: ImageSource, T_room_camera: Array
 ) -> list[ObservedView]:
-    """Sample a view at every VIEW_STRIDE-th frame."""
+    """Sample a view at every VIEW_STRIDE-th frame.
+
+    Args:
+        config: The tour.
+        sequence: Its rendered frames.
+        T_room_camera: (N, 4, 4) true poses of the frames.
+    """
     numbers = range(0, len(T_room_camera), VIEW_STRIDE)
     return [
         ObservedView.from_frame(make_tour_frame(config, n, sequence(n)), T_room_camera[n])

@@ -42,7 +42,14 @@ VIEW_PERIOD_S = 0.5
 def make_frame(
     config: SyntheticConfig, seq: int, stamp_s: float, images: RenderedImages
 ) -> RgbdFrame:
-    """Make frame `seq` of a camera of `config` from its images; it arrives at its stamp."""
+    """Make frame `seq` of a camera of `config` from its images; it arrives at its stamp.
+
+    Args:
+        config: The virtual Kinect.
+        seq: Number of the frame.
+        stamp_s: Its stamp, s.
+        images: Its color and depth.
+    """
     return RgbdFrame(
         seq=seq,
         stamp_s=stamp_s,
@@ -75,6 +82,11 @@ def make_tour_config(seed: int, seconds: float, aliased_corners: bool) -> Synthe
     """Make the configuration of a tour with noise, depth quantization and rolling shutter.
 
     Motion blur and smooth edges are off, because they are slow to render.
+
+    Args:
+        seed: Seed of the room.
+        seconds: Length, s.
+        aliased_corners: Whether two corners of the room look the same.
     """
     config = SyntheticConfig(
         seed=seed,
@@ -100,7 +112,13 @@ def render_frames(config: SyntheticConfig) -> Iterator[RgbdFrame]:
 
 
 def make_tour_frame(config: SyntheticConfig, seq: int, images: RenderedImages) -> RgbdFrame:
-    """Make frame `seq` of a camera of `config` from its images, with a stamp in microseconds."""
+    """Make frame `seq` of a camera of `config` from its images, with a stamp in microseconds.
+
+    Args:
+        config: The tour.
+        seq: Number of the frame.
+        images: Its color and depth.
+    """
     return make_frame(config, seq, round(seq / config.rate_hz, 6), images)
 
 

@@ -87,7 +87,14 @@ def report_fault(fault: SensorFault, timing: FaultTiming) -> bool:
 
 
 def report(name: str, timing: FaultTiming, max_report_s: float, max_recovery_s: float) -> bool:
-    """Print a line; return whether it is within the limits."""
+    """Print a line; return whether it is within the limits.
+
+    Args:
+        name: Name of the fault.
+        timing: Measured times.
+        max_report_s: Limit of the time until the report, s.
+        max_recovery_s: Limit of the time until the recovery, s.
+    """
     is_good = timing.report_s <= max_report_s and timing.recovery_s <= max_recovery_s
     print(
         f"{name:20} {timing.report_s:6.2f} {max_report_s:6.1f} {timing.recovery_s:8.2f} "

@@ -60,10 +60,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> None:
     """Run each input and print the table."""
     with tempfile.TemporaryDirectory() as scratch:
-        compare(args.folder, args.frames, Path(scratch))
+        _compare(args.folder, args.frames, Path(scratch))
 
 
-def compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
+def _compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
     """Print a line for each input."""
     camera_file = scratch / "camera.toml"
     camera_file.write_text(format_calibration(find_calibration(folder, None)))
@@ -87,15 +87,15 @@ def compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
         print(f"{'input':22s} poses  ATE RMSE  farthest from the folder's")
         reference = Trajectory(np.empty(0), np.empty((0, 4, 4)))
         for path in input_paths:
-            trajectory = run(path, camera_file, scratch, len(frames))
-            trajectory = match_to_frames(trajectory, stamps_s, truth)
+            trajectory = _run(path, camera_file, scratch, len(frames))
+            trajectory = _match_to_frames(trajectory, stamps_s, truth)
             reference = trajectory if path.name == "folder" else reference
             ate_mm = 1e3 * evaluate(trajectory, truth).ate_rmse_m
             max_mm = 1e3 * max_distance_m(trajectory, reference)
             print(f"{path.name:22s} {len(trajectory):5d} {ate_mm:9.2f} {max_mm:9.3f}", flush=True)
 
 
-def run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> Trajectory:
+def _run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> Trajectory:
     """Return the poses that ``kinect-vo run`` writes, up to `count` or until it stops."""
     trajectory = scratch / f"{input_path.source.partition(':')[0]}.txt"
     command = [
@@ -105,12 +105,12 @@ def run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> 
     ]  # fmt: skip
     environment = {**os.environ, **input_path.environment}
     with subprocess.Popen(command, env=environment) as process:
-        wait_for_lines(trajectory, count, process)
+        _wait_for_lines(trajectory, count, process)
         process.send_signal(signal.SIGTERM)
     return read_trajectory(trajectory)
 
 
-def wait_for_lines(file: Path, count: int, process: "subprocess.Popen[bytes]") -> None:
+def _wait_for_lines(file: Path, count: int, process: "subprocess.Popen[bytes]") -> None:
     """Wait until a file has `count` lines, or does not grow any more."""
     begin_s = last_s = time.monotonic()
     size = 0
@@ -125,7 +125,7 @@ def wait_for_lines(file: Path, count: int, process: "subprocess.Popen[bytes]") -
             return
 
 
-def match_to_frames(estimated: Trajectory, stamps_s: np.ndarray, truth: Trajectory) -> Trajectory:
+def _match_to_frames(estimated: Trajectory, stamps_s: np.ndarray, truth: Trajectory) -> Trajectory:
     """Replace the stamps by those of the recorded frames.
 
     A live camera's stamps are on this host's clock. Its first frame is chosen so that the

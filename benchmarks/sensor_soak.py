@@ -118,7 +118,7 @@ def report(samples: Sequence[SensorSoakSample], poses: Sequence[SubscribedPose])
     print(f"stamps that went back               {backwards:8d}")
     print(f"frames without a motion found       {counters['failed']:8d}")
     report_times(poses, last.status)
-    report_costs(first, early, last)
+    _report_costs(first, early, last)
     missing = max(0, abs(sent - received) - MAX_IN_FLIGHT)
     return max(missing, counters["dropped"] + counters["skipped"] + gaps) + backwards
 
@@ -137,7 +137,7 @@ def report_times(poses: Sequence[SubscribedPose], status: StatusContent) -> None
     )
 
 
-def report_costs(first: SensorSoakSample, early: SensorSoakSample, last: SensorSoakSample) -> None:
+def _report_costs(first: SensorSoakSample, early: SensorSoakSample, last: SensorSoakSample) -> None:
     """Print CPU time and memory of both processes."""
     for which, name in enumerate(("service", "driver")):
         share = (last.cpu_s[which] - first.cpu_s[which]) / (last.time_s - first.time_s)

@@ -115,7 +115,14 @@ def run(case: InterferenceCase, seconds: float) -> LatencyResult:
 def measure(
     setup: InterferenceSetup, service: ServiceProcess, listener: ArrivalRecorder, seconds: float
 ) -> LatencyResult:
-    """Measure from now on, with the actions of the setup."""
+    """Measure from now on, with the actions of the setup.
+
+    Args:
+        setup: The disturbance.
+        service: The running service.
+        listener: The subscriber.
+        seconds: Duration, s.
+    """
     processes = [service.process.pid, listener.process.pid]
     children = descendants_of(service.process.pid)
     before, status_before = measure_processor_use(*processes, *children), service.status
@@ -184,7 +191,7 @@ def report(outcomes: dict[str, LatencyResult], seconds: float) -> int:
         f"{'case':24} {'p50':>6} {'p99':>6} {'max':>7} {'p50 x':>6} {'p99 x':>6} {'dropped':>7} "
         f"{'lost':>4} {'service':>8} {'viewer':>6} {'reader':>6} {'steal':>6}"
     )
-    missed = [report_line(name, each, base) for name, each in outcomes.items()]
+    missed = [_report_line(name, each, base) for name, each in outcomes.items()]
     stages = base.status.get("timing", {}).get("stage_ms", {})
     print("\nCPU ms per frame of the odometry by stage, medians of the first case:")
     print("  " + ", ".join(f"{stage} {spent_ms:.2f}" for stage, spent_ms in stages.items()))
@@ -192,7 +199,7 @@ def report(outcomes: dict[str, LatencyResult], seconds: float) -> int:
     return 1 if any(missed) else 0
 
 
-def report_line(name: str, outcome: LatencyResult, base: LatencyResult) -> bool:
+def _report_line(name: str, outcome: LatencyResult, base: LatencyResult) -> bool:
     """Print one case; return whether it exceeds a limit."""
     p50_ratio, p99_ratio = outcome.p50_ms / base.p50_ms, outcome.p99_ms / base.p99_ms
     if outcome is base:

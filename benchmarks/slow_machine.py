@@ -63,11 +63,11 @@ def main(args: argparse.Namespace) -> int:
                 print(
                     f"round {number + 1}: {percent:.0f} %, {adapts=}", file=sys.stderr, flush=True
                 )
-                runs.setdefault((percent, adapts), []).append(run(percent, adapts, args.seconds))
+                runs.setdefault((percent, adapts), []).append(_run(percent, adapts, args.seconds))
     return report(runs)
 
 
-def run(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
+def _run(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
     """Start everything, warm up, then limit the processor time and measure."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -81,7 +81,13 @@ def fit_timing(stamps_s: Array, brightness: Array, switched_s: Array) -> LedTimi
 
 
 def exposed_fraction(middles_s: Array, exposure_s: float, switched_s: Array) -> Array:
-    """Fraction (n,) of each exposure during which the LED is on."""
+    """Fraction (n,) of each exposure during which the LED is on.
+
+    Args:
+        middles_s: (n,) middles of the exposures, s.
+        exposure_s: Length of an exposure, s.
+        switched_s: Times at which the LED was switched, first on, s.
+    """
     begin, end = middles_s - exposure_s / 2, middles_s + exposure_s / 2
     return (_cumulative_on_s(end, switched_s) - _cumulative_on_s(begin, switched_s)) / exposure_s
 

@@ -53,7 +53,13 @@ class DriftResult:
 def measure_drift(
     method: str, frames: Iterable[RgbdFrame], frames_per_report: int
 ) -> Iterator[DriftResult]:
-    """Track a camera that never moves; yield the drift after each `frames_per_report` frames."""
+    """Track a camera that never moves; yield the drift after each `frames_per_report` frames.
+
+    Args:
+        method: The method.
+        frames: Frames of a still camera.
+        frames_per_report: Frames between two results.
+    """
     odometry = METHODS[method](MethodConfig(), CpuStageTimer())
     T_first_world, means = np.eye(4), list[Array]()
     max_error, squares, cpu_s, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()

@@ -95,7 +95,7 @@ def match(matcher: cv2.BFMatcher, a: PointFeatures, b: PointFeatures) -> tuple[A
     return a.points_m[i], b.points_m[j]
 
 
-def estimate(current: Array, previous: Array, rng: np.random.Generator) -> Array | None:
+def _estimate(current: Array, previous: Array, rng: np.random.Generator) -> Array | None:
     """Estimate T_previous_current by RANSAC and SVD; None with too few pairs."""
     if len(current) < 6:
         return None
@@ -107,12 +107,12 @@ def estimate(current: Array, previous: Array, rng: np.random.Generator) -> Array
     return fit_rigid(current[best], previous[best]) if best.sum() >= 6 else None
 
 
-def trajectory_error_m(pairs: list[tuple[Array, Array]], true: Array, seed: int) -> float:
+def _trajectory_error_m(pairs: list[tuple[Array, Array]], true: Array, seed: int) -> float:
     """ATE RMSE of the chained steps; a failed step counts as no motion."""
     rng, T = np.random.default_rng(seed), np.eye(4)
     estimated = [T]
     for previous, current in pairs:
-        step = estimate(current, previous, rng)
+        step = _estimate(current, previous, rng)
         T = T if step is None else T @ step
         estimated.append(T)
     positions = np.array(estimated)[:, :3, 3]
@@ -120,13 +120,13 @@ def trajectory_error_m(pairs: list[tuple[Array, Array]], true: Array, seed: int)
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
-def errors_m(views: list[RealismView], detector: cv2.Feature2D, norm: int) -> list[float]:
+def _errors_m(views: list[RealismView], detector: cv2.Feature2D, norm: int) -> list[float]:
     """ATE RMSE for several RANSAC seeds, sorted."""
     matcher = cv2.BFMatcher(norm)
     features = [find_features(detector, view) for view in views]
     pairs = [match(matcher, a, b) for a, b in itertools.pairwise(features)]
     true = np.array([view.T_world_camera[:3, 3] for view in views])
-    return sorted(trajectory_error_m(pairs, true, seed) for seed in range(RANSAC_SEEDS))
+    return sorted(_trajectory_error_m(pairs, true, seed) for seed in range(RANSAC_SEEDS))
 
 
 def render_views(config: SyntheticConfig) -> list[RealismView]:
@@ -141,7 +141,7 @@ def render_views(config: SyntheticConfig) -> list[RealismView]:
     return views
 
 
-def load_views(folder: Path, camera: PinholeCamera, factor: float) -> list[RealismView]:
+def _load_views(folder: Path, camera: PinholeCamera, factor: float) -> list[RealismView]:
     """Load the frames of a folder whose ground truth has a pose for each frame."""
     truth = read_trajectory(folder / "groundtruth.txt")
     color, depth = sorted((folder / "rgb").iterdir()), sorted((folder / "depth").iterdir())
@@ -165,7 +165,7 @@ def report(name: str, views: list[RealismView]) -> None:
         ("SIFT", cv2.SIFT.create(1000), cv2.NORM_L2),
         ("ORB", cv2.ORB.create(1000), cv2.NORM_HAMMING),
     ):
-        low, *middle, high = (1e3 * error for error in errors_m(views, detector, norm))
+        low, *middle, high = (1e3 * error for error in _errors_m(views, detector, norm))
         line += f" | {kind} {np.median([low, *middle, high]):5.1f} ({low:.1f}-{high:.1f}) mm"
     print(line, flush=True)
 
@@ -190,7 +190,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> None:
     """Run the selected variants."""
     if args.folder is not None:
-        report(args.folder.name, load_views(args.folder, FREIBURG1, 5000.0))
+        report(args.folder.name, _load_views(args.folder, FREIBURG1, 5000.0))
     driven = {
         "track": args.track,
         "track_start_s": args.start_s,

@@ -101,7 +101,13 @@ def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
 
 
 def measure(method: str, folder: Path, config: SyntheticConfig) -> HardCaseResult:
-    """Track a sequence that was rendered from `config`, and evaluate it."""
+    """Track a sequence that was rendered from `config`, and evaluate it.
+
+    Args:
+        method: The method.
+        folder: The rendered sequence.
+        config: Its configuration.
+    """
     with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         tracked = track(method, read_all_frames(camera))
         truth = camera.ground_truth
@@ -188,6 +194,12 @@ def track_changed(
 ) -> tuple[TrackedSequence, Accuracy]:
     """Track the changed frames of a TUM folder, from frame `first` on.
 
+    Args:
+        method: The method.
+        folder: The recording.
+        change: Changes each frame.
+        first: First frame.
+
     Raises:
         InputError: The folder cannot be used, or has no ground truth.
     """
@@ -215,7 +227,13 @@ def evaluate_accuracy(tracked: TrackedSequence, truth: Trajectory) -> Accuracy:
 def evaluate_trajectory(
     estimates: list[Estimate], stamps_s: list[float], truth: Trajectory | None
 ) -> Evaluation | None:
-    """Evaluate the trajectory; None without ground truth or with too few poses."""
+    """Evaluate the trajectory; None without ground truth or with too few poses.
+
+    Args:
+        estimates: Estimates of the frames.
+        stamps_s: Stamps of the frames, s.
+        truth: True trajectory; None if not known.
+    """
     good = [n for n, estimate in enumerate(estimates) if estimate.ok]
     if truth is None or not good:
         return None

@@ -31,7 +31,7 @@ def main(args: argparse.Namespace) -> None:
     for folder in args.folder:
         print(f"{folder}\n{'':28}{'ATE':>10}{'global':>10}{'RPE/1s':>10}{'failed':>10}")
         for name, change in make_calibration_errors().items():
-            print(f"{name:28}" + format_row(folder, args.method, change), flush=True)
+            print(f"{name:28}" + _format_row(folder, args.method, change), flush=True)
 
 
 def make_calibration_errors() -> Mapping[str, CalibrationError]:
@@ -52,7 +52,7 @@ def make_calibration_errors() -> Mapping[str, CalibrationError]:
     }
 
 
-def format_row(folder: Path, method: str, change: CalibrationError) -> str:
+def _format_row(folder: Path, method: str, change: CalibrationError) -> str:
     """Run a method with a calibration error and format its figures."""
     odometry = METHODS[method](MethodConfig(), NullStageTimer())
     stamps_s, estimates = [], []

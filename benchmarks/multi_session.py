@@ -34,13 +34,13 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.fault_injection import ImageSource
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.registry import METHODS, warm_up
-from vo_service.slam.keyframe_selector import pose_distance_steps
-from vo_service.slam.loop_closure.factory import (
+from vo_service.slam.keyframe_selection import pose_distance_steps
+from vo_service.slam.map_file import MapContents, read_map, write_map
+from vo_service.slam.synchronous_loop_closure import (
+    SynchronousLoopClosure,
     create_loop_closer_from_map,
     create_synchronous_loop_closure,
 )
-from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
-from vo_service.slam.saved_maps.map_file import MapContents, read_map, write_map
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
 from vo_service.types import OdometryUpdate

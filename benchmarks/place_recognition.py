@@ -27,14 +27,14 @@ from benchmarks.rendered_views import (
 )
 from drivers.core.geometry import Array, inverse, rotation_angle_rad
 from vo_service.odometry.direct.motion import se3_log
-from vo_service.slam.place_recognition.keyframe_database import KeyframeDatabase
-from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
-from vo_service.slam.place_recognition.place_recognizer import PlaceRecognizer
-from vo_service.slam.place_recognition.query_frame import (
+from vo_service.slam.keyframe_database import (
     LOST_VELOCITY_SIGMA,
     TRACKED_VELOCITY_SIGMA,
+    KeyframeDatabase,
+    MapKeyframe,
     QueryFrame,
 )
+from vo_service.slam.place_recognizer import PlaceRecognizer
 
 MAX_ERROR_M, MAX_ERROR_DEG = 0.05, 3.0
 HEADING = "distance | trials | candidates | verified | mm | 95 % | max | degrees | sigmas | wrong"

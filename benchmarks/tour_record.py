@@ -17,8 +17,10 @@ from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
-from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
-from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
+from vo_service.slam.synchronous_loop_closure import (
+    SynchronousLoopClosure,
+    create_synchronous_loop_closure,
+)
 from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import best_alignment, position_errors_m
 from vo_service.types import Estimate, OdometryUpdate

@@ -2,7 +2,7 @@
 
     python -m benchmarks train_vlad FOLDER...
 
-It writes vo_service/slam/place_recognition/vlad_vocabulary.npy: the integer centers of k-means
+It writes vo_service/slam/vlad_vocabulary.npy: the integer centers of k-means
 clusters of SURF descriptors. The same folders give the same vocabulary. Measure place recognition
 on other recordings than these.
 """
@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
 from drivers.recording_camera import RecordingCamera
+from vo_service import slam
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.slam import place_recognition
 
-OUTPUT = Path(place_recognition.__file__).with_name("vlad_vocabulary.npy")
+OUTPUT = Path(slam.__file__).with_name("vlad_vocabulary.npy")
 CLUSTERS, FEATURES_PER_IMAGE, FRAME_STRIDE = 32, 500, 30
 # k-means: most iterations, and number of attempts.
 MAX_ITERATIONS, ATTEMPTS = 100, 3

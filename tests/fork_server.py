@@ -34,7 +34,7 @@ def load() -> None:
     from tests.forked_process import WORKERS
     from vo_service.odometry.registry import DEFAULT_METHOD, warm_up
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
-    from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
+    from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure
 
     cv2.setNumThreads(1)
     for function in WORKERS:

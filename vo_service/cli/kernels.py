@@ -39,7 +39,7 @@ def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> flo
 
 def prepare_loop_closure(terminal: Terminal, stop: StopSignal) -> float:
     """Compile or load the kernels of loop closure; otherwise as `prepare_kernels`."""
-    from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
+    from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure
 
     taken_s = run_warm_up(warm_up_loop_closure, terminal, stop)
     with suppress(OSError):  # without the mark, it is repeated next time

@@ -16,7 +16,7 @@ from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.run_summary import LoopClosureSummary, evaluate_if_possible
 
 if TYPE_CHECKING:  # its libraries are slow to load
-    from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
+    from vo_service.slam.synchronous_loop_closure import SynchronousLoopClosure
 
 
 def add_loop_closure_options(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +67,7 @@ def make_loop_closure(
         UserFacingError: If the compiled kernels cannot be written.
     """
     prepare_loop_closure(terminal, stop)
-    from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
+    from vo_service.slam.synchronous_loop_closure import create_synchronous_loop_closure
 
     return create_synchronous_loop_closure(config.map)
 

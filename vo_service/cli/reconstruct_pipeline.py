@@ -41,7 +41,7 @@ from vo_service.terminal import Terminal
 from vo_service.types import NullLoopClosure, Output
 
 if TYPE_CHECKING:  # its libraries are slow to load
-    from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
+    from vo_service.slam.synchronous_loop_closure import SynchronousLoopClosure
 
 _log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from vo_service.cli import kernels
 from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.config import Config
 from vo_service.signals import StopSignal, stop_on_signals
-from vo_service.slam.loop_closure import warm_up as loops_warm_up
+from vo_service.slam import synchronous_loop_closure
 from vo_service.terminal import Terminal
 
 
@@ -43,7 +43,7 @@ def test_preparation_of_loop_closure_stops_like_that_of_the_method(
         signal.raise_signal(signal.SIGINT)
         return 1.0
 
-    monkeypatch.setattr(loops_warm_up, "warm_up_loop_closure", interrupted)
+    monkeypatch.setattr(synchronous_loop_closure, "warm_up_loop_closure", interrupted)
     with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
         prepare_loop_closure(Terminal(), stop)
     assert calls == ["begun"]
@@ -53,7 +53,7 @@ def test_finished_preparation_of_loop_closure_is_remembered(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(kernels, "kernel_folder", lambda: tmp_path)
-    monkeypatch.setattr(loops_warm_up, "warm_up_loop_closure", lambda tell: 1.0)
+    monkeypatch.setattr(synchronous_loop_closure, "warm_up_loop_closure", lambda tell: 1.0)
     assert not loops_are_prepared()
     prepare_loop_closure(Terminal(), StopSignal())
     assert loops_are_prepared()

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import inverse
-from tests.vo_service.slam.place_recognition.corner_keyframes import (
+from tests.vo_service.slam.corner_keyframes import (
     BESIDE,
     ELSEWHERE,
     HERE,
     make_keyframe,
 )
-from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
-from vo_service.slam.place_recognition.place_recognizer import PlaceRecognizer
-from vo_service.slam.pose_graph.edges import Edge
-from vo_service.slam.pose_graph.pose_graph import PoseGraph
-from vo_service.slam.saved_maps.map_file import MapContents
+from vo_service.slam.graph_edges import Edge
+from vo_service.slam.keyframe_database import MapKeyframe
+from vo_service.slam.map_file import MapContents
+from vo_service.slam.place_recognizer import PlaceRecognizer
+from vo_service.slam.pose_graph import PoseGraph
 
 
 @pytest.fixture(scope="session")

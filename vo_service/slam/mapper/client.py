@@ -10,6 +10,7 @@ from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
 from drivers.core.process.worker_process import WorkerSpec
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
+from vo_service.slam.map_store import MapStore
 from vo_service.slam.mapper.messages import (
     LoadMapRequest,
     LoadMapResult,
@@ -19,7 +20,6 @@ from vo_service.slam.mapper.messages import (
     SaveMapRequest,
     SaveMapResult,
 )
-from vo_service.slam.saved_maps.map_store import MapStore
 from vo_service.types import NAME_PATTERN, CommandError, ErrorCode, MapSnapshot, MapState
 
 logger = logging.getLogger(__name__)

@@ -18,9 +18,9 @@ from drivers.core.shared_frames.record_ring import RecordRingWriter
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import write_frame
 from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry
-from vo_service.slam.keyframe_selector import KeyframeSelector
-from vo_service.slam.loop_closure.odometry_constraint import (
+from vo_service.slam.keyframe_selection import (
     ConstraintAccumulator,
+    KeyframeSelector,
     NullConstraintAccumulator,
     OdometryConstraint,
 )

@@ -9,15 +9,18 @@ from drivers.core.memory import release_memory
 from drivers.core.shared_frames.record_ring import RingRecord
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata
-from vo_service.slam.loop_closure.anchored_pose import AnchoredPose
-from vo_service.slam.loop_closure.factory import create_loop_closer, create_loop_closer_from_map
-from vo_service.slam.loop_closure.loop_closer import KeyframeObservation
-from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
-from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
+from vo_service.slam.keyframe_selection import OdometryConstraint
+from vo_service.slam.loop_closer import KeyframeObservation
+from vo_service.slam.map_file import read_map, write_map
+from vo_service.slam.map_store import MapStore
 from vo_service.slam.mapper.messages import RelocalizationQuery, SendMapperMessage
-from vo_service.slam.pose_graph.pose_graph import NodeRemoval
-from vo_service.slam.saved_maps.map_file import read_map, write_map
-from vo_service.slam.saved_maps.map_store import MapStore
+from vo_service.slam.optimized_trajectory import AnchoredPose
+from vo_service.slam.pose_graph import NodeRemoval
+from vo_service.slam.synchronous_loop_closure import (
+    create_loop_closer,
+    create_loop_closer_from_map,
+    warm_up_loop_closure,
+)
 from vo_service.terminal import announce_if_slow
 
 

@@ -16,9 +16,9 @@ from typing import Any
 from drivers.core.errors import UserFacingError
 from drivers.core.process.worker_main import set_oom_score
 from vo_service.config_tables import MEGABYTE, MapConfig
+from vo_service.slam.map_store import MapStore
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
 from vo_service.slam.mapper.messages import SaveMapResult
-from vo_service.slam.saved_maps.map_store import MapStore
 
 # The process uses the most memory and is the least important one.
 OOM_SCORE = 1000

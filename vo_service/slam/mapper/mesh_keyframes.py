@@ -15,11 +15,11 @@ from drivers.core.geometry import Array
 from drivers.core.shared_frames.depth_unpacking import unpack_depth
 from drivers.core.shared_frames.record_ring import RingRecord
 from vo_service.frame_record import decode_frame, decode_metadata
-from vo_service.slam.keyframe_selector import pose_distance_steps
-from vo_service.slam.loop_closure.anchored_pose import AnchoredPose
+from vo_service.slam.keyframe_selection import pose_distance_steps
+from vo_service.slam.optimized_trajectory import AnchoredPose
 
 if TYPE_CHECKING:  # its libraries are slow to load
-    from vo_service.slam.pose_graph.pose_graph import NodeRemoval
+    from vo_service.slam.pose_graph import NodeRemoval
 
 JPEG_QUALITY = 90
 # Factor of the spacing after each thinning.

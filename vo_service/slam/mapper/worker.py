@@ -21,7 +21,7 @@ from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_metadata
-from vo_service.slam.loop_closure.anchored_pose import AnchoredPose
+from vo_service.slam.map_store import MapStore
 from vo_service.slam.mapper.mesh_job import FuseKeyframes, MeshJob, build_mesh
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
 from vo_service.slam.mapper.messages import (
@@ -33,12 +33,12 @@ from vo_service.slam.mapper.messages import (
     SaveMapResult,
     SendMapperMessage,
 )
-from vo_service.slam.saved_maps.map_store import MapStore
+from vo_service.slam.optimized_trajectory import AnchoredPose
 from vo_service.types import TrackingState
 
 if TYPE_CHECKING:  # its libraries take a second and a hundred megabytes
     from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
-    from vo_service.slam.pose_graph.pose_graph import NodeRemoval
+    from vo_service.slam.pose_graph import NodeRemoval
 
 
 STATUS_PERIOD_S = 1.0

@@ -21,11 +21,7 @@ from vo_service.types import Estimate
 
 # Sources of loop closure besides the libraries.
 SOURCES = (
-    "vo_service/slam/pose_graph",
-    "vo_service/slam/loop_closure",
-    "vo_service/slam/place_recognition",
-    "vo_service/slam/saved_maps",
-    "vo_service/slam/keyframe_selector.py",
+    "vo_service/slam",
     "vo_service/odometry/uncertainty.py",
     "vo_service/odom_frame.py",
     "vo_service/tools/benchmark/observers.py",
@@ -89,7 +85,7 @@ class LoopClosureObserverFactory:
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile or load the kernels."""
-        from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure  # slow to load
+        from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure  # slow to load
 
         warm_up_loop_closure(on_progress)
 
@@ -102,7 +98,7 @@ class LoopClosureObserver:
     """Observer that runs loop closure and measures its CPU time."""
 
     def __init__(self, settings: MapConfig) -> None:
-        from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
+        from vo_service.slam.synchronous_loop_closure import create_synchronous_loop_closure
 
         self._tracker = OdomFrame()
         self._loop_closure = create_synchronous_loop_closure(settings)

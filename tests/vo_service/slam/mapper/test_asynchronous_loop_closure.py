@@ -14,7 +14,7 @@ import pytest
 from drivers.core.geometry import T_BODY_CAMERA, Array, inverse
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.outputs.recorder.recorder_inputs import command_error
-from tests.vo_service.slam.loop_closure.corner_trajectory import (
+from tests.vo_service.slam.corner_trajectory import (
     STEPS,
     make_update,
     odometry_pose,
@@ -23,8 +23,8 @@ from tests.vo_service.slam.loop_closure.corner_trajectory import (
 from tests.vo_service.slam.mapper.wall_sequence import COARSE, mapper_pid, running_mapper
 from tests.waiting import wait_until
 from vo_service.odometry.relocalization import RelocalizationResult
-from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
 from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure, LiveMapper
+from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure
 
 pytestmark = pytest.mark.subprocess
 

@@ -11,7 +11,7 @@ from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.shared_frames.depth_packing import pack_depth
 from drivers.core.shared_frames.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.odometry.synthetic_views import render_corner
-from tests.vo_service.slam.loop_closure.corner_trajectory import (
+from tests.vo_service.slam.corner_trajectory import (
     make_loop_closer,
     make_update,
     odometry_pose,
@@ -21,7 +21,8 @@ from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import write_frame
 from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
-from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
+from vo_service.slam.keyframe_selection import OdometryConstraint
+from vo_service.slam.map_file import write_map
 from vo_service.slam.mapper import worker as desk_module
 from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure
 from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
@@ -32,7 +33,6 @@ from vo_service.slam.mapper.messages import (
     SaveMapRequest,
 )
 from vo_service.slam.mapper.worker import MapperWorker
-from vo_service.slam.saved_maps.map_file import write_map
 from vo_service.types import OdometryUpdate, TrackingState
 
 WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)

@@ -14,10 +14,10 @@ from drivers.core.shared_frames.record_ring import RecordRingReader, RecordRingW
 from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA
 from vo_service.frame_record import write_frame
-from vo_service.slam.keyframe_selector import STEP_M
-from vo_service.slam.loop_closure.anchored_pose import AnchoredPose
+from vo_service.slam.keyframe_selection import STEP_M
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
-from vo_service.slam.pose_graph.pose_graph import NodeRemoval
+from vo_service.slam.optimized_trajectory import AnchoredPose
+from vo_service.slam.pose_graph import NodeRemoval
 
 SIZE = 1000
 

@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import FRAMES
 from tests.vo_service.fakes import good_estimate
 from tests.vo_service.odometry.synthetic_views import render_corner
-from tests.vo_service.slam.loop_closure.corner_trajectory import STEPS, odometry_pose, true_pose
+from tests.vo_service.slam.corner_trajectory import STEPS, odometry_pose, true_pose
 from vo_service.config import OdometryConfig
 from vo_service.config_tables import MapConfig
 from vo_service.tools.benchmark.methods import ConfiguredMethodFactory

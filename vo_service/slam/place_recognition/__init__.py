@@ -1,1 +1,0 @@
-"""Place recognition: keyframes of a map and their recognition in new views."""

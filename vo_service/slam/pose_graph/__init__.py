@@ -1,1 +1,0 @@
-"""Pose graph of the keyframes: odometry edges, loop closures and their optimization."""

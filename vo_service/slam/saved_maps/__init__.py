@@ -1,1 +1,0 @@
-"""Maps of keyframes, saved and loaded again."""

@@ -6,7 +6,7 @@ A replay is `run_replay`; the service on a robot is `build_live_service`. Both r
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -24,6 +24,7 @@ from vo_service.load_shedding import LoadShedder
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
@@ -76,6 +77,7 @@ class OutputsConfig:
         zenoh: Settings of the publisher; None: do not publish.
         connect_policy: Whether to retry if the Zenoh session cannot be opened.
         extra_endpoints: Further endpoints of the session, such as commands.
+        frames: Settings of the images and points; None: do not publish them.
         wait_for_subscriber_s: Time to wait for the first subscriber, s; 0 = do not wait.
         recorder: Makes the flight recorder; None: no flight recorder.
         mapper: Makes the mapper; None: no mapper.
@@ -89,6 +91,7 @@ class OutputsConfig:
     zenoh: ZenohConfig | None
     connect_policy: ConnectPolicy = ConnectOnce
     extra_endpoints: ExtraEndpoints = field(default_factory=ExtraEndpoints)
+    frames: FrameOutputConfig | None = None
     wait_for_subscriber_s: float = 0.0
     recorder: Callable[[], Recorder] | None = None
     mapper: Callable[[], Mapper] | None = None
@@ -96,6 +99,11 @@ class OutputsConfig:
     trajectory: Path | None = None
     ground_truth: GroundTruthSource = no_ground_truth
     log_line: Callable[[str], None] = logger.info
+
+
+def frames_config(config: Config) -> FrameOutputConfig:
+    """Return the settings of the images and points from a configuration."""
+    return FrameOutputConfig(config.zenoh.prefix, config.frames, config.T_base_camera.T_base_camera)
 
 
 @dataclass
@@ -129,19 +137,7 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
         outputs = opened.outputs
         is_lockstep = config.playback_mode is PlaybackMode.LOCKSTEP
         if config.zenoh is not None:
-            delivery = LOCKSTEP_QOS if is_lockstep else LIVE_QOS
-            publisher = stack.enter_context(
-                closing(
-                    ZenohOutput(
-                        config.zenoh, delivery, config.connect_policy, config.extra_endpoints
-                    )
-                )
-            )
-            outputs.append(publisher)
-            if not publisher.warning:  # the warning names what prevents publishing
-                config.log_line(f"poses: {publisher.description}")
-            if config.wait_for_subscriber_s:
-                publisher.wait_for_subscriber(config.wait_for_subscriber_s)
+            outputs += _open_zenoh(config, config.zenoh, stack)
         if config.rerun.targets:
             viewers = _open_viewers(config, stack)
             outputs += viewers
@@ -159,6 +155,25 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
             trajectory = TrajectoryFileOutput(config.trajectory, lines)
             outputs.append(stack.enter_context(closing(trajectory)))
         yield opened
+
+
+def _open_zenoh(config: OutputsConfig, zenoh: ZenohConfig, stack: ExitStack) -> list[Output]:
+    """Open the publisher of the poses and, on the same session, that of the frames."""
+    is_lockstep = config.playback_mode is PlaybackMode.LOCKSTEP
+    delivery = LOCKSTEP_QOS if is_lockstep else LIVE_QOS
+    endpoints = config.extra_endpoints
+    frame_outputs = [] if config.frames is None else open_frame_outputs(config.frames, zenoh)
+    for frames in frame_outputs:
+        stack.enter_context(closing(frames))
+        endpoints = replace(endpoints, on_session=frames.declare)
+    publisher = stack.enter_context(
+        closing(ZenohOutput(zenoh, delivery, config.connect_policy, endpoints))
+    )
+    if not publisher.warning:  # the warning names what prevents publishing
+        config.log_line(f"poses: {publisher.description}")
+    if config.wait_for_subscriber_s:
+        publisher.wait_for_subscriber(config.wait_for_subscriber_s)
+    return [publisher, *frame_outputs]
 
 
 def _open_viewers(config: OutputsConfig, stack: ExitStack) -> "list[RerunOutput]":

@@ -18,6 +18,7 @@ from drivers.registry import CAMERA_USAGES
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config_tables import (
     CommandConfig,
+    FramesConfig,
     LoadConfig,
     LogConfig,
     MapConfig,
@@ -127,6 +128,7 @@ class Config:
     odometry: OdometryConfig = OdometryConfig()
     T_base_camera: MountingConfig = MountingConfig()
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)
+    frames: FramesConfig = FramesConfig()  # noqa: RUF009 (frozen)
     commands: CommandConfig = CommandConfig()  # noqa: RUF009 (frozen)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)

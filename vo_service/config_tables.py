@@ -136,6 +136,27 @@ def check_prefix(prefix: str) -> str:
 
 
 @dataclass(frozen=True)
+class FramesConfig:
+    """`[frames]`: publication of images and points, each only while somebody subscribes."""
+
+    enabled: Annotated[
+        bool | None, "false = never; unset = unless anyone in the network could see them"
+    ] = None
+    max_hz: Annotated[
+        float, Field("rate limit of each topic, Hz; a Kinect has 30", minimum=0.1, maximum=1000.0)
+    ] = 60.0
+    jpeg_quality: Annotated[int, Field("JPEG quality of color images", minimum=10, maximum=100)] = (
+        90
+    )
+    point_stride: Annotated[
+        int, Field("every n-th pixel of every n-th row is a point", minimum=1, maximum=32)
+    ] = 2
+    frame_id: Annotated[str, "frame of images and points, optical axes"] = (
+        "camera_rgb_optical_frame"
+    )
+
+
+@dataclass(frozen=True)
 class Ros2Config:
     """`[ros2]`: publication of the poses for ROS 2. Experimental."""
 

@@ -3,15 +3,18 @@
 import csv
 import json
 import re
+import socket
 import subprocess
 import sys
 import threading
+import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
 from drivers.camera import Led
@@ -20,6 +23,7 @@ from tests.conftest import FRAMES
 from tests.drivers.freenect.conftest import plug_in
 from tests.examples.conftest import RATE_HZ, ProgramOutput
 from tests.json_schema import schema_errors
+from tests.ports import free_port
 from tests.simulators.fixtures import SimulateKinect
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
@@ -198,6 +202,48 @@ def test_a_csv_program_without_a_file_prints_its_usage() -> None:
     assert "Usage: python poses_to_csv.py FILE.csv SECONDS" in done.stderr
     assert "Traceback" not in done.stderr
     assert done.returncode == 1
+
+
+@pytest.mark.zenoh
+def test_live_video_has_an_image_for_each_frame(endpoint: str, tmp_path: Path) -> None:
+    path = tmp_path / "video.avi"
+    done = finished("live_video.py", path, 3, endpoint)
+    assert (done.stderr, done.returncode) == ("", 0)
+    video = cv2.VideoCapture(str(path))
+    assert [video.read()[0] for _ in range(4)] == [True, True, True, False]
+
+
+@pytest.mark.zenoh
+def test_a_point_cloud_is_written(endpoint: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    done = finished("save_points.py", path, endpoint)
+    assert (done.stderr, done.returncode) == ("", 0)
+    count = int(done.stdout.split()[0])
+    header, _, vertices = path.read_bytes().partition(b"end_header\n")
+    assert f"element vertex {count}\n".encode() in header
+    assert len(vertices) == 15 * count > 0
+
+
+@pytest.mark.zenoh
+def test_a_web_page_gets_video_and_positions(endpoint: str) -> None:
+    port = free_port()
+    with program("web_page.py", port, endpoint):
+
+        def get(path: str) -> tuple[str, bytes]:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}{path}", timeout=100) as answer:
+                return answer.headers["X-Pose"], answer.read()
+
+        wait_until(lambda: is_listening(port))
+        assert b"<canvas" in get("/")[1]
+        for _ in range(2):
+            position, image = get("/frame")
+            assert len([float(number) for number in position.split()]) == 3
+            assert image[:2] == b"\xff\xd8"
+
+
+def is_listening(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def test_plain_zenoh_reads_the_same(endpoint: str) -> None:

@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for role, text in (
         ("robot", "a robot that connects to a router; NAME is its prefix"),
         ("reader", "a program that reads poses and status"),
+        ("viewer", "a program that also sees the images"),
         ("operator", "a program that also sends commands"),
     ):
         parser.add_argument(
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     clients = [(name, role) for role in _DESTINATIONS for name in getattr(args, role)]
     names = [*args.host[:1], *(name for name, _ in clients)]
     if not names:
-        raise InputError("nothing to make: give --host, --robot, --reader or --operator")
+        raise InputError("nothing to make: give --host, --robot, --reader, --viewer or --operator")
     authority = CertificateAuthority(args.folder)
     authority.check_names_free(names)
     made = []
@@ -80,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
 _DESTINATIONS = {
     "robot": 'beside fleet-robot.json5 on the robot with prefix = "{}"',
     "reader": "beside reader-tls.json5 where {} runs; a name among `readers` in the configuration",
+    "viewer": "beside reader-tls.json5 where {} runs; a name among `readers` and `viewers`",
     "operator": "beside operator-tls.json5 where {} runs; a name among `readers` and `operators`",
 }
 

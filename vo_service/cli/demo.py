@@ -11,7 +11,7 @@ from drivers.core.files import atomic_write, create_output_folder
 from drivers.core.trajectory import Trajectory, format_pose_line
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.app import OutputsConfig, open_outputs, run_replay
+from vo_service.app import OutputsConfig, frames_config, open_outputs, run_replay
 from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.options import (
     add_config_options,
@@ -81,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
         outputs_config = OutputsConfig(
             playback_mode=PlaybackMode.REALTIME,
             zenoh=None if args.no_publish else config.zenoh,
+            frames=frames_config(config),
             connect_policy=ConnectOnFreePort,
             rerun=replace(config.rerun, targets=_choose_rerun_targets(args)),
             trajectory=args.output / "trajectory.txt",

@@ -14,7 +14,13 @@ from drivers.core.errors import InputError
 from drivers.core.files import rotate_file
 from drivers.core.memory import release_memory
 from drivers.registry import open_camera
-from vo_service.app import OutputsConfig, ServiceDependencies, build_live_service, open_outputs
+from vo_service.app import (
+    OutputsConfig,
+    ServiceDependencies,
+    build_live_service,
+    frames_config,
+    open_outputs,
+)
 from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.cli.options import (
     add_camera_options,
@@ -119,6 +125,7 @@ def _serve(
     outputs_config = OutputsConfig(
         playback_mode=args.pace,
         zenoh=None if args.no_publish else config.zenoh,
+        frames=frames_config(config),
         connect_policy=ConnectWithRetry,
         extra_endpoints=ExtraEndpoints(commands, config.ros2),
         recorder=partial(open_recorder, config.recorder, asdict(config)),

@@ -1,4 +1,4 @@
-"""Read poses from Python, newest first and with their age.
+"""Read poses, images and points from Python, newest first.
 
     from vo_service import PoseClient
 
@@ -13,17 +13,24 @@ from drivers.core.errors import InputError
 from vo_service.client.client import PoseClient
 from vo_service.client.errors import (
     CommandRefused,
+    FrameUnavailable,
     PoseUnavailable,
     PoseUnavailableReason,
     ServiceUnavailable,
 )
+from vo_service.client.frame import Frame, PointCloud
+from vo_service.client.frame_client import FrameClient
 from vo_service.client.map_odom import MapOdom
 from vo_service.client.pose import Pose
 
 __all__ = [
     "CommandRefused",
+    "Frame",
+    "FrameClient",
+    "FrameUnavailable",
     "InputError",
     "MapOdom",
+    "PointCloud",
     "Pose",
     "PoseClient",
     "PoseUnavailable",

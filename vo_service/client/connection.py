@@ -8,7 +8,11 @@ import zenoh
 
 from drivers.core.errors import UserFacingError
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.session import ZenohUnavailableError, open_session
+from vo_service.outputs.zenoh.session import (
+    MAX_MESSAGE_BYTES,
+    ZenohUnavailableError,
+    open_session,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -22,18 +26,25 @@ class BackgroundConnection:
     while its router or service is reachable.
     """
 
-    def __init__(self, config: ZenohConfig, on_open: Callable[[zenoh.Session], None]) -> None:
+    def __init__(
+        self,
+        config: ZenohConfig,
+        on_open: Callable[[zenoh.Session], None],
+        max_message_bytes: int = MAX_MESSAGE_BYTES,
+    ) -> None:
         """Open the session.
 
         Args:
             config: Endpoints, or the configuration file that holds them.
             on_open: Called once, with the open session.
+            max_message_bytes: Larger messages that come in are discarded.
 
         Raises:
             InputError: The configuration is invalid, so that retrying cannot help.
         """
         self._config = config
         self._on_open = on_open
+        self._max_message_bytes = max_message_bytes
         self._closed = threading.Event()
         self._sessions: list[zenoh.Session] = []
         self._thread = threading.Thread(
@@ -71,6 +82,6 @@ class BackgroundConnection:
                 last_error = str(error)
 
     def _open(self) -> None:
-        session = open_session(self._config)
+        session = open_session(self._config, self._max_message_bytes)
         self._on_open(session)
         self._sessions = [session]

@@ -47,3 +47,7 @@ class ServiceUnavailable(Exception):  # noqa: N818
 
     A closed client raises it for every query.
     """
+
+
+class FrameUnavailable(Exception):  # noqa: N818
+    """No image or points arrived in time; the text says why."""

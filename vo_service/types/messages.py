@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Annotated, Any, TypeVar, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from drivers.core.fields import Field, TypedField, typed_fields
 from vo_service.types.commands import ErrorCode
@@ -49,6 +49,33 @@ class MapOdomAttachment:
     is_localized: IsLocalized
     map_keyframes: KeyframeCount
     loop_closures: LoopClosureCount
+
+
+@dataclass(frozen=True)
+class FrameAttachment:
+    """Attachment of every topic of a frame: images, points and others."""
+
+    seq: Annotated[int, Field("number of the pose with the same stamp", minimum=0)]
+    camera_position_m: Annotated[
+        tuple[float, float, float], "position of the optical camera in the base, m"
+    ]
+    camera_quaternion_xyzw: Annotated[
+        tuple[float, float, float, float], "orientation of the optical camera in the base"
+    ]
+
+
+@dataclass(frozen=True)
+class TimingMessage:
+    """The sensor's timing and focal length in use, on PREFIX/timing."""
+
+    stamp_s: Annotated[float, "stamp of the frame, Unix time"]
+    readout_s: Annotated[float, "rolling shutter: from the first row to the last, s"]
+    readout_sigma_s: Annotated[float, "its standard deviation, s; 0 = exact, or fixed"]
+    depth_offset_s: Annotated[float, "capture time of depth minus its stamp, relative to color, s"]
+    depth_offset_sigma_s: Annotated[float, "its standard deviation, s; 0 = exact, or fixed"]
+    source: Annotated[str, 'source of the four, as in the status; "" = exact, or fixed']
+    focal_scale: Annotated[float, "focal length in use, relative to the intrinsics"]
+    focal_scale_sigma: Annotated[float, "its standard deviation; 0 = exact, or fixed"]
 
 
 @dataclass(frozen=True)
@@ -113,6 +140,8 @@ def decode_message(kind: type[T], content: JsonObject, what: str) -> T:
 
 def _decode(field: TypedField, value: Any, what: str) -> Any:
     kind = get_origin(field.kind) or field.kind
+    if kind is tuple and isinstance(value, list) and len(value) == len(get_args(field.kind)):
+        return tuple(map(float, value))
     json_kind = str if issubclass(kind, StrEnum) else kind
     if json_kind is float and type(value) is int:
         return float(value)

@@ -16,9 +16,11 @@ from vo_service.types import (
     MESSAGE_SCHEMA,
     Command,
     ErrorReply,
+    FrameAttachment,
     MapOdomAttachment,
     OdomAttachment,
     Status,
+    TimingMessage,
 )
 
 Schema = dict[str, Any]
@@ -42,6 +44,8 @@ def all_schemas() -> dict[str, Schema]:
     schemas = {
         "odom-attachment": _message_schema(OdomAttachment),
         "map-odom-attachment": _message_schema(MapOdomAttachment),
+        "frame-attachment": _message_schema(FrameAttachment),
+        "timing": _message_schema(TimingMessage),
         "status": _message_schema(
             Status, "Status of the service on PREFIX/status", {"versions": versions}
         ),

@@ -67,10 +67,17 @@ LOCKSTEP_QOS = QosProfile(
 
 @dataclass(frozen=True)
 class ExtraEndpoints:
-    """Optional endpoints on the session: commands and ROS 2."""
+    """Optional endpoints on the session.
+
+    Attributes:
+        commands: Receives commands.
+        ros2: Topics for ROS 2.
+        on_session: Called with each new session, to declare more on it.
+    """
 
     commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
+    on_session: Callable[[zenoh.Session], None] = lambda _: None
 
 
 class ZenohOutput:
@@ -92,7 +99,7 @@ class ZenohOutput:
         config: Prefix, frames and endpoints.
         qos: How to treat slow subscribers.
         connect_policy: Opens the session; its errors are raised.
-        extra_endpoints: Commands and ROS 2; None is neither.
+        extra_endpoints: Commands, ROS 2 and others; None is none of them.
     """
 
     def __init__(
@@ -114,6 +121,7 @@ class ZenohOutput:
             queryables=Queryables(config.prefix, self._latest),
             commands=extra_endpoints.commands,
             ros2=extra_endpoints.ros2,
+            on_session=extra_endpoints.on_session,
         )
         # The map that was last published, and its epoch.
         self._published_map: tuple[MapSnapshot, int] = (NO_MAP, 0)

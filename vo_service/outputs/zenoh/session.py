@@ -2,8 +2,10 @@
 
 import ipaddress
 import json
+import logging
 import os
 import re
+import resource
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +15,8 @@ import zenoh
 
 from drivers.core.errors import InputError, UserFacingError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
+
+logger = logging.getLogger(__name__)
 
 # Link settings may follow: tls/robot1.local:7451?rel=1#iface=eth0.
 _ENDPOINT = re.compile(
@@ -27,8 +31,14 @@ _FILE_KEYS = (
     "transport/link/tls/connect_certificate",
     "transport/auth/usrpwd/dictionary_file",
 )
-# The service's messages have a few kilobytes. Zenoh's own limit is a gigabyte.
+# What comes in: poses and commands have a few kilobytes. Zenoh's own limit is a gigabyte.
 MAX_MESSAGE_BYTES = 1 << 20
+# Largest message of a frame: points of every pixel have 5 MB.
+MAX_FRAME_MESSAGE_BYTES = 8 << 20
+# The kernel's default holds megabytes of images, and poses behind them wait on a narrow link.
+_SEND_BUFFER_BYTES = 128 << 10
+# Zenoh locks shared memory, at most this much for one publisher.
+_LOCKED_BYTES = 8_000_000
 _CLIENT_CONNECT_TIMEOUT_MS = 2000
 
 
@@ -180,19 +190,27 @@ class ZenohPortInUseError(ZenohUnavailableError):
     """Another program listens on the port."""
 
 
-def open_session(config: ZenohConfig) -> zenoh.Session:
+def open_session(config: ZenohConfig, max_message_bytes: int = MAX_MESSAGE_BYTES) -> zenoh.Session:
     """Open a session that listens on and connects to only the configured endpoints.
 
-    Returns within a few seconds.
+    Returns within a few seconds. Without access to shared memory, it goes without.
+
+    Args:
+        config: Endpoints, or the configuration file that holds them.
+        max_message_bytes: Larger messages that come in are discarded, unless the file says
+            otherwise.
 
     Raises:
         InputError: An endpoint or the configuration file is invalid.
         ZenohUnavailableError: The session cannot open now, but retrying may help.
         ZenohPortInUseError: Another program listens on the port.
     """
-    settings = build_zenoh_config(config)
+    settings = build_zenoh_config(config, max_message_bytes)
+    for key in ("listen", "connect"):
+        limited = [_limit_send_buffer(text) for text in configured_endpoints(settings, key)]
+        settings.insert_json5(f"{key}/endpoints", json.dumps(limited))
     try:
-        return zenoh.open(settings)
+        return open_with_shared_memory(settings)
     except zenoh.ZError as error:
         endpoints = ", ".join(config.listen + config.connect)
         for marker, (error_type, clause, advice) in _TRANSIENT_ERRORS.items():
@@ -200,6 +218,32 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
                 endpoint = _endpoint_in_error(str(error)) or endpoints
                 raise error_type(clause.format(endpoint), advice) from error
         raise InputError(f"zenoh cannot use {endpoints}: {_format_error(error)}") from error
+
+
+def open_with_shared_memory(settings: zenoh.Config) -> zenoh.Session:
+    """Open a session; without shared memory if it cannot be had. Raises ZError."""
+    try:
+        return zenoh.open(settings)
+    except zenoh.ZError as error:  # a read-only /dev/shm, or a process without the right
+        if "shm" not in str(error):
+            raise
+        logger.info("zenoh: no shared memory: %s", _format_error(error))
+        settings.insert_json5("transport/shared_memory/enabled", "false")
+        return zenoh.open(settings)
+
+
+def _may_lock_memory() -> bool:
+    """Whether this process may map a publisher's pool; if not, it would receive no images."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    return limit == resource.RLIM_INFINITY or limit >= _LOCKED_BYTES
+
+
+def _limit_send_buffer(endpoint: str) -> str:
+    """Add the size of the kernel's send buffer to an endpoint over TCP that does not set it."""
+    if endpoint.partition("/")[0] not in ("tcp", "tls") or "so_sndbuf" in endpoint:
+        return endpoint
+    separator = ";" if "#" in endpoint else "#"
+    return f"{endpoint}{separator}so_sndbuf={_SEND_BUFFER_BYTES}"
 
 
 # Errors that may go away by themselves, by a part of Zenoh's message.
@@ -227,12 +271,13 @@ _TRANSIENT_ERRORS = {
 }
 
 
-def build_zenoh_config(config: ZenohConfig) -> zenoh.Config:
+def build_zenoh_config(
+    config: ZenohConfig, max_message_bytes: int = MAX_MESSAGE_BYTES
+) -> zenoh.Config:
     """Build Zenoh's configuration: the file's settings, with safe defaults for all others.
 
     Zenoh's own defaults listen on every interface and accept any session of the network. Shared
-    memory needs rights that a hardened service does not have, and does not help with small
-    messages. Incoming messages larger than any of the service's are discarded.
+    memory is only for payloads that are placed in it.
 
     Raises:
         InputError: An endpoint or the configuration file is invalid.
@@ -246,8 +291,11 @@ def build_zenoh_config(config: ZenohConfig) -> zenoh.Config:
         "connect/endpoints": list(config.connect),
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "transport/shared_memory/enabled": False,
-        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+        "transport/shared_memory/enabled": _may_lock_memory(),
+        "transport/shared_memory/transport_optimization/enabled": False,
+        # A whole raw image fits into the queue, so that only a slow reader loses it.
+        "transport/link/tx/queue/size/background": 16,
+        "transport/link/rx/max_message_size": max_message_bytes,
         # Zenoh's default of two loses poses now and then if many are sent at once.
         "transport/link/tx/queue/size/real_time": 16,
     }
@@ -273,7 +321,8 @@ def _set_value(settings: zenoh.Config, key: str, value: object) -> None:
 def _endpoint_in_error(text: str) -> str:
     """Extract the endpoint from Zenoh's message; "" if it has none."""
     match = re.search(r"bound to (\S+):|\((\w+/\S+?)\)", text)
-    return (match.group(1) or match.group(2)) if match else ""
+    endpoint = (match.group(1) or match.group(2)) if match else ""
+    return re.sub(r"[#;]so_sndbuf=\d+", "", endpoint)  # not the user's
 
 
 def _format_error(error: zenoh.ZError) -> str:

@@ -13,6 +13,7 @@ from vo_service.outputs.zenoh.session import (
     Endpoint,
     build_zenoh_config,
     configured_endpoints,
+    open_with_shared_memory,
     parse_endpoint,
 )
 
@@ -37,16 +38,39 @@ def check_session_config(config: ZenohConfig) -> str:
         _check_endpoint(endpoint, where)
     _check_tls_keys(settings, where, listen, connect)
     _check_rules(settings, where)
-    is_safe = _ENCRYPTED if _requires_client_certificates(settings) else ()
-    exposed = [
-        text
-        for text, endpoint in zip(listen, map(parse_endpoint, listen), strict=True)
-        if _is_network_endpoint(endpoint) and endpoint.protocol not in is_safe
-    ]
+    exposed = _open_endpoints(listen, _requires_client_certificates(settings))
     if not exposed:
         return ""
     open_to_all = f"anyone in the network may connect to {', '.join(exposed)}"
     return f"{where}: {open_to_all}; docs/guide/remote-access.md"
+
+
+def endpoints_without_roles(config: ZenohConfig) -> list[str]:
+    """Return the endpoints in the network over which everybody gets all that is published.
+
+    They are not encrypted or take no certificates, or there are no rules for those who connect.
+
+    Raises:
+        InputError: The configuration is not valid.
+    """
+    settings = build_zenoh_config(config)
+    has_certificates = _requires_client_certificates(settings)
+    has_rules = json.loads(settings.get_json("access_control/enabled")) is True
+    listen, connect = (configured_endpoints(settings, key) for key in ("listen", "connect"))
+    return [
+        *_open_endpoints(listen, is_encryption_enough=has_certificates and has_rules),
+        *_open_endpoints(connect, is_encryption_enough=True),  # the router has the rules
+    ]
+
+
+def _open_endpoints(endpoints: Sequence[str], is_encryption_enough: bool) -> list[str]:
+    """Return the endpoints in the network that are not protected."""
+    protected = _ENCRYPTED if is_encryption_enough else ()
+    return [
+        text
+        for text, endpoint in zip(endpoints, map(parse_endpoint, endpoints), strict=True)
+        if _is_network_endpoint(endpoint) and endpoint.protocol not in protected
+    ]
 
 
 def _check_endpoint(text: str, where: str) -> None:
@@ -75,7 +99,7 @@ def _check_rules(settings: zenoh.Config, where: str) -> None:
     for key in ("scouting/multicast/enabled", "scouting/gossip/enabled"):
         settings.insert_json5(key, "false")
     try:
-        zenoh.open(settings).close()  # type: ignore[no-untyped-call]
+        open_with_shared_memory(settings).close()  # type: ignore[no-untyped-call]
     except zenoh.ZError as error:
         reason = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
         plain = " ".join(reason.split()).removeprefix("Access control not enabled due to: ")

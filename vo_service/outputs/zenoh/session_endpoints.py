@@ -1,7 +1,7 @@
 """Everything that the service declares on one open Zenoh session."""
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +60,7 @@ class EndpointConfig:
     queryables: Queryables
     commands: CommandEndpoint
     ros2: Ros2Config
+    on_session: Callable[[zenoh.Session], None] = lambda _: None
 
 
 class SessionEndpoints:
@@ -96,6 +97,7 @@ class SessionEndpoints:
         )
         self._threads = config.queryables.declare(session)
         self._threads += config.commands.declare(session, prefix)
+        config.on_session(session)
         self._alive = session.liveliness().declare_token(f"{prefix}/alive")
 
     def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:

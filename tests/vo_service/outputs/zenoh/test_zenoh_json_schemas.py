@@ -109,7 +109,8 @@ def test_attachments_and_errors_are_valid(make_update: Callable[..., OdometryUpd
 
 def test_every_command_has_its_two_schemas() -> None:
     parts = {f"{command}-{part}" for command in COMMANDS for part in ("arguments", "answer")}
-    others = {"status", "odom-attachment", "map-odom-attachment", "error"}
+    attachments = {"odom-attachment", "map-odom-attachment", "frame-attachment"}
+    others = {"status", "timing", "error"} | attachments
     assert parts | others == SCHEMAS.keys()
 
 

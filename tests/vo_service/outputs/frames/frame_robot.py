@@ -1,0 +1,51 @@
+"""A service's outputs of poses and frames on one session, without a loop."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from typing import Any
+
+from drivers.core.geometry import T_BODY_CAMERA
+from tests.vo_service.outputs.zenoh.query_helpers import config
+from vo_service.config_tables import FramesConfig
+from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
+from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
+from vo_service.types import OdometryUpdate, Status
+
+MakeUpdate = Callable[..., OdometryUpdate]
+
+
+class Robot:
+    """The outputs of poses and frames on one session."""
+
+    def __init__(self, port: int, make_update: MakeUpdate, **frames: Any) -> None:
+        settings = FrameOutputConfig("kinect", FramesConfig(**frames), T_BODY_CAMERA)
+        self.frames = FrameOutput(settings)
+        self.poses = ZenohOutput(
+            config(port), extra_endpoints=ExtraEndpoints(on_session=self.frames.declare)
+        )
+        self._make_update = make_update
+        self._seq = 0
+
+    def publish(self) -> OdometryUpdate:
+        update = self._make_update(self._seq)
+        frame = replace(update.frame, gravity_m_s2=(0.0, 9.81, 0.0))
+        update = replace(update, frame=frame)
+        for output in (self.poses, self.frames):
+            output.on_update(update)
+        self._seq += 1
+        return update
+
+    def is_wanted(self, name: str) -> bool:
+        index = [topic.name for topic in self.frames._topics].index(name)
+        return self.frames._publishers[index].is_wanted
+
+    def publish_status(self, status: Status) -> None:
+        self.poses.on_status(status)
+
+
+@contextmanager
+def running_robot(port: int, make_update: MakeUpdate, **frames: Any) -> Iterator[Robot]:
+    made = Robot(port, make_update, **frames)
+    with closing(made.frames), closing(made.poses):
+        yield made

@@ -1,0 +1,27 @@
+"""Publishes three images to a subscriber in this process's second session; prints how they came."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[4]))
+
+from tests.ports import free_port
+from tests.waiting import wait_until
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.frames.shared_memory import SharedPayloads
+from vo_service.outputs.zenoh.session import open_session
+
+endpoint = f"tcp/127.0.0.1:{free_port()}"
+# One process maps the pool twice here: both have to fit into what it may lock.
+shared = SharedPayloads(pool_bytes=2 << 20)
+with (
+    open_session(ZenohConfig(listen=(endpoint,))) as session,
+    open_session(ZenohConfig(listen=(), connect=(endpoint,))) as reader,
+):
+    samples = reader.declare_subscriber("image")
+    publisher = session.declare_publisher("image")
+    wait_until(lambda: publisher.matching_status.matching)  # type: ignore[attr-defined]
+    for _ in range(3):
+        publisher.put(shared.share(bytes(921_600)))
+        payload = samples.recv().payload
+        print(payload.as_shm() is not None, len(payload))

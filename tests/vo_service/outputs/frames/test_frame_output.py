@@ -1,0 +1,241 @@
+"""Frames over Zenoh: what is sent, when, and that poses do not notice."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from rosbags.typesys import Stores, get_typestore
+
+from drivers.core.geometry import T_BODY_CAMERA
+from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot
+from tests.vo_service.outputs.zenoh.query_helpers import connected_session
+from tests.waiting import wait_until
+from vo_service.config_tables import FramesConfig, ZenohConfig
+from vo_service.frame_messages import decode_color_jpeg, decode_depth_png
+from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
+from vo_service.ros_messages import decode_compressed_image, decode_odometry, decode_point_cloud
+from vo_service.types import (
+    FrameAttachment,
+    decode_message,
+    parse_json_message,
+)
+
+pytestmark = pytest.mark.zenoh
+
+ROS = get_typestore(Stores.ROS2_JAZZY)
+TYPES = {
+    "color/image": "sensor_msgs/msg/Image",
+    "depth/image": "sensor_msgs/msg/Image",
+    "color/compressed": "sensor_msgs/msg/CompressedImage",
+    "depth/compressed": "sensor_msgs/msg/CompressedImage",
+    "color/camera_info": "sensor_msgs/msg/CameraInfo",
+    "depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "points": "sensor_msgs/msg/PointCloud2",
+    "imu": "sensor_msgs/msg/Imu",
+}
+
+
+@pytest.fixture
+def robot(free_port: int, make_update: MakeUpdate) -> Iterator[Robot]:
+    made = Robot(free_port, make_update)
+    with closing(made.frames), closing(made.poses):
+        yield made
+
+
+class Subscriber:
+    """Keeps the samples of some topics, by topic."""
+
+    def __init__(self, session: zenoh.Session, *names: str) -> None:
+        self.samples: dict[str, list[zenoh.Sample]] = {name: [] for name in names}
+        for name in names:
+            session.declare_subscriber(f"kinect/{name}", self.samples[name].append)
+
+    def wait(self, count: int = 1) -> dict[str, zenoh.Sample]:
+        wait_until(lambda: all(len(samples) >= count for samples in self.samples.values()))
+        return {name: samples[count - 1] for name, samples in self.samples.items()}
+
+
+def stamp_of(sample: zenoh.Sample) -> bytes:
+    return sample.payload.to_bytes()[4:12]
+
+
+@contextmanager
+def subscribed(robot: Robot, port: int, *names: str) -> Iterator[Subscriber]:
+    with connected_session(port) as session:
+        subscriber = Subscriber(session, *names)
+        wait_until(lambda: all(robot.is_wanted(name) for name in names if name != "odom"))
+        yield subscriber
+
+
+def test_every_message_has_its_type_and_the_stamp_of_the_pose(robot: Robot, free_port: int) -> None:
+    with subscribed(robot, free_port, "odom", *TYPES) as subscriber:
+        update = robot.publish()
+        samples = subscriber.wait()
+    stamps = {stamp_of(sample) for sample in samples.values()}
+    assert len(stamps) == 1
+    for name, schema in TYPES.items():
+        message: Any = ROS.deserialize_cdr(samples[name].payload.to_bytes(), schema)
+        assert message.header.frame_id == "camera_rgb_optical_frame"
+        assert str(samples[name].encoding) == f"application/cdr;{schema}"
+    odometry = decode_odometry(samples["odom"].payload.to_bytes())
+    assert odometry.stamp_s == pytest.approx(update.stamp_s, abs=1e-9)
+
+
+def test_images_and_points_are_those_of_the_frame(robot: Robot, free_port: int) -> None:
+    names = ("color/image", "depth/image", "color/compressed", "depth/compressed", "points")
+    with subscribed(robot, free_port, *names) as subscriber:
+        frame = robot.publish().frame
+        payloads = {name: sample.payload.to_bytes() for name, sample in subscriber.wait().items()}
+    image: Any = ROS.deserialize_cdr(payloads["color/image"], "sensor_msgs/msg/Image")
+    np.testing.assert_array_equal(image.data.reshape(frame.color_bgr.shape), frame.color_bgr)
+    depth: Any = ROS.deserialize_cdr(payloads["depth/image"], "sensor_msgs/msg/Image")
+    depth_mm = depth.data.view(np.uint16).reshape(frame.depth_raw.shape)
+    np.testing.assert_allclose(depth_mm, frame.depth_m * 1000.0, atol=0.51)
+    png = decode_compressed_image(payloads["depth/compressed"])
+    np.testing.assert_array_equal(decode_depth_png(png), depth_mm)
+    jpeg = decode_color_jpeg(decode_compressed_image(payloads["color/compressed"]))
+    assert jpeg.shape == frame.color_bgr.shape
+    cloud = decode_point_cloud(payloads["points"])
+    assert len(cloud.xyz_m) == np.count_nonzero(frame.depth_raw[::2, ::2])
+
+
+def test_the_attachment_has_the_number_of_the_pose_and_the_camera_in_the_base(
+    robot: Robot, free_port: int
+) -> None:
+    with subscribed(robot, free_port, "color/image") as subscriber:
+        robot.publish()
+        subscriber.wait()
+        robot.publish()
+        sample = subscriber.wait(2)["color/image"]
+    assert sample.attachment is not None
+    content = parse_json_message(sample.attachment.to_bytes())
+    attachment = decode_message(FrameAttachment, content, "a frame")
+    assert attachment.seq == 1
+    assert attachment.camera_position_m == (0.0, 0.0, 0.0)
+    np.testing.assert_allclose(np.abs(attachment.camera_quaternion_xyzw), 0.5)
+
+
+def test_timing_is_json(robot: Robot, free_port: int) -> None:
+    with subscribed(robot, free_port, "timing") as subscriber:
+        update = robot.publish()
+        timing = json.loads(subscriber.wait()["timing"].payload.to_bytes())
+    assert timing["stamp_s"] == update.stamp_s
+    assert timing["readout_sigma_s"] == 0.0  # this odometry learns nothing
+
+
+def test_only_what_somebody_subscribes_to_is_encoded(
+    robot: Robot, free_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoded: list[str] = []
+    robot.frames._topics[:] = [
+        replace(topic, encode=lambda _, name=topic.name: encoded.append(name))  # type: ignore[misc]
+        for topic in robot.frames._topics
+    ]
+    robot.frames.declare(robot.poses._endpoints[0].session)
+    with subscribed(robot, free_port, "odom", "depth/image"):
+        robot.publish()
+        wait_until(lambda: bool(encoded))
+    wait_until(lambda: not robot.is_wanted("depth/image"))
+    robot.publish()
+    robot.frames.close()
+    assert encoded == ["depth/image"]
+
+
+def test_a_subscriber_of_everything_gets_everything(robot: Robot, free_port: int) -> None:
+    received: set[str] = set()
+    with connected_session(free_port) as session:
+        session.declare_subscriber("kinect/**", lambda sample: received.add(str(sample.key_expr)))
+        wait_until(lambda: all(robot.is_wanted(name) for name in TYPES))
+        robot.publish()
+        wait_until(lambda: received >= {f"kinect/{name}" for name in ("odom", *TYPES)})
+
+
+def test_the_rate_is_limited(free_port: int, make_update: MakeUpdate) -> None:
+    robot = Robot(free_port, make_update, max_hz=10.0)
+    with (
+        closing(robot.frames),
+        closing(robot.poses),
+        subscribed(robot, free_port, "odom", "imu") as subscriber,
+    ):
+        for count in range(1, 10):  # stamps of 30 Hz
+            robot.publish()
+            wait_until(lambda count=count: len(subscriber.samples["odom"]) == count)  # type: ignore[misc]
+        robot.frames.close()
+        assert len(subscriber.wait(3)["imu"].payload) == 340
+        assert len(subscriber.samples["imu"]) == 3
+
+
+def test_fifty_subscribers_all_get_the_frame(robot: Robot, free_port: int) -> None:
+    with ExitStack() as stack:
+        sessions = [stack.enter_context(connected_session(free_port)) for _ in range(10)]
+        readers = [Subscriber(sessions[i % 10], "color/image") for i in range(50)]
+        wait_until(lambda: robot.is_wanted("color/image"))
+
+        def all_have_one() -> bool:
+            robot.publish()
+            return all(reader.samples["color/image"] for reader in readers)
+
+        wait_until(all_have_one)
+    assert robot.frames.warning == ""
+
+
+def test_a_slow_encoder_delays_no_pose(robot: Robot, free_port: int) -> None:
+    release = threading.Event()
+    robot.frames._topics[:] = [
+        replace(topic, encode=lambda _: str(release.wait(100)).encode())
+        for topic in robot.frames._topics
+    ]
+    robot.frames.declare(robot.poses._endpoints[0].session)
+    with subscribed(robot, free_port, "odom", "color/image") as subscriber:
+        for count in range(1, 21):
+            robot.publish()
+            wait_until(lambda count=count: len(subscriber.samples["odom"]) == count)  # type: ignore[misc]
+        release.set()
+    assert robot.frames.dropped > 10
+
+
+def test_a_frame_that_cannot_be_encoded_is_a_warning_until_the_next(
+    robot: Robot, free_port: int, make_update: MakeUpdate
+) -> None:
+    with subscribed(robot, free_port, "points") as subscriber:
+        update = make_update(0)
+        robot.frames.on_update(replace(update, stamp_s=float("inf")))
+        wait_until(lambda: "stamp inf is not a time" in robot.frames.warning)
+        robot.publish()
+        subscriber.wait()
+        wait_until(lambda: robot.frames.warning == "")
+
+
+@pytest.mark.parametrize(
+    ("zenoh_config", "count"),
+    [
+        (ZenohConfig(), 1),
+        (ZenohConfig(listen=("tcp/0.0.0.0:7450",)), 0),
+        (ZenohConfig(connect=("tcp/192.168.1.2:7447",)), 0),
+        (ZenohConfig(connect=("tls/router.local:7447",)), 1),
+    ],
+)
+def test_images_are_not_published_where_anyone_could_see_them(
+    zenoh_config: ZenohConfig, count: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = FrameOutputConfig("kinect", FramesConfig(), T_BODY_CAMERA)
+    opened = open_frame_outputs(settings, zenoh_config)
+    for output in opened:
+        output.close()
+    assert len(opened) == count
+    assert ("anyone in the network could see them" in caplog.text) == (count == 0)
+
+
+@pytest.mark.parametrize(("enabled", "count"), [(True, 1), (False, 0)])
+def test_the_configuration_decides_where_it_says_so(enabled: bool, count: int) -> None:
+    settings = FrameOutputConfig("kinect", FramesConfig(enabled=enabled), T_BODY_CAMERA)
+    opened = open_frame_outputs(settings, ZenohConfig(listen=("tcp/0.0.0.0:7450",)))
+    for output in opened:
+        output.close()
+    assert len(opened) == count

@@ -1,0 +1,90 @@
+"""Shared memory: used where there is room, and plain bytes where there is none."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from tests.ports import free_port
+from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
+from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
+from vo_service.outputs.frames.shared_memory import MIN_SHARED_BYTES, SharedPayloads
+from vo_service.outputs.zenoh.session import open_session
+
+pytestmark = pytest.mark.zenoh
+
+IMAGE = bytes(range(256)) * 3600
+
+
+@pytest.fixture
+def port() -> int:
+    return free_port()
+
+
+@pytest.fixture
+def publisher(port: int) -> Iterator[zenoh.Publisher]:
+    with open_session(config(port)) as session:
+        yield session.declare_publisher("image", priority=zenoh.Priority.BACKGROUND)
+
+
+def received(publisher: zenoh.Publisher, port: int, payloads: list[zenoh.ZBytes]) -> list[bool]:
+    """Publish, and return of each received payload whether it is shared; check its bytes."""
+    samples: list[zenoh.Sample] = []
+    with connected_session(port) as reader:
+        reader.declare_subscriber("image", samples.append)
+        wait_until(lambda: bool(publisher.matching_status.matching))  # type: ignore[attr-defined]
+        for count, payload in enumerate(payloads, 1):
+            publisher.put(payload)
+            wait_until(lambda count=count: len(samples) == count)  # type: ignore[misc]
+    assert all(IMAGE.startswith(sample.payload.to_bytes()) for sample in samples)
+    return [sample.payload.as_shm() is not None for sample in samples]
+
+
+def test_an_image_is_shared_and_a_small_message_is_not(
+    publisher: zenoh.Publisher, port: int
+) -> None:
+    shared = SharedPayloads()
+    payloads = [shared.share(IMAGE), shared.share(IMAGE[: MIN_SHARED_BYTES - 1])]
+    assert received(publisher, port, payloads) == [True, False]
+
+
+def test_a_reader_that_keeps_all_buffers_gets_plain_bytes(
+    publisher: zenoh.Publisher, port: int
+) -> None:
+    shared = SharedPayloads(pool_bytes=2 * len(IMAGE) + 4096)
+    kept = [shared.share(IMAGE) for _ in range(4)]
+    assert received(publisher, port, kept) == [True, True, False, False]
+
+
+def test_a_pool_that_is_larger_than_the_memory_gives_plain_bytes() -> None:
+    shared = SharedPayloads(pool_bytes=1 << 50)
+    assert shared.share(IMAGE).to_bytes() == IMAGE
+    assert shared.share(IMAGE).as_shm() is None
+
+
+# In a mount namespace of its own, /dev/shm may be small, full or read-only.
+PROGRAM = Path(__file__).with_name("limited_shared_memory.py")
+
+
+@pytest.mark.subprocess
+@pytest.mark.parametrize(
+    ("options", "is_shared"),
+    [("size=100M", True), ("size=1M", False), ("size=100M,ro", False)],
+    ids=["large", "small", "read-only"],
+)
+def test_frames_arrive_whatever_dev_shm_is(options: str, is_shared: bool) -> None:
+    command = f"mount -t tmpfs -o {options} tmpfs /dev/shm && exec {sys.executable} {PROGRAM}"
+    done = subprocess.run(
+        ["unshare", "--mount", "--map-root-user", "--user", "sh", "-c", command],
+        capture_output=True,
+        text=True,
+        timeout=DEFAULT_TIMEOUT_S,
+        check=False,
+    )
+    if "unshare" in done.stderr or "mount:" in done.stderr:
+        pytest.skip(f"no namespaces here: {done.stderr}")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(is_shared), "921600"] * 3

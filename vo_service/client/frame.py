@@ -1,0 +1,127 @@
+"""A frame and a point cloud as a client gets them: arrays, intrinsics, and the pose."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+from vo_service.client.pose import Pose
+from vo_service.ros_messages import (
+    CompressedImageMessage,
+    PointCloudMessage,
+    RawImageMessage,
+)
+
+
+@dataclass(frozen=True)
+class Located:
+    """What the camera saw, and where it was.
+
+    Attributes:
+        pose: Pose of the base at the stamp, with its covariance; see `Pose.state`.
+        T_base_camera: 4x4 pose of the optical camera (x right, y down, z forward) in the base.
+    """
+
+    pose: Pose
+    T_base_camera: Array
+
+    @property
+    def seq(self) -> int:
+        """Number of the pose."""
+        return self.pose.seq
+
+    @property
+    def stamp_s(self) -> float:
+        """Stamp of pose and image, Unix seconds."""
+        return self.pose.stamp_s
+
+    @property
+    def T_odom_camera(self) -> Array:
+        """4x4 pose of the optical camera; maps its coordinates to odom, meters."""
+        T: Array = self.pose.T_odom_base @ self.T_base_camera
+        return T
+
+
+@dataclass(frozen=True)
+class Frame(Located):
+    """A color image, the depth image registered to it, and where they were taken.
+
+    Compressed images are decoded when they are first used.
+
+    Attributes:
+        K: 3x3 intrinsics of both images, pixels; the center of the first pixel is (0, 0).
+    """
+
+    K: Array
+    _color: RawImageMessage | CompressedImageMessage
+    _depth: RawImageMessage | CompressedImageMessage | None
+
+    @cached_property
+    def color_bgr(self) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8, OpenCV's channel order. May be read-only.
+
+        Raises:
+            ValueError: It cannot be decoded.
+        """
+        if isinstance(self._color, RawImageMessage):
+            return self._color.pixels.astype(np.uint8, copy=False)
+        from vo_service.frame_messages import decode_color_jpeg  # loads OpenCV
+
+        return decode_color_jpeg(self._color)
+
+    @property
+    def color_jpeg(self) -> bytes:
+        """The JPEG file of a compressed color image.
+
+        Raises:
+            ValueError: The image was not asked for as compressed.
+        """
+        if isinstance(self._color, RawImageMessage):
+            raise ValueError("this image is not compressed; ask for frames(compressed=True)")
+        return bytes(self._color.data)
+
+    @cached_property
+    def depth_mm(self) -> NDArray[np.uint16]:
+        """(height, width) uint16, millimeters, 0 = no reading. May be read-only.
+
+        Raises:
+            ValueError: It cannot be decoded, or was not asked for.
+        """
+        if self._depth is None:
+            raise ValueError("this frame has no depth; ask for frames(depth=True)")
+        if isinstance(self._depth, RawImageMessage):
+            return self._depth.pixels.astype(np.uint16, copy=False)
+        from vo_service.frame_messages import decode_depth_png  # loads OpenCV
+
+        return decode_depth_png(self._depth)
+
+    @property
+    def depth_m(self) -> NDArray[np.float32]:
+        """(height, width) float32, meters, 0 = no reading. Raises as `depth_mm`."""
+        return self.depth_mm * np.float32(1e-3)
+
+
+@dataclass(frozen=True)
+class PointCloud(Located):
+    """Colored points, and where they were taken."""
+
+    _cloud: PointCloudMessage
+
+    @property
+    def xyz_m(self) -> NDArray[np.float32]:
+        """(N, 3) points in the axes of the optical camera, meters."""
+        return self._cloud.xyz_m
+
+    @property
+    def xyz_odom_m(self) -> Array:
+        """(N, 3) points in odom, meters."""
+        T = self.T_odom_camera
+        points: Array = self._cloud.xyz_m @ T[:3, :3].T + T[:3, 3]
+        return points
+
+    @property
+    def rgb(self) -> NDArray[np.uint8]:
+        """(N, 3) colors, red first."""
+        return self._cloud.bgr[:, ::-1]

@@ -1,0 +1,1 @@
+"""Images, points and acceleration over Zenoh, each only while somebody subscribes."""

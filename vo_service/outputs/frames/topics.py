@@ -1,0 +1,122 @@
+"""What a frame is published as: keys, message types, and how each message is made."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.core.geometry import Array, quaternion_from_rotation
+from vo_service.config_tables import FramesConfig
+from vo_service.frame_messages import FrameMessages
+from vo_service.ros_messages import (
+    CAMERA_INFO_SCHEMA,
+    COMPRESSED_IMAGE_SCHEMA,
+    IMAGE_SCHEMA,
+    IMU_SCHEMA,
+    POINT_CLOUD_SCHEMA,
+    encode_camera_info,
+    encode_compressed_image,
+    encode_image,
+    encode_imu,
+    encode_point_cloud,
+)
+from vo_service.types import (
+    FrameAttachment,
+    OdometryUpdate,
+    OnlineFocalLength,
+    OnlineTiming,
+    TimingMessage,
+    encode_message,
+)
+
+# Makes the payload of an update; None if there is nothing to publish.
+Encoder = Callable[[OdometryUpdate], bytes | None]
+
+
+@dataclass(frozen=True)
+class FrameTopic:
+    """One topic.
+
+    Attributes:
+        name: Key below the prefix.
+        ros_name: Topic below the ROS namespace; "" if it is not published for ROS.
+        schema: Type of the message; "" for JSON.
+        encode: Makes the payload.
+    """
+
+    name: str
+    ros_name: str
+    schema: str
+    encode: Encoder
+
+
+def make_topics(settings: FramesConfig) -> list[FrameTopic]:
+    """Make the topics, in the order in which a frame is sent: small messages first."""
+
+    def messages(update: OdometryUpdate) -> FrameMessages:
+        return FrameMessages(update.frame, update.stamp_s, settings.frame_id)
+
+    def camera_info(update: OdometryUpdate) -> bytes:
+        return encode_camera_info(messages(update).camera_info())
+
+    def imu(update: OdometryUpdate) -> bytes | None:
+        message = messages(update).imu()
+        return None if message is None else encode_imu(message)
+
+    def color(update: OdometryUpdate) -> bytes:
+        return encode_image(messages(update).color())
+
+    def depth(update: OdometryUpdate) -> bytes:
+        return encode_image(messages(update).depth())
+
+    def color_jpeg(update: OdometryUpdate) -> bytes:
+        return encode_compressed_image(messages(update).color_jpeg(settings.jpeg_quality))
+
+    def depth_png(update: OdometryUpdate) -> bytes:
+        return encode_compressed_image(messages(update).depth_png())
+
+    def points(update: OdometryUpdate) -> bytes:
+        return encode_point_cloud(messages(update).points(settings.point_stride))
+
+    rgb, depth_registered = "rgb/image_raw", "depth_registered/image_raw"
+    return [
+        FrameTopic("timing", "", "", timing_payload),
+        FrameTopic("imu", "imu", IMU_SCHEMA, imu),
+        FrameTopic("color/camera_info", "rgb/camera_info", CAMERA_INFO_SCHEMA, camera_info),
+        FrameTopic(
+            "depth/camera_info", "depth_registered/camera_info", CAMERA_INFO_SCHEMA, camera_info
+        ),
+        FrameTopic("color/image", rgb, IMAGE_SCHEMA, color),
+        FrameTopic("depth/image", depth_registered, IMAGE_SCHEMA, depth),
+        FrameTopic("color/compressed", f"{rgb}/compressed", COMPRESSED_IMAGE_SCHEMA, color_jpeg),
+        FrameTopic(
+            "depth/compressed",
+            f"{depth_registered}/compressedDepth",
+            COMPRESSED_IMAGE_SCHEMA,
+            depth_png,
+        ),
+        FrameTopic("points", "depth_registered/points", POINT_CLOUD_SCHEMA, points),
+    ]
+
+
+def timing_payload(update: OdometryUpdate) -> bytes:
+    """Encode the sensor's timing and focal length in use as JSON."""
+    timing = update.estimate.timing or OnlineTiming(update.frame.readout_s, 0.0, 0.0, 0.0, "")
+    focal_length = update.estimate.focal_length or OnlineFocalLength(1.0, 0.0, None)
+    return encode_message(
+        TimingMessage(
+            stamp_s=update.stamp_s,
+            readout_s=timing.readout_s,
+            readout_sigma_s=timing.readout_sigma_s,
+            depth_offset_s=timing.depth_offset_s,
+            depth_offset_sigma_s=timing.depth_offset_sigma_s,
+            source=timing.source,
+            focal_scale=focal_length.scale,
+            focal_scale_sigma=focal_length.sigma,
+        )
+    )
+
+
+def frame_attachment(update: OdometryUpdate, T_base_camera: Array) -> bytes:
+    """Encode the JSON attachment: the pose's number, and where the camera is in the base."""
+    x, y, z = T_base_camera[:3, 3].tolist()
+    qx, qy, qz, qw = quaternion_from_rotation(T_base_camera[:3, :3]).tolist()
+    return encode_message(FrameAttachment(update.seq, (x, y, z), (qx, qy, qz, qw)))

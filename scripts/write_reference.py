@@ -1,9 +1,10 @@
 """Write what the definitions of messages, commands and configuration keys determine.
 
-These are the JSON Schemas in ``schemas/``, ``docs/reference/configuration.md``, and the tables in
-``docs/reference/messages.md`` between ``<!-- NAME: ... -->`` and ``<!-- end -->``.
+These are the JSON Schemas in ``schemas/``, the man page in ``share/``, the commands and the
+configuration in ``docs/reference/``, and the tables in ``docs/reference/messages.md`` between
+``<!-- NAME: ... -->`` and ``<!-- end -->``.
 
-Usage: .venv/bin/python scripts/write_reference.py
+Usage: .venv/bin/python -m scripts.write_reference
 """
 
 import dataclasses
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any, get_origin
 
 from drivers.core.fields import TypedField, typed_fields
+from scripts.command_reference import render_commands, render_man_page
 from vo_service.config_reference import format_type, render_reference
 from vo_service.outputs.zenoh.json_schemas import VERSIONS_DESCRIPTION, all_schemas
 from vo_service.types import (
@@ -30,6 +32,8 @@ ROOT = Path(__file__).parents[1]
 SCHEMA_FOLDER = ROOT / "schemas"
 CONFIGURATION = ROOT / "docs" / "reference" / "configuration.md"
 MESSAGES = ROOT / "docs" / "reference" / "messages.md"
+COMMAND_PAGE = ROOT / "docs" / "reference" / "cli.md"
+MAN_PAGE = ROOT / "share" / "man" / "man1" / "kinect-vo.1"
 
 
 def make_files() -> dict[Path, str]:
@@ -41,6 +45,8 @@ def make_files() -> dict[Path, str]:
     return schemas | {
         CONFIGURATION: render_reference(),
         MESSAGES: replace_tables(MESSAGES.read_text()),
+        COMMAND_PAGE: render_commands(),
+        MAN_PAGE: render_man_page(),
     }
 
 
@@ -120,6 +126,7 @@ def main() -> None:
     for file in set(SCHEMA_FOLDER.glob("*.json")) - files.keys():
         file.unlink()
     for file, text in files.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
 
 

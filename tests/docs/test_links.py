@@ -49,3 +49,14 @@ def test_pages_named_in_code_and_messages_exist() -> None:
         if name not in FOREIGN_PATHS and not (ROOT / name).exists()
     ]
     assert not missing
+
+
+def test_source_files_named_in_the_design_exist() -> None:
+    design = ROOT / "docs" / "design"
+    names = {
+        (page.name, name.split("/")[-1])
+        for page in design.glob("*.md")
+        for name in re.findall(r"`([\w/.]+\.py)`", page.read_text())
+    }
+    existing = {file.name for file in FILES}
+    assert sorted((page, name) for page, name in names if name not in existing) == []

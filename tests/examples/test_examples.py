@@ -307,7 +307,13 @@ def test_camera_programs_in_the_documentation_run(recording: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/reference/messages.md", "docs/guide/python.md"]
+    "page",
+    [
+        "README.md",
+        "docs/reference/messages.md",
+        "docs/guide/first-run.md",
+        "docs/guide/python.md",
+    ],
 )
 def test_service_programs_in_the_documentation_run(endpoint: str, page: str) -> None:
     programs = [code for code in documented_programs(page) if "open_camera" not in code]

@@ -12,7 +12,7 @@ from vo_service.config import read_config
 
 FOLDER = Path(__file__).parents[2] / "config" / "sequences"
 MOTIONS = [MotionKind.HAND_HELD, MotionKind.FLOOR, MotionKind.ORBIT]
-PAGE = FOLDER.parents[1] / "docs" / "guide" / "download.md"
+PAGE = FOLDER.parents[1] / "docs" / "guide" / "recording.md"
 TINY = """
 [synthetic.camera]
 width = 64

@@ -45,9 +45,9 @@ examples:
   kinect-vo bench recordings/desk --frames 200 --methods surf icp cv2-rgb-depth --against surf
 
 Each method runs over each folder (TUM format, as for replay) in a process of its own, on one
-processor, one after another. Times do not include reading images. docs/results/accuracy.md explains
-the columns. Methods of packages that are not installed are skipped; a note says how to install
-them.
+processor, one after another. Times do not include reading images. Methods of packages that are not
+installed are skipped; a note says how to install them. docs/guide/comparing-methods.md explains the
+columns.
 
 ORB-SLAM3 needs a DBoW2 vocabulary. Without --orb-vocabulary a small one is trained from each
 recording; a line below the tables says which was used.

@@ -5,7 +5,7 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib.metadata import version
 from types import ModuleType
 from typing import NoReturn
@@ -17,30 +17,41 @@ from vo_service.logs import log_to_stderr
 from vo_service.signals import EXIT_CODE_SIGINT
 from vo_service.terminal import clear_line
 
-# Each command, and what it does. Its module is imported only when it is used.
-COMMANDS = {
-    "demo": "run the odometry on the virtual Kinect for 20 seconds and show the results",
-    "replay": "run the odometry over a recording: a folder in TUM format, MCAP or a ROS bag",
-    "run": "run the odometry as a service, until Ctrl-C or SIGTERM",
-    "record": "record any camera into a folder in TUM format, or an MCAP file",
-    "convert": "write a recording in another format: a folder, MCAP, or a ROS 1 or ROS 2 bag",
-    "calibrate": "make a camera file from views of a printed board, or measure a sensor's timing",
-    "listen": "print the poses that a running kinect-vo publishes",
-    "command": "send a command to a running kinect-vo: reset, pause, tilt, record or save",
-    "router": "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM",
-    "certificates": "make keys and certificates for a test network",
-    "evaluate": "compare a trajectory with its ground truth: ATE, RPE, coverage",
-    "reconstruct": "make a colored mesh from a recording",
-    "compare": "compare methods on recordings: tables, figures and a page with all of them",
-    "bench": "our methods and other people's on recordings: accuracy, gross errors, time, memory",
-    "download": "download sequences of the TUM RGB-D benchmark, ready to replay",
-    "warm-up": "compile and cache the numeric kernels, so that the next start is quick",
-    "config": "check a configuration file, or list all its keys",
-    "udev": "install, show or remove the rules that let a sensor be opened without root",
-    "service": "install this program as a systemd service, or uninstall it",
-    "doctor": "check the sensor and this computer, and print how to fix each fault",
-    "devices": "list the connected sensors, with the --camera value of each",
+# Each command by who needs it, and what it does. Its module is imported only when it is used.
+COMMAND_GROUPS = {
+    "first steps": {
+        "demo": "run the odometry on the virtual Kinect for 20 seconds and show the results",
+        "doctor": "check the sensor and this computer, and print how to fix each fault",
+        "devices": "list the connected sensors, with the --camera value of each",
+    },
+    "on a robot": {
+        "run": "run the odometry as a service, until Ctrl-C or SIGTERM",
+        "service": "install this program as a systemd service, or uninstall it",
+        "udev": "install, show or remove the rules that let a sensor be opened without root",
+        "config": "check a configuration file, or list all its keys",
+        "calibrate": "make a camera file from views of a printed board, or measure its timing",
+        "warm-up": "compile and cache the numeric kernels, so that the next start is quick",
+    },
+    "with a running service": {
+        "listen": "print the poses that a running kinect-vo publishes",
+        "command": "send a command to a running kinect-vo: reset, pause, tilt, record or save",
+        "certificates": "make keys and certificates for a test network",
+        "router": "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM",
+    },
+    "recordings": {
+        "record": "record any camera into a folder in TUM format, or an MCAP file",
+        "replay": "run the odometry over a recording: a folder in TUM format, MCAP or a ROS bag",
+        "convert": "write a recording in another format: a folder, MCAP, or a ROS 1 or ROS 2 bag",
+        "evaluate": "compare a trajectory with its ground truth: ATE, RPE, coverage",
+        "reconstruct": "make a colored mesh from a recording",
+        "download": "download sequences of the TUM RGB-D benchmark, ready to replay",
+    },
+    "research": {
+        "compare": "compare methods on recordings: tables, figures and a page with all of them",
+        "bench": "compare with other libraries on recordings: accuracy, gross errors, time, memory",
+    },
 }
+COMMANDS = {name: purpose for group in COMMAND_GROUPS.values() for name, purpose in group.items()}
 
 EPILOG = """\
 examples:
@@ -108,7 +119,7 @@ def _parse_and_run(arguments: Sequence[str]) -> int:
     """
     _set_library_environment()
     try:
-        args = _make_parser(arguments).parse_args(arguments)
+        args = make_parser(arguments[:1]).parse_args(arguments)
     except SystemExit as end:  # after --help, --version, or a reported mistake
         return int(end.code or 0)
     if args.verbose:
@@ -135,23 +146,39 @@ def _discard_buffered_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Make the parser of all commands; only that of the given command has its options."""
+def make_parser(with_options: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """Make the parser of all commands.
+
+    Args:
+        with_options: Commands whose modules are imported, for their options.
+    """
     parser = _OneLineErrorParser(
         prog="kinect-vo",
+        usage="kinect-vo [-h] [--version] COMMAND ...",
         description="Visual odometry for RGB-D cameras: poses over Zenoh, images in Rerun.",
-        epilog=EPILOG,
+        epilog=f"{_list_commands()}\n{EPILOG}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"kinect-vo {version('kinect-vo')}")
     parser.set_defaults(verbose=False)
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name, purpose in COMMANDS.items():
-        if name in arguments[:1]:
+    commands = parser.add_subparsers(
+        prog="kinect-vo", metavar="COMMAND", required=True, help=argparse.SUPPRESS
+    )
+    for name in COMMANDS:
+        if name in with_options:
             _add_command(commands, name)
         else:
-            commands.add_parser(name, help=purpose)
+            commands.add_parser(name)
     return parser
+
+
+def _list_commands() -> str:
+    """List the commands by group, in columns."""
+    width = max(map(len, COMMANDS))
+    return "\n".join(
+        f"{title}:\n" + "".join(f"  {name:{width}}  {purpose}\n" for name, purpose in group.items())
+        for title, group in COMMAND_GROUPS.items()
+    )
 
 
 def _add_command(commands: "argparse._SubParsersAction[_OneLineErrorParser]", name: str) -> None:
@@ -160,7 +187,6 @@ def _add_command(commands: "argparse._SubParsersAction[_OneLineErrorParser]", na
     purpose = COMMANDS[name]
     parser = commands.add_parser(
         name,
-        help=purpose,
         description=f"{purpose[0].upper()}{purpose[1:]}.",
         epilog=module.EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

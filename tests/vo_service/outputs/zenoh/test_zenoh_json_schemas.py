@@ -34,7 +34,8 @@ from vo_service.types import (
 from vo_service.versions import versions
 
 SCHEMAS = all_schemas()
-MESSAGES = (Path(__file__).parents[4] / "docs" / "reference" / "messages.md").read_text()
+REFERENCE = Path(__file__).parents[4] / "docs" / "reference"
+PAGES = "".join((REFERENCE / page).read_text() for page in ("messages.md", "errors.md"))
 
 plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 numbers = st.lists(st.floats(-2.0, 2.0) | st.integers(-1, 1), min_size=2, max_size=5)
@@ -149,4 +150,4 @@ def status_fields(schema: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
 
 @pytest.mark.parametrize("word", [*status_fields(SCHEMAS["status"]), *COMMANDS, *ErrorCode])
 def test_the_documentation_names_everything(word: str) -> None:
-    assert f"`{word}`" in MESSAGES
+    assert f"`{word}`" in PAGES

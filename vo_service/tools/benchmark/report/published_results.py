@@ -76,6 +76,4 @@ def find_published_results(folder: Path) -> Mapping[str, PublishedResult]:
 
 def describe_method(method: str) -> MethodDescription:
     """Return the description of a method; unknown methods get a general one."""
-    return METHOD_DESCRIPTIONS.get(
-        method, MethodDescription(method.upper(), "see docs/design/methods.md.")
-    )
+    return METHOD_DESCRIPTIONS.get(method, MethodDescription(method.upper(), "see docs/design."))

@@ -1,8 +1,10 @@
-"""The commands of ``kinect-vo`` as a page of Markdown and as a man page, from their parsers."""
+"""The commands of ``kinect-vo`` as Markdown, man page and completions, made from their parsers."""
 
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
+
+import shtab
 
 from vo_service.cli.dispatch import COMMAND_GROUPS, make_parser
 
@@ -65,6 +67,16 @@ def render_man_page() -> str:
         if command.epilog:
             lines += [".PP", ".nf", _troff(command.epilog), ".fi"]
     return "\n".join(lines) + "\n"
+
+
+def render_completion(shell: str) -> str:
+    """Render the completion of the command line for bash or zsh."""
+    parser = make_parser()
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            action.help = None  # a suppressed help hides the commands from shtab as well
+    completion: str = shtab.complete(parser, shell)
+    return completion
 
 
 def _render_section(command: _Command) -> str:

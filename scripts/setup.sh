@@ -36,7 +36,7 @@ install_uv() {
 
 sync() {
     UV_PYTHON_DOWNLOADS=never UV_PROJECT_ENVIRONMENT=.venv .tools/bin/uv sync \
-        --python "$python" --frozen --all-extras --all-groups
+        --python "$python" --frozen --all-extras --all-groups --no-group docs
 }
 
 # shellcheck disable=SC2086  # a list of names

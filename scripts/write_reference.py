@@ -1,8 +1,8 @@
 """Write what the definitions of messages, commands and configuration keys determine.
 
-These are the JSON Schemas in ``schemas/``, the man page in ``share/``, the commands and the
-configuration in ``docs/reference/``, and the tables in ``docs/reference/messages.md`` between
-``<!-- NAME: ... -->`` and ``<!-- end -->``.
+These are the JSON Schemas in ``schemas/``, the man page and completions in ``share/``, the commands
+and the configuration in ``docs/reference/``, and the tables in ``docs/reference/messages.md``
+between ``<!-- NAME: ... -->`` and ``<!-- end -->``.
 
 Usage: .venv/bin/python -m scripts.write_reference
 """
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, get_origin
 
 from drivers.core.fields import TypedField, typed_fields
-from scripts.command_reference import render_commands, render_man_page
+from scripts.command_reference import render_commands, render_completion, render_man_page
 from vo_service.config_reference import format_type, render_reference
 from vo_service.outputs.zenoh.json_schemas import VERSIONS_DESCRIPTION, all_schemas
 from vo_service.types import (
@@ -34,6 +34,8 @@ CONFIGURATION = ROOT / "docs" / "reference" / "configuration.md"
 MESSAGES = ROOT / "docs" / "reference" / "messages.md"
 COMMAND_PAGE = ROOT / "docs" / "reference" / "cli.md"
 MAN_PAGE = ROOT / "share" / "man" / "man1" / "kinect-vo.1"
+BASH_COMPLETION = ROOT / "share" / "bash-completion" / "completions" / "kinect-vo"
+ZSH_COMPLETION = ROOT / "share" / "zsh" / "site-functions" / "_kinect-vo"
 
 
 def make_files() -> dict[Path, str]:
@@ -47,6 +49,8 @@ def make_files() -> dict[Path, str]:
         MESSAGES: replace_tables(MESSAGES.read_text()),
         COMMAND_PAGE: render_commands(),
         MAN_PAGE: render_man_page(),
+        BASH_COMPLETION: render_completion("bash"),
+        ZSH_COMPLETION: render_completion("zsh"),
     }
 
 

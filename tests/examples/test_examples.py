@@ -321,14 +321,14 @@ def test_service_programs_in_the_documentation_run(endpoint: str, page: str) -> 
     for code in programs:
         # Elsewhere than the service of somebody who works on this computer, and not for so long.
         here = code.replace("tcp/127.0.0.1:7450", endpoint).replace("sleep(10)", "sleep(1)")
-        here = here.replace("PoseClient()", f"PoseClient(connect={endpoint!r})")
+        here = re.sub(r"(PoseClient|FrameClient)\(\)", rf"\1(connect={endpoint!r})", here)
         process = subprocess.Popen(
             [sys.executable, "-u", "-c", here], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True,
         )  # fmt: skip
         lines = ProgramOutput(process)
         try:
-            lines.wait_for_line("tracking|degraded")
+            lines.wait_for_line("tracking|degraded|240, 320, 3")
         finally:
             lines.stop()
 

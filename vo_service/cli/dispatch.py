@@ -164,11 +164,11 @@ def make_parser(with_options: Collection[str] = tuple(COMMANDS)) -> argparse.Arg
     commands = parser.add_subparsers(
         prog="kinect-vo", metavar="COMMAND", required=True, help=argparse.SUPPRESS
     )
-    for name in COMMANDS:
+    for name, purpose in COMMANDS.items():
         if name in with_options:
             _add_command(commands, name)
         else:
-            commands.add_parser(name)
+            commands.add_parser(name, help=purpose)
     return parser
 
 
@@ -187,6 +187,7 @@ def _add_command(commands: "argparse._SubParsersAction[_OneLineErrorParser]", na
     purpose = COMMANDS[name]
     parser = commands.add_parser(
         name,
+        help=purpose,
         description=f"{purpose[0].upper()}{purpose[1:]}.",
         epilog=module.EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

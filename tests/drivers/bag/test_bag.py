@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER
 from drivers.core.errors import InputError
@@ -247,6 +248,29 @@ def test_a_bag_without_images_is_refused(tmp_path: Path) -> None:
         "BAG: no topic of depth images; name two of these with --topics"
     )
     assert "no images at topic /nowhere" in complaint(path, topics=("/nowhere", DEPTH_TOPIC))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_topics_of_unknown_types_are_left_alone(tmp_path: Path, kind: str) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        name = "robot_msgs/msg/Odd"
+        if k == 0:
+            bag.maker.store.register(get_types_from_msg("float64[] numbers", name))
+        bag.write("/odd", name, stamp_ns(k), bag.maker.make(name, np.ones(3)))
+        write_frame(bag, k)
+
+    path = make_bag(tmp_path / ("a.bag" if kind == "bag" else "a"), fill, kind)
+    assert len(open_recording(path).frames.pairs) == 4
+
+
+def test_a_message_that_is_not_of_its_type_is_one_clear_line(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k)
+        connection = bag.connections[DEPTH_TOPIC]
+        bag.writer.write(connection, stamp_ns(k) + 1, b"\x00\x01\x00\x00\x07")
+
+    message = complaint(make_bag(tmp_path / "a", fill))
+    assert message == f"BAG: a message of {DEPTH_TOPIC} is no sensor_msgs/msg/Image"
 
 
 def test_two_cameras_must_be_chosen_from(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, has_match, nearest_indices
 from drivers.open_recording import open_recording
 from drivers.recording.recording import ImageTopics, Recording
+from vo_service.terminal import announce, announce_if_slow
 from vo_service.tools.evaluation.gaps import Gap, find_gaps
 
 T = TypeVar("T")
@@ -129,7 +130,16 @@ def open_recordings(
             )
     return [
         BenchmarkRecording(
-            name, folder, camera_file, open_recording(folder, camera_file, topics), topics=topics
+            name, folder, camera_file, _open(folder, camera_file, topics), topics=topics
         )
         for name, folder in zip(names, folders, strict=True)
     ]
+
+
+def _open(path: Path, camera_file: Path | None, topics: ImageTopics | None) -> Recording:
+    """Open a recording, and log what was found in a bag."""
+    with announce_if_slow(f"reading {path}"):
+        recording = open_recording(path, camera_file, topics)
+    if recording.summary:
+        announce(recording.summary)
+    return recording

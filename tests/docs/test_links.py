@@ -60,3 +60,14 @@ def test_source_files_named_in_the_design_exist() -> None:
     }
     existing = {file.name for file in FILES}
     assert sorted((page, name) for page, name in names if name not in existing) == []
+
+
+def test_benchmarks_named_in_the_documentation_exist() -> None:
+    names = {
+        (str(page.relative_to(ROOT)), name)
+        for page in PAGES
+        for name in re.findall(r"python -m\s+benchmarks (\w+)", page.read_text())
+    }
+    assert (
+        sorted(name for _, name in names if not (ROOT / "benchmarks" / f"{name}.py").exists()) == []
+    )

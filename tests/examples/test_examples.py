@@ -312,6 +312,7 @@ def test_camera_programs_in_the_documentation_run(recording: Path) -> None:
         "README.md",
         "docs/reference/messages.md",
         "docs/guide/first-run.md",
+        "docs/guide/frames.md",
         "docs/guide/python.md",
     ],
 )

@@ -46,7 +46,7 @@ def small_program(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_packages_of_the_service_are_copied_and_those_of_tests_are_not() -> None:
     names = {package.name.lower() for package in runtime_distributions()}
     assert names >= {"kinect-vo", "numpy", "numba", "llvmlite", "eclipse-zenoh", "pyusb"}
-    assert names.isdisjoint({"pytest", "mypy", "ruff", "hypothesis", "rosbags"})
+    assert names.isdisjoint({"pytest", "mypy", "ruff", "hypothesis", "evo"})
 
 
 @pytest.mark.parametrize("name", ["kinect-vo", "numpy", "eclipse-zenoh"])

@@ -210,7 +210,7 @@ ARGUMENTS = {
     "wait": (["replay", "X", "--wait-for-subscriber", "-1"], "-1 is not a time"),
     "wait for what": (["replay", "X", "--wait-for-subscriber", "x"], "x is not a time: give sec"),
     "count": (["listen", "--count", "many"], "many is not a number of poses: give 1 or more"),
-    "no folder": (["replay"], "required: FOLDER; see `kinect-vo replay --help`"),
+    "no folder": (["replay"], "required: RECORDING; see `kinect-vo replay --help`"),
     "option": (["replay", "X", "--trajectry", "Y"], "unrecognized arguments: --trajectry Y"),
     "command": (["replai"], "invalid choice: 'replai'"),
     "no command": ([], "required: COMMAND"),

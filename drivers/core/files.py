@@ -148,22 +148,31 @@ def _temporary_folder() -> Path:
     return folder
 
 
-def atomic_write(path: Path, data: bytes) -> None:
-    """Write a file under a temporary name, then rename it, so that no reader sees half a file.
+@contextmanager
+def atomic_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary name; what is written there gets the name `path` at the end of the block.
 
-    A kill at any moment is safe. The data are not flushed to the disk: after a power cut the newest
-    files may be empty.
+    So no reader sees half a file, and a kill at any moment is safe. After an exception nothing is
+    left behind. The data are not flushed to the disk: after a power cut the newest files may be
+    empty, unless the block flushes them.
 
     Raises:
-        OSError: The file cannot be written; nothing is left behind.
+        OSError: The file cannot be renamed.
     """
-    part = path.with_name(f".{path.name}.part")
+    part = path.with_name(f".{path.name}{PARTIAL_SUFFIX}")
     try:
-        part.write_bytes(data)
+        yield part
         part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise
+
+
+def atomic_write(path: Path, data: bytes) -> None:
+    """Write a whole file; see `atomic_file`. Raises OSError."""
+    with atomic_file(path) as part:
+        part.write_bytes(data)
 
 
 class AppendOnlyFile:

@@ -28,6 +28,7 @@ from drivers.camera import (
     TimingSource,
 )
 from drivers.core.errors import UserFacingError
+from drivers.core.shared_frames.shared_memory import create_shared_memory
 
 SLOT_COUNT = 4
 # Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.
@@ -186,8 +187,7 @@ class FrameRingReader:
 
     def open(self) -> None:
         """Create the ring. The writer waits for `allow_writes` or the first `get`."""
-        memory = os.memfd_create("camera-frames")
-        os.ftruncate(memory, SLOT_COUNT * SLOT_BYTES)
+        memory = create_shared_memory("camera-frames", SLOT_COUNT * SLOT_BYTES)
         self._slots = FrameSlots(memory)
         free, self._free_write_fd = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         filled, filled_to_reader = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)

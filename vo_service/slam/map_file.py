@@ -4,14 +4,13 @@ import hashlib
 import os
 import struct
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.files import is_disk_full
+from drivers.core.files import atomic_file, is_disk_full
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import MapKeyframe
 from vo_service.slam.map_arrays import (
@@ -60,18 +59,16 @@ def write_map(path: Path, contents: MapContents) -> None:
     """
     data = _serialize(contents)
     header = HEADER.pack(MAGIC, SCHEMA, len(data), hashlib.sha256(data).digest())
-    part = path.with_name(f".{path.name}.part")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     try:
-        part.unlink(missing_ok=True)
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.write(header)
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as error:
-        with suppress(OSError):
+        with atomic_file(path) as part:
             part.unlink(missing_ok=True)
+            with os.fdopen(os.open(part, flags, 0o600), "wb") as file:
+                file.write(header)
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+    except OSError as error:
         cause = "the disk is full" if is_disk_full(error) else error.strerror
         raise UserFacingError(
             f"{path}: the map cannot be written: {cause}; fix this and save it again"

@@ -1,7 +1,6 @@
 """A ring of records in shared memory: one process writes, another reads.
 
-The memory comes from memfd_create: a file without a name, which exists as long as one process
-holds it. It grows only as it is filled. A record is contiguous. The ring is filled from start to
+The memory grows only as it is filled. A record is contiguous. The ring is filled from start to
 end, lap after lap, and a new record replaces the oldest ones.
 
 There are no locks. Before it overwrites, the writer publishes how far, one record ahead. The
@@ -18,6 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from drivers.core.shared_frames.shared_memory import create_shared_memory
 
 # Number of records ever written, and the position up to which older records are overwritten.
 _HEADER = struct.Struct("<QQ")
@@ -69,9 +70,9 @@ class RecordRingWriter:
         self._allocated_bytes = self._lap = self._offset = self._count = self._overwritten_until = 0
         self._lap_start_s = 0.0
         self.is_limited_by_bytes = False  # `max_bytes`, not `duration_s`, has ended the last lap
-        self.memory = RecordRingMemory(os.memfd_create(name), entries)
+        memory_fd = create_shared_memory(name, self._data_offset + max_bytes)
+        self.memory = RecordRingMemory(memory_fd, entries)
         try:
-            os.ftruncate(self.memory.fd, self._data_offset + max_bytes)
             os.posix_fallocate(self.memory.fd, 0, self._data_offset)
             self._map = mmap.mmap(self.memory.fd, self._data_offset + max_bytes)
         except (OSError, ValueError):

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from drivers.camera import RgbdCamera
 from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import atomic_file
 from drivers.recording.encode import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.tools.doctor.stream_probe import probe_stream
@@ -142,16 +143,10 @@ class BugReport:
 
     def pack(self) -> int:
         """Write the file and return its size, bytes. On OSError no file is left."""
-        part = self._file.with_name(f".{self._file.name}.part")
-        try:
+        with atomic_file(self._file) as part:
             with tarfile.open(part, "w:gz", compresslevel=1) as archive:
                 archive.add(self.folder, arcname=self._file.name.removesuffix(SUFFIX))
-            size = part.stat().st_size
-            part.replace(self._file)
-        except OSError:
-            part.unlink(missing_ok=True)
-            raise
-        return size
+            return part.stat().st_size
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core.errors import UserFacingError
+from drivers.core.files import atomic_file
 
 COMMAND_TIMEOUT_S = 20.0
 
@@ -29,14 +30,9 @@ def write_file(path: Path, text: str) -> bool:
     if path.is_file() and not path.is_symlink() and path.read_text() == text:
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")  # system programs ignore such names
-    try:
+    with atomic_file(path) as part:  # system programs ignore its name
         part.write_text(text)
         part.chmod(0o644)
-        part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
     return True
 
 

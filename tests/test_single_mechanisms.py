@@ -1,0 +1,83 @@
+"""Each mechanism exists once: this searches the product's source for second ones."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+# A call or a base class by the last part of its name, and the files that may have it, with the
+# reason for each beside the mechanism's own file.
+SINGLE = {
+    "Popen": {
+        "drivers/core/process/worker_process.py",
+        "vo_service/outputs/rerun/web_viewer_server.py",  # Rerun's own program, for a moment
+    },
+    "Process": {
+        "vo_service/slam/mapper/mesh_job.py",  # a fork that shares the memory of the keyframes
+    },
+    "ProcessPoolExecutor": set(),
+    "fork": set(),
+    "memfd_create": {"drivers/core/shared_frames/shared_memory.py"},
+    "SharedMemory": set(),
+    "Condition": {
+        "drivers/core/queues.py",
+        "drivers/freenect/frame_queue.py",  # one pair, and an error at the end
+        "drivers/recording/prefetch.py",  # frames with a due time
+        "vo_service/client/subscription.py",  # the newest pose, which is not taken
+    },
+    "Queue": set(),
+    "setitimer": {"drivers/core/process/service_connection.py"},
+    "TokenBucket": {  # users of the one rate limiter
+        "vo_service/outputs/zenoh/command_server.py",
+        "vo_service/outputs/zenoh/queryables.py",
+    },
+}
+
+
+def product_files() -> Iterator[Path]:
+    """Yield the product's source files."""
+    for package in ("drivers", "vo_service"):
+        yield from (ROOT / package).rglob("*.py")
+
+
+def called_names(tree: ast.AST) -> Iterator[str]:
+    """Yield the last part of the name of each call."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            function = node.func
+            if isinstance(function, ast.Attribute):
+                yield function.attr
+            elif isinstance(function, ast.Name):
+                yield function.id
+
+
+@pytest.fixture(scope="module")
+def callers() -> dict[str, set[str]]:
+    """The files that call each name."""
+    found: dict[str, set[str]] = {}
+    for file in product_files():
+        for name in called_names(ast.parse(file.read_text())):
+            found.setdefault(name, set()).add(str(file.relative_to(ROOT)))
+    return found
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_a_mechanism_is_in_one_place(callers: dict[str, set[str]], name: str) -> None:
+    assert callers.get(name, set()) == SINGLE[name]
+
+
+def test_only_the_file_helpers_make_temporary_names() -> None:
+    """A name with a dot before and .part behind is that of an atomic write."""
+    makers = {
+        str(file.relative_to(ROOT))
+        for file in product_files()
+        if ('f".{' in file.read_text() and "PARTIAL_SUFFIX" in file.read_text())
+        or '.part")' in file.read_text()
+    }
+    assert makers == {
+        "drivers/core/files.py",
+        "vo_service/tools/download/sequence_download.py",  # kept after an error, to be resumed
+    }

@@ -103,7 +103,13 @@ class OutputsConfig:
 
 def frames_config(config: Config) -> FrameOutputConfig:
     """Return the settings of the images and points from a configuration."""
-    return FrameOutputConfig(config.zenoh.prefix, config.frames, config.T_base_camera.T_base_camera)
+    return FrameOutputConfig(
+        prefix=config.zenoh.prefix,
+        frames=config.frames,
+        T_base_camera=config.T_base_camera.T_base_camera,
+        base_frame_id=config.zenoh.child_frame_id,
+        ros2=config.ros2,
+    )
 
 
 @dataclass

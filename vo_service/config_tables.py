@@ -158,19 +158,24 @@ class FramesConfig:
 
 @dataclass(frozen=True)
 class Ros2Config:
-    """`[ros2]`: publication of the poses for ROS 2. Experimental."""
+    """`[ros2]`: publication of poses and frames for ROS 2."""
 
     enabled: Annotated[bool, "true also publishes under ROS 2's own keys"] = False
     domain_id: Annotated[int, Field("ROS_DOMAIN_ID of the readers", minimum=0, maximum=232)] = 0
     topic: Annotated[str, "topic of the odometry, without the first slash"] = "vo/odom"
-    tf: Annotated[bool, "also publish the transform on /tf"] = True
+    tf: Annotated[bool, "also publish the transforms on /tf and /tf_static"] = True
+    namespace: Annotated[str, "namespace of the images' topics, without the first slash"] = "camera"
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", self.topic, re.ASCII):
-            raise ValueError(
-                f"topic {self.topic!r} is not a valid ROS 2 topic; use names separated by single "
-                "slashes, such as vo/odom"
-            )
+        for key, name, example in (
+            ("topic", self.topic, "vo/odom"),
+            ("namespace", self.namespace, "camera"),
+        ):
+            if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
+                raise ValueError(
+                    f"{key} {name!r} is not a valid ROS 2 {key}; use names separated by single "
+                    f"slashes, such as {example}"
+                )
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
@@ -63,6 +64,28 @@ def test_a_reader_reads_but_cannot_command(network: TlsNetwork, robot: TlsRobot)
             if reply.ok
         ] == ["kinect/alive"]
     assert robot.executed == []
+
+
+def test_only_a_viewer_sees_images(network: TlsNetwork, robot: TlsRobot) -> None:
+    received: list[str] = []
+    with ExitStack() as stack:
+        for name in ("reader", "operator", "viewer"):
+            file = "operator-tls.json5" if name == "operator" else "reader-tls.json5"
+            session = stack.enter_context(network.open_session(file, f"ours/{name}"))
+            for key in ("color/image", "depth/compressed", "points"):
+                session.declare_subscriber(
+                    f"kinect/{key}",
+                    lambda _, name=name: received.append(name),  # type: ignore[misc]
+                )
+            stack.enter_context(receive_pose_numbers(session))  # each is connected
+
+        def has_viewer_all() -> bool:
+            for key in ("color/image", "depth/compressed", "points"):
+                robot.put(f"kinect/{key}", b"image")
+            return received.count("viewer") > 30
+
+        wait_until(has_viewer_all)
+    assert set(received) == {"viewer"}
 
 
 def test_an_operator_can_command(network: TlsNetwork, robot: TlsRobot) -> None:

@@ -27,7 +27,7 @@ from vo_service.types import (
 
 ZENOH_FILES = Path(__file__).parents[3] / "config" / "zenoh"
 HOST = "127.0.0.1"
-CLIENTS = ("reader", "operator", "robot1", "robot2")
+CLIENTS = ("reader", "viewer", "operator", "robot1", "robot2")
 VALIDITY_DAYS = 2
 
 
@@ -103,6 +103,10 @@ class TlsRobot:
         commands = make_command_endpoint(CommandConfig(), self._command_queue)
         config = ZenohConfig(config_file=file)
         self._output = ZenohOutput(config, extra_endpoints=ExtraEndpoints(commands))
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Publish something on the session of the poses."""
+        self._output._endpoints[0].session.put(key, payload)
 
     def run(self) -> None:
         """Publish until `stop` is set."""

@@ -1,11 +1,13 @@
 """The publishers of one frame topic: its own key and, for ROS 2, those of the two bridges."""
 
+import time
 from collections.abc import Callable, Sequence
 
 import zenoh
 
 from vo_service.outputs.frames.shared_memory import SharedPayloads
 from vo_service.outputs.frames.topics import FrameTopic
+from vo_service.outputs.zenoh.ros2 import RosNode, RosTopic, encode_attachment, publisher_gid
 from vo_service.types import OdometryUpdate
 
 # Makes the attachment of a sample from the frame's own one.
@@ -76,3 +78,22 @@ def plain_key(session: zenoh.Session, topic: FrameTopic, prefix: str) -> FrameKe
         else zenoh.Encoding.APPLICATION_JSON
     )
     return FrameKeyPublisher(session, f"{prefix}/{topic.name}", encoding, lambda own: own)
+
+
+class RosKeys:
+    """The keys of a topic for ROS 2, and the token by which nodes discover it."""
+
+    def __init__(self, session: zenoh.Session, node: RosNode, number: int, topic: RosTopic) -> None:
+        token = node.publisher_token(number, topic)
+        self._gid = publisher_gid(token)
+        self._count = 0
+        encoding = zenoh.Encoding.APPLICATION_CDR
+        self.publishers = [
+            FrameKeyPublisher(session, topic.bridge_key, encoding, lambda own: own),
+            FrameKeyPublisher(session, topic.rmw_key(node.domain_id), encoding, self._attachment),
+        ]
+        self._token = session.liveliness().declare_token(token)
+
+    def _attachment(self, own: bytes) -> bytes:
+        self._count += 1
+        return encode_attachment(self._count, time.time_ns(), self._gid)

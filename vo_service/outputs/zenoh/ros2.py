@@ -15,11 +15,22 @@ from typing import Protocol
 
 import numpy as np
 import zenoh
+import zenoh.ext
 
 from drivers.core.errors import InputError
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.messages import FrameIds, map_odom_transform
-from vo_service.ros_messages import TransformMessage, encode_transforms
+from vo_service.ros_messages import (
+    CAMERA_INFO_SCHEMA,
+    COMPRESSED_IMAGE_SCHEMA,
+    IMAGE_SCHEMA,
+    IMU_SCHEMA,
+    ODOMETRY_SCHEMA,
+    POINT_CLOUD_SCHEMA,
+    TRANSFORMS_SCHEMA,
+    TransformMessage,
+    encode_transforms,
+)
 from vo_service.types import NO_MAP, OdometryUpdate, TrackingState
 
 # Stands for the empty enclave and namespace: a key may have no empty part.
@@ -39,14 +50,25 @@ class RosType:
     hash: str
 
 
-ODOMETRY = RosType(
-    "nav_msgs::msg::dds_::Odometry_",
-    "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
-)
-TF_MESSAGE = RosType(
-    "tf2_msgs::msg::dds_::TFMessage_",
-    "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-)
+_HASHES = {
+    ODOMETRY_SCHEMA: "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+    TRANSFORMS_SCHEMA: "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    IMAGE_SCHEMA: "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
+    COMPRESSED_IMAGE_SCHEMA: "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a",
+    CAMERA_INFO_SCHEMA: "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
+    POINT_CLOUD_SCHEMA: "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
+    IMU_SCHEMA: "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+}
+
+
+def ros_type(schema: str) -> RosType:
+    """Return the type of a message, such as sensor_msgs/msg/Image."""
+    package, _, name = schema.split("/")
+    return RosType(f"{package}::msg::dds_::{name}_", f"RIHS01_{_HASHES[schema]}")
+
+
+ODOMETRY = ros_type(ODOMETRY_SCHEMA)
+TF_MESSAGE = ros_type(TRANSFORMS_SCHEMA)
 
 
 @dataclass(frozen=True)
@@ -57,6 +79,7 @@ class RosTopic:
         name: Name without the first slash.
         type: Message type.
         depth: QoS depth.
+        is_latched: Whether a node that subscribes later gets the last message: transient local.
 
     Raises:
         InputError: The name is not valid in ROS 2.
@@ -65,6 +88,7 @@ class RosTopic:
     name: str
     type: RosType
     depth: int
+    is_latched: bool = False
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", self.name):
@@ -105,7 +129,7 @@ class RosNode:
     def publisher_token(self, number: int, topic: RosTopic) -> str:
         """Return the key of a publisher's liveliness token.
 
-        Its QoS is reliable, volatile, keep last `depth`; empty fields have ROS's defaults.
+        Its QoS is reliable, keep last `depth`; empty fields have ROS's defaults.
 
         Args:
             number: Unique number of the publisher in this node.
@@ -113,7 +137,8 @@ class RosNode:
         """
         topic_name = "/" + topic.name
         parts = (_mangle(topic_name), topic.type.dds_name, topic.type.hash)
-        return "/".join((self._liveliness_key(number, "MP"), *parts, f"::,{topic.depth}:,:,:,,"))
+        qos = f":{'1' if topic.is_latched else ''}:,{topic.depth}:,:,:,,"
+        return "/".join((self._liveliness_key(number, "MP"), *parts, qos))
 
     def _liveliness_key(self, number: int, kind: str) -> str:
         key_prefix = f"@ros2_lv/{self.domain_id}/{self.zid}/0/{number}"
@@ -243,6 +268,37 @@ def _is_map_odom_known(update: OdometryUpdate) -> bool:
     """Return whether map->odom is known and finite: a bad map must not block odom->base."""
     is_known = update.map is not NO_MAP and update.is_localized
     return is_known and bool(np.all(np.isfinite(update.map.T_map_odom)))
+
+
+class StaticTransformPublisher:
+    """Publishes one transform on /tf_static, for nodes that subscribe at any time.
+
+    For rmw_zenoh the publisher keeps the message; for the bridge it is sent again to each new
+    subscriber.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, node: RosNode, number: int, transform: TransformMessage
+    ) -> None:
+        topic = RosTopic("tf_static", TF_MESSAGE, depth=1, is_latched=True)
+        self._payload = encode_transforms([transform])
+        token = node.publisher_token(number, topic)
+        # rmw_zenoh's own publishers of latched topics are of this kind.
+        self._rmw = zenoh.ext.declare_advanced_publisher(
+            session,
+            topic.rmw_key(node.domain_id),
+            cache=zenoh.ext.CacheConfig(max_samples=1),
+            publisher_detection=True,
+        )
+        attachment = encode_attachment(1, time.time_ns(), publisher_gid(token))
+        self._rmw.put(self._payload, attachment=attachment)
+        self._bridge = session.declare_publisher(topic.bridge_key)
+        self._listener = self._bridge.declare_matching_listener(self._on_match)
+        self._token = session.liveliness().declare_token(token)
+
+    def _on_match(self, status: zenoh.MatchingStatus) -> None:
+        if status.matching:
+            self._bridge.put(self._payload)
 
 
 class _TopicPublisher:

@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.core.geometry import T_BODY_CAMERA
 from tests.vo_service.outputs.zenoh.query_helpers import config
-from vo_service.config_tables import FramesConfig
+from vo_service.config_tables import FramesConfig, Ros2Config
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.types import OdometryUpdate, Status
@@ -18,11 +18,19 @@ MakeUpdate = Callable[..., OdometryUpdate]
 class Robot:
     """The outputs of poses and frames on one session."""
 
-    def __init__(self, port: int, make_update: MakeUpdate, **frames: Any) -> None:
-        settings = FrameOutputConfig("kinect", FramesConfig(**frames), T_BODY_CAMERA)
+    def __init__(
+        self,
+        port: int,
+        make_update: MakeUpdate,
+        ros2: Ros2Config = Ros2Config(),  # noqa: B008 (frozen)
+        **frames: Any,
+    ) -> None:
+        settings = FrameOutputConfig(
+            "kinect", FramesConfig(**frames), T_BODY_CAMERA, "base_link", ros2
+        )
         self.frames = FrameOutput(settings)
         self.poses = ZenohOutput(
-            config(port), extra_endpoints=ExtraEndpoints(on_session=self.frames.declare)
+            config(port), extra_endpoints=ExtraEndpoints(ros2=ros2, on_session=self.frames.declare)
         )
         self._make_update = make_update
         self._seq = 0

@@ -16,7 +16,13 @@ from vo_service.outputs.zenoh.ros2 import (
     encode_attachment,
     node_name,
     publisher_gid,
+    ros_type,
 )
+
+FRAME_TYPES = [
+    f"sensor_msgs/msg/{name}"
+    for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2", "Imu")
+]
 
 NODE = RosNode(domain_id=3, zid="1a2b", name="kinect_vo")
 TOPIC = RosTopic("robot/vo/odom", ODOMETRY, depth=10)
@@ -25,7 +31,11 @@ TOPIC = RosTopic("robot/vo/odom", ODOMETRY, depth=10)
 @pytest.mark.parametrize("store", [Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL])
 @pytest.mark.parametrize(
     ("kind", "name"),
-    [(ODOMETRY, "nav_msgs/msg/Odometry"), (TF_MESSAGE, "tf2_msgs/msg/TFMessage")],
+    [
+        (ODOMETRY, "nav_msgs/msg/Odometry"),
+        (TF_MESSAGE, "tf2_msgs/msg/TFMessage"),
+        *((ros_type(name), name) for name in FRAME_TYPES),
+    ],
 )
 def test_the_hashes_are_those_that_rosbags_computes(
     store: Stores, kind: RosType, name: str

@@ -53,7 +53,7 @@ class BagWriter(ABC):
 
 
 class McapWriter(BagWriter):
-    """Writes MCAP to an open file, in chunks compressed with LZ4; Foxglove and Rerun show it."""
+    """Writes MCAP to an open file, in chunks compressed with LZ4."""
 
     def __init__(self, file: IO[bytes]) -> None:
         super().__init__(ros2_typestore())

@@ -26,8 +26,8 @@ _log = logging.getLogger(__name__)
 ENCODER_THREADS = 2
 # Frames that wait for a slow disk: one second of a Kinect, 45 MB.
 MAX_PENDING_FRAMES = 30
-# What a crash may lose.
-FLUSH_PERIOD_S = 0.5
+# A crash loses this, and the frames that still wait for the disk.
+FLUSH_PERIOD_S = 0.25
 # Left free on the disk, for the end of the file.
 RESERVED_BYTES = 16_000_000
 _Images = tuple[bytes | BgrImage, bytes | DepthImage]

@@ -46,7 +46,7 @@ examples:
 The folder can be replayed at any time, also after a crash: an image is listed only once it is
 complete. PNG is lossless, so a replay gives the same trajectory as the camera did.
 
-FILE.mcap opens in Foxglove and Rerun. Its color images are JPEG, which is lossy, unless --raw is
+FILE.mcap opens in Rerun. Its color images are JPEG, which is lossy, unless --raw is
 given. After a crash it can be replayed up to the last second.
 """
 MCAP_SUFFIX = ".mcap"

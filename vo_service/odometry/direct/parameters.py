@@ -118,6 +118,10 @@ SUSPECT_SIGMA_RATIO = 0.8
 MAX_MOVING_SHARE = 0.1
 # Halves of the view are masked if the velocity changes by more than this many times its noise.
 INNOVATION_GATE_SIGMAS = 3.0
+# Every point of this many is used for the first motion of a half view; it is another motion if it
+# moves the points by more than this, px of the whole image.
+HALF_VIEW_POINT_STRIDE = 3
+MAX_SAME_MOTION_FLOW_PX = 2.0
 # Weight of the innovation, and the degrees of freedom of its Student's t, in the cost by which the
 # motions of masked views are compared.
 INNOVATION_COST_WEIGHT = 0.1
@@ -267,7 +271,7 @@ MAX_IMPOSSIBLE_SIGMAS = 2.0
 # If the last keyframes, at least and at most so many, differ from all before by this many sigmas,
 # the timing has changed. Then all before is forgotten: the timing in use stays, with the last
 # sigmas.
-MIN_CHANGED_KEYFRAMES, NUM_RECENT_TIMING_KEYFRAMES = 2, 6
+MIN_CHANGED_KEYFRAMES, NUM_RECENT_TIMING_KEYFRAMES = 3, 6
 TIMING_CHANGE_SIGMAS = 3.5
 FORGOTTEN_TIMING_SIGMAS_S = (0.030, 0.010)
 # Fewest views, and largest sigmas, of an estimate that is used.

@@ -24,16 +24,18 @@ from vo_service.odometry.direct.alignment import (
     uniform_weights,
 )
 from vo_service.odometry.direct.image_pyramid import CELL_COLUMNS, CELL_ROWS, ImagePyramid
-from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap
+from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, compute_overlap
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     FEATURE_INLIER_SHARES,
+    HALF_VIEW_POINT_STRIDE,
     INNOVATION_COST_WEIGHT,
     INNOVATION_DEGREES_OF_FREEDOM,
     INNOVATION_GATE_SIGMAS,
     MAX_BRIGHTNESS_RATIO,
     MAX_FEATURE_MATCHES,
     MAX_RETRY_INTERVAL_FRAMES,
+    MAX_SAME_MOTION_FLOW_PX,
     MAX_SEARCHED_KEYFRAMES,
     MIN_SCORE_GAIN,
     MIN_STATIC_WEIGHT,
@@ -79,7 +81,7 @@ MASKED_COLUMNS = tuple(
 def retry_without_half(
     result: TrackingResult, images: ImagePyramid, motion_state: MotionState
 ) -> TrackingResult:
-    """Return the result, or that of a half masked view if it has the lowest cost.
+    """Return the result, or another motion of a half masked view if it has the lowest cost.
 
     The cost grows with the residuals of the whole view and with the innovation.
     """
@@ -89,7 +91,10 @@ def retry_without_half(
     ):
         return result
     retries = [_align_without(half, result, images, motion_state) for half in MASKED_COLUMNS]
-    candidates = [result.alignment, *(each for each in retries if not rejection_reason(each))]
+    others = [each for each in retries if each is not None and not rejection_reason(each)]
+    if not others:
+        return result
+    candidates = [result.alignment, *others]
     sigmas = np.min([each.residual_model for each in candidates], axis=0)[SIGMA_BRIGHTNESS:]
     points = result.keyframe.points[0]
 
@@ -104,21 +109,32 @@ def retry_without_half(
 
 def _align_without(
     masked_columns: slice, result: TrackingResult, images: ImagePyramid, motion_state: MotionState
-) -> DirectAlignment:
-    """Align with half of the view, then with all regions that fit this motion."""
-    points, prior = result.keyframe.points, result.prior
+) -> DirectAlignment | None:
+    """Align some points of half of the view, then all regions that fit this motion.
+
+    Returns None if it is the result's motion.
+    """
+    keyframe, prior = result.keyframe, result.prior
     weights = uniform_weights()
     weights.reshape(2, CELL_ROWS, CELL_COLUMNS)[:, :, masked_columns] = 0.0
-    expected = motion_state.initial_guesses(result.keyframe.T_world_keyframe, images.stamp_s)[:1]
+    some_points = [np.ascontiguousarray(each[::HALF_VIEW_POINT_STRIDE]) for each in keyframe.points]
     partial = align(
-        points, images, expected, prior, motion_state.predict_affine_brightness(images), weights
+        some_points,
+        images,
+        motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)[:1],
+        prior,
+        motion_state.predict_affine_brightness(images),
+        weights,
     )
+    difference = inverse(result.alignment.T_camera_keyframe) @ partial.T_camera_keyframe
+    if compute_overlap(keyframe, difference).flow_px < MAX_SAME_MOTION_FLOW_PX:
+        return None
     region_weights = weigh_regions(
-        points[0], partial.samples, partial.residual_model, uniform_weights()
+        some_points[0], partial.samples, partial.residual_model, uniform_weights()
     )
     static_weights = (region_weights >= MIN_STATIC_WEIGHT).astype(np.float64)
     return align(
-        points[:NUM_FINE_LEVELS],
+        keyframe.points[:NUM_FINE_LEVELS],
         images,
         [partial.T_camera_keyframe],
         prior,

@@ -37,6 +37,7 @@ from vo_service.odometry.direct.parameters import (
     VIEW_ERROR_DECAY,
 )
 
+ZERO = np.zeros((2, 3))
 SHARED_VARIANCES = np.square(KEYFRAME_TIMING_SIGMAS_S)
 # Added to the diagonal of an information before it is inverted, relative to its trace, and 1/s^2.
 RELATIVE_REGULARIZATION, REGULARIZATION = 1e-9, 1e-3
@@ -146,17 +147,17 @@ class TimingEstimator:
         return bool((off_s <= MAX_IMPOSSIBLE_SIGMAS * np.sqrt(np.diag(covariance))).all())
 
     def _forget_if_changed(self) -> None:
-        """Forget what the last keyframes contradict, if several do."""
+        """Forget what the last keyframes contradict, if several do; the change may be at any."""
         keyframes = list(self._recent)
-        worst, first = 0.0, 0
-        for k in range(1, len(keyframes) - MIN_CHANGED_KEYFRAMES + 1):
-            before = self._prior + self._older + sum(keyframes[:k])
-            squared = squared_disagreement(np.asarray(sum(keyframes[k:])), before)
-            if squared > worst:
-                worst, first = squared, k
-        if worst > TIMING_CHANGE_SIGMAS**2:
-            self._recent = deque(keyframes[first:])
-            self._older = np.zeros((2, 3))
+        known = self._prior + self._older
+        squared = [
+            squared_disagreement(sum(keyframes[k:], ZERO), sum(keyframes[:k], known))
+            for k in range(1, len(keyframes))
+        ]
+        by_several = squared[: max(len(keyframes) - MIN_CHANGED_KEYFRAMES, 0)]
+        if max(by_several, default=0.0) > TIMING_CHANGE_SIGMAS**2:
+            self._recent = deque(keyframes[1 + int(np.argmax(squared)) :])
+            self._older = ZERO.copy()
             self._prior = _prior_information(self.in_use, np.array(FORGOTTEN_TIMING_SIGMAS_S))
 
     def _scale(self, factor: float) -> None:

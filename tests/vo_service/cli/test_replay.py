@@ -13,6 +13,7 @@ import pytest
 from drivers.core.trajectory import read_trajectory
 from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import (
+    CommandResult,
     count_lines,
     run_in_process,
     run_subprocess,
@@ -121,7 +122,9 @@ def test_ctrl_c_ends_it_and_keeps_complete_lines(
         wait_until(lambda: count_lines(written) >= 2)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=100)
-    assert (process.returncode, err.count("\n")) == (130, err.count("no evaluation"))
+    result = CommandResult(process.returncode, out, err)
+    # A busy machine adds lines that tell how long a step took.
+    assert (result.code, result.error_lines.count("\n")) == (130, err.count("no evaluation"))
     poses = count_lines(written)
     assert 2 <= poses < FRAMES
     assert written.read_bytes().endswith(b"\n")

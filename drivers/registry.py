@@ -1,4 +1,7 @@
-"""Cameras by name. A new backend is added to the tables at the end."""
+"""Cameras by name: the built-in ones, and those of installed plug-ins.
+
+A camera is a function of `CameraRequest` in the entry-point group `kinect_vo.cameras`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,21 +11,49 @@ from pathlib import Path
 from drivers.camera import CameraFactory, Clock, PlaybackMode, RgbdCamera, SensorConfig
 from drivers.core.errors import InputError
 from drivers.core.files import cache_folder
+from drivers.core.plugins import PluginGroup
 from drivers.open_recording import recording_format
 from drivers.synthetic.config import SyntheticConfig
 
 ONI_SUFFIX = ".oni"
+SENSORS = ("freenect", "openni2")
+# How to write each built-in camera.
+CAMERA_USAGES = {
+    "freenect": "freenect[:SERIAL]",
+    "openni2": "openni2[:SERIAL] or openni2:FILE.oni",
+    "fakenect": "fakenect:FOLDER",
+    "tum": "tum:FOLDER",
+    "bag": "bag:FILE",
+    "synthetic": "synthetic",
+}
 
 
 @dataclass(frozen=True)
 class CameraRequest:
-    """What a factory gets; see `open_camera`."""
+    """What a camera's factory gets; see `open_camera`.
+
+    Attributes:
+        source: The whole source, such as "tum:FOLDER".
+        argument: What follows the name and the colon; "" for nothing.
+    """
 
     source: str
+    argument: str
     camera_file: Path | None
     playback_mode: PlaybackMode
     sensor: SensorConfig
     synthetic: SyntheticConfig
+
+
+CAMERAS: PluginGroup[Callable[[CameraRequest], RgbdCamera]] = PluginGroup(
+    "kinect_vo.cameras", "camera", tuple(CAMERA_USAGES)
+)
+
+
+def describe_cameras() -> str:
+    """Return how to write each camera, plug-ins too, for a message."""
+    plugins = [f"{name}[:ARGUMENT]" for name in CAMERAS.plugins]
+    return ", ".join([*CAMERA_USAGES.values(), *plugins])
 
 
 def open_camera(
@@ -42,11 +73,12 @@ def open_camera(
     Args:
         source: As for `--camera` on the command line: "freenect", "freenect:SERIAL", "openni2",
             "openni2:SERIAL", "openni2:FILE.oni", "fakenect:FOLDER", "tum:FOLDER", "bag:FILE" (MCAP
-            or a ROS bag) or "synthetic". The path of a recording alone is enough.
+            or a ROS bag), "synthetic", or NAME[:ARGUMENT] of a plug-in. The path of a recording
+            alone is enough.
         camera_file: Camera file (TOML) with intrinsics, distortion and registration; None for that
             of the recording, or the usual values of the sensor.
         playback_mode: LOCKSTEP delivers every frame in order, REALTIME the newest frame. None is
-            REALTIME for a sensor and LOCKSTEP for the others.
+            REALTIME for a sensor or a plug-in, and LOCKSTEP for the others.
         sensor: Settings of a real sensor; None for the defaults.
         synthetic: Settings of the virtual Kinect; None for one that plays without end.
 
@@ -57,43 +89,43 @@ def open_camera(
         InputError: The source is unknown, or its argument or camera file is wrong.
     """
     kind, _, argument = source.partition(":")
-    if kind not in CAMERA_FACTORIES and source and Path(source).exists():
+    if kind not in CAMERAS and source and Path(source).exists():
         kind, argument = recording_format(Path(source)), source
-    if kind not in CAMERA_FACTORIES:
-        raise InputError(
-            f"camera {source!r} is unknown; use one of: {', '.join(CAMERA_USAGES.values())}"
-        )
+    if kind not in CAMERAS:
+        raise InputError(f"camera {source!r} is unknown; use one of: {describe_cameras()}")
     request = CameraRequest(
         source=source,
+        argument=argument,
         camera_file=None if camera_file is None else Path(camera_file),
         playback_mode=PlaybackMode(playback_mode or _default_playback_mode(kind, argument)),
         sensor=sensor or SensorConfig(),
         synthetic=synthetic or SyntheticConfig.fast(),
     )
-    return CAMERA_FACTORIES[kind](argument, request)
+    return CAMERAS[kind](request)
 
 
 def _default_playback_mode(kind: str, argument: str) -> PlaybackMode:
-    is_sensor = kind in SENSORS and not argument.lower().endswith(ONI_SUFFIX)
-    return PlaybackMode.REALTIME if is_sensor else PlaybackMode.LOCKSTEP
+    is_recording = kind in CAMERA_USAGES and kind not in SENSORS
+    is_recording |= kind == "openni2" and argument.lower().endswith(ONI_SUFFIX)
+    return PlaybackMode.LOCKSTEP if is_recording else PlaybackMode.REALTIME
 
 
-def _recording(argument: str, request: CameraRequest) -> RgbdCamera:
+def make_recording(request: CameraRequest) -> RgbdCamera:
     from drivers.recording_camera import RecordingCamera
 
-    if not argument:
+    if not request.argument:
         kind = request.source.partition(":")[0]
         what = "folder" if kind == "tum" else "file"
         raise InputError(f"camera {kind!r} needs a {what}: {CAMERA_USAGES[kind]}")
-    return RecordingCamera(Path(argument), request.camera_file, request.playback_mode)
+    return RecordingCamera(Path(request.argument), request.camera_file, request.playback_mode)
 
 
-def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
+def make_synthetic(request: CameraRequest) -> RgbdCamera:
     from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 
-    if argument:
+    if request.argument:
         raise InputError(
-            f"camera 'synthetic:{argument}': it takes no argument; "
+            f"camera 'synthetic:{request.argument}': it takes no argument; "
             "set it up in the [synthetic] table of a configuration file"
         )
     if request.camera_file is not None:
@@ -104,35 +136,39 @@ def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
     return SyntheticCamera(request.synthetic, request.playback_mode, preparation)
 
 
-def _freenect(argument: str, request: CameraRequest) -> RgbdCamera:
+def make_freenect(request: CameraRequest) -> RgbdCamera:
     from drivers.freenect.factory import make_kinect_camera
 
-    factory = partial(make_kinect_camera, argument, request.sensor, request.camera_file)
+    factory = partial(make_kinect_camera, request.argument, request.sensor, request.camera_file)
     return _in_subprocess(request, Clock.MONOTONIC, factory)
 
 
-def _fakenect(argument: str, request: CameraRequest) -> RgbdCamera:
+def make_fakenect(request: CameraRequest) -> RgbdCamera:
     from drivers.freenect.factory import make_fakenect_camera
 
-    if not argument:
+    if not request.argument:
         raise InputError("camera 'fakenect' needs the folder of a dump: fakenect:FOLDER")
     factory = partial(
-        make_fakenect_camera, Path(argument), request.camera_file, request.playback_mode
+        make_fakenect_camera, Path(request.argument), request.camera_file, request.playback_mode
     )
     return _in_subprocess(request, Clock.RECORDED, factory)
 
 
-def _openni2(argument: str, request: CameraRequest) -> RgbdCamera:
-    if not argument.lower().endswith(ONI_SUFFIX):
+def make_openni2(request: CameraRequest) -> RgbdCamera:
+    if not request.argument.lower().endswith(ONI_SUFFIX):
         from drivers.openni2.camera import OpenNI2Camera
 
-        device = partial(OpenNI2Camera, argument, request.camera_file, request.sensor)
+        device = partial(OpenNI2Camera, request.argument, request.camera_file, request.sensor)
         return _in_subprocess(request, Clock.MONOTONIC, device)
 
     from drivers.openni2.oni_camera import OniCamera
 
     recording = partial(
-        OniCamera, Path(argument), request.camera_file, request.playback_mode, request.sensor
+        OniCamera,
+        Path(request.argument),
+        request.camera_file,
+        request.playback_mode,
+        request.sensor,
     )
     return _in_subprocess(request, Clock.RECORDED, recording)
 
@@ -142,22 +178,3 @@ def _in_subprocess(request: CameraRequest, clock: Clock, factory: CameraFactory)
     from drivers.subprocess_camera.camera import SubprocessCamera
 
     return SubprocessCamera(request.source, clock, factory, request.playback_mode)
-
-
-CAMERA_FACTORIES: dict[str, Callable[[str, CameraRequest], RgbdCamera]] = {
-    "freenect": _freenect,
-    "openni2": _openni2,
-    "fakenect": _fakenect,
-    "tum": _recording,
-    "bag": _recording,
-    "synthetic": _synthetic,
-}
-SENSORS = ("freenect", "openni2")
-CAMERA_USAGES = {
-    "freenect": "freenect[:SERIAL]",
-    "openni2": "openni2[:SERIAL] or openni2:FILE.oni",
-    "fakenect": "fakenect:FOLDER",
-    "tum": "tum:FOLDER",
-    "bag": "bag:FILE",
-    "synthetic": "synthetic",
-}

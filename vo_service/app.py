@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import CameraError
 from drivers.core.memory import release_memory
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.reconnect import ReconnectingCamera
 from vo_service.clock import make_publish_clock
 from vo_service.config import Config, ConfigChanges
@@ -24,8 +23,9 @@ from vo_service.load_shedding import LoadShedder
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.outputs.extra_output import ExtraOutput
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
-from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
+from vo_service.outputs.trajectory.trajectory_file import open_trajectory
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.sensor_memory import NullSensorMemory, SensorMemory
@@ -54,9 +54,6 @@ logger = logging.getLogger(__name__)
 if TYPE_CHECKING:
     from vo_service.outputs.rerun.output import RerunOutput
 
-# Limit of trajectory lines in the queue of a slow disk: five minutes.
-MAX_QUEUED_TRAJECTORY_LINES = 9000
-
 # By each key of `config.RELOADABLE_KEYS`: the function that applies a changed value.
 ConfigHandlers = Mapping[str, Callable[[Config], None]]
 
@@ -82,6 +79,7 @@ class OutputsConfig:
         recorder: Makes the flight recorder; None: no flight recorder.
         mapper: Makes the mapper; None: no mapper.
         rerun: Targets and settings of the viewer.
+        extra: Further outputs, see `ExtraOutputsConfig`.
         trajectory: Trajectory file to write; None: no file.
         ground_truth: Returns the ground truth for the viewer; called after the first frame.
         log_line: Shows a line with an output's address to the user.
@@ -96,6 +94,7 @@ class OutputsConfig:
     recorder: Callable[[], Recorder] | None = None
     mapper: Callable[[], Mapper] | None = None
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
+    extra: Sequence[str] = ()
     trajectory: Path | None = None
     ground_truth: GroundTruthSource = no_ground_truth
     log_line: Callable[[str], None] = logger.info
@@ -141,7 +140,6 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
     with ExitStack() as stack:
         opened = OutputSet()
         outputs = opened.outputs
-        is_lockstep = config.playback_mode is PlaybackMode.LOCKSTEP
         if config.zenoh is not None:
             outputs += _open_zenoh(config, config.zenoh, stack)
         if config.rerun.targets:
@@ -154,11 +152,11 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
         if config.mapper is not None:
             opened.mapper = stack.enter_context(closing(config.mapper()))
             outputs.append(opened.mapper)
+        for source in config.extra:
+            extra = ExtraOutput(source, config.playback_mode)
+            outputs.append(stack.enter_context(closing(extra)))
         if config.trajectory is not None:
-            lines: BoundedQueue[bytes] = (
-                BlockingQueue(64) if is_lockstep else DropOldestQueue(MAX_QUEUED_TRAJECTORY_LINES)
-            )
-            trajectory = TrajectoryFileOutput(config.trajectory, lines)
+            trajectory = open_trajectory(str(config.trajectory), config.playback_mode)
             outputs.append(stack.enter_context(closing(trajectory)))
         yield opened
 

@@ -14,7 +14,7 @@ from drivers.core.config import read_toml
 from drivers.core.errors import UserFacingError
 from drivers.core.fields import Field, typed_fields
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
-from drivers.registry import CAMERA_USAGES
+from drivers.registry import CAMERA_USAGES, CAMERAS, describe_cameras
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config_tables import (
     CommandConfig,
@@ -37,6 +37,7 @@ from vo_service.odometry.registry import (
     TIMING_MODES,
     make_odometry,
 )
+from vo_service.output_registry import ExtraOutputsConfig
 from vo_service.types import Odometry
 
 logger = logging.getLogger(__name__)
@@ -53,17 +54,17 @@ class CameraConfig:
     ] = 0.0
 
     def __post_init__(self) -> None:
-        if self.source.partition(":")[0] not in CAMERA_USAGES:
-            raise ValueError(
-                f"source {self.source!r} is unknown; use one of {', '.join(CAMERA_USAGES.values())}"
-            )
+        if self.source.partition(":")[0] not in CAMERAS:
+            raise ValueError(f"source {self.source!r} is unknown; use one of {describe_cameras()}")
 
 
 @dataclass(frozen=True)
 class OdometryConfig:
     """`[odometry]`: estimation of the motion."""
 
-    method: Annotated[str, Field(f"one of {', '.join(METHODS)}")] = DEFAULT_METHOD
+    method: Annotated[str, Field(f"one of {', '.join(METHODS.built_in)}, or a plug-in")] = (
+        DEFAULT_METHOD
+    )
     feature_count: Annotated[
         int,
         Field(
@@ -133,6 +134,7 @@ class Config:
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
     recorder: RecorderConfig = RecorderConfig()  # noqa: RUF009 (frozen)
+    outputs: ExtraOutputsConfig = ExtraOutputsConfig()  # noqa: RUF009 (frozen)
     map: MapConfig = MapConfig()  # noqa: RUF009 (frozen)
     load: LoadConfig = LoadConfig()  # noqa: RUF009 (frozen)
     log: LogConfig = LogConfig()  # noqa: RUF009 (frozen)

@@ -11,10 +11,10 @@ from benchmarks.hard_cases import CASES, case_config, format_row, measure_creep,
 from benchmarks.rendered_sequences import render
 from benchmarks.tracking import longest_gap_s, measure
 from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.plugins import PluginGroup
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.fault_injection import Fault, FaultKind
 from tests.vo_service.fakes import make_frame
-from vo_service.odometry import registry
 from vo_service.types import Estimate
 
 pytestmark = pytest.mark.slow
@@ -57,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def make_method(monkeypatch: pytest.MonkeyPatch, odometry: ScriptedEstimates) -> str:
     """Register an odometry as a method; return its name."""
-    monkeypatch.setitem(registry.METHODS, "make_method", lambda features, stopwatch: odometry)
+    monkeypatch.setattr(PluginGroup, "__getitem__", lambda methods, name: lambda *_: odometry)
     return "make_method"
 
 

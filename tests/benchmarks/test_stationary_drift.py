@@ -8,8 +8,8 @@ import pytest
 from benchmarks.stationary_drift import DriftResult, format_row, measure_drift
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import rigid_transform, so3_exp
+from drivers.core.plugins import PluginGroup
 from tests.vo_service.fakes import make_frame
-from vo_service.odometry import registry
 from vo_service.types import Estimate
 
 
@@ -25,8 +25,8 @@ class DriftingOdometry:
 
 @pytest.fixture
 def minutes(monkeypatch: pytest.MonkeyPatch) -> list[DriftResult]:
-    monkeypatch.setitem(
-        registry.METHODS, "creeping", lambda features, stopwatch: DriftingOdometry()
+    monkeypatch.setattr(
+        PluginGroup, "__getitem__", lambda methods, name: lambda *_: DriftingOdometry()
     )
     frames = (replace(make_frame(0), seq=seq) for seq in range(6))
     return list(measure_drift("creeping", frames, 3))

@@ -7,8 +7,8 @@ import pytest
 from drivers.camera import Clock, PlaybackMode
 from drivers.core.errors import InputError
 from drivers.registry import (
-    CAMERA_FACTORIES,
     CAMERA_USAGES,
+    CAMERAS,
     SENSORS,
     open_camera,
 )
@@ -74,11 +74,6 @@ def test_native_libraries_run_in_their_own_process(source: str, clock: Clock) ->
     assert (camera.name, camera.clock) == (source, clock)
 
 
-def test_every_backend_has_a_help_text() -> None:
-    assert set(CAMERA_USAGES) == set(CAMERA_FACTORIES)
-    assert set(SENSORS) < set(CAMERA_FACTORIES)
-
-
 def test_the_path_of_a_recording_names_its_kind(tmp_path: Path) -> None:
     (tmp_path / "desk.mcap").write_bytes(b"")
     (tmp_path / "rgb.txt").write_bytes(b"")
@@ -86,3 +81,9 @@ def test_the_path_of_a_recording_names_its_kind(tmp_path: Path) -> None:
     assert open_camera(str(tmp_path)).name == f"tum:{tmp_path}"
     with pytest.raises(InputError, match="needs a file: bag:FILE"):
         open_camera("bag:")
+
+
+def test_every_camera_is_registered_and_has_a_help_text() -> None:
+    for name in CAMERA_USAGES:
+        assert callable(CAMERAS[name])
+    assert set(SENSORS) < set(CAMERAS)

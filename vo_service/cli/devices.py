@@ -4,6 +4,7 @@ import argparse
 import json
 from collections.abc import Sequence
 
+from drivers.registry import CAMERAS
 from vo_service.tools.doctor.devices import (
     ListedDevice,
     list_available_devices,
@@ -36,9 +37,12 @@ def run(args: argparse.Namespace) -> int:
     """
     found = list_available_devices(probe_usb(), query_openni2())
     if args.json:
-        print(json.dumps({"schema": 1, "devices": [device.as_json() for device in found]}))
+        devices = [device.as_json() for device in found]
+        print(json.dumps({"schema": 1, "devices": devices, "plugins": list(CAMERAS.plugins)}))
     else:
         print("\n".join(_format_lines(found)) or NO_SENSOR_MESSAGE)
+        for name in CAMERAS.plugins:
+            print(f"--camera {name}[:ARGUMENT]  plug-in")
     return 0
 
 

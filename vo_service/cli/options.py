@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
-from drivers.registry import CAMERA_USAGES
+from drivers.registry import CAMERA_USAGES, describe_cameras
 from vo_service.config import Config, read_config
 from vo_service.config_tables import DEFAULT_ENDPOINT, LogConfig, LogLevel
 from vo_service.odometry.registry import METHODS, TIMING_MODES
@@ -18,8 +18,10 @@ def add_config_options(parser: argparse.ArgumentParser) -> None:
     """Add --config, --method and --timing."""
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
-        "--method", choices=list(METHODS), help="odometry method (default: the config's)"
-    )
+        "--method", metavar="METHOD", choices=METHODS,
+        help=f"odometry method: {', '.join(METHODS.built_in)}, or a plug-in's (default: the "
+        "config's)",
+    )  # fmt: skip
     parser.add_argument(
         "--timing", choices=list(TIMING_MODES),
         help="readout and delay of the sensor: learned while the method direct runs, or fixed as "
@@ -31,7 +33,8 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """Add --camera and --camera-file."""
     parser.add_argument(
         "--camera", metavar="SOURCE", type=_parse_source,
-        help=f"the camera (default: the config's): {', '.join(CAMERA_USAGES.values())}",
+        help=f"the camera (default: the config's): {', '.join(CAMERA_USAGES.values())}, "
+        "or NAME[:ARGUMENT] of a plug-in",
     )  # fmt: skip
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
@@ -133,9 +136,7 @@ def _check_rerun_targets(targets: Sequence[str]) -> None:
 def _parse_source(text: str) -> str:
     """Parse a camera. Refuse "", such as from an unset variable: it would mean the config's."""
     if not text:
-        raise argparse.ArgumentTypeError(
-            f"is empty: give one of {', '.join(CAMERA_USAGES.values())}"
-        )
+        raise argparse.ArgumentTypeError(f"is empty: give one of {describe_cameras()}")
     return text
 
 

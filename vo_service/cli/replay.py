@@ -102,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
             connect_policy=ConnectOnce if args.wait_for_subscriber else ConnectOnFreePort,
             wait_for_subscriber_s=args.wait_for_subscriber,
             rerun=config.rerun,
+            extra=config.outputs.extra,
             trajectory=args.trajectory,
             ground_truth=lambda: camera.ground_truth,
             log_line=terminal.write_line,

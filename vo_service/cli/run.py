@@ -131,6 +131,7 @@ def _serve(
         recorder=partial(open_recorder, config.recorder, asdict(config)),
         mapper=partial(open_mapper, config.map),
         rerun=config.rerun,
+        extra=config.outputs.extra,
         trajectory=args.trajectory,
         log_line=terminal.write_line,
     )

@@ -1,7 +1,9 @@
-"""Registry of the odometry methods by name, and their warm-up. A new method is added here.
+"""Registry of the odometry methods by name, and their warm-up.
 
-A method is imported when it is created: its kernels are slow to load, and most commands need none.
-The warm-up compiles its kernels, or loads them from the cache, before the first frame.
+A method is a function of `MethodConfig` and a stage timer in the entry-point group
+`kinect_vo.odometry`. It is imported when it is created: its kernels are slow to load, and most
+commands need none. The warm-up compiles its kernels, or loads them from the cache, before the first
+frame.
 """
 
 import time
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior, TimingSource
 from drivers.core.errors import InputError
+from drivers.core.plugins import PluginGroup
 from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Odometry
 
@@ -40,6 +43,11 @@ class MethodConfig:
     count: int = 1000
     upright: bool = False
     timing: str = DEFAULT_TIMING_MODE
+
+
+METHODS: PluginGroup[Callable[[MethodConfig, StageTimer], Odometry]] = PluginGroup(
+    "kinect_vo.odometry", "method", ("surf", "icp", "sfm", "direct")
+)
 
 
 def make_odometry(
@@ -85,7 +93,7 @@ def make_odometry(
     return METHODS[method](MethodConfig(feature_count, upright, timing), timer)
 
 
-def _make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
+def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Frame to frame by SURF features."""
     from vo_service.odometry.surf import SurfExtractor
     from vo_service.odometry.surf.odometry import SurfOdometry
@@ -93,7 +101,7 @@ def _make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
     return SurfOdometry(SurfExtractor(features.count, features.upright), timer=timer)
 
 
-def _make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
+def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
     from vo_service.odometry.direct.odometry import DirectOdometry
     from vo_service.odometry.direct.online_focal import OnlineFocalOdometry
@@ -106,14 +114,14 @@ def _make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     return OnlineFocalOdometry(OnlineTimingOdometry(tracker, timer=timer), timer=timer)
 
 
-def _make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:
+def make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:
     """Depth only, point-to-plane ICP."""
     from vo_service.odometry.icp.odometry import IcpOdometry
 
     return IcpOdometry(timer=timer)
 
 
-def _make_sfm(features: MethodConfig, timer: StageTimer) -> Odometry:
+def make_sfm(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Color only; the initial scale is from the first depth image."""
     from vo_service.odometry.sfm.odometry import SfmOdometry
     from vo_service.odometry.surf import SurfExtractor
@@ -121,12 +129,6 @@ def _make_sfm(features: MethodConfig, timer: StageTimer) -> Odometry:
     return SfmOdometry(SurfExtractor(features.count, features.upright), timer=timer)
 
 
-METHODS: Mapping[str, Callable[[MethodConfig, StageTimer], Odometry]] = {
-    "surf": _make_surf,
-    "icp": _make_icp,
-    "sfm": _make_sfm,
-    "direct": _make_direct,
-}
 # Milliseconds of processor time by stage, as the mean over all frames, for methods with a budget.
 # That of `direct` is with a rolling shutter; its sum is a quarter of one processor at 30 Hz.
 # Without a rolling shutter, half of `align` is enough.

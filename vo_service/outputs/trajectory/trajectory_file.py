@@ -5,15 +5,31 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
+from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.queues import BoundedQueue, WorkerThread
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.trajectory import format_pose_line
 from vo_service.types import OdometryUpdate, Status
 
 # Time limit, at the end, for a disk that hangs.
 CLOSE_TIMEOUT_S = 2.0
+# Limit of lines in the queue of a slow disk: five minutes.
+MAX_QUEUED_LINES = 9000
 
 logger = logging.getLogger(__name__)
+
+
+def open_trajectory(path: str, playback_mode: PlaybackMode) -> "TrajectoryFileOutput":
+    """Open a trajectory file, whose queue blocks in lockstep.
+
+    Raises:
+        InputError: If the file cannot be created.
+    """
+    is_lockstep = playback_mode is PlaybackMode.LOCKSTEP
+    lines: BoundedQueue[bytes] = (
+        BlockingQueue(64) if is_lockstep else DropOldestQueue(MAX_QUEUED_LINES)
+    )
+    return TrajectoryFileOutput(Path(path), lines)
 
 
 class TrajectoryFileOutput:

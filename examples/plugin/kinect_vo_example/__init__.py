@@ -1,0 +1,1 @@
+"""A camera and an output for kinect-vo."""

@@ -28,8 +28,8 @@ from benchmarks.map_error import distances_m, make_solids, render_with_truth, sc
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, rigid_transform, transform_points
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.reconstruction.tsdf_config import TsdfConfig
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
+from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
 MAX_DEPTH_M = TsdfConfig().max_depth_m
 TRUNCATION_VOXELS = 4.0

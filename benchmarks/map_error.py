@@ -22,7 +22,7 @@ from drivers.core.geometry import Array, inverse, transform_points
 from drivers.core.trajectory import Trajectory, read_trajectory
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import KINECT_COLOR, SyntheticConfig
-from drivers.synthetic.motion.factory import make_motion
+from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid, SolidKind

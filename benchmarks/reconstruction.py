@@ -23,9 +23,9 @@ from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
-from vo_service.reconstruction.frame_poses import FramePoses
-from vo_service.reconstruction.tsdf_config import TsdfConfig
+from vo_service.reconstruction.reconstructor import FramePoses
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
+from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 from vo_service.tools.evaluation import evaluate
 
 

@@ -21,9 +21,9 @@ def fuse_keyframes(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> Fuse
         config: Voxel size and memory limit.
     """
     # Imported here: only the process that makes a mesh needs the memory of these kernels.
-    from vo_service.reconstruction.ply import write_ply
-    from vo_service.reconstruction.tsdf_config import TsdfConfig
+    from vo_service.reconstruction.mesh import write_ply
     from vo_service.reconstruction.tsdf_volume import TsdfVolume
+    from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
     volume = TsdfVolume(TsdfConfig(voxel_m=config.voxel_m, memory_mb=config.mesh_memory_mb))
     for keyframe in keyframes:

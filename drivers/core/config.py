@@ -92,7 +92,13 @@ def read_toml(path: Path, kind: type[T]) -> T:
 
 
 def parse_toml(text: str, name: str, kind: type[T]) -> T:
-    """Parse a TOML text as `read_toml` does; error messages start with `name`."""
+    """Parse a TOML text as `read_toml` does; error messages start with `name`.
+
+    Args:
+        text: The file's content.
+        name: Name of the file, for errors.
+        kind: The dataclass.
+    """
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:

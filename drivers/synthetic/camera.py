@@ -27,7 +27,7 @@ from drivers.synthetic.frame_provider import (
     FrameProvider,
     OnDemandFrameProvider,
 )
-from drivers.synthetic.motion.factory import make_motion
+from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.pacing import HostClock, make_pacer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 

@@ -10,7 +10,7 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from drivers.synthetic.config import ColorSensorModel
-from drivers.synthetic.raytracing.raycast import Floats
+from drivers.synthetic.raycast import Floats
 
 MAX_BLUR_TAPS = 12
 # Rows exposed at a time; few enough that the temporary arrays stay in the processor's cache.
@@ -21,7 +21,13 @@ GAIN_WAVES = ((0.7, 0.11, 0.3), (0.3, 0.43, 1.9))
 
 
 def gain_at(sensor: ColorSensorModel, time_s: float, duration_s: float) -> float:
-    """Compute the exposure gain at a time; it has whole periods in `duration_s` for looping."""
+    """Compute the exposure gain at a time; it has whole periods in `duration_s` for looping.
+
+    Args:
+        sensor: Gives the drift.
+        time_s: Time from the first frame, s.
+        duration_s: Length of the sequence, s.
+    """
     total = 0.0
     for part, frequency, phase in GAIN_WAVES:
         periods = max(1.0, round(frequency * duration_s))
@@ -47,6 +53,13 @@ def expose(
     """Expose an image (H, W, 3) to uint8.
 
     At mid gray, half of the noise's power is shot noise and half is read-out noise.
+
+    Args:
+        image: (H, W, 3) float32, 0 to 255.
+        gain: Exposure gain; 1 is the mean.
+        vignetting: (H, W) relative brightness.
+        sensor: Softness and noise.
+        rng: Random generator of the noise.
     """
     if sensor.softness_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), sensor.softness_px)  # type: ignore[assignment]
@@ -89,8 +102,8 @@ def motion_blur(
     for v in range(height):
         for u in range(width):
             x, y, z = rays[v, u, 0], rays[v, u, 1], depth_m[v, u]
-            ax, ay = project_transformed(T_opening_now, body[v, u], v, x, y, z)
-            bx, by = project_transformed(T_closing_now, body[v, u], v, x, y, z)
+            ax, ay = _project_transformed(T_opening_now, body[v, u], v, x, y, z)
+            bx, by = _project_transformed(T_closing_now, body[v, u], v, x, y, z)
             du, dv = focal_px * (bx - ax), focal_px * (by - ay)
             taps = 1 + min(MAX_BLUR_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
             total[:] = 0.0
@@ -116,7 +129,7 @@ def motion_blur(
 
 
 @kernel
-def project_transformed(
+def _project_transformed(
     T: Array, b: int, v: int, x: float, y: float, z: float
 ) -> tuple[float, float]:
     """Project the point (x, y, 1) z onto the plane z = 1 after the rigid motion T[b, v]."""

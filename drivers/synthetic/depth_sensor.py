@@ -16,8 +16,7 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from drivers.synthetic.config import DepthSensorModel
-from drivers.synthetic.raytracing.intersect import FAR_M
-from drivers.synthetic.raytracing.raycast import Floats
+from drivers.synthetic.raycast import FAR_M, Floats
 
 # The sensor matches windows of 9 x 9 pixels, so neighbors share their errors.
 NOISE_BLUR_PX = 1.2
@@ -43,7 +42,7 @@ def measure_depth(depth_m: Floats, sensor: DepthSensorModel, rng: np.random.Gene
     Returns:
         Measured depth (H, W) in meters, 0 = no reading.
     """
-    true_m = jitter_edges(depth_m, sensor.lateral_sigma_px, rng)
+    true_m = _jitter_edges(depth_m, sensor.lateral_sigma_px, rng)
     scale = sensor.focal_px * sensor.baseline_m
     disparity_px = np.float32(scale) / true_m
     hidden = np.zeros(depth_m.shape, dtype=np.bool_)
@@ -60,7 +59,7 @@ def measure_depth(depth_m: Floats, sensor: DepthSensorModel, rng: np.random.Gene
     return np.where(valid & (depth_m < FAR_M), measured_m, 0).astype(np.float32)
 
 
-def jitter_edges(depth_m: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
+def _jitter_edges(depth_m: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
     """Give each pixel the depth of a neighbor `sigma_px` away on average."""
     if sigma_px == 0:
         return depth_m
@@ -151,7 +150,13 @@ def register_depth(
 
 @kernel
 def distort(x: float, y: float, k: Array) -> tuple[float, float]:
-    """Distort a point by Brown's model; `k` in OpenCV's order: k1 k2 p1 p2 k3."""
+    """Distort a point by Brown's model; `k` in OpenCV's order: k1 k2 p1 p2 k3.
+
+    Args:
+        x: Undistorted point on the plane z = 1.
+        y: The same.
+        k: (5,) k1 k2 p1 p2 k3, the order of OpenCV.
+    """
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
     return (

@@ -8,13 +8,12 @@ import numpy as np
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, transform_points
-from drivers.synthetic.assets.prints import picture, poster
-from drivers.synthetic.assets.small_objects import Solids
-from drivers.synthetic.assets.textures import collage, fabric, plaster, random_color
+from drivers.synthetic.camera_motion import CameraMotion, CubicSpline, rotations_from_vectors
 from drivers.synthetic.config import DynamicObjectConfig, DynamicObjectKind, SyntheticConfig
-from drivers.synthetic.motion.base import CameraMotion, rotations_from_vectors
-from drivers.synthetic.motion.spline import CubicSpline
+from drivers.synthetic.furniture import Solids
+from drivers.synthetic.prints import picture, poster
 from drivers.synthetic.solids import Solid, SolidKind, make_solid
+from drivers.synthetic.textures import collage, fabric, plaster, random_color
 
 # An object moves smoothly between waypoints; each is its configured place in the camera's view.
 WAYPOINT_PERIOD_S = 1.0

@@ -50,6 +50,11 @@ class FrameProvider(Protocol):
     def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
         """Wait for the newest rendered frame from `first` to `last`.
 
+        Args:
+            first: Number of the first frame that is wanted.
+            last: Number of the last one.
+            timeout_s: Longest wait, s.
+
         Returns:
             Its number; None if none of them is rendered after `timeout_s`.
 

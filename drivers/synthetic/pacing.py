@@ -39,6 +39,11 @@ class FramePacer(Protocol):
     def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
         """Wait for a frame from `next_seq` to `last_seq`.
 
+        Args:
+            next_seq: Number of the next frame.
+            last_seq: Number of the last frame of the sequence.
+            timeout_s: Longest wait, s.
+
         Raises:
             FrameTimeout: If there is none in time.
         """
@@ -56,7 +61,14 @@ class FramePacer(Protocol):
 def make_pacer(
     playback_mode: PlaybackMode, rate_hz: float, latency_s: float, host: HostClock
 ) -> FramePacer:
-    """Make the pacer of a mode; `latency_s` is from a frame's stamp until all of it has arrived."""
+    """Make the pacer of a mode; `latency_s` is from a frame's stamp until all of it has arrived.
+
+    Args:
+        playback_mode: Lockstep or real time.
+        rate_hz: Frames a second.
+        latency_s: Time from a frame's stamp until all of it has arrived, s.
+        host: The computer's clock.
+    """
     if playback_mode is PlaybackMode.REALTIME:
         return RealtimeFramePacer(rate_hz, latency_s, host)
     return LockstepFramePacer(rate_hz, host)

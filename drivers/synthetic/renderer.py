@@ -1,7 +1,8 @@
 """Render a frame of the virtual Kinect, from the exact motion to the images of the driver."""
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 
 import cv2
@@ -12,18 +13,17 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
 from drivers.rectify import make_undistorter
 from drivers.synthetic import color_sensor, depth_sensor
-from drivers.synthetic.aliased_corners import symmetrize_lights
+from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.dynamic_objects import DynamicObject, make_dynamic_objects
 from drivers.synthetic.fault_injection import RenderedImages
-from drivers.synthetic.motion.base import CameraMotion
-from drivers.synthetic.motion.factory import make_motion
-from drivers.synthetic.raytracing.lighting import make_lights
-from drivers.synthetic.raytracing.raycast import RaycastScene, RayGrid, cast_rays, prepare_scene
-from drivers.synthetic.raytracing.shading import shade, smooth_edges
-from drivers.synthetic.raytracing.texture_atlas import TextureAtlas, paint_atlas
-from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
+from drivers.synthetic.lighting import make_lights
+from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.raycast import RaycastScene, RayGrid, cast_rays, prepare_scene
+from drivers.synthetic.room import ROOM_HEIGHT_M, build_room, symmetrize_lights
+from drivers.synthetic.shading import shade, smooth_edges
 from drivers.synthetic.solids import SolidArrays
+from drivers.synthetic.texture_atlas import TextureAtlas, paint_atlas
 
 CLEARANCE_CHECKS_PER_S = 10
 
@@ -47,6 +47,12 @@ class RoomModel:
         """Build the room of `config`, without furniture in the way of the camera or moving objects.
 
         Moving objects are lit once, for their position halfway, and cast no shadow.
+
+        Args:
+            config: Room, motion and textures.
+            motion: Motion of the camera.
+            threads: Number of threads that paint the textures.
+            folder: Folder for the textures; None: in memory.
         """
         checks = max(2, int(config.duration_s * CLEARANCE_CHECKS_PER_S))
         times_s = np.linspace(0.0, config.duration_s, checks)
@@ -244,3 +250,15 @@ def pixel_rays(camera: PinholeCamera, distortion: Array) -> Array:
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
     rays = cv2.undistortPoints(pixels, camera.K, distortion, criteria=criteria)
     return np.ascontiguousarray(rays.reshape(camera.height, camera.width, 2), dtype=np.float64)
+
+
+CAMERA = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
+
+
+def warm_up_renderer() -> float:
+    """Render a tiny frame with all sensor faults and one with none; return the seconds it took."""
+    begin_s = time.monotonic()
+    for config in (SyntheticConfig(), SyntheticConfig.ideal()):
+        tiny = replace(config, camera=CAMERA, duration_s=0.1, texel_m=0.05)
+        make_renderer(tiny, threads=1).render(0)
+    return time.monotonic() - begin_s

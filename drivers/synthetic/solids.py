@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.synthetic.assets.textures import TexturePainter
+from drivers.synthetic.textures import TexturePainter
 
 
 class SolidKind(IntEnum):

@@ -10,8 +10,7 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
 from drivers.core.trajectory import Trajectory, format_pose_line
 from drivers.synthetic.solids import Solid, SolidKind
-from vo_service.reconstruction.mesh import Mesh
-from vo_service.reconstruction.ply import write_ply
+from vo_service.reconstruction.mesh import Mesh, write_ply
 
 BOX = Solid(SolidKind.BOX, np.eye(4), np.array([1.0, 1.0, 1.0]), ())
 # The first camera in the room, and a motion from there.

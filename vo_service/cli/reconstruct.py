@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vo_service.cli.options import add_config_options
 from vo_service.cli.recordings import RECORDING_HELP, add_topics_option
-from vo_service.reconstruction.tsdf_config import TsdfConfig
+from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
 EPILOG = """\
 examples:

@@ -29,12 +29,16 @@ from vo_service.config import Config
 from vo_service.frame_source import SinglePassSource
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.outputs.state_log import ProgressOutput
-from vo_service.reconstruction.frame_poses import FramePoses, TrackedPoseRecorder
-from vo_service.reconstruction.preview import PreviewFrame
-from vo_service.reconstruction.reconstructor import ReconstructionResult, Reconstructor
+from vo_service.reconstruction.reconstructor import (
+    FramePoses,
+    PreviewFrame,
+    ReconstructionResult,
+    Reconstructor,
+    TrackedPoseRecorder,
+)
 from vo_service.reconstruction.report import ReconstructionReport, translate_write_errors
-from vo_service.reconstruction.tsdf_config import TsdfConfig
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
+from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 from vo_service.reconstruction.warm_up import warm_up_reconstruction
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal

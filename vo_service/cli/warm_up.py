@@ -57,7 +57,7 @@ def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
 
 
 def _warm_up_renderer(on_progress: Callable[[str], None]) -> float:
-    from drivers.synthetic.warm_up import warm_up_renderer
+    from drivers.synthetic.renderer import warm_up_renderer
 
     on_progress("virtual Kinect")
     return warm_up_renderer()

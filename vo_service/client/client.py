@@ -220,6 +220,11 @@ class PoseClient:
     ) -> Mapping[str, Any]:
         """Send any command by its name and return the fields of its reply.
 
+        Args:
+            name: Last part of the key, such as "save-map".
+            arguments: Arguments by name, as JSON.
+            timeout_s: Longest wait for the reply, s.
+
         Raises:
             InputError: The name or an argument is invalid.
         """

@@ -109,7 +109,13 @@ class ThreadLocalReader(threading.local):
 
 
 def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
-    """Combine message and attachment into a pose."""
+    """Combine message and attachment into a pose.
+
+    Args:
+        received: The message.
+        is_continuous: Whether it continues the reader's previous pose.
+        missed: Number of poses between the two.
+    """
     message, attachment = received.message, received.attachment
     return Pose(
         stamp_s=message.stamp_s,

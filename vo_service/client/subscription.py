@@ -86,6 +86,11 @@ class ServiceState:
     ) -> tuple[int, T] | None:
         """Wait for a message after the first `count` ones.
 
+        Args:
+            latest: Latest message of the kind.
+            count: Number of messages that the reader has seen.
+            timeout_s: Longest wait, s; None: without limit.
+
         Returns:
             The new count and the newest message; None on timeout or `close`.
         """

@@ -15,10 +15,9 @@ from drivers.core.errors import UserFacingError
 from drivers.core.files import atomic_write, is_disk_full
 from drivers.core.geometry import Array
 from vo_service.reconstruction.gravity_alignment import estimate_up, level_transform
-from vo_service.reconstruction.mesh import Mesh
-from vo_service.reconstruction.pictures import render_camera_view, render_overview, render_top_view
-from vo_service.reconstruction.ply import write_ply
+from vo_service.reconstruction.mesh import Mesh, write_ply
 from vo_service.reconstruction.reconstructor import ReconstructionResult
+from vo_service.reconstruction.render import render_camera_view, render_overview, render_top_view
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.text_table import format_columns
 

@@ -4,7 +4,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from vo_service.reconstruction.mesh import Mesh
-from vo_service.reconstruction.preview import PreviewFrame, PreviewMap
+from vo_service.reconstruction.reconstructor import PreviewFrame, PreviewMap
 
 WORLD, SURFACE, TRAJECTORY, CAMERA = "world", "world/surface", "world/path", "world/camera"
 TRAJECTORY_COLOR = (255, 150, 40)

@@ -11,17 +11,20 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, inverse
 from vo_service.config_tables import MEGABYTE
 from vo_service.odometry.uncertainty import depth_sigma_m
-from vo_service.reconstruction.mesh import Mesh
-from vo_service.reconstruction.mesh_cleanup import remove_small_components
+from vo_service.reconstruction.mesh import Mesh, remove_small_components
 from vo_service.reconstruction.surface_nets import MESH_BYTES_PER_BLOCK, extract_surface
-from vo_service.reconstruction.tsdf_config import TsdfConfig
 from vo_service.reconstruction.tsdf_integration import (
     blocks_in_view,
     blocks_to_allocate,
     frustum_normals,
     integrate_frame,
 )
-from vo_service.reconstruction.voxel_block_grid import BLOCK_BYTES, BLOCK_SIDE, VoxelBlockGrid
+from vo_service.reconstruction.voxel_block_grid import (
+    BLOCK_BYTES,
+    BLOCK_SIDE,
+    TsdfConfig,
+    VoxelBlockGrid,
+)
 
 # Least number of sampled rays across a block.
 MIN_RAYS_PER_BLOCK = 4.0

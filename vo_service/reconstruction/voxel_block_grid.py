@@ -4,12 +4,38 @@ The table follows Niessner et al., "Real-time 3D reconstruction at scale using v
 Transactions on Graphics 32(6), 2013.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.jit import kernel
+
+# Lower bounds of the truncation distance. A smaller one would not merge a surface that was seen
+# twice with a pose error of some centimeters.
+MIN_TRUNCATION_VOXELS, MIN_TRUNCATION_M = 4.0, 0.06
+
+
+@dataclass(frozen=True)
+class TsdfConfig:
+    """Resolution and limits of a map.
+
+    Attributes:
+        voxel_m: Edge of a voxel, the finest detail.
+        memory_mb: Memory limit, including mesh extraction.
+        max_depth_m: Greater depths are ignored, as they are too coarse.
+    """
+
+    voxel_m: float = 0.01
+    memory_mb: int = 1000
+    max_depth_m: float = 4.0
+
+    @property
+    def truncation_m(self) -> float:
+        """Distance from a surface up to which the signed distance is stored."""
+        return max(MIN_TRUNCATION_VOXELS * self.voxel_m, MIN_TRUNCATION_M)
+
 
 BLOCK_SIDE = 8
 VOXELS_PER_BLOCK = BLOCK_SIDE**3
@@ -68,7 +94,7 @@ class VoxelBlockGrid:
 
 
 @kernel
-def block_key(x: int, y: int, z: int) -> int:
+def _block_key(x: int, y: int, z: int) -> int:
     """Encode block coordinates as one key; OUT_OF_RANGE if they are too large."""
     if not (
         abs(x) < _COORDINATE_LIMIT and abs(y) < _COORDINATE_LIMIT and abs(z) < _COORDINATE_LIMIT
@@ -93,8 +119,15 @@ def find_table_slot(key: int, table: NDArray[np.int64]) -> int:
 
 @kernel
 def block_index(x: int, y: int, z: int, table: NDArray[np.int64]) -> Any:
-    """Return the number of the block at these coordinates; NO_BLOCK if there is none."""
-    key = block_key(x, y, z)
+    """Return the number of the block at these coordinates; NO_BLOCK if there is none.
+
+    Args:
+        x: Block coordinate: position in the world over the side of a block.
+        y: The same.
+        z: The same.
+        table: (capacity, 2) keys and numbers, see `VoxelBlockGrid`.
+    """
+    key = _block_key(x, y, z)
     if key == OUT_OF_RANGE:
         return NO_BLOCK
     slot = find_table_slot(key, table)
@@ -108,7 +141,7 @@ def _insert_blocks(
     """Insert missing blocks; return the new count and the number that did not fit."""
     rejected = 0
     for n in range(len(requested)):
-        key = block_key(requested[n, 0], requested[n, 1], requested[n, 2])
+        key = _block_key(requested[n, 0], requested[n, 1], requested[n, 2])
         if key == OUT_OF_RANGE:
             rejected += 1
             continue

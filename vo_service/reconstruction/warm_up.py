@@ -19,9 +19,9 @@ def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
     Returns:
         Duration in seconds.
     """
-    from vo_service.reconstruction.pictures import render_camera_view
-    from vo_service.reconstruction.tsdf_config import TsdfConfig
+    from vo_service.reconstruction.render import render_camera_view
     from vo_service.reconstruction.tsdf_volume import TsdfVolume
+    from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
     begin_s = time.monotonic()
     volume = TsdfVolume(TsdfConfig(voxel_m=0.05, memory_mb=10))

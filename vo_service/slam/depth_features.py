@@ -93,6 +93,13 @@ def compensate_rolling_shutter(
     """Transform points (N, 3), observed in rows (N,), to the time of the middle row.
 
     motion is (9,) of the camera in its own axes, see `motion`.
+
+    Args:
+        position_m: (N, 3) points in camera axes at the time of their row, m.
+        row_px: (N,) rows in which they were observed.
+        height: Rows of the image.
+        readout_s: Time from the first row to the last, s.
+        motion: (9,) motion of the camera in its own axes.
     """
     compensated = np.empty_like(position_m)
     for n in range(len(position_m)):

@@ -219,7 +219,13 @@ class KeyframeDatabase:
     def find_similar(
         self, query: QueryFrame, count: int, is_allowed: Callable[[MapKeyframe], bool]
     ) -> list[MapKeyframe]:
-        """Find the allowed keyframes that look most like a view, the most similar first."""
+        """Find the allowed keyframes that look most like a view, the most similar first.
+
+        Args:
+            query: The view.
+            count: Largest number of keyframes.
+            is_allowed: Whether a keyframe may be found.
+        """
         keyframes = [keyframe for keyframe in self if is_allowed(keyframe)]
         if not keyframes:
             return []

@@ -40,7 +40,13 @@ class LoopCandidates:
     def find_loop_candidates(
         self, query: QueryFrame, world_id: int, T_map_camera: Array
     ) -> list[MapKeyframe]:
-        """Find loop candidates of a view in a world frame, at its pose in the map."""
+        """Find loop candidates of a view in a world frame, at its pose in the map.
+
+        Args:
+            query: The view.
+            world_id: Number of its world frame.
+            T_map_camera: 4x4 pose of the optical camera in the map, m.
+        """
         if world_id != self._world_id:
             self._world_id = world_id
             self._recent.clear()

@@ -48,7 +48,13 @@ class OptimizedTrajectory:
         self._stamps_s_by_keyframe: defaultdict[int | None, list[float]] = defaultdict(list)
 
     def add(self, stamp_s: float, keyframe_number: int, T_keyframe_camera: Array) -> None:
-        """Add a frame; it replaces one with the same stamp."""
+        """Add a frame; it replaces one with the same stamp.
+
+        Args:
+            stamp_s: Stamp of the frame, s.
+            keyframe_number: Number of the last keyframe.
+            T_keyframe_camera: 4x4 pose of the optical camera relative to it, m.
+        """
         self._poses[stamp_s] = AnchoredPose(keyframe_number, T_keyframe_camera)
         self._stamps_s_by_keyframe[keyframe_number].append(stamp_s)
 

@@ -90,7 +90,13 @@ class PlaceRecognizer:
         velocity: Array,
         velocity_sigma: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
     ) -> QueryFrame:
-        """Make a query of a frame; the velocity and its sigma are as in `QueryFrame`."""
+        """Make a query of a frame; the velocity and its sigma are as in `QueryFrame`.
+
+        Args:
+            frame: The frame.
+            velocity: (6,) see `QueryFrame`.
+            velocity_sigma: See `QueryFrame`.
+        """
         features = extract_depth_features(frame, self._extractor, velocity, MAX_STORED_FEATURES)
         vlad_descriptor = self._vocabulary.describe(features.descriptor_int8)
         return QueryFrame(
@@ -100,7 +106,14 @@ class PlaceRecognizer:
     def create_keyframe(
         self, query: QueryFrame, number: int, world_id: int, T_world_keyframe: Array
     ) -> MapKeyframe:
-        """Make a keyframe of a query."""
+        """Make a keyframe of a query.
+
+        Args:
+            query: The view.
+            number: Number of the keyframe.
+            world_id: Number of its world frame.
+            T_world_keyframe: 4x4 pose of the optical camera in that frame, m.
+        """
         points = select_points(
             query.image_pyramid, constant_velocity_motion(query.velocity), ALL_STATIC
         )

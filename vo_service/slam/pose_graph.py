@@ -91,7 +91,13 @@ class PoseGraph:
         return self._edges
 
     def add_node(self, number: int, world_id: int, T_world_keyframe: Array) -> None:
-        """Add an unconnected node: the first one of a world frame."""
+        """Add an unconnected node: the first one of a world frame.
+
+        Args:
+            number: Number of the keyframe.
+            world_id: Number of its world frame.
+            T_world_keyframe: 4x4 pose of the keyframe in that frame, m.
+        """
         self._nodes[number] = Node(number, world_id, T_world_keyframe, T_world_keyframe)
 
     def add_odometry_edge(self, edge: Edge) -> None:

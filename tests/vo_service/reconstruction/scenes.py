@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array
-from vo_service.reconstruction.tsdf_config import TsdfConfig
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
+from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
 CAMERA = PinholeCamera(64, 48, 52.0, 52.0, 31.5, 23.5)
 RED, BLUE = (0, 0, 200), (220, 30, 10)

@@ -10,7 +10,7 @@ from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_comple
 from tests.vo_service.reconstruction.scenes import CAMERA
 from vo_service.outputs.rerun.preview import open_previews
 from vo_service.reconstruction.mesh import Mesh
-from vo_service.reconstruction.preview import PreviewFrame, PreviewMap
+from vo_service.reconstruction.reconstructor import PreviewFrame, PreviewMap
 from vo_service.reconstruction.rerun_preview import ReconstructionScene
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from tests.vo_service.reconstruction.scenes import fuse_views, render_wall
-from vo_service.reconstruction.mesh import Mesh
-from vo_service.reconstruction.mesh_cleanup import remove_small_components
+from vo_service.reconstruction.mesh import Mesh, remove_small_components
 
 
 def edges_of(mesh: Mesh) -> np.ndarray:

@@ -67,7 +67,15 @@ def reply(
     encoding: zenoh.Encoding = JSON,
     attachment: bytes | None = None,
 ) -> None:
-    """Send the reply and close the query."""
+    """Send the reply and close the query.
+
+    Args:
+        query: The query.
+        key: Zenoh key of the reply.
+        payload: Content of the reply.
+        encoding: Encoding of the payload.
+        attachment: JSON attachment, if there is one.
+    """
     with suppress(zenoh.ZError):  # the session has closed
         query.reply(key, payload, encoding=encoding, attachment=attachment)
     query.drop()  # type: ignore[no-untyped-call]

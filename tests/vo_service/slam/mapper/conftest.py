@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA, COARSE
-from vo_service.reconstruction.tsdf_config import TsdfConfig
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
+from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
 
 @pytest.fixture(scope="session")

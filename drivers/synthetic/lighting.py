@@ -7,8 +7,13 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.synthetic.raytracing.intersect import intersect_box, intersect_sphere_or_cylinder
-from drivers.synthetic.raytracing.raycast import CYLINDER, ROOM, Floats
+from drivers.synthetic.raycast import (
+    CYLINDER,
+    ROOM,
+    Floats,
+    intersect_box,
+    intersect_sphere_or_cylinder,
+)
 from drivers.synthetic.solids import (
     FACE_FLIP,
     FACE_U_AXIS,
@@ -45,7 +50,14 @@ def make_lights(rng: np.random.Generator, half_m: Array) -> Array:
 
 
 def compute_face_brightness(solid: Solid, face: int, solids: SolidArrays, lights: Array) -> Floats:
-    """Compute the brightness (rows, columns) over a face; 1 is full light."""
+    """Compute the brightness (rows, columns) over a face; 1 is full light.
+
+    Args:
+        solid: The lit solid.
+        face: Number of its face.
+        solids: All solids, which cast shadows.
+        lights: (B, 4) position in the world, m, and power of each light.
+    """
     wide, high = solid.face_size_m(face)
     columns, rows = max(2, int(wide / CELL_M)), max(2, int(high / CELL_M))
     s, t = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
@@ -53,7 +65,7 @@ def compute_face_brightness(solid: Solid, face: int, solids: SolidArrays, lights
     R, center = solid.T_world_solid[:3, :3], solid.T_world_solid[:3, 3]
     points = (unit * solid.half_m) @ R.T + center
     normals = normal @ R.T
-    light = compute_brightness(
+    light = _compute_brightness(
         points, normals, lights, solids.kind, solids.to_unit, solids.center_m
     )
     return light.reshape(rows, columns)
@@ -78,7 +90,7 @@ def _surface_points(kind: SolidKind, face: int, s: Array, t: Array) -> tuple[Arr
 
 
 @kernel
-def compute_brightness(
+def _compute_brightness(
     points: Array,
     normals: Array,
     lights: Array,
@@ -104,13 +116,13 @@ def compute_brightness(
                 p[1] + SURFACE_OFFSET_M * n[1],
                 p[2] + SURFACE_OFFSET_M * n[2],
             )
-            if not is_occluded(x, y, z, wx, wy, wz, kind, to_unit, center_m):
+            if not _is_occluded(x, y, z, wx, wy, wz, kind, to_unit, center_m):
                 light[i] += bulb[3] * cosine / (1.0 + (distance_m / FALL_OFF_M) ** 2)
     return light
 
 
 @kernel
-def is_occluded(
+def _is_occluded(
     x: float,
     y: float,
     z: float,
@@ -140,7 +152,14 @@ def is_occluded(
 
 @kernel
 def rotate(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Multiply M (3, 3) by (x, y, z)."""
+    """Multiply M (3, 3) by (x, y, z).
+
+    Args:
+        M: (3, 3) matrix.
+        x: First component.
+        y: Second component.
+        z: Third component.
+    """
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
         M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,

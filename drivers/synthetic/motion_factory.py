@@ -2,13 +2,16 @@
 
 import numpy as np
 
+from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.config import MotionKind, SyntheticConfig
-from drivers.synthetic.motion.base import CameraMotion
-from drivers.synthetic.motion.handheld import ROOM_SWEEP, FloorMotion, HandheldMotion
-from drivers.synthetic.motion.orbit import OrbitMotion
-from drivers.synthetic.motion.recorded import RecordedMotion
-from drivers.synthetic.motion.scripted import CreepMotion, FastTurnMotion, WallMotion
-from drivers.synthetic.motion.tour import TourMotion
+from drivers.synthetic.handheld_motion import ROOM_SWEEP, FloorMotion, HandheldMotion
+from drivers.synthetic.scripted_motion import (
+    CreepMotion,
+    FastTurnMotion,
+    RecordedMotion,
+    WallMotion,
+)
+from drivers.synthetic.walking_motion import OrbitMotion, TourMotion
 
 
 def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:

@@ -7,12 +7,11 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
-from drivers.synthetic.assets.textures import flat_color
-from drivers.synthetic.raytracing.intersect import FAR_M
-from drivers.synthetic.raytracing.raycast import RaycastScene, RayGrid, cast_rays, prepare_scene
+from drivers.synthetic.raycast import FAR_M, RaycastScene, RayGrid, cast_rays, prepare_scene
 from drivers.synthetic.renderer import pixel_rays
 from drivers.synthetic.room import build_room
 from drivers.synthetic.solids import Solid, SolidArrays, SolidKind, make_solid
+from drivers.synthetic.textures import flat_color
 
 CAMERA = PinholeCamera(64, 48, 50.0, 50.0, 31.5, 23.5)
 GRID = RayGrid.from_rays(pixel_rays(CAMERA, np.zeros(5)))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.synthetic.assets.textures import (
+from drivers.synthetic.textures import (
     Color,
     Paint,
     TexturePainter,
@@ -80,7 +80,7 @@ def _random_text(rng: np.random.Generator, length: int) -> str:
     return text[:length]
 
 
-def draw_text(
+def _draw_text(
     rng: np.random.Generator, image: Canvas, left: float, base: float, high_px: float, ink: Color
 ) -> None:
     """Draw random words from (`left`, `base`) to the right edge, letters `high_px` high."""
@@ -101,7 +101,7 @@ def page(heading_m: float = 0.02) -> TexturePainter:
         image = np.full((height, width, 3), paper, dtype=np.uint8)
         margin, y = 0.08 * width, 0.06 * height + heading_m / texel_m
         ink = random_color(rng, 0.7, 10.0, 120.0)
-        draw_text(rng, image, margin, y, heading_m / texel_m, ink)
+        _draw_text(rng, image, margin, y, heading_m / texel_m, ink)
         body_px = max(3.5, rng.uniform(0.004, 0.009) / texel_m)
         while y < height - 2 * body_px:
             y += 1.9 * body_px
@@ -111,7 +111,7 @@ def page(heading_m: float = 0.02) -> TexturePainter:
                     inset[:] = picture(0.4)(rng, inset.shape[0], inset.shape[1], texel_m)
                 y += 0.25 * height
             else:
-                draw_text(rng, image, margin, y, body_px, (75.0, 75.0, 75.0))
+                _draw_text(rng, image, margin, y, body_px, (75.0, 75.0, 75.0))
         return image.astype(np.float32)
 
     return paint
@@ -127,7 +127,7 @@ def poster() -> TexturePainter:
             base = rng.uniform(0.15, 0.95) * height
             band = image[max(0, int(base - 1.3 * high)) : int(base + 0.4 * high)]
             band[:] = 0.35 * band + 0.65 * np.array(random_color(rng))
-            draw_text(rng, image, 0.05 * width, base, high, random_color(rng, 0.5, 0.0, 255.0))
+            _draw_text(rng, image, 0.05 * width, base, high, random_color(rng, 0.5, 0.0, 255.0))
         edge = max(1, int(0.02 * min(height, width)))
         frame = random_color(rng, 0.3, 20.0, 250.0)
         cv2.rectangle(image, (0, 0), (width - 1, height - 1), frame, 2 * edge)
@@ -164,7 +164,7 @@ def _paint_spine(rng: np.random.Generator, height: int, width: int) -> Paint:
         x = int(rng.uniform(0.02, 0.95) * height)
         lying[:, x : x + max(1, height // 25)] = random_color(rng)
     ink = random_color(rng, 0.3, 0.0, 255.0)
-    draw_text(rng, lying, rng.uniform(0.08, 0.3) * height, 0.7 * width, 0.5 * width, ink)
+    _draw_text(rng, lying, rng.uniform(0.08, 0.3) * height, 0.7 * width, 0.5 * width, ink)
     standing = lying.transpose(1, 0, 2)
     return standing[:: rng.choice((-1, 1))].astype(np.float32)
 
@@ -180,7 +180,7 @@ def parcel() -> TexturePainter:
         image[middle - tape : middle + tape] = random_color(rng, 0.3)
         for _ in range(2):
             ink = random_color(rng, 0.8, 10.0, 130.0)
-            draw_text(rng, image, 0.1 * width, rng.uniform(0.2, 0.95) * height, 0.12 * height, ink)
+            _draw_text(rng, image, 0.1 * width, rng.uniform(0.2, 0.95) * height, 0.12 * height, ink)
         return collage(
             fixed_texture(image.astype(np.float32)), [(page(0.01), 0.35 * width * texel_m)] * 2
         )(rng, height, width, texel_m)

@@ -7,8 +7,7 @@ import pytest
 
 from tests.full_disk import limit_file_size
 from tests.vo_service.reconstruction.ply_reader import read_ply
-from vo_service.reconstruction.mesh import Mesh
-from vo_service.reconstruction.ply import write_ply
+from vo_service.reconstruction.mesh import Mesh, write_ply
 
 
 def test_a_written_mesh_is_read_back(seen_ball: Mesh, tmp_path: Path) -> None:

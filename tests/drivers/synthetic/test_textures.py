@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.synthetic.assets.prints import book_spines, page, parcel, picture, poster, screen
-from drivers.synthetic.assets.textures import (
+from drivers.synthetic.prints import book_spines, page, parcel, picture, poster, screen
+from drivers.synthetic.textures import (
     TexturePainter,
     bricks,
     cabinet_doors,

@@ -1,16 +1,13 @@
-"""Pieces of furniture, each standing on the floor with its back to y = 0 and its front to -y."""
+"""Furniture of the room, with papers and small objects on it."""
+
+from collections.abc import Callable
 
 import numpy as np
 
-from drivers.synthetic.assets.prints import book_spines, parcel, picture, screen
-from drivers.synthetic.assets.small_objects import (
-    FurnitureBuilder,
-    Solids,
-    random_box_size,
-    random_print,
-    scatter_objects,
-)
-from drivers.synthetic.assets.textures import (
+from drivers.core.geometry import rigid_transform
+from drivers.synthetic.prints import book_spines, page, parcel, picture, poster, screen
+from drivers.synthetic.solids import Solid, SolidKind, make_solid
+from drivers.synthetic.textures import (
     TexturePainter,
     cabinet_doors,
     collage,
@@ -19,7 +16,75 @@ from drivers.synthetic.assets.textures import (
     random_color,
     wood,
 )
-from drivers.synthetic.solids import SolidKind, make_solid
+
+Solids = list[Solid]
+FurnitureBuilder = Callable[[np.random.Generator], Solids]
+
+
+def _random_box_size(
+    rng: np.random.Generator, low_m: float, high_m: float, shape: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Random size of a parcel, each side stretched by a factor of `shape`."""
+    x, y, z = (rng.uniform(low_m, high_m) * stretch for stretch in shape)
+    return x, y, z
+
+
+def _scatter_objects(rng: np.random.Generator, wide_m: float, deep_m: float, z: float) -> Solids:
+    """Books, boxes, mugs and balls on a surface, more on a larger one."""
+    solids: Solids = []
+    cell = 0.28
+    for x in np.arange(-wide_m / 2 + cell / 2, wide_m / 2, cell):
+        for y in np.arange(-deep_m + cell / 2, 0.0, cell):
+            if rng.uniform() < 0.5:
+                spot = rigid_transform(np.eye(3), (x + rng.uniform(-0.05, 0.05), y, z))
+                build = SMALL_OBJECTS[rng.integers(len(SMALL_OBJECTS))]
+                solids += [solid.transform(spot) for solid in build(rng)]
+    return solids
+
+
+def _books(rng: np.random.Generator) -> Solids:
+    solids, z = [], 0.0
+    for _ in range(int(rng.integers(1, 5))):
+        thick = rng.uniform(0.015, 0.05)
+        side = book_spines()
+        textures = (side, side, side, side, poster(), poster())
+        size = (rng.uniform(0.13, 0.21), rng.uniform(0.18, 0.26), thick)
+        solids.append(make_solid((0, 0, z + thick / 2), size, textures, rng.uniform(-1.5, 1.5)))
+        z += thick
+    return solids
+
+
+def _packet(rng: np.random.Generator) -> Solids:
+    size = _random_box_size(rng, 0.06, 0.18, (1.0, 1.0, 1.3))
+    texture = poster() if rng.uniform() < 0.6 else parcel()
+    return [make_solid((0, 0, size[2] / 2), size, texture, rng.uniform(-1.5, 1.5))]
+
+
+def _mug(rng: np.random.Generator) -> Solids:
+    wide, high = rng.uniform(0.07, 0.10), rng.uniform(0.08, 0.13)
+    glaze = collage(plaster(random_color(rng, 0.5, 120.0)), [(picture(), 0.08)] * 3)
+    return [make_solid((0, 0, high / 2), (wide, wide, high), glaze, kind=SolidKind.CYLINDER)]
+
+
+def _ball(rng: np.random.Generator) -> Solids:
+    wide = rng.uniform(0.08, 0.2)
+    texture = collage(plaster(random_color(rng)), [(picture(), 0.1)] * 4)
+    return [make_solid((0, 0, wide / 2), (wide, wide, wide), texture, kind=SolidKind.SPHERE)]
+
+
+def _standing_card(rng: np.random.Generator) -> Solids:
+    size = (rng.uniform(0.12, 0.22), 0.015, rng.uniform(0.14, 0.26))
+    return [make_solid((0, 0, size[2] / 2), size, poster(), rng.uniform(-0.8, 0.8))]
+
+
+def random_print(rng: np.random.Generator) -> TexturePainter:
+    """Choose a kind of print."""
+    prints = (page(), page(0.035), poster(), picture())
+    return prints[rng.integers(len(prints))]
+
+
+SMALL_OBJECTS: tuple[FurnitureBuilder, ...] = (_books, _books, _packet, _mug, _ball, _standing_card)
+
 
 WOODS = ((70.0, 115.0, 165.0), (95.0, 150.0, 200.0), (45.0, 70.0, 110.0), (150.0, 185.0, 210.0))
 
@@ -30,7 +95,14 @@ def random_wood(rng: np.random.Generator, board_m: float = 0.0) -> TexturePainte
 
 
 def table(rng: np.random.Generator, wide_m: float, deep_m: float, high_m: float) -> Solids:
-    """A table with papers and small objects on it."""
+    """A table with papers and small objects on it.
+
+    Args:
+        rng: Random generator of sizes and prints.
+        wide_m: Width along x, m.
+        deep_m: Depth along y, m.
+        high_m: Height of the top, m.
+    """
     timber = random_wood(rng, rng.choice((0.0, 0.14)))
     papers = [(random_print(rng), rng.uniform(0.12, 0.3)) for _ in range(int(6 * wide_m * deep_m))]
     top = (timber, timber, timber, timber, timber, collage(timber, papers, 3.1))
@@ -40,7 +112,7 @@ def table(rng: np.random.Generator, wide_m: float, deep_m: float, high_m: float)
         for x in (-wide_m / 2 + 0.04, wide_m / 2 - 0.04)
         for y in (-0.04, 0.04 - deep_m)
     ]
-    return solids + scatter_objects(rng, wide_m, deep_m, high_m)
+    return solids + _scatter_objects(rng, wide_m, deep_m, high_m)
 
 
 def desk(rng: np.random.Generator) -> Solids:
@@ -59,7 +131,15 @@ def desk(rng: np.random.Generator) -> Solids:
 
 
 def lamp(rng: np.random.Generator, x: float, y: float, z: float, high_m: float) -> Solids:
-    """A pole with a shade, standing at (x, y, z)."""
+    """A pole with a shade, standing at (x, y, z).
+
+    Args:
+        rng: Random generator of the colors.
+        x: Foot of the pole, m, in axes of the group.
+        y: The same.
+        z: The same.
+        high_m: Height of the lamp, m.
+    """
     metal, shade = plaster(random_color(rng, 0.2)), fabric(random_color(rng), random_color(rng))
     wide = 0.18 + 0.1 * high_m
     return [
@@ -114,7 +194,7 @@ def cupboard(rng: np.random.Generator) -> Solids:
     textures = (body, body, collage(front, stickers), body, body, body)
     return [
         make_solid((0, -deep / 2, high / 2), (wide, deep, high), textures),
-        *scatter_objects(rng, wide, deep, high),
+        *_scatter_objects(rng, wide, deep, high),
     ]
 
 
@@ -151,7 +231,7 @@ def stacked_boxes(rng: np.random.Generator) -> Solids:
     """A stack of cardboard boxes."""
     solids, z = [], 0.0
     for _ in range(int(rng.integers(2, 5))):
-        size = random_box_size(rng, 0.25, 0.5, (1.2, 0.9, 0.8))
+        size = _random_box_size(rng, 0.25, 0.5, (1.2, 0.9, 0.8))
         solids.append(
             make_solid((0, -0.28, z + size[2] / 2), size, parcel(), rng.uniform(-0.4, 0.4))
         )

@@ -4,6 +4,7 @@ A ray of a pixel is (x, y, 1) in camera axes, so the ray's parameter is the dept
 Every row has its own pose (rolling shutter).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,64 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.synthetic.raytracing.intersect import (
-    FAR_M,
-    NEAR_M,
-    intersect_box,
-    intersect_sphere_or_cylinder,
-)
 from drivers.synthetic.solids import SolidArrays, SolidKind
+
+NEAR_M = 0.02
+FAR_M = 1e6
+
+
+@kernel
+def intersect_box(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, inside: bool
+) -> float:
+    """Return t where o + t d enters the unit cube, or leaves it if `inside`; FAR_M if nowhere.
+
+    Args:
+        ox: Origin o of the ray in the unit cube, first component.
+        oy: Second component.
+        oz: Third component.
+        dx: Direction d, first component.
+        dy: Second component.
+        dz: Third component.
+        inside: Whether the ray starts inside: the cube is the room.
+    """
+    ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
+    cx, cy, cz = -ox * ix, -oy * iy, -oz * iz
+    rx, ry, rz = abs(ix), abs(iy), abs(iz)
+    enter = max(cx - rx, max(cy - ry, cz - rz))
+    leave = min(cx + rx, min(cy + ry, cz + rz))
+    if inside:
+        return leave
+    return enter if enter <= leave and enter > NEAR_M else FAR_M
+
+
+@kernel
+def intersect_sphere_or_cylinder(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, is_cylinder: bool
+) -> float:
+    """Return t where o + t d first hits the unit sphere or open cylinder; FAR_M if nowhere.
+
+    Args:
+        ox: Origin o of the ray in the unit cube, first component.
+        oy: Second component.
+        oz: Third component.
+        dx: Direction d, first component.
+        dy: Second component.
+        dz: Third component.
+        is_cylinder: Whether the solid is a cylinder along z.
+    """
+    w = 0.0 if is_cylinder else 1.0
+    a = dx * dx + dy * dy + w * dz * dz
+    half_b = ox * dx + oy * dy + w * oz * dz
+    root = half_b * half_b - a * (ox * ox + oy * oy + w * oz * oz - 1.0)
+    if root < 0.0:
+        return FAR_M
+    root = math.sqrt(root)
+    for t in ((-half_b - root) / a, (-half_b + root) / a):
+        if t > NEAR_M and abs(oz + t * dz) <= 1.0:
+            return t
+    return FAR_M
+
 
 TILE = 16
 # How far a solid's outline may move between the three projected rows, in tan(angle).
@@ -78,17 +130,17 @@ def prepare_scene(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> R
         grid: The rays.
         T_body_camera: (B, H, 4, 4) pose of each row in each body's frame.
     """
-    frames = unit_frames(solids.to_unit, solids.center_m, solids.body, T_body_camera)
+    frames = _unit_frames(solids.to_unit, solids.center_m, solids.body, T_body_camera)
     rows = np.array([0, len(grid.rays) // 2, len(grid.rays) - 1])
     T_camera_body = np.asarray(np.linalg.inv(T_body_camera[:, rows]), np.float64)
-    outlines = project_outlines(solids.corners_m, solids.body, T_camera_body)
+    outlines = _project_outlines(solids.corners_m, solids.body, T_camera_body)
     order = np.argsort(outlines[:, 0], kind="stable")
-    candidates = list_candidates(outlines, order, grid.bounds)
+    candidates = _list_candidates(outlines, order, grid.bounds)
     return RaycastScene(solids.kind, frames, candidates, outlines[:, 0].copy())
 
 
 @kernel
-def unit_frames(
+def _unit_frames(
     to_unit: Array, center_m: Array, body: NDArray[np.int64], T_body_camera: Array
 ) -> Array:
     """Transforms (H, S, 3, 4) from a row's camera coordinates to each solid's unit cube."""
@@ -109,7 +161,7 @@ def unit_frames(
 
 
 @kernel
-def project_outlines(corners_m: Array, body: NDArray[np.int64], T_camera_body: Array) -> Array:
+def _project_outlines(corners_m: Array, body: NDArray[np.int64], T_camera_body: Array) -> Array:
     """Bounds (S, 5) of each solid: smallest depth, then min x, max x, min y, max y at z = 1.
 
     They are the union over the given poses. A solid behind the camera has an empty range.
@@ -149,7 +201,7 @@ def _extend_outline(outline: Array, x: float, y: float, z: float) -> None:
 
 
 @kernel
-def list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) -> Indices:
+def _list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) -> Indices:
     """List the candidates of each tile; see `RaycastScene`."""
     lists = np.full((bounds.shape[0], bounds.shape[1], len(order) + 1), -1, dtype=np.int32)
     for i in range(bounds.shape[0]):
@@ -178,7 +230,15 @@ def list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) ->
 def cast_rays(
     rays: Array, kind: NDArray[np.int64], frames: Array, candidates: Indices, near_m: Array
 ) -> tuple[Floats, Indices]:
-    """Cast all rays; returns depth (H, W) in meters and the index of the solid (H, W), or -1."""
+    """Cast all rays; returns depth (H, W) in meters and the index of the solid (H, W), or -1.
+
+    Args:
+        rays: (H, W, 2) x, y of each pixel on the plane z = 1, camera axes.
+        kind: (S,) kind of each solid.
+        frames: (H, S, 3, 4) from the camera at each row to the unit cube of each solid.
+        candidates: Solids of each tile, see `RaycastScene`.
+        near_m: (S,) smallest depth of each solid, m.
+    """
     height, width = rays.shape[0], rays.shape[1]
     depth_m = np.empty((height, width), dtype=np.float32)
     solid = np.empty((height, width), dtype=np.int32)
@@ -203,6 +263,16 @@ def cast_ray(
     """Depth and index of the first solid that the ray (x, y, 1) of pixel (v, u) hits.
 
     FAR_M and -1 if it hits none.
+
+    Args:
+        x: Ray on the plane z = 1, camera axes.
+        y: The same.
+        v: Row of the pixel.
+        u: Column of the pixel.
+        kind: As in `cast_rays`.
+        frames: As in `cast_rays`.
+        candidates: As in `cast_rays`.
+        near_m: As in `cast_rays`.
     """
     best, solid = FAR_M, -1
     i, j = v // TILE, u // TILE
@@ -224,7 +294,15 @@ def cast_ray(
 def in_unit_cube(
     x: float, y: float, v: int, s: int, frames: Array
 ) -> tuple[float, float, float, float, float, float]:
-    """Origin and direction of the ray (x, y, 1) of row v in the unit cube of solid s."""
+    """Origin and direction of the ray (x, y, 1) of row v in the unit cube of solid s.
+
+    Args:
+        x: Ray on the plane z = 1, camera axes.
+        y: The same.
+        v: Row of the image.
+        s: Number of the solid.
+        frames: (H, S, 3, 4), see `cast_rays`.
+    """
     return (
         frames[v, s, 0, 3],
         frames[v, s, 1, 3],

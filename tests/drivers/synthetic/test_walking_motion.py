@@ -8,15 +8,14 @@ import pytest
 
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, rotation_angle_rad
-from drivers.synthetic.aliased_corners import HALF_TURN
-from drivers.synthetic.assets.small_objects import Solids
+from drivers.synthetic.camera_motion import CameraMotion, look_rotations
 from drivers.synthetic.config import MotionKind, SyntheticConfig
-from drivers.synthetic.motion.base import CameraMotion, look_rotations
-from drivers.synthetic.motion.factory import make_motion
-from drivers.synthetic.motion.tour import TourMotion
+from drivers.synthetic.furniture import Solids
+from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel
-from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
+from drivers.synthetic.room import HALF_TURN, ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid
+from drivers.synthetic.walking_motion import TourMotion
 
 TOUR = SyntheticConfig(motion=MotionKind.TOUR, duration_s=60.0)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.synthetic.fault_injection import RenderedImages
-from drivers.synthetic.render_schedule import RenderSchedule
+from drivers.synthetic.render_worker import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence, SequenceFiles, create_sequence
 
 FRAME = RenderedImages(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.uint16))

@@ -1,21 +1,85 @@
-"""A walk through a large room in laps, sometimes in the opposite direction."""
+"""Motions of a walk: an orbit around the tables, and a tour of the room."""
 
 import numpy as np
 
 from drivers.core.geometry import Array
-from drivers.synthetic.motion.base import CameraMotion, look_rotations, rotations_from_vectors
-from drivers.synthetic.motion.easing import smootherstep, smootherstep_integral
-from drivers.synthetic.motion.sinusoidal import TREMOR, Sinusoids, SinusoidSum
+from drivers.synthetic.camera_motion import (
+    CameraMotion,
+    look_rotations,
+    rotations_from_vectors,
+    smootherstep,
+    smootherstep_integral,
+)
+from drivers.synthetic.handheld_motion import TREMOR, Sinusoids, SinusoidSum
 
-LAP_S = 30.0
+LAP_S = 20.0
+RADIUS_M = 1.75
+CAMERA_HEIGHT_M = 1.35
+TARGET_HEIGHT_M = 0.6
+# Deviation from an even walk, radians; the speed is then 0.3 to 0.8 meters per second.
+PHASE_VARIATION_RAD = 0.4
+SWAY: tuple[Sinusoids, ...] = (
+    ((0.12, 0.10), (0.04, 0.30)),  # radius
+    ((0.00, 0.10),),
+    ((0.10, 0.10), (0.04, 0.25)),  # height
+    ((0.05, 0.15),),  # yaw
+    ((0.05, 0.15),),  # pitch
+    ((0.08, 0.15),),  # roll
+)
+# Looks aside (yaw) and up and down (pitch): amplitude in radians, period in seconds.
+# Between two of them the camera faces the middle; the fastest turn is 37 degrees per second.
+LOOK_ASIDE = ((0.45, 5.0), (0.12, 4.0))
+
+
+class OrbitMotion(CameraMotion):
+    """Laps of about `LAP_S` around the middle; a shorter sequence goes part of one and back."""
+
+    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
+        self._sway = SinusoidSum.random(rng, duration_s, SWAY)
+        self._tremor = SinusoidSum.random(rng, duration_s, TREMOR)
+        self._start_rad = rng.uniform(0.0, 2 * np.pi)
+        self._duration_s = duration_s
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        sway, tremor = self._sway(times_s), self._tremor(times_s)
+        along, aside = (
+            self._orbit_angle_rad(times_s),
+            [self._look_offset_rad(times_s, *g) for g in LOOK_ASIDE],
+        )
+        radius_m, height_m = RADIUS_M + sway[:, 0], CAMERA_HEIGHT_M + sway[:, 2]
+        down = np.arctan2(height_m - TARGET_HEIGHT_M, radius_m)
+        T = np.tile(np.eye(4), (len(times_s), 1, 1))
+        eye_m = [radius_m * np.cos(along), radius_m * np.sin(along), height_m]
+        T[:, :3, 3] = np.stack(eye_m, axis=1) + tremor[:, :3]
+        yaw = along + np.pi / 2 + aside[0] + sway[:, 3]  # to the middle, except when looking aside
+        T[:, :3, :3] = look_rotations(yaw, down + aside[1] + sway[:, 4], sway[:, 5])
+        T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(tremor[:, 3:])
+        return T
+
+    def _orbit_angle_rad(self, times_s: Array) -> Array:
+        """Angle on the circle."""
+        laps = round(self._duration_s / LAP_S)
+        phase = 2 * np.pi * times_s / self._duration_s
+        uneven = min(PHASE_VARIATION_RAD, self._duration_s / LAP_S)
+        result: Array = self._start_rad + laps * phase + uneven * np.sin(phase)
+        return result
+
+    def _look_offset_rad(self, times_s: Array, amplitude_rad: float, every_s: float) -> Array:
+        times = round(self._duration_s / every_s)
+        result: Array = amplitude_rad * np.sin(2 * np.pi * times * times_s / self._duration_s) ** 3
+        return result
+
+
+TOUR_LAP_S = 30.0
 # Half of the walk's length and width; its laps are 14 m long.
 HALF_M = np.array([2.6, 1.8])
-CAMERA_HEIGHT_M = 1.35
+TOUR_CAMERA_HEIGHT_M = 1.35
 LOOK_DOWN_RAD = 0.25
 # Angle of the view from the room's middle toward the direction of travel.
 LOOK_AHEAD_RAD = 1.8
 # Variation from lap to lap: 0.3 to 0.6 meters per second, looks aside of up to 25 degrees.
-SWAY: tuple[Sinusoids, ...] = (
+TOUR_SWAY: tuple[Sinusoids, ...] = (
     ((0.10, 0.07), (0.02, 0.23)),  # outwards
     ((0.04, 0.11),),  # along the walk, radians
     ((0.08, 0.09), (0.04, 0.21)),  # height
@@ -24,7 +88,7 @@ SWAY: tuple[Sinusoids, ...] = (
     ((0.05, 0.15),),  # roll
 )
 # Deviation from an even walk, radians.
-PHASE_VARIATION_RAD = 0.25
+TOUR_PHASE_VARIATION_RAD = 0.25
 # Every `REVERSE_EVERY_S` it turns around, walks back for `REVERSE_S` and turns around again.
 REVERSE_EVERY_S = 90.0
 REVERSE_S = 15.0
@@ -32,13 +96,13 @@ TURN_S = 10.0
 
 
 class TourMotion(CameraMotion):
-    """Laps of about `LAP_S` around the middle, twice or more past the same places.
+    """Laps of about `TOUR_LAP_S` around the middle, twice or more past the same places.
 
     A sequence that is too short for a lap goes part of one and back.
     """
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
-        self._sway = SinusoidSum.random(rng, duration_s, SWAY)
+        self._sway = SinusoidSum.random(rng, duration_s, TOUR_SWAY)
         self._tremor = SinusoidSum.random(rng, duration_s, TREMOR)
         self._start_rad = rng.uniform(0.0, 2 * np.pi)
         self._duration_s = duration_s
@@ -49,7 +113,7 @@ class TourMotion(CameraMotion):
             [middles_s - REVERSE_S / 2, middles_s + REVERSE_S / 2], axis=1
         )
         self._forward_s = duration_s - 2 * REVERSE_S * reversals
-        self._laps = int(self._forward_s / LAP_S + 0.25)
+        self._laps = int(self._forward_s / TOUR_LAP_S + 0.25)
 
     def poses(self, times_s: Array) -> Array:
         """See `CameraMotion`."""
@@ -58,7 +122,7 @@ class TourMotion(CameraMotion):
         out = np.stack([np.cos(along), np.sin(along)], axis=1)
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         T[:, :2, 3] = out * (HALF_M + sway[:, :1])
-        T[:, 2, 3] = CAMERA_HEIGHT_M + sway[:, 2]
+        T[:, 2, 3] = TOUR_CAMERA_HEIGHT_M + sway[:, 2]
         T[:, :3, 3] += tremor[:, :3]
         # Left of +y by the angle to the middle of the room, then toward the direction of travel.
         middle = along + np.pi / 2
@@ -77,7 +141,7 @@ class TourMotion(CameraMotion):
         """Angle on the tour: the integral of `_direction`, at a speed that gives whole laps."""
         turned_s = TURN_S * smootherstep_integral(self._turn_progress(times_s))
         walked_s = times_s - 2.0 * np.sum(turned_s[..., 0] - turned_s[..., 1], axis=1)
-        uneven = min(PHASE_VARIATION_RAD, self._duration_s / LAP_S)
+        uneven = min(TOUR_PHASE_VARIATION_RAD, self._duration_s / TOUR_LAP_S)
         phase = 2 * np.pi * times_s / self._duration_s
         pace = 2 * np.pi * self._laps / self._forward_s
         result: Array = self._start_rad + pace * walked_s + uneven * np.sin(phase)

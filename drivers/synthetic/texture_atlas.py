@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
-from drivers.synthetic.raytracing.lighting import compute_face_brightness
+from drivers.synthetic.lighting import compute_face_brightness
 from drivers.synthetic.solids import FACES, Solid, SolidArrays, SolidKind
 
 MIP_LEVELS = 9

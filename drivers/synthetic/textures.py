@@ -19,7 +19,15 @@ Color = tuple[float, float, float]
 def fractal_noise(
     rng: np.random.Generator, height: int, width: int, coarsest_px: float, finest_px: float = 1.0
 ) -> Paint:
-    """Noise (H, W) of about unit deviation, equal power in each octave: photographs' 1/f law."""
+    """Noise (H, W) of about unit deviation, equal power in each octave: photographs' 1/f law.
+
+    Args:
+        rng: Random generator.
+        height: Rows, pixels.
+        width: Columns, pixels.
+        coarsest_px: Size of the largest blobs, pixels.
+        finest_px: Size of the smallest blobs, pixels.
+    """
     octaves = 1 + max(0, int(np.log2(max(coarsest_px, 1.0) / finest_px)))
     total = np.zeros((2, 2), dtype=np.float32)
     for size_px in finest_px * 2.0 ** np.arange(octaves - 1, -1, -1):
@@ -35,7 +43,7 @@ def _enlarge(image: Paint, width: int, height: int) -> Paint:
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)  # type: ignore[return-value]
 
 
-def anisotropic_noise(
+def _anisotropic_noise(
     rng: np.random.Generator, height: int, width: int, size_x: float, size_y: float
 ) -> Paint:
     """Smooth noise (H, W) of about unit deviation with blobs of the given size in pixels."""
@@ -60,7 +68,14 @@ def tint(color: Color, light: Paint) -> Paint:
 def random_color(
     rng: np.random.Generator, saturation: float = 0.5, low: float = 60.0, high: float = 210.0
 ) -> Color:
-    """Choose a random hue; saturation 0 is gray."""
+    """Choose a random hue; saturation 0 is gray.
+
+    Args:
+        rng: Random generator.
+        saturation: 0 is gray, 1 a pure hue.
+        low: Least brightness, gray levels.
+        high: Greatest brightness, gray levels.
+    """
     brightness = rng.uniform(low, high)
     hue = rng.dirichlet((2.0, 2.0, 2.0)) * 3.0
     mix = (1.0 - saturation) + saturation * hue / max(hue.max(), 1.0)
@@ -95,8 +110,8 @@ def fabric(color: Color, other: Color) -> TexturePainter:
     shade = (b, g, r)
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        stripes = anisotropic_noise(rng, 1, width, 0.03 / texel_m, 1.0)
-        bands = anisotropic_noise(rng, height, 1, 1.0, 0.05 / texel_m)
+        stripes = _anisotropic_noise(rng, 1, width, 0.03 / texel_m, 1.0)
+        bands = _anisotropic_noise(rng, height, 1, 1.0, 0.05 / texel_m)
         wander = 0.5 * fractal_noise(rng, height, width, 0.3 / texel_m)
         mix = 1.0 / (1.0 + np.exp(-1.6 * (stripes + 0.7 * bands + wander)))
         yarn = 1.0 + 0.07 * fractal_noise(rng, height, width, 0.02 / texel_m)
@@ -109,11 +124,11 @@ def wood(color: Color, board_m: float = 0.0) -> TexturePainter:
     """Wood grain along the width; with `board_m`, boards of that width and random lengths."""
 
     def grain(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        rings = anisotropic_noise(rng, height, width, 0.6 / texel_m, 0.04 / texel_m)
+        rings = _anisotropic_noise(rng, height, width, 0.6 / texel_m, 0.04 / texel_m)
         veins = np.sin(
-            7.0 * rings + anisotropic_noise(rng, height, width, 0.2 / texel_m, 0.006 / texel_m)
+            7.0 * rings + _anisotropic_noise(rng, height, width, 0.2 / texel_m, 0.006 / texel_m)
         )
-        fibre = anisotropic_noise(rng, height, width, 0.05 / texel_m, 0.003 / texel_m)
+        fibre = _anisotropic_noise(rng, height, width, 0.05 / texel_m, 0.003 / texel_m)
         clouds = fractal_noise(rng, height, width, 0.3 / texel_m)
         light = rng.uniform(0.92, 1.05) + 0.03 * veins + 0.015 * fibre + 0.03 * clouds
         return tint(color, light)
@@ -157,7 +172,13 @@ def bricks(color: Color, brick_m: tuple[float, float] = (0.24, 0.075)) -> Textur
 
 
 def cabinet_doors(front: TexturePainter, columns: int, rows: int) -> TexturePainter:
-    """The front of a cupboard: panels with gaps and handles."""
+    """The front of a cupboard: panels with gaps and handles.
+
+    Args:
+        front: Paints the wood.
+        columns: Number of doors side by side.
+        rows: Number of doors one above the other.
+    """
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         image = front(rng, height, width, texel_m)

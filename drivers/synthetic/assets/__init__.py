@@ -1,1 +1,0 @@
-"""Furniture and textures of the virtual room."""

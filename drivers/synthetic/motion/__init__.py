@@ -1,1 +1,0 @@
-"""Motions of the virtual camera."""

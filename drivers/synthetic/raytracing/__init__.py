@@ -1,1 +1,0 @@
-"""Ray tracing of the virtual room, and its lighting."""

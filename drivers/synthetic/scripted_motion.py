@@ -1,0 +1,191 @@
+"""Motions by a script for one purpose, and motions along a recorded track."""
+
+from pathlib import Path
+
+import numpy as np
+
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, quaternion_from_rotation, so3_exp
+from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.synthetic.camera_motion import (
+    CameraMotion,
+    CubicSpline,
+    cosine_ramp,
+    look_rotations,
+    rotations_from_vectors,
+    smootherstep,
+)
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.handheld_motion import ROOM_SWEEP, HandheldMotion, HandheldProfile
+
+# A hand that holds the camera level, two meters from the wall at +y.
+LEVEL_AT_WALL = HandheldProfile(
+    (
+        ((0.15, 0.10), (0.06, 0.20)),
+        ((0.08, 0.10),),
+        ((0.06, 0.10), (0.03, 0.25)),
+        ((0.08, 0.10), (0.04, 0.20)),
+        ((0.04, 0.10),),
+        ((0.04, 0.15),),
+    ),
+    camera_height_m=1.45,
+    pitch_down_rad=0.0,
+)
+TOWARD_WALL_M = 0.5
+LOOK_ASIDE_RAD = 1.15
+WALL_VIEW_PERIOD_S = 10.0
+# Each period has a turn away and a turn back, half a second each. The angles alternate between
+# periods. Halfway through a turn the rate is pi times the angle: 2.5 and 3.8 radians per second.
+TURN_PAIR_PERIOD_S = 6.0
+TURN_S = 0.5
+TURN_ANGLES_RAD = (0.8, 1.2)
+CREEP_SPEED_M_S = 0.001
+
+
+class WallMotion(CameraMotion):
+    """Faces aside, then for a third of the time the wall at +y, then aside again."""
+
+    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
+        self._handheld = HandheldMotion(rng, duration_s, LEVEL_AT_WALL)
+        looks = max(1, round(duration_s / WALL_VIEW_PERIOD_S))
+        self._period_s = duration_s / looks
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / self._period_s)
+        T = _rotate_yaw(
+            self._handheld.poses(times_s),
+            LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5)),
+        )
+        T[:, 1, 3] += TOWARD_WALL_M
+        return T
+
+
+class FastTurnMotion(CameraMotion):
+    """A handheld sweep with fast turns away and back."""
+
+    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
+        self._handheld = HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.5)
+        self._turn_pairs = max(1, round(duration_s / TURN_PAIR_PERIOD_S))
+        self._period_s = duration_s / self._turn_pairs
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        yaw_rad = np.zeros_like(times_s)
+        for pair in range(self._turn_pairs):
+            since_s = times_s - pair * self._period_s
+            away = cosine_ramp((since_s - 0.25 * self._period_s) / TURN_S)
+            back = cosine_ramp((since_s - 0.75 * self._period_s) / TURN_S)
+            yaw_rad += TURN_ANGLES_RAD[pair % len(TURN_ANGLES_RAD)] * (away - back)
+        return _rotate_yaw(self._handheld.poses(times_s), yaw_rad)
+
+
+class CreepMotion(CameraMotion):
+    """Straight on at a millimeter per second, without tremor; and back, if it is looped."""
+
+    def __init__(self, rng: np.random.Generator, round_trip_s: float) -> None:
+        """`round_trip_s` is infinite if the camera never comes back."""
+        yaw_rad, sideways_rad = rng.uniform(-np.pi, np.pi, 2)
+        down_rad = ROOM_SWEEP.pitch_down_rad
+        self._R = look_rotations(np.array([yaw_rad]), np.array([down_rad]), np.zeros(1))[0]
+        self._direction = so3_exp([0.0, 0.0, sideways_rad]) @ [1.0, 0.0, 0.0]
+        self._round_trip_s = round_trip_s
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        along_m = CREEP_SPEED_M_S * np.minimum(times_s, self._round_trip_s - times_s)
+        T = np.tile(np.eye(4), (len(times_s), 1, 1))
+        T[:, :3, :3] = self._R
+        T[:, :3, 3] = along_m[:, None] * self._direction
+        T[:, 2, 3] += ROOM_SWEEP.camera_height_m
+        return T
+
+
+def _rotate_yaw(T_world_camera: Array, yaw_rad: Array) -> Array:
+    """Turn each pose (N, 4, 4) to the left about its own position, by its own angle (N,)."""
+    zero = np.zeros_like(yaw_rad)
+    result = T_world_camera.copy()
+    turns = rotations_from_vectors(np.stack([zero, zero, yaw_rad], axis=1))
+    result[:, :3, :3] = turns @ T_world_camera[:, :3, :3]
+    return result
+
+
+FLOOR_MARGIN_M = 0.4
+CEILING_MARGIN_M = 0.4
+
+
+class RecordedMotion(CameraMotion):
+    """A recorded track, moved into the middle of the room but neither rotated nor scaled."""
+
+    def __init__(
+        self, trajectory: Trajectory, start_s: float, duration_s: float, loop: bool
+    ) -> None:
+        times_s = trajectory.stamps_s - trajectory.stamps_s[0]
+        quaternions = np.array(
+            [quaternion_from_rotation(T[:3, :3]) for T in trajectory.T_world_camera]
+        )
+        # q and -q are one rotation: choose signs so that neighbors are close.
+        flips = np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1) + 1e-12)
+        quaternions[1:] *= np.cumprod(flips)[:, None]
+        positions = trajectory.T_world_camera[:, :3, 3]
+        self._spline = CubicSpline(times_s, np.hstack([positions, quaternions]))
+        self._start_s, self._duration_s, self._loop = start_s, duration_s, loop
+        self._shift_m = np.zeros(3)
+
+    @classmethod
+    def read(cls, file: Path, config: SyntheticConfig, room_height_m: float) -> "RecordedMotion":
+        """Read and place a track file.
+
+        Args:
+            file: Trajectory in TUM format.
+            config: Start in the track, duration and loop.
+            room_height_m: Height of the room, m.
+
+        Raises:
+            InputError: If it is broken or too short.
+        """
+        track = read_trajectory(file)
+        available_s = float(track.stamps_s[-1] - track.stamps_s[0]) - config.track_start_s
+        if len(track) < 2 or config.track_start_s < 0 or config.duration_s > available_s + 1e-6:
+            raise InputError(
+                f"{file}: has {available_s:.3f} s from track_start_s {config.track_start_s:g} on, "
+                f"but duration_s is {config.duration_s:g}: set a shorter duration_s"
+            )
+        motion = cls(track, config.track_start_s, config.duration_s, config.loop)
+        motion._center(room_height_m)
+        return motion
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        values = self._spline(self._start_s + self._playback_time(times_s))
+        T = np.tile(np.eye(4), (len(times_s), 1, 1))
+        T[:, :3, 3] = values[:, :3] + self._shift_m
+        T[:, :3, :3] = _rotations_from_quaternions(values[:, 3:])
+        return T
+
+    def _playback_time(self, times_s: Array) -> Array:
+        """In a loop the track is played forward and back, slower at both ends."""
+        if not self._loop:
+            return times_s
+        phase = 2 * np.pi * times_s / self._duration_s
+        result: Array = 0.25 * self._duration_s * (1.0 - np.cos(phase))
+        return result
+
+    def _center(self, room_height_m: float) -> None:
+        position_m = self.poses(np.linspace(0.0, self._duration_s, 500))[:, :3, 3]
+        low, high = position_m.min(axis=0), position_m.max(axis=0)
+        self._shift_m = -(low + high) / 2
+        above_floor = max(0.0, FLOOR_MARGIN_M - low[2])
+        below_ceiling = min(0.0, room_height_m - CEILING_MARGIN_M - high[2])
+        self._shift_m[2] = above_floor + below_ceiling
+
+
+def _rotations_from_quaternions(quaternions: Array) -> Array:
+    """Convert quaternions (N, 4), x y z w of any length, to matrices (N, 3, 3)."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)

@@ -15,7 +15,7 @@ import cv2
 
 from benchmarks.kinect_without_motor import make_kinect_without_motor
 from drivers.camera import Clock, PlaybackMode
-from drivers.freenect.kinect_source import list_kinects
+from drivers.freenect.device_source import list_kinects
 from drivers.freenect.library import (
     CAMERA_ONLY,
     FRAME_CALLBACK,

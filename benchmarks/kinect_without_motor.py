@@ -2,7 +2,7 @@
 
 from drivers.camera import SensorConfig
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.kinect_source import KinectSource
+from drivers.freenect.device_source import KinectSource
 from drivers.freenect.rectify import KinectRectifier
 from drivers.kinect_usb.motor_unit import NullMotorUnit
 

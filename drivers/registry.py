@@ -137,14 +137,14 @@ def make_synthetic(request: CameraRequest) -> RgbdCamera:
 
 
 def make_freenect(request: CameraRequest) -> RgbdCamera:
-    from drivers.freenect.factory import make_kinect_camera
+    from drivers.freenect.camera import make_kinect_camera
 
     factory = partial(make_kinect_camera, request.argument, request.sensor, request.camera_file)
     return _in_subprocess(request, Clock.MONOTONIC, factory)
 
 
 def make_fakenect(request: CameraRequest) -> RgbdCamera:
-    from drivers.freenect.factory import make_fakenect_camera
+    from drivers.freenect.camera import make_fakenect_camera
 
     if not request.argument:
         raise InputError("camera 'fakenect' needs the folder of a dump: fakenect:FOLDER")

@@ -4,30 +4,33 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from drivers.camera import (
     CameraCounters,
     CameraState,
     CameraStatus,
     Led,
+    PlaybackMode,
     RgbdCamera,
     RgbdFrame,
     SensorConfig,
     is_serial,
 )
 from drivers.core.errors import CameraError, CameraNotFoundError
-from drivers.freenect.device_source import DeviceSource
-from drivers.freenect.error_messages import device_hung_error, packet_loss_message
+from drivers.freenect.device_source import DeviceSource, KinectSource
 from drivers.freenect.factory_calibration import (
     DepthFilter,
     FactoryCalibration,
     ValidDepthMask,
     all_depths_to_10_m,
 )
+from drivers.freenect.fakenect import FakenectSource
 from drivers.freenect.frame_queue import ImagePair
+from drivers.freenect.libfreenect_log import device_hung_error, packet_loss_message
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.session import CaptureSession, NullSession
-from drivers.kinect_usb.motor_unit import MotorUnit
+from drivers.kinect_usb.motor_unit import MotorUnit, NullMotorUnit
 
 # Longer than a supervisor waits before it kills the process.
 RELEASE_TIMEOUT_S = 10.0
@@ -195,3 +198,33 @@ class FreenectCamera(RgbdCamera):
             timing_prior=rectifier.timing_prior,
             serial=self._serial,
         )
+
+
+def make_kinect_camera(serial: str, settings: SensorConfig, camera_file: Path | None) -> RgbdCamera:
+    """Make the Kinect with this serial number ("" for the first one found), with its motor unit.
+
+    Raises:
+        InputError: The camera file does not fit the Kinect.
+    """
+    from drivers.kinect_usb.hotplug import wait_for_device
+    from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
+
+    source = KinectSource(serial, settings)
+    rectifier = KinectRectifier(camera_file, settings.mirror)
+    return FreenectCamera(source, rectifier, KinectMotorUnit(), settings, wait_for_device)
+
+
+def make_fakenect_camera(
+    folder: Path, camera_file: Path | None, playback_mode: PlaybackMode = PlaybackMode.REALTIME
+) -> RgbdCamera:
+    """Make the camera of a dump in libfreenect's format with depth in millimeters.
+
+    Only one can exist in a process.
+
+    Raises:
+        InputError: The camera file does not fit the Kinect.
+    """
+    rectifier = KinectRectifier(camera_file, is_mirrored=False)
+    return FreenectCamera(
+        FakenectSource(folder, playback_mode), rectifier, NullMotorUnit(), SensorConfig()
+    )

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.errors import CameraError
-from drivers.freenect.error_messages import start_failed_error
 from drivers.freenect.factory_calibration import FactoryCalibration
-from drivers.freenect.libfreenect_log import LibfreenectLog
+from drivers.freenect.libfreenect_log import LibfreenectLog, start_failed_error
 from drivers.freenect.library import (
     CAMERA_ONLY,
     FRAME_CALLBACK,

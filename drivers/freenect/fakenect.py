@@ -15,11 +15,10 @@ import numpy as np
 from drivers.camera import Clock, EndOfStream, PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
 from drivers.freenect.context import FreenectContext, FreenectDevice
-from drivers.freenect.device_source import DeviceCalibration
+from drivers.freenect.device_source import DeviceCalibration, StreamTimeouts
 from drivers.freenect.factory_calibration import ValidDepthMask, all_depths_to_10_m
 from drivers.freenect.frame_queue import BlockingFrameQueue, FrameQueue, LatestFrameQueue
 from drivers.freenect.library import PACKAGE, DepthFormat, load_library
-from drivers.freenect.watchdog import StreamTimeouts
 
 PATH_VARIABLE = "FAKENECT_PATH"
 SYSTEM_LIBRARY_FOLDER = Path("/usr/lib")

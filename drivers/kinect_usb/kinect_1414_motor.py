@@ -9,7 +9,7 @@ from drivers.camera import Led
 from drivers.core.errors import CameraError
 from drivers.kinect_usb.accelerometer import gravity_from_counts
 from drivers.kinect_usb.motor_unit import TIMEOUT_MS, MotorUnitReading, clamp_tilt_deg
-from drivers.kinect_usb.usb_errors import translate_usb_errors
+from drivers.kinect_usb.usb_devices import translate_usb_errors
 
 OUT, IN = 0x40, 0xC0  # vendor requests to and from the device
 SET_LED, SET_TILT, GET_STATE = 0x06, 0x31, 0x32

@@ -1,12 +1,167 @@
 """An .oni recording as a camera."""
 
+import logging
+import time
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
-from drivers.camera import CameraCounters, Clock, PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import (
+    CameraCounters,
+    Clock,
+    EndOfStream,
+    PlaybackMode,
+    RgbdCamera,
+    RgbdFrame,
+    SensorConfig,
+)
 from drivers.core.errors import CameraError
-from drivers.openni2.library import OpenNI2
-from drivers.openni2.oni_playback import OniPlayback
-from drivers.openni2.rectify import CalibrationFile
+from drivers.openni2.library import OpenNI2, SensorType
+from drivers.openni2.oni_index import OniIndex, read_oni_index
+from drivers.openni2.oni_player import OniPlayer
+from drivers.openni2.rectify import CalibrationFile, make_rectifier
+from drivers.openni2.stream import IncompleteFrameError, decode_color, decode_depth
+from drivers.playback import make_playback_scheduler
+
+
+class OniPairReader:
+    """Reads a recording once from start to end, and keeps an image until its partner is read."""
+
+    def __init__(self, player: OniPlayer, index: OniIndex) -> None:
+        self._player, self._index = player, index
+        self._seq_of_image = {i: seq for seq, pair in enumerate(index.pairs) for i in pair}
+        self._position = 0
+        self._colors: dict[int, NDArray[np.uint8]] = {}
+        self._depths: dict[int, NDArray[np.uint16]] = {}
+        self._incomplete: dict[int, IncompleteFrameError] = {}
+
+    def read_pair(
+        self, seq: int, deadline_s: float
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+        """Read pair `seq`; earlier pairs are discarded.
+
+        Returns:
+            Color (height, width, 3) BGR uint8 and depth (height, width) uint16.
+
+        Raises:
+            FrameTimeout: The pair is not read by `deadline_s` (CLOCK_MONOTONIC).
+            IncompleteFrameError: One of the two images is incomplete.
+            CameraError: The library does not play the file in order.
+        """
+        last = max(self._index.pairs[seq])
+        while self._position <= last:
+            self._read_image(seq, deadline_s)
+        self._discard_before(seq)
+        if seq in self._incomplete:
+            raise self._incomplete[seq]
+        return self._colors[seq], self._depths[seq]
+
+    def _read_image(self, min_seq: int, deadline_s: float) -> None:
+        """Play the next image; keep it if it belongs to pair `min_seq` or a later one."""
+        seq = self._seq_of_image.get(self._position, -1)
+        expected = self._index.images[self._position]
+        self._player.wait_for_image(expected, deadline_s - time.monotonic())
+        with self._player.read_image(expected) as frame:
+            try:
+                if seq >= min_seq and frame.sensor == SensorType.COLOR:
+                    self._colors[seq] = decode_color(frame)
+                elif seq >= min_seq:
+                    self._depths[seq] = decode_depth(frame)
+            except IncompleteFrameError as error:
+                self._incomplete[seq] = error
+        self._position += 1
+        if self._position == len(self._index.images):
+            self._player.stop()
+
+    def _discard_before(self, min_seq: int) -> None:
+        for by_seq in (self._colors, self._depths, self._incomplete):
+            for seq in [seq for seq in by_seq if seq < min_seq]:
+                del by_seq[seq]
+
+
+_log = logging.getLogger(__name__)
+
+
+class OniPlayback:
+    """One playback of a recording, from opening to closing it.
+
+    Raises:
+        InputError: The file cannot be used, or does not fit the camera file.
+    """
+
+    def __init__(
+        self,
+        openni2: OpenNI2,
+        path: Path,
+        calibration_file: CalibrationFile,
+        playback_mode: PlaybackMode,
+        mirror: bool,
+        earlier_counters: CameraCounters,
+    ) -> None:
+
+        self.index = read_oni_index(path)
+        with ExitStack() as undo:
+            player = OniPlayer(openni2, path)
+            undo.callback(player.close)
+            self.rectifier = make_rectifier(player.read_properties(mirror), calibration_file)
+            player.start()
+            self._player, self._exit_stack = player, undo.pop_all()
+        self._reader = OniPairReader(player, self.index)
+        self._scheduler = make_playback_scheduler(
+            playback_mode, [self.index.stamp_s(i) for i, _ in self.index.pairs]
+        )
+        self._next_seq = 0
+        self.counters = earlier_counters
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """Wait for the next frame. Raises FrameTimeout, EndOfStream, CameraError."""
+        deadline_s = time.monotonic() + timeout_s
+        while self._next_seq < len(self.index.pairs):
+            seq = self._scheduler.wait_until_due(self._next_seq, deadline_s - time.monotonic())
+            try:
+                frame = self._make_frame(seq, deadline_s)
+            except IncompleteFrameError as error:
+                _log.warning("frame %d is skipped: %s", seq, error)
+                self._advance(seq, skipped=1)
+            else:
+                self._advance(seq, delivered=1)
+                return frame
+        # At the end of the file the library's thread would keep one core busy.
+        self._player.stop()
+        raise EndOfStream
+
+    def close(self) -> None:
+        """Stop and release everything. May be called twice."""
+        self._exit_stack.close()
+
+    def _make_frame(self, seq: int, deadline_s: float) -> RgbdFrame:
+        color, depth = self._reader.read_pair(seq, deadline_s)
+        pair = self.index.pairs[seq]
+        return RgbdFrame(
+            seq=seq,
+            stamp_s=self.index.stamp_s(pair[0]),
+            receive_time_s=time.monotonic(),
+            color_bgr=self.rectifier.rectify_color(color),
+            depth_raw=self.rectifier.rectify_depth(depth),
+            depth_factor=self.rectifier.depth_factor,
+            camera=self.rectifier.camera,
+            skew_s=self.index.skew_s(pair) + self.rectifier.depth_offset_s,
+            readout_s=self.rectifier.readout_s,
+            timing_prior=self.rectifier.timing_prior,
+        )
+
+    def _advance(self, seq: int, delivered: int = 0, skipped: int = 0) -> None:
+        counters = self.counters
+        self.counters = replace(
+            counters,
+            delivered=counters.delivered + delivered,
+            dropped=counters.dropped + seq - self._next_seq,
+            skipped=counters.skipped + skipped,
+        )
+        self._next_seq = seq + 1
 
 
 class OniCamera(RgbdCamera):

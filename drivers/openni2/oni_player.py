@@ -8,7 +8,6 @@ from pathlib import Path
 
 from drivers.camera import FrameTimeout
 from drivers.core.errors import CameraError, InputError
-from drivers.openni2.decode import DEPTH_FACTORS, TO_BGR, format_name
 from drivers.openni2.device import OpenNI2Device
 from drivers.openni2.library import (
     DeviceProperty,
@@ -20,7 +19,7 @@ from drivers.openni2.library import (
 )
 from drivers.openni2.oni_index import IndexedImage
 from drivers.openni2.rectify import DepthRegistration, SourceProperties
-from drivers.openni2.stream import OpenNI2Stream
+from drivers.openni2.stream import DEPTH_FACTORS, TO_BGR, OpenNI2Stream, format_name
 
 # The next image is played only when it is read. (0 would be as fast as possible, and drops.)
 SPEED_ON_DEMAND = -1.0

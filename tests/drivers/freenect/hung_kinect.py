@@ -10,14 +10,14 @@ import time
 from drivers.camera import SensorConfig
 from drivers.core.errors import CameraError
 from drivers.freenect import camera as camera_module
-from drivers.freenect import event_loop
+from drivers.freenect import session
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.kinect_source import KinectSource
+from drivers.freenect.device_source import KinectSource
 from drivers.freenect.rectify import KinectRectifier
 from drivers.kinect_usb.motor_unit import NullMotorUnit
 
-event_loop.START_TIMEOUT_S = camera_module.RELEASE_TIMEOUT_S = 0.5
-event_loop.STOP_TIMEOUT_S = 0.2
+session.START_TIMEOUT_S = camera_module.RELEASE_TIMEOUT_S = 0.5
+session.STOP_TIMEOUT_S = 0.2
 
 settings = SensorConfig()
 camera = FreenectCamera(

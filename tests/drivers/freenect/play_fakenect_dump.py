@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core.errors import InputError
-from drivers.freenect.factory import make_fakenect_camera
+from drivers.freenect.camera import make_fakenect_camera
 
 
 def read_all_frames(camera: RgbdCamera) -> list[RgbdFrame]:

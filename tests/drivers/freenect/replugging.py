@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from drivers.camera import CameraState, Clock, FrameTimeout, PlaybackMode, SensorConfig
-from drivers.freenect.factory import make_kinect_camera
+from drivers.freenect.camera import make_kinect_camera
 from drivers.subprocess_camera.camera import SubprocessCamera
 from drivers.subprocess_camera.messages import Timeouts
 from tests.resource_leaks import child_pids, resident_memory_kb, resources_in_use_by

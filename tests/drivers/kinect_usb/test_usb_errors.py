@@ -6,7 +6,7 @@ import pytest
 import usb.core
 
 from drivers.core.errors import CameraError, CameraLostError, UserFacingError
-from drivers.kinect_usb.usb_errors import translate_usb_errors
+from drivers.kinect_usb.usb_devices import translate_usb_errors
 
 
 def raised(error: Exception) -> UserFacingError:

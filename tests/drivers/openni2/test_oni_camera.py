@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraError, InputError
-from drivers.openni2 import oni_playback
+from drivers.openni2 import oni_camera
 from drivers.openni2.oni_camera import OniCamera
 from drivers.playback import RealtimeScheduler
 from drivers.recording_camera import RecordingCamera
@@ -133,7 +133,7 @@ def test_realtime_drops_and_counts_late_frames(
     path, now_s = written(tmp_path / "long.oni", make_images(30)), [100.0]
     pacer = partial(RealtimeScheduler, clock=lambda: now_s[0])
     monkeypatch.setattr(
-        oni_playback, "make_playback_scheduler", lambda pace, stamps_s: pacer(stamps_s)
+        oni_camera, "make_playback_scheduler", lambda pace, stamps_s: pacer(stamps_s)
     )
     with OniCamera(path, camera_file, PlaybackMode.REALTIME) as camera:
         first = camera.read(5.0)

@@ -24,7 +24,7 @@ from drivers.core.errors import (
 )
 from drivers.openni2 import library
 from drivers.openni2.camera import OpenNI2Camera
-from drivers.openni2.enumeration import list_devices
+from drivers.openni2.device import list_devices
 from tests.drivers.openni2.conftest import CAMERA_FILE, DEPTH_CAMERA, make_image, make_images
 from tests.simulators.oni_writer import OniImage, OniSensor, OniSettings, write_oni
 

@@ -5,8 +5,7 @@ from dataclasses import asdict, dataclass
 
 from drivers.camera import is_serial
 from drivers.core.errors import UserFacingError
-from drivers.openni2.device import DetectedDevice
-from drivers.openni2.enumeration import list_devices
+from drivers.openni2.device import DetectedDevice, list_devices
 from vo_service.tools.doctor.camera_checks import KINECT_MODELS, PRIMESENSE_MODELS
 from vo_service.tools.doctor.subprocess_call import call_in_subprocess
 from vo_service.tools.doctor.usb_probe import OpenError, UsbSensor

@@ -9,6 +9,7 @@ import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,6 +21,8 @@ SOURCE_PACKAGES = ("drivers", "vo_service")
 PREBUILT_KERNELS = "share/kinect-vo/kernels"
 # One folder per state of the source: several checkouts and versions may share a computer.
 MAX_KERNEL_FOLDERS = 4
+# A folder that was used more recently may belong to a running process, which still compiles.
+MIN_UNUSED_S = 86_400.0
 # Suffix of incomplete files and folders.
 PARTIAL_SUFFIX = ".part"
 
@@ -99,7 +102,8 @@ def kernel_folder() -> Path:
             kernels.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True
         )
         for old in newest_first[MAX_KERNEL_FOLDERS:]:
-            shutil.rmtree(old, ignore_errors=True)
+            if time.time() - old.stat().st_mtime > MIN_UNUSED_S:
+                shutil.rmtree(old, ignore_errors=True)
     return folder
 
 

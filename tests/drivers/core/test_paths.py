@@ -129,6 +129,15 @@ def test_only_the_latest_folders_of_kernels_are_kept(home: Path) -> None:
     assert kept == {mine.name, "old5", "old4", "old3"}
 
 
+def test_folders_of_kernels_that_a_process_may_still_use_are_kept(home: Path) -> None:
+    mine = kernel_folder()
+    others = {f"other{number}" for number in range(6)}
+    for name in others:
+        (mine.parent / name).mkdir()
+    kernel_folder()
+    assert {path.name for path in mine.parent.iterdir()} == {mine.name, *others}
+
+
 def test_the_state_folder_is_private(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -64,6 +64,7 @@ def test_the_json_has_the_same_with_stable_keys(
                 "error": "this user may not open it",
             }
         ],
+        "plugins": [],
     }
 
 

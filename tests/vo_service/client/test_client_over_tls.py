@@ -101,9 +101,9 @@ def count_attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
     """Return a list that grows with every attempt to open a session."""
     attempts: list[ZenohConfig] = []
 
-    def open_and_count(config: ZenohConfig) -> zenoh.Session:
+    def open_and_count(config: ZenohConfig, max_message_bytes: int) -> zenoh.Session:
         attempts.append(config)
-        return open_session(config)
+        return open_session(config, max_message_bytes)
 
     monkeypatch.setattr(connection, "open_session", open_and_count)
     return attempts

@@ -42,7 +42,10 @@ def _check_folder(folder: Path) -> None:
     if not folder.exists():
         raise InputError(f"{folder}: no such folder; check the path")
     if not folder.is_dir():
-        raise InputError(f"{folder}: is not a folder; unpack it and name the folder")
+        raise InputError(
+            f"{folder}: is not a folder, nor a .mcap, .bag or .db3 file; unpack an archive and "
+            "name its folder"
+        )
     try:
         empty = not any(folder.iterdir())
     except OSError as error:

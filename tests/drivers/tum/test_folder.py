@@ -66,7 +66,7 @@ def test_an_invalid_folder_is_rejected(tmp_path: Path) -> None:
     assert complaint(tmp_path / "gone") == "DIR: no such folder; check the path"
     assert complaint(tmp_path) == ("DIR: the folder is empty; name one with rgb.txt and depth.txt")
     (tmp_path / "archive.tgz").write_bytes(b"")
-    assert "is not a folder; unpack it" in complaint(tmp_path / "archive.tgz")
+    assert "unpack an archive and name its folder" in complaint(tmp_path / "archive.tgz")
 
 
 @pytest.mark.parametrize("name", ["rgb.txt", "depth.txt"])

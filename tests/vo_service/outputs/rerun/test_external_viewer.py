@@ -1,12 +1,13 @@
 """External Rerun viewers that start, freeze and exit."""
 
 import signal
-import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
@@ -112,9 +113,11 @@ def resident_of(process: int) -> int:
 
 @pytest.mark.subprocess
 def test_a_server_with_another_protocol_is_reported(make_update: MakeUpdate) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        output = open_rerun_output(f"connect:127.0.0.1:{port}", RerunConfig(memory_mb=400))
+    with ThreadingHTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        target = f"connect:127.0.0.1:{server.server_port}"
+        output = open_rerun_output(target, RerunConfig(memory_mb=400))
         output.on_update(make_update(0))
-        wait_until(lambda: ABSENT in output.warning or BLOCKED in output.warning)
+        wait_until(lambda: ABSENT in output.warning)
         output.close()
+        server.shutdown()

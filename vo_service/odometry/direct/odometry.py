@@ -38,6 +38,7 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.quality import (
     TrackingResult,
+    UsualSigmas,
     degradation_reason,
     make_tracking_debug,
     occlusion_reason,
@@ -101,6 +102,7 @@ class DirectOdometry:
         self._map = LocalMap()
         self._vignetting = VignettingEstimate()
         self._brightness_weight = BrightnessWeight()
+        self._usual_sigmas = UsualSigmas()
         self._track: DirectTrack | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
@@ -171,7 +173,7 @@ class DirectOdometry:
         with self._timer.stage("align"):
             result = self._align(images, track)
         # Recovery: if the frame does not fit, or the prediction is old.
-        if result.needs_recovery or motion_state.is_stale(images.stamp_s):
+        if result.needs_recovery(self._usual_sigmas) or motion_state.is_stale(images.stamp_s):
             with self._timer.stage("recovery"):
                 result = self._recovery.recover(frame, images, result, motion_state, self._map)
         result = self._reinitialize_first_keyframe(images, result, track)
@@ -189,6 +191,7 @@ class DirectOdometry:
         reason = uncertainty.rejection_reason
         if reason and not motion_state.is_recently_constrained(images.stamp_s):
             return self._fail(frame, images, track, result, reason)
+        self._usual_sigmas = self._usual_sigmas.update(result.alignment)
         # Filter: the measured pose is fused with the predicted one.
         result, uncertainty, normalized_innovation = fuse_and_filter(
             result, uncertainty, motion_state, images.stamp_s

@@ -112,8 +112,11 @@ MAX_STEADY_BRIGHTNESS_CHANGE = 0.1
 MIN_POSE_GAIN = 0.1
 
 # RECOVERY
-# Above this multiple of the initial sigmas a better motion is searched for.
-SUSPECT_SIGMA_RATIO = 0.8
+# A better motion is searched for above this multiple of the initial sigmas, or above this multiple
+# of the usual sigma of the sensor's views, if that is larger; and in any case above the last one.
+SUSPECT_SIGMA_RATIO, SUSPECT_USUAL_RATIO, MAX_SUSPECT_SIGMA_RATIO = 0.8, 1.7, 1.2
+# The usual sigma is a running median: each view moves it by this share.
+USUAL_SIGMA_STEP = 0.02
 # A frame with a larger share of moving regions is searched for a better motion.
 MAX_MOVING_SHARE = 0.1
 # Halves of the view are masked if the velocity changes by more than this many times its noise.

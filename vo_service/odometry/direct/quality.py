@@ -19,6 +19,7 @@ from vo_service.odometry.direct.parameters import (
     INITIAL_SIGMAS,
     MAX_MOVING_OR_OCCLUDED_SHARE,
     MAX_MOVING_SHARE,
+    MAX_SUSPECT_SIGMA_RATIO,
     MAX_UNDEGRADED_OCCLUDED_SHARE,
     MAX_VALID_SIGMA_RATIOS,
     MIN_CONSISTENT_SHARE,
@@ -28,6 +29,8 @@ from vo_service.odometry.direct.parameters import (
     MIN_SAMPLES,
     MIN_SCORED_STATIC_SHARE,
     SUSPECT_SIGMA_RATIO,
+    SUSPECT_USUAL_RATIO,
+    USUAL_SIGMA_STEP,
 )
 from vo_service.odometry.direct.residuals import (
     BRIGHTNESS_AGREES,
@@ -49,8 +52,8 @@ from vo_service.odometry.direct.residuals import (
 )
 from vo_service.types import TrackingDebug
 
-# Bounds of the sigmas of brightness (gray levels) and of depth (1/m): above the first pair a better
-# motion is searched for; above the second the motion is wrong.
+# Bounds of the sigmas of brightness (gray levels) and of depth (1/m): above the first pair, or that
+# of `UsualSigmas`, a better motion is searched for; above the second the motion is wrong.
 SUSPECT_SIGMAS = (SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[0], SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[1])
 MAX_VALID_SIGMAS = (
     MAX_VALID_SIGMA_RATIOS[0] * INITIAL_SIGMAS[0],
@@ -58,6 +61,44 @@ MAX_VALID_SIGMAS = (
 )
 # Every 4th point is enough to see.
 POINT_STRIDE = 4
+
+
+@dataclass(frozen=True)
+class UsualSigmas:
+    """Usual sigmas of the residuals of this sensor: depth is noisier with some than with others.
+
+    Attributes:
+        medians: Running medians of the sigmas of brightness (gray levels) and of depth (1/m).
+    """
+
+    medians: tuple[float, float] = (
+        SUSPECT_SIGMAS[0] / SUSPECT_USUAL_RATIO,
+        SUSPECT_SIGMAS[1] / SUSPECT_USUAL_RATIO,
+    )
+
+    @property
+    def suspect(self) -> tuple[float, float]:
+        """Sigmas above which a view is unusual, so that a better motion is searched for."""
+        brightness, depth = (
+            min(
+                max(SUSPECT_SIGMA_RATIO * initial, SUSPECT_USUAL_RATIO * median),
+                MAX_SUSPECT_SIGMA_RATIO * initial,
+            )
+            for initial, median in zip(INITIAL_SIGMAS, self.medians, strict=True)
+        )
+        return brightness, depth
+
+    def update(self, alignment: DirectAlignment) -> "UsualSigmas":
+        """Return the medians updated by the alignment of an accepted view."""
+        brightness, depth = self.medians
+        if alignment.uses_brightness:
+            brightness = _move_median(brightness, alignment.residual_model[SIGMA_BRIGHTNESS])
+        return UsualSigmas((brightness, _move_median(depth, alignment.residual_model[SIGMA_DEPTH])))
+
+
+def _move_median(median: float, value: float) -> float:
+    factor = 1.0 + USUAL_SIGMA_STEP
+    return median * factor if value > median else median / factor
 
 
 def is_consistent(counts: Array) -> bool:
@@ -80,23 +121,30 @@ def _inconsistency_reason(counts: Array) -> str:
     return ""
 
 
-def outlier_score(alignment: DirectAlignment) -> float:
-    """Misfit of the keyframe: above 1 there may be a better motion."""
+def outlier_score(
+    alignment: DirectAlignment, suspect_sigmas: tuple[float, float] = SUSPECT_SIGMAS
+) -> float:
+    """Misfit of the keyframe: above 1 there may be a better motion.
+
+    Args:
+        alignment: Of a frame with the keyframe.
+        suspect_sigmas: See `UsualSigmas.suspect`.
+    """
     in_view = max(alignment.counts[IN_IMAGE], 1.0)
     return float(
         max(
-            _normalized_sigma(alignment),
+            _normalized_sigma(alignment, suspect_sigmas),
             alignment.counts[DISREGARDED] / in_view / MAX_MOVING_SHARE,
         )
     )
 
 
-def _normalized_sigma(alignment: DirectAlignment) -> float:
+def _normalized_sigma(alignment: DirectAlignment, suspect_sigmas: tuple[float, float]) -> float:
     """Larger one of the two sigmas, relative to the suspect ones."""
-    by_depth = float(alignment.residual_model[SIGMA_DEPTH] / SUSPECT_SIGMAS[1])
+    by_depth = float(alignment.residual_model[SIGMA_DEPTH] / suspect_sigmas[1])
     if not alignment.uses_brightness:
         return by_depth
-    return max(by_depth, float(alignment.residual_model[SIGMA_BRIGHTNESS] / SUSPECT_SIGMAS[0]))
+    return max(by_depth, float(alignment.residual_model[SIGMA_BRIGHTNESS] / suspect_sigmas[0]))
 
 
 def residual_score(alignment: DirectAlignment) -> float:
@@ -141,7 +189,7 @@ def strict_rejection_reason(alignment: DirectAlignment) -> str:
         return reason
     return (
         "the keyframe fits badly: the camera may be elsewhere"
-        if _normalized_sigma(alignment) > 1.0
+        if _normalized_sigma(alignment, SUSPECT_SIGMAS) > 1.0
         else ""
     )
 
@@ -230,7 +278,12 @@ class TrackingResult:
         moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
         return replace(self, alignment=moved)
 
-    @property
-    def needs_recovery(self) -> bool:
-        """Whether the alignment is doubtful or invalid."""
-        return outlier_score(self.alignment) > 1.0 or bool(rejection_reason(self.alignment))
+    def needs_recovery(self, usual_sigmas: UsualSigmas) -> bool:
+        """Whether the alignment is doubtful or invalid.
+
+        Args:
+            usual_sigmas: Those of the sensor.
+        """
+        return outlier_score(self.alignment, usual_sigmas.suspect) > 1.0 or bool(
+            rejection_reason(self.alignment)
+        )

@@ -19,6 +19,8 @@ from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyr
 from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.quality import (
+    SUSPECT_SIGMAS,
+    UsualSigmas,
     degradation_reason,
     is_consistent,
     occlusion_reason,
@@ -82,6 +84,32 @@ def test_brightness_without_weight_does_not_reject() -> None:
     dark = replace(fitted(SIGMA_BRIGHTNESS=100.0, GAIN=9.0), cell_weights=depth_only_weights())
     assert rejection_reason(dark) == ""
     assert outlier_score(dark) < 1.0 < outlier_score(fitted(SIGMA_BRIGHTNESS=100.0))
+
+
+def usual_after(views: int, sigma_depth: float) -> UsualSigmas:
+    usual, found = UsualSigmas(), fitted(SIGMA_DEPTH=sigma_depth)
+    for _ in range(views):
+        usual = usual.update(found)
+    return usual
+
+
+def test_residuals_that_are_usual_for_a_noisy_sensor_are_not_suspect() -> None:
+    noisy, twice = fitted(SIGMA_DEPTH=2.6e-3), fitted(SIGMA_DEPTH=3.7e-3)
+    assert outlier_score(noisy, UsualSigmas().suspect) > 1.0
+    usual = usual_after(100, 1.8e-3)
+    assert outlier_score(noisy, usual.suspect) < 1.0 < outlier_score(twice, usual.suspect)
+
+
+def test_a_few_bad_views_hardly_change_what_is_usual() -> None:
+    before = usual_after(100, 1.8e-3)
+    after = before
+    for _ in range(3):
+        after = after.update(fitted(SIGMA_DEPTH=5e-3))
+    assert after.suspect[1] < 1.1 * before.suspect[1]
+
+
+def test_a_sensor_of_little_noise_is_judged_by_the_absolute_bound() -> None:
+    assert usual_after(500, 0.8e-3).suspect == UsualSigmas().suspect == SUSPECT_SIGMAS
 
 
 def test_missing_information_is_reported() -> None:

@@ -28,6 +28,7 @@ from vo_service.odometry.direct.quality import (
     POINT_STRIDE,
     SUSPECT_SIGMAS,
     TrackingResult,
+    UsualSigmas,
     make_tracking_debug,
     project_keyframe_points,
     rejection_reason,
@@ -116,7 +117,7 @@ def test_features_match_nothing_in_an_unseen_view() -> None:
 @pytest.mark.parametrize(("angle_rad", "keyframe"), [(-0.3, AHEAD), (0.85, ASIDE)])
 def test_a_camera_that_jumped_is_recovered(angle_rad: float, keyframe: DirectKeyframe) -> None:
     frame = looking(angle_rad, 1)
-    assert first_try(frame).needs_recovery
+    assert first_try(frame).needs_recovery(UsualSigmas())
     found = recovered(frame)
     assert rejection_reason(found.alignment) == ""
     assert found.degradation == ""
@@ -128,7 +129,7 @@ def test_a_good_motion_is_replaced_by_a_clearly_better_one() -> None:
     """Several similar places may fit after a while."""
     frame = looking(-0.3, 5)
     wrong = plausible(first_try(frame))
-    assert not wrong.needs_recovery
+    assert not wrong.needs_recovery(UsualSigmas())
     assert MOTION_STATE.is_stale(frame.stamp_s)
     assert_close(T_world_of(searched(frame, wrong)), turned(-0.3), 0.003, 0.08)
 
@@ -180,7 +181,7 @@ def test_doubtful_frames_that_features_confirm_are_searched_less_and_less_often(
     local_map.reset(AHEAD)
     recovery.features = features = RecordedSearch(SurfExtractor())
     images, first = build_image_pyramid(frame), doubtful(at_home())
-    assert first.needs_recovery
+    assert first.needs_recovery(UsualSigmas())
     searched_frames = []
     for k in range(60):
         features.has_searched = False
@@ -193,7 +194,7 @@ def test_doubtful_frames_that_features_confirm_are_searched_less_and_less_often(
 def test_a_failed_recovery_stays_invalid() -> None:
     found = recovered(looking(np.pi, 1))
     assert rejection_reason(found.alignment) != ""
-    assert found.needs_recovery
+    assert found.needs_recovery(UsualSigmas())
 
 
 def test_a_jump_is_tracked_without_a_restart() -> None:

@@ -1,15 +1,18 @@
 """Cost of publishing frames, and latency of poses in another process meanwhile.
 
-    python -m benchmarks frame_publishing [--seconds 20] [--case NAME]
+    python -m benchmarks frame_publishing RECORDING [--seconds 20] [--case NAME]
 
-The service's outputs publish noisy frames of a Kinect's size 30 times a second, without odometry;
-one process reads poses, others read images. In each case, `lost frames` is the worst of its
-readers, and `put` is the time that the loop spends on a frame. Times are milliseconds; CPU is per
-frame, of the whole publishing process and of one reader. Poses are stamped when they are published.
-Compare the cases with each other: absolute times depend on what else runs on the machine.
+The service's outputs publish the recording's frames 30 times a second, without odometry; one
+process reads poses, others read images. In each case, `lost frames` is the worst of its readers,
+`put` is the time that the loop spends on a frame, and `growth` is that of the publisher's memory in
+the second half. Times are milliseconds; CPU is per frame, of the whole publishing process and of
+one reader. Poses are stamped when they are published. A case over a link puts all readers into a
+network namespace behind it; it needs root and the package iproute2. Compare the cases with each
+other: absolute times depend on what else runs on the machine.
 """
 
 import argparse
+import os
 import signal
 import subprocess
 import sys
@@ -18,33 +21,44 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.harness import format_table
+from benchmarks.network_link import HOST_ADDRESS, network_link
 from benchmarks.pose_arrivals import running_recorder
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import T_BODY_CAMERA
+from drivers.recording_camera import RecordingCamera
 from tests.ports import free_port
+from tests.resource_leaks import resident_memory_kb
 from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
-CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 RATE_HZ = 30.0
+SOURCE_FRAMES = 40
 WARM_UP_FRAMES = 60
 RAW, COMPRESSED = ("color/image", "depth/image"), ("color/compressed", "depth/compressed")
 
 
 @dataclass(frozen=True)
 class Case:
-    """Readers of images: the topics of each, and whether they are stopped by SIGSTOP."""
+    """Readers of images.
+
+    Attributes:
+        readers: The topics of each reader.
+        is_stopped: Whether they are stopped by SIGSTOP after the warm-up.
+        link_mbit_s: Capacity of the link to all readers; 0: no link, the same machine.
+    """
 
     readers: Sequence[Sequence[str]] = ()
     is_stopped: bool = False
+    link_mbit_s: int = 0
 
 
 CASES = {
@@ -53,23 +67,25 @@ CASES = {
     "three raw readers": Case([RAW] * 3),
     "one compressed reader": Case([COMPRESSED]),
     "one stopped raw reader": Case([RAW], is_stopped=True),
+    "no image reader, 100 Mbit/s": Case(link_mbit_s=100),
+    "one raw reader, 100 Mbit/s": Case([RAW], link_mbit_s=100),
 }
-# Prints "ready", then at the end of its input the number of samples, and its CPU time.
+# Prints "ready"; then, for a time on its input, the number of later images, and its CPU time.
 READER = """
-import resource, sys, threading
+import resource, struct, sys
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import MAX_FRAME_MESSAGE_BYTES, open_session
-count = 0
+stamps_s = []
 def on_sample(sample):
-    global count
-    count += 1
-    sample.payload.to_bytes()
+    seconds, nanoseconds = struct.unpack_from("<iI", sample.payload.to_bytes(), 4)
+    stamps_s.append(seconds + 1e-9 * nanoseconds)
 config = ZenohConfig(listen=(), connect=(sys.argv[1],))
 with open_session(config, MAX_FRAME_MESSAGE_BYTES) as session:
     for topic in sys.argv[2:]:
         session.declare_subscriber(f"kinect/{topic}", on_sample)
     print("ready", flush=True)
-    sys.stdin.readline()
+    begin_s = float(sys.stdin.readline())
+    count = sum(stamp_s >= begin_s for stamp_s in stamps_s)
     use = resource.getrusage(resource.RUSAGE_SELF)
     print(count, use.ru_utime + use.ru_stime, flush=True)
 """
@@ -77,17 +93,20 @@ with open_session(config, MAX_FRAME_MESSAGE_BYTES) as session:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
+    parser.add_argument("recording", metavar="RECORDING", type=Path, help="source of the frames")
     parser.add_argument("--seconds", type=float, default=20.0, help="length of a case")
-    parser.add_argument("--case", choices=CASES, help="only this case")
+    parser.add_argument("--case", choices=CASES, action="append", help="only this case")
 
 
 def main(args: argparse.Namespace) -> None:
     """Measure and print the table."""
     if args.seconds < 1.0:
         raise InputError("--seconds: give at least 1")
-    names = [args.case] if args.case else list(CASES)
+    names = args.case or [name for name, case in CASES.items() if not case.link_mbit_s]
+    with RecordingCamera(args.recording) as camera:
+        updates = [make_update(frame) for frame in islice(camera, SOURCE_FRAMES)]
     frames = int(args.seconds * RATE_HZ)
-    rows = {name: measure(CASES[name], frames) for name in names}
+    rows = {name: measure(CASES[name], updates, frames) for name in names}
     headings = (
         "p50 ms",
         "p99 ms",
@@ -97,29 +116,35 @@ def main(args: argparse.Namespace) -> None:
         "put ms",
         "CPU",
         "reader",
+        "growth MB",
     )
     print(format_table(headings, rows))
 
 
-def measure(case: Case, count: int) -> list[str]:
+def measure(case: Case, updates: Sequence[OdometryUpdate], count: int) -> list[str]:
     """Run one case; return the cells of its row."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = FrameOutputConfig("kinect", FramesConfig(), T_BODY_CAMERA)
     with ExitStack() as stack:
+        address, prefix = "127.0.0.1", list[str]()
+        if case.link_mbit_s:
+            address, prefix = HOST_ADDRESS, stack.enter_context(network_link(case.link_mbit_s))
+        endpoint = f"tcp/{address}:{free_port()}"
         frames = stack.enter_context(closing(FrameOutput(config)))
         extras = ExtraEndpoints(on_session=frames.declare)
         poses = stack.enter_context(
             closing(ZenohOutput(ZenohConfig(listen=(endpoint,)), extra_endpoints=extras))
         )
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        arrivals = stack.enter_context(running_recorder(endpoint, folder / "poses.npz"))
-        readers = [start_reader(stack, endpoint, topics) for topics in case.readers]
-        updates = make_updates()
+        arrivals = stack.enter_context(running_recorder(endpoint, folder / "poses.npz", prefix))
+        readers = [start_reader(stack, prefix, endpoint, topics) for topics in case.readers]
         publish(updates, (poses, frames), 0, WARM_UP_FRAMES)
         for reader in readers if case.is_stopped else ():
             reader.send_signal(signal.SIGSTOP)
-        begin_s, cpu_s = time.monotonic(), time.process_time()
-        put_ms = publish(updates, (poses, frames), WARM_UP_FRAMES, count)
+        begin_stamp_s, begin_s, cpu_s = time.time(), time.monotonic(), time.process_time()
+        put_ms = publish(updates, (poses, frames), WARM_UP_FRAMES, count // 2)
+        half_kb = resident_memory_kb(os.getpid())
+        publish(updates, (poses, frames), WARM_UP_FRAMES + count // 2, count - count // 2)
+        growth_mb = (resident_memory_kb(os.getpid()) - half_kb) / 1e3
         cpu_ms = 1e3 * (time.process_time() - cpu_s) / count
         end_s = time.monotonic()
         time.sleep(0.5)  # the last frames are on their way
@@ -128,21 +153,24 @@ def measure(case: Case, count: int) -> list[str]:
             if case.is_stopped:
                 reader.send_signal(signal.SIGCONT)
                 continue
-            received, reader_cpu_s = reader.communicate("\n")[0].split()
-            lost.append((count + WARM_UP_FRAMES) * len(topics) - int(received))
+            received, reader_cpu_s = reader.communicate(f"{begin_stamp_s}\n")[0].split()
+            lost.append(count * len(topics) - int(received))
             reader_ms.append(1e3 * float(reader_cpu_s) / (count + WARM_UP_FRAMES))
         received_poses = arrivals.stop().between(begin_s, end_s)
     latency_ms = 1e3 * (received_poses.receive_time_s - received_poses.stamp_s)
     p50, p99 = np.percentile(latency_ms, [50, 99])
     milliseconds = [f"{value:.2f}" for value in (p50, p99, latency_ms.max())]
     losses = [str(received_poses.lost), "-" if case.is_stopped else str(max(lost))]
-    return [*milliseconds, *losses, f"{put_ms:.3f}", f"{cpu_ms:.2f}", f"{max(reader_ms):.2f}"]
+    costs = [f"{put_ms:.3f}", f"{cpu_ms:.2f}", f"{max(reader_ms):.2f}", f"{growth_mb:.1f}"]
+    return [*milliseconds, *losses, *costs]
 
 
-def start_reader(stack: ExitStack, endpoint: str, topics: Sequence[str]) -> "subprocess.Popen[str]":
+def start_reader(
+    stack: ExitStack, prefix: Sequence[str], endpoint: str, topics: Sequence[str]
+) -> "subprocess.Popen[str]":
     """Start a reader process; wait until it subscribes."""
     reader = subprocess.Popen(
-        [sys.executable, "-c", READER, endpoint, *topics],
+        [*prefix, sys.executable, "-c", READER, endpoint, *topics],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -172,38 +200,23 @@ def publish(
     return 1e3 * busy_s / count
 
 
-def make_updates() -> list[OdometryUpdate]:
-    """Make updates with different images: smooth, with the noise of a Kinect."""
-    random = np.random.default_rng(1)
-    rows, columns = np.mgrid[: CAMERA.height, : CAMERA.width]
-    updates = []
-    for shift in range(8):
-        texture = 100 + 60 * np.sin((columns + 9 * shift) / 9) * np.cos(rows / 13)
-        color = np.repeat(texture[:, :, None], 3, axis=2) + random.normal(0, 3, (*rows.shape, 3))
-        depth = 1500 + 2 * columns + rows + random.normal(0, 4, rows.shape)
-        depth[random.random(rows.shape) < 0.2] = 0
-        frame = RgbdFrame(
-            0, 0.0, 0.0, color.astype(np.uint8), depth.astype(np.uint16), 1000.0, CAMERA
-        )
-        identity = np.eye(4)
-        estimate = Estimate(True, "", identity, identity, np.eye(6))
-        updates.append(
-            OdometryUpdate(
-                seq=0,
-                stamp_s=0.0,
-                state=TrackingState.TRACKING,
-                reason="",
-                epoch=0,
-                T_world_camera=identity,
-                T_odom_base=identity,
-                T_odom_camera=identity,
-                pose_covariance=np.eye(6),
-                twist=np.zeros(6),
-                twist_covariance=np.eye(6),
-                frame=frame,
-                estimate=estimate,
-                stage_ms={},
-                latency_s=0.0,
-            )
-        )
-    return updates
+def make_update(frame: RgbdFrame) -> OdometryUpdate:
+    """Make the update of a camera at rest that sees the frame."""
+    identity = np.eye(4)
+    return OdometryUpdate(
+        seq=0,
+        stamp_s=0.0,
+        state=TrackingState.TRACKING,
+        reason="",
+        epoch=0,
+        T_world_camera=identity,
+        T_odom_base=identity,
+        T_odom_camera=identity,
+        pose_covariance=np.eye(6),
+        twist=np.zeros(6),
+        twist_covariance=np.eye(6),
+        frame=frame,
+        estimate=Estimate(True, "", identity, identity, np.eye(6)),
+        stage_ms={},
+        latency_s=0.0,
+    )

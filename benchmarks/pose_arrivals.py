@@ -10,7 +10,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,9 +74,17 @@ class ArrivalRecorder:
 
 
 @contextmanager
-def running_recorder(endpoint: str, file: Path) -> Iterator[ArrivalRecorder]:
-    """Run a subscriber in a separate process until it is ready; kill it at the end."""
-    command = [sys.executable, "-m", "benchmarks.pose_arrivals", endpoint, str(file)]
+def running_recorder(
+    endpoint: str, file: Path, prefix: Sequence[str] = ()
+) -> Iterator[ArrivalRecorder]:
+    """Run a subscriber in a separate process until it is ready; kill it at the end.
+
+    Args:
+        endpoint: Where it connects to.
+        file: File of the received poses.
+        prefix: Command that starts it elsewhere, such as in a network namespace.
+    """
+    command = [*prefix, sys.executable, "-m", "benchmarks.pose_arrivals", endpoint, str(file)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         try:

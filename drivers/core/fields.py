@@ -175,7 +175,9 @@ def _convert_sequence(kind: Any, value: Any, spec: Field, path: KeyPath) -> Any:
 def _convert_number(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> Any:
     allowed = (int, float) if kind is float else (int,)
     is_number = isinstance(value, allowed) and not isinstance(value, bool)
-    _check_type(is_number, "a number" if kind is float else "a whole number", value, spec, path)
+    expected = "a number" if kind is float else "a whole number"
+    expected += f", {spec.range_text}" if spec.range_text else ""
+    _check_type(is_number, expected, value, spec, path)
     if isinstance(value, float) and not math.isfinite(value):
         raise FieldError(path, f"{value} is not allowed; give a finite number{spec.hint}")
     if value < spec.minimum or value > spec.maximum or value <= spec.exclusive_minimum:

@@ -5,21 +5,25 @@ from collections.abc import Callable
 
 
 class Throttle:
-    """Allows an event at most once per period, on the caller's clock."""
+    """Allows an event at most once per period on average, on the caller's clock.
+
+    Events are due on a grid of periods. One that is a quarter of a period early is allowed, and one
+    that is as late does not move the grid: a camera's jitter, or a frame rate that is no multiple,
+    loses no event.
+    """
 
     def __init__(self, period_s: float) -> None:
-        # A camera's stamps jitter: a frame that is almost due counts as due.
-        self._period_s = 0.9 * period_s
-        self._last_s = float("-inf")
+        self._period_s = period_s
+        self._tolerance_s = 0.25 * period_s
+        self._last_s = self._due_s = float("-inf")
 
     def allow(self, now_s: float) -> bool:
-        """Return whether the period has passed since the last allowed event.
-
-        Always True if the clock was set back.
-        """
-        if 0.0 <= now_s - self._last_s < self._period_s:
+        """Return whether an event is due; always True if the clock was set back."""
+        if self._last_s <= now_s < self._due_s - self._tolerance_s:
             return False
-        self._last_s = now_s
+        is_new_grid = now_s < self._last_s or now_s > self._due_s + self._period_s
+        on_grid_s = now_s if is_new_grid else max(self._due_s, now_s - self._tolerance_s)
+        self._last_s, self._due_s = now_s, on_grid_s + self._period_s
         return True
 
 

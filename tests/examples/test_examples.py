@@ -259,7 +259,7 @@ def test_commands_and_their_errors_work_from_the_shell(endpoint: str) -> None:
     assert kinect_vo("command", "resume", "--connect", endpoint).returncode == 0
     wrong = kinect_vo("command", "tilt", "tilt_deg=high", "--connect", endpoint)
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
-    assert "give a number (degrees above the horizon) (bad-request)" in wrong.stderr
+    assert "give a number, at least -31 and at most 31 (degrees above the horizon)" in wrong.stderr
     refused = kinect_vo("command", "tilt", "tilt_deg=3", "--connect", endpoint)
     assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
     assert "(not-possible)" in refused.stderr

@@ -83,9 +83,9 @@ def test_a_matrix_that_is_not_a_pose_is_rejected(T: Any) -> None:
         (
             "tilt",
             of(tilt_deg="5"),
-            '"5" is the wrong type; give a number (degrees above the horizon)',
+            '"5" is the wrong type; give a number, at least -31 and at most 31 (degrees above',
         ),
-        ("tilt", of(tilt_deg=True), "true is the wrong type; give a number"),
+        ("tilt", of(tilt_deg=True), "true is the wrong type; give a number, at least -31"),
         ("tilt", b'{"tilt_deg": NaN}', "give a finite number"),
         ("tilt", b'{"tilt_deg": 1%s}' % (b"0" * 400), "is out of range"),
         ("tilt", of(tilt_deg=5, speed=2), "`speed` is unknown; known here: tilt_deg"),

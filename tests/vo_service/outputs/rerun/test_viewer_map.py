@@ -150,7 +150,7 @@ def test_a_changing_map_is_drawn_once_a_second_and_at_the_end(
         [replace(make_update(seq), map=make_map(seq + 2)) for seq in range(75)],
     )
     drawn = read_column(path, "/world/map/keyframes", "Points3D:positions")
-    assert [len(keyframes) for keyframes in drawn] == [2, 29, 57, 76]
+    assert [len(keyframes) for keyframes in drawn] == [2, 25, 55, 76]
 
 
 @pytest.mark.rerun

@@ -1,7 +1,11 @@
 """Frames for ROS 2: keys, tokens, attachments and /tf_static, as a node sees them through Zenoh."""
 
+import json
 import struct
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -101,6 +105,30 @@ def test_a_node_discovers_every_topic_with_its_type(robot: Robot, node: zenoh.Se
         assert ("MP", f"{name}/{kind.dds_name}/{kind.hash}/::,1:,:,:,,") in tokens
     latched = f"%tf_static/{TF_MESSAGE.dds_name}/{TF_MESSAGE.hash}/:1:,1:,:,:,,"
     assert ("MP", latched) in tokens
+
+
+@pytest.mark.subprocess
+def test_another_implementation_discovers_and_receives_every_topic(
+    robot: Robot, port: int, tmp_path: Path
+) -> None:
+    names = [f"/{topic}" for topic in TOPICS]
+    command = ["tests.vo_service.outputs.frames.ros2_sdk_reader", str(port), str(tmp_path), *names]
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-m", *command], **pipes) as reader:
+        assert reader.stdout is not None
+        found = json.loads(reader.stdout.readline())
+        assert found == {
+            **{f"/{topic}": [schema] for topic, schema in TOPICS.items()},
+            "/tf": ["tf2_msgs/msg/TFMessage"],
+            "/tf_static": ["tf2_msgs/msg/TFMessage"],
+            "/vo/odom": ["nav_msgs/msg/Odometry"],
+        }
+        assert reader.stdout.readline() == "ready\n"
+        wait_until(lambda: all(robot.is_wanted(topic.name) for topic in robot.frames._topics[1:]))
+        robot.publish()
+        lines = {reader.stdout.readline() for _ in names}
+        assert lines == {f"{name} camera_rgb_optical_frame\n" for name in names}
+        reader.communicate("")
 
 
 def test_a_late_node_gets_the_static_transform(robot: Robot, node: zenoh.Session) -> None:

@@ -31,8 +31,8 @@ from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.uncertainty import CovarianceAccumulator
-from vo_service.tools.evaluation.association import STAMP_ROUNDING_S
-from vo_service.tools.evaluation.consistency import (
+from vo_service.tools.evaluation.metrics import (
+    STAMP_ROUNDING_S,
     NeesStatistics,
     motion_error,
     nees,

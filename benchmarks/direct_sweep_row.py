@@ -18,8 +18,7 @@ from drivers.core.trajectory import Trajectory
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.direct import parameters
 from vo_service.tools.evaluation import evaluate
-from vo_service.tools.evaluation.association import associate
-from vo_service.tools.evaluation.metrics import count_gross_errors, tracked_steps
+from vo_service.tools.evaluation.metrics import associate, count_gross_errors, tracked_steps
 
 
 def main(change: str, recordings: Sequence[str]) -> int:

@@ -28,7 +28,7 @@ from drivers.synthetic.config import SyntheticConfig
 from vo_service.config import read_config
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
-from vo_service.tools.evaluation.association import associate
+from vo_service.tools.evaluation.metrics import associate
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"

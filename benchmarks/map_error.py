@@ -28,8 +28,7 @@ from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid, SolidKind
 from vo_service.config import read_config
 from vo_service.tools.evaluation import evaluate
-from vo_service.tools.evaluation.association import associate
-from vo_service.tools.evaluation.metrics import first_pose_alignment
+from vo_service.tools.evaluation.metrics import associate, first_pose_alignment
 
 GOOD_DISTANCE_M = 0.015
 # A vertex of `reconstruct`: position, normal, color.

@@ -22,7 +22,7 @@ from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.profiling import CpuStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.tools.benchmark.baselines.opencv_features import (
+from vo_service.tools.benchmark.baselines.frame_to_frame import (
     MATCH_RATIO,
     orb_odometry,
     sift_odometry,

@@ -21,8 +21,7 @@ from vo_service.slam.synchronous_loop_closure import (
     SynchronousLoopClosure,
     create_synchronous_loop_closure,
 )
-from vo_service.tools.evaluation.association import associate
-from vo_service.tools.evaluation.metrics import best_alignment, position_errors_m
+from vo_service.tools.evaluation.metrics import associate, best_alignment, position_errors_m
 from vo_service.types import Estimate, OdometryUpdate
 
 # Times and memory are plotted as mean and 99th percentile of windows of this length.

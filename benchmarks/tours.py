@@ -42,10 +42,10 @@ from drivers.synthetic.config import SyntheticConfig
 from vo_service.odometry.registry import METHODS, warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation import evaluate
-from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import (
     GROSS_ERROR_DEG,
     GROSS_ERROR_M,
+    associate,
     count_gross_errors,
     tracked_steps,
 )

@@ -17,8 +17,12 @@ from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.tools.evaluation import Evaluation, evaluate
-from vo_service.tools.evaluation.association import associate
-from vo_service.tools.evaluation.metrics import PosePairs, count_gross_errors, tracked_steps
+from vo_service.tools.evaluation.metrics import (
+    PosePairs,
+    associate,
+    count_gross_errors,
+    tracked_steps,
+)
 from vo_service.types import Estimate, TrackingState
 
 READ_TIMEOUT_S = 60.0

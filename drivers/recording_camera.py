@@ -9,8 +9,8 @@ from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, Rgb
 from drivers.core.errors import CameraError, InputError
 from drivers.core.trajectory import Trajectory
 from drivers.open_recording import open_recording, recording_format
-from drivers.recording.frame_reader import FrameReader
-from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.frames import FrameReader
+from drivers.recording.images import UnreadableFrameError
 from drivers.recording.prefetch import (
     NOT_OPEN,
     BufferClosedError,

@@ -30,7 +30,7 @@ def load() -> None:
 
     import vo_service.cli.replay
     import vo_service.cli.run  # noqa: F401
-    from drivers.core.shared_frames.depth_packing import compile_kernels
+    from drivers.core.depth_packing import compile_kernels
     from tests.forked_process import WORKERS
     from vo_service.odometry.registry import DEFAULT_METHOD, warm_up
     from vo_service.reconstruction.warm_up import warm_up_reconstruction

@@ -20,13 +20,13 @@ SINGLE = {
     },
     "ProcessPoolExecutor": set(),
     "fork": set(),
-    "memfd_create": {"drivers/core/shared_frames/shared_memory.py"},
+    "memfd_create": {"drivers/core/record_ring.py"},
     "SharedMemory": set(),
     "Condition": {
         "drivers/core/queues.py",
         "drivers/freenect/frame_queue.py",  # one pair, and an error at the end
         "drivers/recording/prefetch.py",  # frames with a due time
-        "vo_service/client/frame_assembly.py",  # the newest frame, made of several messages
+        "vo_service/client/frame.py",  # the newest frame, made of several messages
         "vo_service/client/subscription.py",  # the newest pose, which is not taken
     },
     "Queue": set(),

@@ -9,11 +9,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from drivers.camera import SensorConfig
+from drivers.camera import PlaybackMode, SensorConfig
 from drivers.core.config import read_toml
 from drivers.core.errors import UserFacingError
 from drivers.core.fields import Field, typed_fields
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
+from drivers.core.plugins import PluginGroup
 from drivers.registry import CAMERA_USAGES, CAMERAS, describe_cameras
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config_tables import (
@@ -37,10 +38,27 @@ from vo_service.odometry.registry import (
     TIMING_MODES,
     make_odometry,
 )
-from vo_service.output_registry import ExtraOutputsConfig
-from vo_service.types import Odometry
+from vo_service.types import Odometry, Output
 
 logger = logging.getLogger(__name__)
+
+OUTPUTS: PluginGroup[Callable[[str, PlaybackMode], Output]] = PluginGroup(
+    "kinect_vo.outputs", "output", ("trajectory",)
+)
+
+
+@dataclass(frozen=True)
+class ExtraOutputsConfig:
+    """`[outputs]`: further outputs."""
+
+    extra: Annotated[
+        tuple[str, ...], "any of: trajectory:FILE, or NAME[:ARGUMENT] of a plug-in"
+    ] = ()
+
+    def __post_init__(self) -> None:
+        for output in self.extra:
+            if output.partition(":")[0] not in OUTPUTS:
+                raise ValueError(f"extra {output!r} is unknown; use one of {', '.join(OUTPUTS)}")
 
 
 @dataclass(frozen=True)
@@ -134,7 +152,7 @@ class Config:
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
     recorder: RecorderConfig = RecorderConfig()  # noqa: RUF009 (frozen)
-    outputs: ExtraOutputsConfig = ExtraOutputsConfig()  # noqa: RUF009 (frozen)
+    outputs: ExtraOutputsConfig = ExtraOutputsConfig()
     map: MapConfig = MapConfig()  # noqa: RUF009 (frozen)
     load: LoadConfig = LoadConfig()  # noqa: RUF009 (frozen)
     log: LogConfig = LogConfig()  # noqa: RUF009 (frozen)

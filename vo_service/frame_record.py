@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
+from drivers.core.depth_unpacking import unpack_depth
 from drivers.core.geometry import Array
-from drivers.core.shared_frames.depth_unpacking import unpack_depth
-from drivers.core.shared_frames.record_ring import RecordRingWriter, RingRecord
+from drivers.core.record_ring import RecordRingWriter, RingRecord
 from vo_service.types import OdometryUpdate, TrackingState
 
 # Upper bound; the only text in the metadata is the reason.

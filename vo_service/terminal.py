@@ -17,6 +17,18 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
+
+def format_columns(rows: list[tuple[str, str]]) -> str:
+    """Format rows of label and value as two aligned columns."""
+    width = max(len(label) for label, _ in rows)
+    return "\n".join(f"{label:<{width}}  {value}".rstrip() for label, value in rows)
+
+
+def format_mm(value_m: float | None) -> str:
+    """Format a length as millimeters, for a column; "-" for None."""
+    return f"{'-':>9}   " if value_m is None else f"{1e3 * value_m:9.2f} mm"
+
+
 # Slow work is logged after this time, so that a user never waits 2 s without a reason.
 SLOW_AFTER_S = 1.5
 

@@ -35,7 +35,7 @@ from drivers.core.config import parse_toml
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, is_gravity
 from drivers.core.trajectory import Trajectory
-from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import (
     FramePair,
     GravitySeries,

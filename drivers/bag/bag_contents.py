@@ -13,7 +13,7 @@ from drivers.bag.message_cursor import MessageCursor, MessageKey, number_message
 from drivers.bag.topics import BagTopics
 from drivers.bag.transforms import TransformTree
 from drivers.core.errors import InputError
-from drivers.recording.frame_stamps import FrameStamps
+from drivers.recording.frames import FrameStamps
 
 NS_PER_S = 1_000_000_000
 

@@ -13,8 +13,8 @@ from drivers.bag.topics import CAMERA_INFO, IMU, STRING
 from drivers.calibration import CameraCalibration, format_calibration
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, Vector, quaternion_from_rotation
-from drivers.recording.frame_stamps import FrameStamps
-from drivers.recording.image_decoding import (
+from drivers.recording.frames import FrameStamps
+from drivers.recording.images import (
     JPEG_START,
     BgrImage,
     DepthImage,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.bag.message_cursor import MessageCursor, MessageKey
-from drivers.recording.image_decoding import (
+from drivers.recording.images import (
     BgrImage,
     DepthImage,
     UnreadableFrameError,

@@ -17,9 +17,8 @@ from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import free_disk_bytes, is_disk_full
 from drivers.core.trajectory import Trajectory
-from drivers.recording.encode import ColorFormat, encode_image
-from drivers.recording.frame_stamps import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
-from drivers.recording.image_decoding import BgrImage, DepthImage
+from drivers.recording.frames import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
+from drivers.recording.images import BgrImage, ColorFormat, DepthImage, encode_image
 
 _log = logging.getLogger(__name__)
 

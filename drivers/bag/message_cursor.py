@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.bag.bag_file import BagFile, Message, open_bag_file
 from drivers.core.errors import InputError
-from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.images import UnreadableFrameError
 
 MAX_RECENT_MESSAGES = 16
 # A message farther ahead than this is looked up by the file's index.

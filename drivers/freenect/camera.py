@@ -206,8 +206,8 @@ def make_kinect_camera(serial: str, settings: SensorConfig, camera_file: Path | 
     Raises:
         InputError: The camera file does not fit the Kinect.
     """
-    from drivers.kinect_usb.hotplug import wait_for_device
     from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
+    from drivers.kinect_usb.usb_devices import wait_for_device
 
     source = KinectSource(serial, settings)
     rectifier = KinectRectifier(camera_file, settings.mirror)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.calibration import CameraCalibration, DepthCameraCalibration
 from drivers.core.geometry import Array, Vector
 from drivers.core.trajectory import Trajectory
-from drivers.recording.image_decoding import BgrImage, DepthImage, UnreadableFrameError
+from drivers.recording.images import BgrImage, DepthImage, UnreadableFrameError
 from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
 
 # Stamps are kept as decimals: 17 digits of seconds do not fit a float, and differences are exact.

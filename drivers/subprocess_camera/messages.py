@@ -10,7 +10,7 @@ from drivers.camera import (
     PlaybackMode,
     RgbdCamera,
 )
-from drivers.core.process.messages import Heartbeat, WorkerFailed
+from drivers.core.process.worker_process import Heartbeat, WorkerFailed
 from drivers.core.trajectory import Trajectory
 from drivers.reconnect import INITIAL_RETRY_S, MAX_RETRY_S, ConnectionPhase
 from drivers.subprocess_camera.frame_ring import FrameRingFds

@@ -5,7 +5,7 @@ from pathlib import Path
 from drivers.calibration import find_calibration
 from drivers.core.errors import InputError
 from drivers.core.trajectory import read_trajectory
-from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import (
     FramePair,
     RecordedFrames,

@@ -16,7 +16,7 @@ from drivers.core.geometry import (
     gravity_from_accelerometer,
     is_gravity,
 )
-from drivers.recording.image_decoding import (
+from drivers.recording.images import (
     BgrImage,
     DepthImage,
     UnreadableFrameError,

@@ -19,14 +19,14 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
 from drivers.core.geometry import Vector
 from drivers.core.trajectory import Trajectory, format_pose_line
-from drivers.recording.encode import ColorFormat, EncodedFrame, encode_frame
-from drivers.recording.frame_stamps import (
+from drivers.recording.frames import (
     EARLIEST_STAMPS,
     FrameStamps,
     calibration_of_frame,
     format_stamp,
     round_to_microseconds,
 )
+from drivers.recording.images import ColorFormat, EncodedFrame, encode_frame
 from drivers.tum.index_files import AccelerometerWriter
 
 _log = logging.getLogger(__name__)

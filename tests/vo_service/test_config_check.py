@@ -9,7 +9,7 @@ from drivers.core.errors import InputError
 from tests.ports import is_listening
 from tests.resource_leaks import count_open_files
 from tests.vo_service.security.tls_network import HOST, ZENOH_FILES, make_keys, make_network
-from vo_service.config_check import check_config
+from vo_service.cli.config import check_config
 
 pytestmark = pytest.mark.zenoh
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from tests.vo_service.cli.cli_runner import run_in_process
+from vo_service.cli.config import REFERENCE_COMMAND, render_reference
 from vo_service.config import RELOADABLE_KEYS, Config, read_config
-from vo_service.config_reference import REFERENCE_COMMAND, render_reference
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "configuration.md"
 

@@ -13,8 +13,8 @@ import pytest
 
 from drivers.camera import Clock, PlaybackMode
 from drivers.core.process import worker_process
-from drivers.core.shared_frames.record_ring import RecordRingWriter
-from drivers.subprocess_camera import client as camera_client
+from drivers.core.record_ring import RecordRingWriter
+from drivers.subprocess_camera import camera as camera_client
 from drivers.subprocess_camera.camera import SubprocessCamera
 from drivers.subprocess_camera.messages import Timeouts
 from tests.forked_process import forked_workers
@@ -23,7 +23,7 @@ from tests.waiting import wait_until
 from vo_service.config_tables import MapConfig
 from vo_service.outputs.recorder import client as recorder_client
 from vo_service.outputs.recorder.messages import RecorderWorkerConfig
-from vo_service.outputs.rerun import client as viewer_client
+from vo_service.outputs.rerun import output as viewer_client
 from vo_service.outputs.rerun.messages import InitialState, RerunWorkerConfig
 from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
 from vo_service.slam.mapper import client as mapper_client

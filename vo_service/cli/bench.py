@@ -29,10 +29,10 @@ from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObser
 from vo_service.tools.benchmark.recordings import FrameSelection, open_recordings
 from vo_service.tools.benchmark.report.bench_report import (
     BenchMetadata,
+    RelativeResults,
     report_content,
     write_bench_report,
 )
-from vo_service.tools.benchmark.report.bench_tables import RelativeResults
 from vo_service.tools.benchmark.results import collect_results
 from vo_service.tools.benchmark.run import RunState
 

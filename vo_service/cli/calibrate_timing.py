@@ -18,8 +18,8 @@ from drivers.calibration import (
 from drivers.core.errors import InputError, UserFacingError
 from drivers.open_recording import RecordingFormat, recording_format
 from drivers.registry import ONI_SUFFIX, SENSORS
-from vo_service.cli.kernels import run_warm_up
 from vo_service.cli.recordings import open_and_announce, requested_topics
+from vo_service.cli.warm_up import run_warm_up
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
 from vo_service.remembered_sensor import (
@@ -30,7 +30,7 @@ from vo_service.remembered_sensor import (
 )
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.output_files import check_writable
+from vo_service.tools.calibration.result import check_writable
 from vo_service.tools.calibration.timing import (
     NOTHING_SAVED_PREFIX,
     REMEDY,

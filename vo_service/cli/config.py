@@ -1,14 +1,24 @@
 """``kinect-vo config``: check a configuration file, or print the configuration reference."""
 
 import argparse
+import dataclasses
+import json
 import logging
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any, get_args, get_origin
 
-from vo_service.config_check import check_config
-from vo_service.config_reference import render_reference
+from drivers.core.config import SCHEMA_VERSION
+from drivers.core.errors import InputError
+from drivers.core.fields import Field, TypedField, typed_fields
+from vo_service.config import CameraConfig, Config, read_config
+from vo_service.config_tables import RecorderConfig, RerunConfig
 
 logger = logging.getLogger(__name__)
+
 
 EPILOG = """\
 examples:
@@ -51,3 +61,177 @@ def _check_file(args: argparse.Namespace) -> int:
 def _print_reference(args: argparse.Namespace) -> int:
     print(render_reference(), end="")
     return 0
+
+
+def check_config(path: Path) -> list[str]:
+    """Read a configuration file, and check the files and addresses in it.
+
+    Relative paths start at the current folder, as for `run`.
+
+    Returns:
+        Warnings about settings that are allowed but dangerous.
+
+    Raises:
+        InputError: For the first mistake, with the file.
+    """
+    config = read_config(path)
+    _check_camera(config.camera, path)
+    _check_rerun(config.rerun, path)
+    _check_recorder(config.recorder, path)
+    return list(_check_zenoh(config))
+
+
+def _check_camera(camera: CameraConfig, path: Path) -> None:
+    kind, _, argument = camera.source.partition(":")
+    if camera.file is not None and kind == "synthetic":
+        raise InputError(
+            f"{path}: key `camera.file`: the virtual Kinect has its own calibration; leave it out"
+        )
+    if camera.file is not None:
+        from drivers.calibration import read_calibration
+
+        read_calibration(camera.file)
+    is_recording = kind in ("tum", "fakenect") or argument.endswith(".oni")
+    if is_recording and not Path(argument).exists():
+        raise InputError(f"{path}: key `camera.source`: no recording {argument}; give another path")
+
+
+def _check_rerun(rerun: RerunConfig, path: Path) -> None:
+    from vo_service.outputs.rerun.targets import check_targets
+
+    try:
+        check_targets(rerun.targets)
+    except InputError as error:
+        raise InputError(f"{path}: key `rerun.targets`: {error}") from error
+    for target in rerun.targets:
+        folder = Path(target).parent
+        if target.endswith(".rrd") and not folder.is_dir():
+            raise InputError(
+                f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; create it"
+            )
+    if rerun.targets and find_spec("rerun") is None:
+        raise InputError(
+            f"{path}: key `rerun.targets`: Rerun is not installed: pip install 'kinect-vo[rerun]'"
+        )
+
+
+def _check_recorder(recorder: RecorderConfig, path: Path) -> None:
+    if not recorder.enabled or recorder.folder is None:
+        return
+    from drivers.core.files import check_writable
+
+    reason = check_writable(recorder.folder)
+    if reason:
+        raise InputError(f"{path}: key `recorder.folder`: {reason}; name a writable folder")
+
+
+def _check_zenoh(config: Config) -> Iterator[str]:
+    from vo_service.outputs.zenoh.session_check import check_session_config
+
+    warning = check_session_config(config.zenoh)
+    if warning:
+        yield warning
+
+
+REFERENCE_COMMAND = "kinect-vo config reference"
+INTRODUCTION = f"""\
+# Configuration
+
+Every key of the file that `kinect-vo run --config FILE` reads, with its default;
+[config/kinect.toml](../../config/kinect.toml) is such a file. `{REFERENCE_COMMAND}` writes this
+page.
+
+The file is TOML and begins with `schema = {SCHEMA_VERSION}`. Every table and every key below is
+optional, except those marked *required*. An unknown key, or a value of a wrong type or out of
+range, is refused with its file, line and reason. `kinect-vo config check FILE` checks a file
+without starting the service.
+
+The column "after reload" shows when a change takes effect after a running service has read its
+file again (`systemctl reload kinect-vo`, or SIGHUP): at once, or at the next start.
+"""
+SYNTHETIC_DESCRIPTION = """\
+For `camera.source = "synthetic"`. Without this table, a short sequence is rendered quickly
+(`duration_s = 10.0`, `texel_m = 0.004`, neither lens distortion nor motion blur) and repeated
+(`loop = true`). With this table, missing keys have the defaults below."""
+# Descriptions of tables that replace the docstring of the class.
+TABLE_DESCRIPTIONS = {
+    "synthetic": SYNTHETIC_DESCRIPTION,
+    "synthetic.camera": "Intrinsics of both images, all of them.",
+}
+TABLE_HEADER = (
+    "| key | type | default | range | meaning | after reload |\n|---|---|---|---|---|---|\n"
+)
+
+
+def render_reference() -> str:
+    """Render the page, with the tables in the order of `Config`."""
+    return INTRODUCTION + "".join(_render_table(key.kind, key.name) for key in typed_fields(Config))
+
+
+def _render_table(kind: Any, path: str, brackets: str = "[{}]") -> str:
+    """Render a table's section, then those of the tables inside it."""
+    heading = f"\n## `{brackets.format(path)}`\n\n{_table_description(kind, path)}\n\n"
+    rows, inner = "", ""
+    for key in typed_fields(kind):
+        below = f"{path}.{key.name}"
+        if dataclasses.is_dataclass(key.kind):
+            inner += _render_table(key.kind, below)
+        elif dataclasses.is_dataclass(_item_type(key.kind)):
+            inner += _render_table(_item_type(key.kind), below, "[[{}]]")
+        else:
+            rows += _render_row(key, below)
+    return heading + TABLE_HEADER + rows + inner
+
+
+def _table_description(kind: Any, path: str) -> str:
+    """First paragraph of the class's docstring, without the table's name."""
+    if path in TABLE_DESCRIPTIONS:
+        return TABLE_DESCRIPTIONS[path]
+    paragraph = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
+    text = paragraph.removeprefix(f"`[{path}]`: ").split(" Raises ")[0]
+    return text[:1].upper() + text[1:]
+
+
+def _render_row(key: TypedField, path: str) -> str:
+    effect = "at once" if key.spec.is_reloadable else "next start"
+    cells = (
+        f"`{key.name}`",
+        format_type(key.kind),
+        "*required*" if key.is_required else _format_value(key.default),
+        _format_range(key.spec),
+        key.spec.description,
+        effect,
+    )
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+
+
+def format_type(kind: Any) -> str:
+    """Name a type in plain English."""
+    if get_origin(kind) in (list, tuple):
+        items = get_args(kind)
+        one = format_type(items[0])
+        return f"list of {one}" if items[-1] is ... else f"list of {len(items)} × {one}"
+    if issubclass(kind, StrEnum):
+        return ", ".join(f'`"{choice}"`' for choice in kind)
+    names = {bool: "true or false", int: "whole number", float: "number", Path: "path", str: "text"}
+    return names[kind]
+
+
+def _format_range(spec: Field) -> str:
+    low, high = spec.minimum, spec.maximum
+    if math.isfinite(low) and math.isfinite(high):
+        return f"{low:.15g} to {high:.15g}"
+    return spec.range_text
+
+
+def _format_value(value: Any) -> str:
+    """Format a value as in TOML."""
+    if value is None:
+        return "unset"
+    listed = list(value) if isinstance(value, tuple) else value
+    return f"`{json.dumps(listed, default=str)}`"
+
+
+def _item_type(kind: Any) -> Any:
+    """Type of a list's items; None if `kind` is not a list."""
+    return get_args(kind)[0] if get_origin(kind) in (list, tuple) else None

@@ -12,7 +12,6 @@ from drivers.core.trajectory import Trajectory, format_pose_line
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import OutputsConfig, frames_config, open_outputs, run_replay
-from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.options import (
     add_config_options,
     add_publish_option,
@@ -20,13 +19,14 @@ from vo_service.cli.options import (
     parse_seconds,
     print_message,
 )
+from vo_service.cli.warm_up import prepare_kernels
 from vo_service.frame_source import PacedSource
 from vo_service.outputs.state_log import ProgressOutput
-from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
+from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.connection import ConnectOnFreePort
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.evaluation.association import MIN_MATCHES
+from vo_service.tools.evaluation.metrics import MIN_MATCHES
 from vo_service.tools.evaluation.plot import write_plot
 from vo_service.tools.evaluation.run_summary import RunSummary
 

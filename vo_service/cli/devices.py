@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 
 from drivers.registry import CAMERAS
-from vo_service.tools.doctor.devices import (
+from vo_service.tools.doctor.camera_checks import (
     ListedDevice,
     list_available_devices,
     query_openni2,

@@ -9,7 +9,7 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, format_pose_line
-from vo_service.cli.kernels import prepare_loop_closure
+from vo_service.cli.warm_up import prepare_loop_closure
 from vo_service.config import Config
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal

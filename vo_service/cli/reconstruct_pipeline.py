@@ -21,10 +21,10 @@ from drivers.core.trajectory import (
 from drivers.recording.recording import Recording
 from drivers.recording_camera import RecordingCamera
 from vo_service.app import run_replay
-from vo_service.cli.kernels import prepare_kernels, run_warm_up
 from vo_service.cli.loop_closure_options import make_loop_closure
 from vo_service.cli.options import load_config
 from vo_service.cli.recordings import open_and_announce, requested_topics
+from vo_service.cli.warm_up import prepare_kernels, run_warm_up
 from vo_service.config import Config
 from vo_service.frame_source import SinglePassSource
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews

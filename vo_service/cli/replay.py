@@ -7,7 +7,6 @@ from pathlib import Path
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
 from vo_service.app import OutputsConfig, frames_config, open_outputs, run_replay
-from vo_service.cli.kernels import prepare_kernels
 from vo_service.cli.loop_closure_options import (
     add_loop_closure_options,
     check_optimized_trajectory_path,
@@ -23,9 +22,10 @@ from vo_service.cli.options import (
     parse_seconds,
 )
 from vo_service.cli.recordings import RECORDING_HELP, add_topics_option, replayed_recording
+from vo_service.cli.warm_up import prepare_kernels
 from vo_service.frame_source import SinglePassSource
 from vo_service.outputs.state_log import ProgressOutput
-from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
+from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal

@@ -21,7 +21,6 @@ from vo_service.app import (
     frames_config,
     open_outputs,
 )
-from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.cli.options import (
     add_camera_options,
     add_config_options,
@@ -30,6 +29,7 @@ from vo_service.cli.options import (
     load_config,
     parse_playback_mode,
 )
+from vo_service.cli.warm_up import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from drivers.core.errors import UserFacingError
 from vo_service.tools.install.installer import Installer
-from vo_service.tools.install.system_files import format_sudo_command
 from vo_service.tools.install.systemd import (
     DROP_IN,
     UNITS,
@@ -15,6 +14,7 @@ from vo_service.tools.install.systemd import (
     Systemd,
     read_service_file,
 )
+from vo_service.tools.install.udev import format_sudo_command
 
 EPILOG = """\
 examples:

@@ -11,7 +11,7 @@ Needs only zenoh and numpy. `docs/guide/python.md` describes the client.
 
 from drivers.core.errors import InputError
 from vo_service.client.client import PoseClient
-from vo_service.client.errors import (
+from vo_service.client.connection import (
     CommandRefused,
     FrameUnavailable,
     PoseUnavailable,
@@ -20,8 +20,7 @@ from vo_service.client.errors import (
 )
 from vo_service.client.frame import Frame, PointCloud
 from vo_service.client.frame_client import FrameClient
-from vo_service.client.map_odom import MapOdom
-from vo_service.client.pose import Pose
+from vo_service.client.pose import MapOdom, Pose
 
 __all__ = [
     "CommandRefused",

@@ -8,20 +8,32 @@ from typing import Any
 
 import zenoh
 
-from vo_service.client.arguments import (
+from vo_service.client.connection import (
+    BackgroundConnection,
+    ServiceUnavailable,
     check_command_name,
     check_max_age,
     check_timeout,
     encode_arguments,
+    query,
 )
-from vo_service.client.connection import BackgroundConnection
-from vo_service.client.errors import ServiceUnavailable
-from vo_service.client.freshness import MAX_SILENCE_S, pose_unavailable_error, require_fresh
-from vo_service.client.map_odom import MapOdom, parse_map_odom
-from vo_service.client.message_parsing import parse_status
-from vo_service.client.pose import Pose, PoseReader, ThreadLocalReader, make_pose, parse_pose_sample
-from vo_service.client.query import query
-from vo_service.client.subscription import ServiceState, StatusMessage
+from vo_service.client.pose import (
+    MapOdom,
+    Pose,
+    PoseReader,
+    ThreadLocalReader,
+    make_pose,
+    parse_map_odom,
+    parse_pose_sample,
+)
+from vo_service.client.subscription import (
+    MAX_SILENCE_S,
+    ServiceState,
+    StatusMessage,
+    parse_status,
+    pose_unavailable_error,
+    require_fresh,
+)
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 from vo_service.types import JsonObject, TypedCommand, decode_message, parse_json_message
 from vo_service.types.commands import Reply

@@ -7,11 +7,8 @@ from types import TracebackType
 import zenoh
 
 from drivers.core.geometry import transform_from_pose
-from vo_service.client.arguments import check_timeout
-from vo_service.client.connection import BackgroundConnection
-from vo_service.client.errors import FrameUnavailable
-from vo_service.client.frame import Frame, Located, PointCloud
-from vo_service.client.frame_assembly import AssembledFrame, FrameAssembly
+from vo_service.client.connection import BackgroundConnection, FrameUnavailable, check_timeout
+from vo_service.client.frame import AssembledFrame, Frame, FrameAssembly, Located, PointCloud
 from vo_service.client.pose import PoseReader
 from vo_service.client.subscription import ServiceState
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix

@@ -5,16 +5,42 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import zenoh
 
-from vo_service.client.map_odom import MapOdom, parse_map_odom
-from vo_service.client.message_parsing import parse_status
-from vo_service.client.pose import ReceivedPose, parse_pose_sample
-from vo_service.types import JsonObject
+from vo_service.client.connection import PoseUnavailable, PoseUnavailableReason
+from vo_service.client.pose import (
+    LOST,
+    MapOdom,
+    ReceivedPose,
+    make_pose,
+    parse_map_odom,
+    parse_pose_sample,
+)
+from vo_service.types import JsonObject, decode_message, parse_json_message
 
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _RequiredStatusFields:
+    state: str
+    reason: str
+    paused: bool
+
+
+def parse_status(payload: zenoh.ZBytes) -> JsonObject:
+    """Parse a status, and check the fields that the client reads.
+
+    Raises:
+        ValueError: If it is not valid.
+    """
+    status = parse_json_message(payload.to_bytes())
+    decode_message(_RequiredStatusFields, status, "a status")
+    return status
+
 
 StatusMessage = JsonObject
 T = TypeVar("T")
@@ -136,3 +162,62 @@ class ServiceState:
                 logger.warning("ignored a message: %s", error)
             latest.parse_error = str(error)
         self._changed.notify_all()
+
+
+# A status arrives twice a second. After this long without one, the service counts as silent.
+MAX_SILENCE_S = 2.0
+
+
+def require_fresh(state: ServiceState, max_age_s: float, where: str) -> ReceivedPose:
+    """Return the newest pose if it is fresh and not lost.
+
+    Args:
+        state: Messages received so far.
+        max_age_s: Greatest age, seconds since the pose arrived.
+        where: The service's prefix and endpoint, for the message.
+
+    Raises:
+        PoseUnavailable: With the reason.
+    """
+    received = state.pose.item
+    if received is None or not state.pose.age_s <= max_age_s:
+        raise _make_error(state, *_unavailable_reason(state, where))
+    if received.attachment.state == LOST:
+        raise _make_error(
+            state, PoseUnavailableReason.LOST, f"tracking is lost: {received.attachment.reason}"
+        )
+    return received
+
+
+def pose_unavailable_error(state: ServiceState, where: str) -> PoseUnavailable:
+    """Make the error that says why no pose arrives."""
+    return _make_error(state, *_unavailable_reason(state, where))
+
+
+def _make_error(
+    state: ServiceState, reason: PoseUnavailableReason, message: str
+) -> PoseUnavailable:
+    received = state.pose.item
+    last = None if received is None else make_pose(received, is_continuous=False, missed=0)
+    return PoseUnavailable(reason, message, last)
+
+
+def _unavailable_reason(state: ServiceState, where: str) -> tuple[PoseUnavailableReason, str]:
+    status = state.status.item
+    if state.parse_error:
+        return PoseUnavailableReason.UNREADABLE, state.parse_error
+    if not state.is_alive:
+        return PoseUnavailableReason.NO_PUBLISHER, f"no kinect-vo publishes {where}"
+    if status is None or state.status.age_s > MAX_SILENCE_S:
+        return PoseUnavailableReason.SILENT, "the service is up but publishes nothing"
+    if status["paused"]:
+        return PoseUnavailableReason.PAUSED, "the service is paused"
+    if status["state"] == "no_camera":
+        return PoseUnavailableReason.NO_CAMERA, f"no camera: {status['reason']}"
+    if status["state"] == LOST:
+        return PoseUnavailableReason.LOST, f"tracking is lost: {status['reason']}"
+    since = "yet" if state.pose.item is None else f"for {state.pose.age_s:.1f} s"
+    return (
+        PoseUnavailableReason.SILENT,
+        f"no pose {since}, but the service reports {status['state']}",
+    )

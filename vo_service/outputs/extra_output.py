@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import UserFacingError
-from vo_service.output_registry import OUTPUTS
+from vo_service.config import OUTPUTS
 from vo_service.types import OdometryUpdate, Output, Status
 
 logger = logging.getLogger(__name__)

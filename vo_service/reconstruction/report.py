@@ -19,7 +19,7 @@ from vo_service.reconstruction.mesh import Mesh, write_ply
 from vo_service.reconstruction.reconstructor import ReconstructionResult
 from vo_service.reconstruction.render import render_camera_view, render_overview, render_top_view
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
-from vo_service.text_table import format_columns
+from vo_service.terminal import format_columns
 
 MESH_FILE, REPORT_FILE = "map.ply", "reconstruction.json"
 TOP_VIEW_FILE, OVERVIEW_FILE, CAMERA_VIEW_FILE = "top.png", "perspective.png", "view.png"

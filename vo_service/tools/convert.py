@@ -16,14 +16,15 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.geometry import Array, Vector
 from drivers.core.trajectory import Trajectory
 from drivers.open_recording import check_bag_packages
-from drivers.recording.encode import ColorFormat, EncodedFrame, encode_image
-from drivers.recording.frame_reader import FrameReader
-from drivers.recording.frame_stamps import FrameStamps, calibration_of_frame
-from drivers.recording.image_decoding import (
+from drivers.recording.frames import FrameReader, FrameStamps, calibration_of_frame
+from drivers.recording.images import (
     JPEG_START,
     BgrImage,
+    ColorFormat,
     DepthImage,
+    EncodedFrame,
     UnreadableFrameError,
+    encode_image,
 )
 from drivers.recording.recording import Recording
 from drivers.tum.writer import TumWriter

@@ -1,7 +1,9 @@
 """The status of the service: what is published twice a second, in groups, with its descriptions."""
 
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from typing import Annotated
 
 from drivers.camera import CameraState
@@ -154,3 +156,9 @@ class Status:
     timing: Annotated[TimingReport, "how fast poses come, and the CPU time of the odometry"]
     map: Annotated[MapReport, "loop closure, localization, saved and loaded maps"]
     recorder: Annotated[RecorderReport, "the recorder"]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions by name."""
+    packages = ("kinect-vo", "eclipse-zenoh", "numpy", "numba", "opencv-python-headless")
+    return {"python": platform.python_version()} | {name: version(name) for name in packages}

@@ -10,8 +10,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from drivers.core.process.messages import Heartbeat, Shutdown
-from drivers.core.process.worker_process import WorkerConfig, WorkerProcess, WorkerSpec
+from drivers.core.process.worker_process import (
+    Heartbeat,
+    Shutdown,
+    WorkerConfig,
+    WorkerProcess,
+    WorkerSpec,
+)
 
 logger = logging.getLogger(__name__)
 # A process without a heartbeat for this long is reported; it may recover.

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.kinect_usb import hotplug
-from drivers.kinect_usb.hotplug import wait_for_device
+from drivers.kinect_usb import usb_devices
+from drivers.kinect_usb.usb_devices import wait_for_device
 from tests.resource_leaks import resources_in_use
 
 NEVER_S = 60.0  # a wait that ends early does not take this long
@@ -37,7 +37,7 @@ class FakeMonotonicClock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeMonotonicClock:
     clock = FakeMonotonicClock()
-    monkeypatch.setattr(hotplug, "time", clock)
+    monkeypatch.setattr(usb_devices, "time", clock)
     return clock
 
 

@@ -9,8 +9,7 @@ import pytest
 from drivers.camera import Led, SensorConfig
 from drivers.core.errors import CameraError, UserFacingError
 from drivers.kinect_usb import kinect_motor_unit
-from drivers.kinect_usb.kinect_1414_motor import Kinect1414Motor
-from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
+from drivers.kinect_usb.kinect_motor_unit import Kinect1414Motor, KinectMotorUnit
 from drivers.kinect_usb.motor_unit import MotorDevice, MotorUnit, MotorUnitReading, NullMotorUnit
 from tests.resource_leaks import resources_in_use
 from tests.simulators.kinect_simulator import KinectLed as SimulatedLed

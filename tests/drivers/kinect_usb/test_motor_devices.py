@@ -9,8 +9,7 @@ from usb.core import find
 from drivers.camera import Led
 from drivers.core.errors import CameraError, CameraLostError
 from drivers.kinect_usb.audio_motor import AudioMotor
-from drivers.kinect_usb.kinect_1414_motor import Kinect1414Motor
-from drivers.kinect_usb.kinect_motor_unit import open_motor_device
+from drivers.kinect_usb.kinect_motor_unit import Kinect1414Motor, open_motor_device
 from drivers.kinect_usb.motor_unit import MotorDevice
 from tests.simulators.kinect_simulator import COUNTS_PER_G, KinectModel, KinectSimulator
 from tests.simulators.kinect_simulator import KinectLed as PlayedLed

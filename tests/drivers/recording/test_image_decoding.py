@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.recording.image_decoding import PNG_SIGNATURE, UnreadableFrameError
+from drivers.recording.images import PNG_SIGNATURE, UnreadableFrameError
 from drivers.recording.recording import FramePair
 from drivers.tum.index_files import ListedImage
 

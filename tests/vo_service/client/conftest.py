@@ -10,7 +10,7 @@ from tests.vo_service.client.fake_service import (
     running_fake_service,
 )
 from tests.waiting import wait_until
-from vo_service.client import PoseClient, freshness
+from vo_service.client import PoseClient, subscription
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def service_and_client(
     service_at_endpoint: tuple[FakeService, str], monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[FakeService, PoseClient]]:
     """A fake service and a connected client."""
-    monkeypatch.setattr(freshness, "MAX_SILENCE_S", 60.0)  # a busy machine may be late
+    monkeypatch.setattr(subscription, "MAX_SILENCE_S", 60.0)  # a busy machine may be late
     publisher, endpoint = service_at_endpoint
     with PoseClient(connect=endpoint) as client:
         assert client.wait_for_publisher(20)

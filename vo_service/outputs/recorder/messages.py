@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.messages import Heartbeat
-from drivers.core.shared_frames.record_ring import RecordRingMemory
+from drivers.core.process.worker_process import Heartbeat
+from drivers.core.record_ring import RecordRingMemory
 
 
 @dataclass(frozen=True)

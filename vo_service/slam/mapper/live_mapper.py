@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import RgbdFrame
+from drivers.core.depth_packing import compile_kernels, pack_depth
 from drivers.core.errors import UserFacingError
 from drivers.core.files import state_folder
 from drivers.core.geometry import inverse
 from drivers.core.queues import DropOldestQueue, WorkerThread
-from drivers.core.shared_frames.depth_packing import compile_kernels, pack_depth
-from drivers.core.shared_frames.record_ring import RecordRingWriter
+from drivers.core.record_ring import RecordRingWriter
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import write_frame
 from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry

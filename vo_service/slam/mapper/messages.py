@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.messages import Heartbeat
-from drivers.core.shared_frames.record_ring import RecordRingMemory
+from drivers.core.process.worker_process import Heartbeat
+from drivers.core.record_ring import RecordRingMemory
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.types import MapSnapshot

@@ -18,12 +18,17 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import check_writable
 from drivers.core.geometry import Array
 from drivers.core.process.service_connection import ServiceConnection
-from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
+from drivers.core.record_ring import RecordRingReader, RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_metadata
 from vo_service.slam.map_store import MapStore
-from vo_service.slam.mapper.mesh_job import FuseKeyframes, MeshJob, build_mesh
-from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
+from vo_service.slam.mapper.mesh_job import (
+    FuseKeyframes,
+    MeshJob,
+    MeshKeyframe,
+    MeshKeyframeStore,
+    build_mesh,
+)
 from vo_service.slam.mapper.messages import (
     LoadMapRequest,
     LoadMapResult,

@@ -12,10 +12,11 @@ from vo_service.tools.benchmark.recordings import BenchmarkRecording
 from vo_service.tools.benchmark.run import CompletedRun, RunOutcome, RunState
 from vo_service.tools.benchmark.run_cache import run_as_json
 from vo_service.tools.evaluation import Evaluation, evaluate
-from vo_service.tools.evaluation.association import MatchedPoses, associate
 from vo_service.tools.evaluation.gaps import GapOutcome, classify_gap, gap_error, spans_gap
 from vo_service.tools.evaluation.metrics import (
+    MatchedPoses,
     RelativeErrors,
+    associate,
     consecutive_pairs,
     count_gross_errors,
     relative_errors,

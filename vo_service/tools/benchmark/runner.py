@@ -19,8 +19,8 @@ from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.core.trajectory import Trajectory
 from drivers.open_recording import open_recording
-from drivers.recording.frame_reader import FrameReader
-from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.frames import FrameReader
+from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import Recording
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.tools.benchmark.methods import MethodFactory
@@ -29,6 +29,7 @@ from vo_service.tools.benchmark.subprocess_run import RunPreparing, RunProgress,
 from vo_service.types import Estimate, Odometry
 
 logger = logging.getLogger(__name__)
+
 
 PROGRESS_PERIOD_S = 0.1
 # A method first processes this many frames and is then made again, so that loading, compilation

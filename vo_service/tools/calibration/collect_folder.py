@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.core.errors import InputError
-from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import RecordedImage
 from drivers.tum.folder import read_frame_pairs
 from drivers.tum.index_files import ListedImage, read_image_list

@@ -6,8 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
-from vo_service.tools.evaluation.association import STAMP_ROUNDING_S, MatchedPoses
-from vo_service.tools.evaluation.metrics import PosePairs, RelativeErrors, relative_errors
+from vo_service.tools.evaluation.metrics import (
+    STAMP_ROUNDING_S,
+    MatchedPoses,
+    PosePairs,
+    RelativeErrors,
+    relative_errors,
+)
 
 # A gap is longer than this many median frame periods, and longer than this time.
 MIN_GAP_STEPS = 3.0

@@ -10,8 +10,7 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import atomic_write, is_disk_full
 from drivers.core.geometry import Array, inverse, transform_points
 from drivers.core.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory
-from vo_service.tools.evaluation.association import associate
-from vo_service.tools.evaluation.metrics import best_alignment, position_errors_m
+from vo_service.tools.evaluation.metrics import associate, best_alignment, position_errors_m
 
 if TYPE_CHECKING:  # rarely used, and slow to import
     from matplotlib.axes import Axes

@@ -6,11 +6,12 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
-from vo_service.text_table import format_columns, format_mm
-from vo_service.tools.evaluation.association import associate, coverage
+from vo_service.terminal import format_columns, format_mm
 from vo_service.tools.evaluation.metrics import (
+    associate,
     best_alignment,
     consecutive_pairs,
+    coverage,
     first_pose_alignment,
     pairs_one_second_apart,
     position_errors_m,

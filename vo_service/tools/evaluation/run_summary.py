@@ -9,7 +9,7 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
 from vo_service.service_statistics import ServiceStatistics
-from vo_service.text_table import format_columns, format_mm
+from vo_service.terminal import format_columns, format_mm
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.types import OnlineFocalLength, OnlineTiming
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.core.shared_frames.depth_packing import pack_depth
-from drivers.core.shared_frames.record_ring import RecordRingReader, RecordRingWriter, RingRecord
+from drivers.core.depth_packing import pack_depth
+from drivers.core.record_ring import RecordRingReader, RecordRingWriter, RingRecord
 from tests.drivers.tum.read_recording import read_recording
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
 from vo_service.frame_record import write_frame

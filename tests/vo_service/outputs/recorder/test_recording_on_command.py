@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.core.shared_frames.depth_packing import pack_depth
-from drivers.core.shared_frames.record_ring import RecordRingReader, RecordRingWriter
+from drivers.core.depth_packing import pack_depth
+from drivers.core.record_ring import RecordRingReader, RecordRingWriter
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import child_pids
 from tests.vo_service.outputs.recorder.recorder_inputs import (
@@ -25,9 +25,9 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
 from vo_service.frame_record import write_frame
-from vo_service.outputs.recorder import recording_writer as recording_module
+from vo_service.outputs.recorder import worker as recording_module
 from vo_service.outputs.recorder.messages import RecordingResult
-from vo_service.outputs.recorder.recording_writer import RecordingWriter
+from vo_service.outputs.recorder.worker import RecordingWriter
 
 pytestmark = pytest.mark.subprocess
 

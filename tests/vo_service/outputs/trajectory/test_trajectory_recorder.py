@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
+from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.types import OdometryUpdate
 
 MakeUpdate = Callable[..., OdometryUpdate]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core.process.worker_process import WorkerSpec
-from drivers.core.shared_frames.record_ring import RecordRingMemory
+from drivers.core.record_ring import RecordRingMemory
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.slam.mapper import client
 from vo_service.slam.mapper.client import MapperClient

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.core.depth_packing import pack_depth
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.shared_frames.depth_packing import pack_depth
-from drivers.core.shared_frames.record_ring import RecordRingReader, RecordRingWriter
+from drivers.core.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.slam.corner_trajectory import (
     make_loop_closer,

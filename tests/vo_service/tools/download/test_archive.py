@@ -17,8 +17,8 @@ from tests.vo_service.tools.download.web_server import (
     make_special_member,
     make_tgz,
 )
-from vo_service.tools.download import archive as archive_module
-from vo_service.tools.download.archive import (
+from vo_service.tools.download import sequence_download as archive_module
+from vo_service.tools.download.sequence_download import (
     DamagedArchiveError,
     UnsafeArchiveError,
     safe_path,

@@ -4,7 +4,7 @@ import numpy as np
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.trajectory import Trajectory
-from vo_service.tools.evaluation.association import MatchedPoses
+from vo_service.tools.evaluation.metrics import MatchedPoses
 
 
 def poses_at(stamps_s: list[float]) -> Trajectory:

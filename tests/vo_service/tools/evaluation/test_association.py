@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from drivers.core.errors import InputError
 from drivers.core.trajectory import nearest_indices
 from tests.vo_service.tools.evaluation.sample_trajectories import poses_at
-from vo_service.tools.evaluation.association import associate, coverage
+from vo_service.tools.evaluation.metrics import associate, coverage
 
 stamps = st.lists(st.integers(0, 2000), min_size=1, max_size=30, unique=True).map(
     lambda milliseconds: np.array(sorted(milliseconds)) / 1000.0

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from vo_service.tools.evaluation.consistency import motion_error, nees, summarize_nees
+from vo_service.tools.evaluation.metrics import motion_error, nees, summarize_nees
 
 
 def sample_errors(covariance: Array, count: int) -> list[Array]:

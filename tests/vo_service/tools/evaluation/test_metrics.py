@@ -12,8 +12,8 @@ from tests.vo_service.tools.evaluation.sample_trajectories import (
     random_walk,
 )
 from vo_service.tools.evaluation import evaluate
-from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import (
+    associate,
     best_alignment,
     consecutive_pairs,
     count_gross_errors,

@@ -16,8 +16,8 @@ from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse
-from drivers.recording.frame_reader import FrameReader
-from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.frames import FrameReader
+from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import Recording
 from vo_service.odometry.profiling import StageTimer
 from vo_service.tools.benchmark.baselines.orb_vocabulary import (

@@ -99,13 +99,13 @@ def _small_gicp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
 
 
 def _sift(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.benchmark.baselines.opencv_features import sift_odometry
+    from vo_service.tools.benchmark.baselines.frame_to_frame import sift_odometry
 
     return sift_odometry(features.count, stopwatch)
 
 
 def _orb(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
-    from vo_service.tools.benchmark.baselines.opencv_features import orb_odometry
+    from vo_service.tools.benchmark.baselines.frame_to_frame import orb_odometry
 
     return orb_odometry(features.count, stopwatch)
 

@@ -15,7 +15,7 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_results,
 )
 from vo_service.tools.benchmark.recordings import FrameSelection
-from vo_service.tools.benchmark.report.bench_tables import (
+from vo_service.tools.benchmark.report.bench_report import (
     ALL_METRICS,
     RATIO_METRICS,
     RelativeResults,

@@ -1,11 +1,11 @@
-"""A ring of records in shared memory: one process writes, another reads.
+"""The one place that creates shared memory.
 
-The memory grows only as it is filled. A record is contiguous. The ring is filled from start to
-end, lap after lap, and a new record replaces the oldest ones.
-
-There are no locks. Before it overwrites, the writer publishes how far, one record ahead. The
-reader copies a record first and checks afterwards whether it was still intact. So a writer that
-is killed at any instant leaves records that are whole, or known to be overwritten.
+There are two rings on top of it, because they promise the opposite. The ring of a camera
+(`drivers.subprocess_camera.frame_ring`) has few slots of one size, and its reader owns a slot while
+it copies: no frame is torn, a slow reader makes the camera wait (lockstep) or skips frames. The
+ring of records (`record_ring`) never waits for a reader, keeps seconds of packed frames of any
+length, and survives the death of the writer: a reader finds out afterwards whether a record was
+overwritten.
 """
 
 import errno
@@ -18,7 +18,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.shared_frames.shared_memory import create_shared_memory
+
+def create_shared_memory(name: str, size: int) -> int:
+    """Create memory for processes that inherit its file descriptor.
+
+    It is a file without a name, which exists as long as one process holds it. Memory that is never
+    touched is not allocated.
+
+    Args:
+        name: For /proc.
+        size: Bytes.
+
+    Returns:
+        The file descriptor.
+
+    Raises:
+        OSError: There is not enough memory.
+    """
+    fd = os.memfd_create(name)
+    try:
+        os.ftruncate(fd, size)
+    except OSError:
+        os.close(fd)
+        raise
+    return fd
+
 
 # Number of records ever written, and the position up to which older records are overwritten.
 _HEADER = struct.Struct("<QQ")

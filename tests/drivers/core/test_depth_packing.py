@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from drivers.core.shared_frames.depth_packing import max_packed_bytes, pack_depth
-from drivers.core.shared_frames.depth_unpacking import unpack_depth
+from drivers.core.depth_packing import max_packed_bytes, pack_depth
+from drivers.core.depth_unpacking import unpack_depth
 
 Depth = NDArray[np.uint16]
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.jit import kernel
-from drivers.core.shared_frames.depth_unpacking import (
+from drivers.core.depth_unpacking import (
     ESCAPE_CODE,
     MAX_STEP_CODE,
     ZERO_STEP_CODE,
     escapes_offset,
 )
+from drivers.core.jit import kernel
 
 
 def max_packed_bytes(pixels: int) -> int:

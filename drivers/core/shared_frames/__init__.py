@@ -1,1 +1,0 @@
-"""A ring of frames in shared memory, written by the service and read by its workers."""

@@ -14,12 +14,7 @@ from drivers.calibration import CameraCalibration, format_calibration
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, Vector, quaternion_from_rotation
 from drivers.recording.frames import FrameStamps
-from drivers.recording.images import (
-    JPEG_START,
-    BgrImage,
-    DepthImage,
-    decode_depth,
-)
+from drivers.recording.images import JPEG_START, BgrImage, DepthImage, decode_depth
 
 NS_PER_S = 1_000_000_000
 NAMESPACE = "/camera"

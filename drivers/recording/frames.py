@@ -8,7 +8,8 @@ from typing import Self
 
 from drivers.calibration import NO_DISTORTION, CameraCalibration
 from drivers.camera import RgbdFrame, TimingSource
-from drivers.recording.images import DepthImage
+from drivers.core.geometry import Vector
+from drivers.recording.images import ColorFormat, DepthImage, encode_image
 from drivers.recording.recording import EXACT_CONTEXT, FramePair, Recording
 from drivers.rectify import SoftwareRegistration, make_undistorter
 
@@ -70,6 +71,24 @@ def calibration_of_frame(frame: RgbdFrame) -> CameraCalibration:
         readout_sigma_s=sigmas_s[0],
         depth_offset_sigma_s=sigmas_s[1],
     )
+
+
+@dataclass(frozen=True)
+class EncodedFrame:
+    """A frame as it is stored on disk."""
+
+    stamps: FrameStamps
+    color: bytes
+    color_format: ColorFormat
+    depth: bytes
+    gravity_m_s2: Vector | None
+
+
+def encode_frame(frame: RgbdFrame, stamps: FrameStamps, color_format: ColorFormat) -> EncodedFrame:
+    """Encode the images of a frame."""
+    color = encode_image(frame.color_bgr, color_format)
+    depth = encode_image(frame.depth_raw, ColorFormat.PNG)
+    return EncodedFrame(stamps, color, color_format, depth, frame.gravity_m_s2)
 
 
 class FrameReader:

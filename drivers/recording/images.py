@@ -2,17 +2,12 @@
 
 import struct
 import zlib
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from drivers.camera import RgbdFrame
-from drivers.core.geometry import Vector
-from drivers.recording.frames import FrameStamps
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8"
@@ -127,24 +122,6 @@ class ColorFormat(StrEnum):
 
     PNG = "png"  # lossless
     JPEG = "jpg"  # far smaller and faster, but lossy
-
-
-@dataclass(frozen=True)
-class EncodedFrame:
-    """A frame as it is stored on disk."""
-
-    stamps: FrameStamps
-    color: bytes
-    color_format: ColorFormat
-    depth: bytes
-    gravity_m_s2: Vector | None
-
-
-def encode_frame(frame: RgbdFrame, stamps: FrameStamps, color_format: ColorFormat) -> EncodedFrame:
-    """Encode the images of a frame."""
-    color = encode_image(frame.color_bgr, color_format)
-    depth = encode_image(frame.depth_raw, ColorFormat.PNG)
-    return EncodedFrame(stamps, color, color_format, depth, frame.gravity_m_s2)
 
 
 def encode_image(image: NDArray[Any], kind: ColorFormat) -> bytes:

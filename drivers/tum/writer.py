@@ -21,12 +21,14 @@ from drivers.core.geometry import Vector
 from drivers.core.trajectory import Trajectory, format_pose_line
 from drivers.recording.frames import (
     EARLIEST_STAMPS,
+    EncodedFrame,
     FrameStamps,
     calibration_of_frame,
+    encode_frame,
     format_stamp,
     round_to_microseconds,
 )
-from drivers.recording.images import ColorFormat, EncodedFrame, encode_frame
+from drivers.recording.images import ColorFormat
 from drivers.tum.index_files import AccelerometerWriter
 
 _log = logging.getLogger(__name__)

@@ -30,7 +30,7 @@ from vo_service.remembered_sensor import (
 )
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.result import check_writable
+from vo_service.tools.calibration.output_files import check_writable
 from vo_service.tools.calibration.timing import (
     NOTHING_SAVED_PREFIX,
     REMEDY,

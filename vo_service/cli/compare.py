@@ -26,10 +26,12 @@ from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObser
 from vo_service.tools.benchmark.recordings import BenchmarkRecording, open_recordings
 from vo_service.tools.benchmark.report.comparison_report import (
     ComparisonReport,
+    write_comparison_report,
+)
+from vo_service.tools.benchmark.report.comparison_tables import (
     error_table,
     loop_closure_table,
     time_table,
-    write_comparison_report,
 )
 from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
 from vo_service.tools.benchmark.results import SequenceResults, collect_results

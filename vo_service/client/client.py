@@ -3,13 +3,12 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any
 
 import zenoh
 
 from vo_service.client.connection import (
-    BackgroundConnection,
     ServiceUnavailable,
     check_command_name,
     check_max_age,
@@ -28,13 +27,13 @@ from vo_service.client.pose import (
 )
 from vo_service.client.subscription import (
     MAX_SILENCE_S,
-    ServiceState,
+    ServiceClient,
     StatusMessage,
     parse_status,
     pose_unavailable_error,
     require_fresh,
 )
-from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
+from vo_service.config_tables import DEFAULT_ENDPOINT
 from vo_service.types import JsonObject, TypedCommand, decode_message, parse_json_message
 from vo_service.types.commands import Reply
 
@@ -49,7 +48,7 @@ class _SchemaReply:
     schemas: dict[str, Any]
 
 
-class PoseClient:
+class PoseClient(ServiceClient):
     """Client of one service. If the service is not there, the client waits and reconnects.
 
     Thread-safe; each thread that calls `newest` is a separate reader. Timeouts are in seconds; a
@@ -63,43 +62,9 @@ class PoseClient:
         connect: str = DEFAULT_ENDPOINT,
         config_file: Path | str | None = None,
     ) -> None:
-        """Connect to a service.
-
-        Args:
-            prefix: Prefix of the service's Zenoh keys.
-            connect: Zenoh endpoint of the service.
-            config_file: Zenoh configuration (JSON5, for TLS); its endpoints replace `connect`.
-
-        Raises:
-            InputError: An argument is invalid.
-        """
-        self._prefix = check_prefix(prefix)
-        file = None if config_file is None else Path(config_file)
-        self._where = f"as {prefix} " + (
-            f"at {connect}" if file is None else f"at the endpoints in {file}, or access is denied"
-        )
-        self._state = ServiceState()
-        self._connection = BackgroundConnection(
-            ZenohConfig(prefix, listen=(), connect=(connect,), config_file=file),
-            lambda session: self._state.subscribe(session, prefix),
-        )
+        """Connect to a service; see `ServiceClient`."""
+        super().__init__(prefix, connect, config_file)
         self._thread_local = ThreadLocalReader()
-
-    def __enter__(self) -> "PoseClient":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Disconnect; `poses` and `statuses` end. Safe to call twice."""
-        self._state.close()
-        self._connection.close()
 
     # Poses
 

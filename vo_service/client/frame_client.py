@@ -2,16 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 
 import zenoh
 
 from drivers.core.geometry import transform_from_pose
-from vo_service.client.connection import BackgroundConnection, FrameUnavailable, check_timeout
+from vo_service.client.connection import FrameUnavailable, check_timeout
 from vo_service.client.frame import AssembledFrame, Frame, FrameAssembly, Located, PointCloud
 from vo_service.client.pose import PoseReader
-from vo_service.client.subscription import ServiceState
-from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
+from vo_service.client.subscription import ServiceClient
+from vo_service.config_tables import DEFAULT_ENDPOINT
 from vo_service.outputs.zenoh.session import MAX_FRAME_MESSAGE_BYTES
 from vo_service.ros_messages import (
     decode_camera_info,
@@ -22,12 +21,14 @@ from vo_service.ros_messages import (
 from vo_service.types import FrameAttachment, decode_message, parse_json_message
 
 
-class FrameClient:
+class FrameClient(ServiceClient):
     """Client of one service's frames, on a session of its own: it never delays a `PoseClient`.
 
     Images are sent only while a loop over `frames` or `points` runs. A slow reader skips to the
     newest frame.
     """
+
+    max_message_bytes = MAX_FRAME_MESSAGE_BYTES
 
     def __init__(
         self,
@@ -35,36 +36,9 @@ class FrameClient:
         connect: str = DEFAULT_ENDPOINT,
         config_file: Path | str | None = None,
     ) -> None:
-        """Connect to a service. If it is not there, the client waits for it.
-
-        Args:
-            prefix: Prefix of the service's Zenoh keys.
-            connect: Zenoh endpoint of the service.
-            config_file: Zenoh configuration (JSON5, for TLS); its endpoints replace `connect`.
-
-        Raises:
-            InputError: An argument is invalid.
-        """
-        self._prefix = check_prefix(prefix)
-        file = None if config_file is None else Path(config_file)
-        self._state = ServiceState()
+        """Connect to a service; see `ServiceClient`."""
+        super().__init__(prefix, connect, config_file)
         self._assemblies: list[FrameAssembly] = []  # of the loops that run
-        self._connection = BackgroundConnection(
-            ZenohConfig(prefix, listen=(), connect=(connect,), config_file=file),
-            lambda session: self._state.subscribe(session, prefix),
-            MAX_FRAME_MESSAGE_BYTES,
-        )
-
-    def __enter__(self) -> "FrameClient":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Disconnect; `frames` and `points` end. Safe to call twice."""

@@ -6,11 +6,17 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from pathlib import Path
+from types import TracebackType
+from typing import Generic, Self, TypeVar
 
 import zenoh
 
-from vo_service.client.connection import PoseUnavailable, PoseUnavailableReason
+from vo_service.client.connection import (
+    BackgroundConnection,
+    PoseUnavailable,
+    PoseUnavailableReason,
+)
 from vo_service.client.pose import (
     LOST,
     MapOdom,
@@ -19,6 +25,8 @@ from vo_service.client.pose import (
     parse_map_odom,
     parse_pose_sample,
 )
+from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
+from vo_service.outputs.zenoh.session import MAX_MESSAGE_BYTES
 from vo_service.types import JsonObject, decode_message, parse_json_message
 
 logger = logging.getLogger(__name__)
@@ -162,6 +170,60 @@ class ServiceState:
                 logger.warning("ignored a message: %s", error)
             latest.parse_error = str(error)
         self._changed.notify_all()
+
+
+class ServiceClient:
+    """A connection to one service, and the latest messages of it; a context manager.
+
+    If the service is not there, the client waits and reconnects.
+    """
+
+    # Larger messages that come in are discarded.
+    max_message_bytes = MAX_MESSAGE_BYTES
+
+    def __init__(
+        self,
+        prefix: str = "kinect",
+        connect: str = DEFAULT_ENDPOINT,
+        config_file: Path | str | None = None,
+    ) -> None:
+        """Connect to a service.
+
+        Args:
+            prefix: Prefix of the service's Zenoh keys.
+            connect: Zenoh endpoint of the service.
+            config_file: Zenoh configuration (JSON5, for TLS); its endpoints replace `connect`.
+
+        Raises:
+            InputError: An argument is invalid.
+        """
+        self._prefix = check_prefix(prefix)
+        file = None if config_file is None else Path(config_file)
+        self._where = f"as {prefix} " + (
+            f"at {connect}" if file is None else f"at the endpoints in {file}, or access is denied"
+        )
+        self._state = ServiceState()
+        self._connection = BackgroundConnection(
+            ZenohConfig(prefix, listen=(), connect=(connect,), config_file=file),
+            lambda session: self._state.subscribe(session, prefix),
+            self.max_message_bytes,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect; loops over messages end. Safe to call twice."""
+        self._state.close()
+        self._connection.close()
 
 
 # A status arrives twice a second. After this long without one, the service counts as silent.

@@ -16,13 +16,12 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.geometry import Array, Vector
 from drivers.core.trajectory import Trajectory
 from drivers.open_recording import check_bag_packages
-from drivers.recording.frames import FrameReader, FrameStamps, calibration_of_frame
+from drivers.recording.frames import EncodedFrame, FrameReader, FrameStamps, calibration_of_frame
 from drivers.recording.images import (
     JPEG_START,
     BgrImage,
     ColorFormat,
     DepthImage,
-    EncodedFrame,
     UnreadableFrameError,
     encode_image,
 )

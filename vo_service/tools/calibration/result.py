@@ -1,21 +1,12 @@
 """Result of a calibration: camera file, table for people and JSON for programs."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from drivers.calibration import (
-    CameraCalibration,
-    DepthCameraCalibration,
-    RigidTransform,
-    format_calibration,
-)
-from drivers.core.errors import InputError, UserFacingError
-from drivers.core.files import atomic_write, is_disk_full
+from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
 from drivers.core.geometry import Array, so3_log
 from vo_service.tools.calibration.board import Board, Lens
 from vo_service.tools.calibration.collect_folder import DepthUnits
@@ -166,62 +157,3 @@ def _depth_as_json(depth: DepthCalibrationResult) -> dict[str, Any]:
         "rotation_vector_rad": so3_log(model.T_color_depth[:3, :3]).tolist(),
         "rotation_sigma_rad": sigma[ROTATION].tolist(),
     }
-
-
-def check_writable(path: Path) -> None:
-    """Raise InputError if the file cannot be written."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}; create it")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise InputError(f"{path}: cannot be written; name a writable folder")
-
-
-def save_camera_file(path: Path, camera: CameraCalibration, heading: str) -> Path | None:
-    """Write a camera file as `save_with_backup` does.
-
-    Args:
-        path: The camera file.
-        camera: Its content.
-        heading: Comment in its first line.
-    """
-    return save_with_backup(path, f"# {heading}\n{format_calibration(camera)}".encode())
-
-
-def save_with_backup(path: Path, data: bytes) -> Path | None:
-    """Write a file and keep an existing one as a backup.
-
-    Returns:
-        The path of the backup; None without an existing file.
-
-    Raises:
-        UserFacingError: The disk fails; the existing file is then unchanged.
-    """
-    path = path.resolve()
-    backup = None
-    try:
-        if path.exists():
-            backup = path.with_name(f"{path.name}.bak")
-            atomic_write(backup, path.read_bytes())
-        atomic_write(path, data)
-    except OSError as error:
-        raise _write_error(path, error) from error
-    return backup
-
-
-def save(path: Path, data: bytes) -> None:
-    """Write a file.
-
-    Raises:
-        UserFacingError: If the disk fails.
-    """
-    try:
-        atomic_write(path, data)
-    except OSError as error:
-        raise _write_error(path, error) from error
-
-
-def _write_error(path: Path, error: OSError) -> UserFacingError:
-    cause = "the disk is full" if is_disk_full(error) else error.strerror
-    return UserFacingError(f"{path}: cannot be written: {cause}; fix this and calibrate again")

@@ -16,7 +16,7 @@ from drivers.calibration import (
 )
 from drivers.core.config import find_key_lines, parse_toml
 from vo_service.remembered_sensor import RememberedSensor
-from vo_service.tools.calibration.result import save_with_backup
+from vo_service.tools.calibration.output_files import save_with_backup
 
 NOTHING_SAVED_PREFIX = "nothing is saved: "
 # Two values contradict each other if they are further apart than this many standard deviations.

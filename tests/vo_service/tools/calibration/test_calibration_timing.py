@@ -142,6 +142,6 @@ def test_another_file_or_a_full_disk_is_an_error(
     def raise_disk_full(path: Path, data: bytes) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("vo_service.tools.calibration.result.atomic_write", raise_disk_full)
+    monkeypatch.setattr("vo_service.tools.calibration.output_files.atomic_write", raise_disk_full)
     with pytest.raises(UserFacingError, match="the disk is full"):
         save_timing(tmp_path / "new.toml", CAMERA, TIMING, "")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from vo_service.tools.benchmark.report.comparison_report import (
+from vo_service.tools.benchmark.report.comparison_tables import (
     MIN_FULL_COVERAGE,
     error_table,
     gap_table,

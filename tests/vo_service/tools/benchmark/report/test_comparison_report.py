@@ -21,10 +21,8 @@ from vo_service.config_tables import MapConfig
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.methods import SfmScale
 from vo_service.tools.benchmark.observers import LoopClosureObserverFactory
-from vo_service.tools.benchmark.report.comparison_report import (
-    metrics_table,
-    write_comparison_report,
-)
+from vo_service.tools.benchmark.report.comparison_report import write_comparison_report
+from vo_service.tools.benchmark.report.comparison_tables import metrics_table
 from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
 from vo_service.tools.benchmark.run import RunOutcome, RunState
 

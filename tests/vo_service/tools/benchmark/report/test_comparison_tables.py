@@ -13,7 +13,7 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_recording,
     make_results,
 )
-from vo_service.tools.benchmark.report.comparison_report import (
+from vo_service.tools.benchmark.report.comparison_tables import (
     error_table,
     gap_table,
     loop_closure_table,

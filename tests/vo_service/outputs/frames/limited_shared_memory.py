@@ -1,6 +1,13 @@
-"""Publishes three images to a subscriber in this process's second session; prints how they came."""
+"""Publishes three images to a subscriber in this process's second session; prints how they came.
 
+With the argument "fill", /dev/shm becomes full after the first image; with "kill", the process is
+killed then.
+"""
+
+import os
+import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[4]))
@@ -10,6 +17,14 @@ from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.frames.shared_memory import SharedPayloads
 from vo_service.outputs.zenoh.session import open_session
+
+
+def fill(file: Path) -> None:
+    """Write until the file system is full."""
+    with file.open("wb", buffering=0) as stream, suppress(OSError):
+        while True:
+            stream.write(bytes(4096))
+
 
 endpoint = f"tcp/127.0.0.1:{free_port()}"
 # One process maps the pool twice here: both have to fit into what it may lock.
@@ -25,3 +40,7 @@ with (
         publisher.put(shared.share(bytes(921_600)))
         payload = samples.recv().payload
         print(payload.as_shm() is not None, len(payload))
+        if sys.argv[1:] == ["fill"]:
+            fill(Path("/dev/shm/other"))
+        elif sys.argv[1:] == ["kill"]:
+            os.kill(os.getpid(), signal.SIGKILL)

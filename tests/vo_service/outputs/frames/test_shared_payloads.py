@@ -71,14 +71,38 @@ PROGRAM = Path(__file__).with_name("limited_shared_memory.py")
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize(
-    ("options", "is_shared"),
-    [("size=100M", True), ("size=1M", False), ("size=100M,ro", False)],
-    ids=["large", "small", "read-only"],
+    ("options", "arguments", "is_shared"),
+    [
+        ("size=100M", "", True),
+        ("size=100M", "fill", True),
+        ("size=1M", "", False),
+        ("size=100M,ro", "", False),
+    ],
+    ids=["large", "full after the first image", "small", "read-only"],
 )
-def test_frames_arrive_whatever_dev_shm_is(options: str, is_shared: bool) -> None:
-    command = f"mount -t tmpfs -o {options} tmpfs /dev/shm && exec {sys.executable} {PROGRAM}"
+def test_frames_arrive_whatever_dev_shm_is(options: str, arguments: str, is_shared: bool) -> None:
+    done = run_with_dev_shm(options, f"{sys.executable} {PROGRAM} {arguments}")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(is_shared), "921600"] * 3
+
+
+@pytest.mark.subprocess
+def test_what_a_killed_process_leaves_is_removed_by_the_next() -> None:
+    program, names = f"{sys.executable} {PROGRAM}", "echo $(ls /dev/shm)"
+    done = run_with_dev_shm("size=100M", f"{program} kill; {names}; {program}; {names}")
+    _, left, *images, left_then = done.stdout.splitlines()
+    assert images == ["True 921600"] * 3
+    assert left
+    assert set(left.split()).isdisjoint(left_then.split())
+
+
+def run_with_dev_shm(options: str, command: str) -> "subprocess.CompletedProcess[str]":
+    """Run a shell command with a /dev/shm of its own."""
     done = subprocess.run(
-        ["unshare", "--mount", "--map-root-user", "--user", "sh", "-c", command],
+        [
+            *("unshare", "--mount", "--map-root-user", "--user", "sh", "-c"),
+            f"mount -t tmpfs -o {options} tmpfs /dev/shm && {{ {command}; }}",
+        ],
         capture_output=True,
         text=True,
         timeout=DEFAULT_TIMEOUT_S,
@@ -86,5 +110,4 @@ def test_frames_arrive_whatever_dev_shm_is(options: str, is_shared: bool) -> Non
     )
     if "unshare" in done.stderr or "mount:" in done.stderr:
         pytest.skip(f"no namespaces here: {done.stderr}")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == [str(is_shared), "921600"] * 3
+    return done

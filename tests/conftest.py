@@ -36,6 +36,7 @@ from tests.simulators.fixtures import (  # noqa: F401
     simulated_libusb,
 )
 from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.warm_ups import skip_repeated_warm_ups
 
 cv2.setNumThreads(1)
 
@@ -77,6 +78,14 @@ def _hand_held_pose(seq: int) -> Array:
     """Pose of a hand that moves a little forward and to the right, turning."""
     turn = so3_exp([0.002 * seq, 0.006 * seq, -0.003 * seq])
     return rigid_transform(turn, [0.01 * seq, -0.004 * seq, 0.015 * seq])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def single_warm_ups() -> Iterator[None]:
+    """Load kernels once: see `tests.warm_ups`."""
+    with pytest.MonkeyPatch.context() as patch:
+        skip_repeated_warm_ups(patch)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -27,21 +27,27 @@ def load() -> None:
     """Load libraries and kernels."""
     _set_library_environment()  # before the libraries are imported
     import cv2
+    import pytest
 
     import vo_service.cli.replay
     import vo_service.cli.run  # noqa: F401
     from drivers.core.depth_packing import compile_kernels
     from tests.forked_process import WORKERS
-    from vo_service.odometry.registry import DEFAULT_METHOD, warm_up
+    from tests.warm_ups import skip_repeated_warm_ups
+    from vo_service.cli.warm_up import prepare_kernels
+    from vo_service.config import Config
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
-    from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure
+    from vo_service.signals import StopSignal
+    from vo_service.slam import synchronous_loop_closure
+    from vo_service.terminal import Terminal
 
     cv2.setNumThreads(1)
     for function in WORKERS:
         import_module(function.partition(":")[0])
-    warm_up(DEFAULT_METHOD, _discard_stage)
+    skip_repeated_warm_ups(pytest.MonkeyPatch())
+    prepare_kernels(Config(), Terminal(), StopSignal())
     warm_up_reconstruction(_discard_stage)
-    warm_up_loop_closure(_discard_stage)
+    synchronous_loop_closure.warm_up_loop_closure(_discard_stage)
     compile_kernels()
     gc.collect()
     gc.freeze()  # otherwise the first collection of each child would copy all pages

@@ -9,6 +9,7 @@ import atexit
 import ctypes
 import json
 import os
+import resource
 import socket
 import subprocess
 import sys
@@ -32,6 +33,7 @@ WORKERS = {
     "drivers.synthetic.render_worker:run_renderer",
     "vo_service.mapper_process:run",
     "vo_service.outputs.recorder.worker:run_recorder",
+    "vo_service.outputs.rerun.worker:run_viewer",
 }
 # Orphaned descendants become children of the process that sets this, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36
@@ -129,9 +131,11 @@ def forked_workers(functions: Collection[str]) -> Iterator[None]:
         yield
 
 
-def _start_conditions() -> tuple[str, str | None]:
-    """Python, and where a new process looks for libraries; `cv2` sets this too."""
-    return sys.executable, os.environ.get("LD_LIBRARY_PATH")
+def _start_conditions() -> tuple[object, ...]:
+    """Python, where a new process looks for libraries (`cv2` sets this too), and its limits."""
+    limits = (resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE, resource.RLIMIT_AS)
+    library_path = os.environ.get("LD_LIBRARY_PATH")
+    return sys.executable, library_path, *map(resource.getrlimit, limits)
 
 
 class _ForkServer:

@@ -28,6 +28,7 @@ AMBIENT = 0.42
 LIGHTS_PER_LAMP = 3
 FALL_OFF_M = 2.0
 SURFACE_OFFSET_M = 0.01  # keeps a surface from shadowing itself
+NEIGHBORS = 16  # points of a face whose shadows come from the same few solids
 
 
 def make_lights(rng: np.random.Generator, half_m: Array) -> Array:
@@ -98,27 +99,90 @@ def _compute_brightness(
     to_unit: Array,
     center_m: Array,
 ) -> Floats:
-    """Compute the brightness (N,) at points (N, 3) with unit normals.
+    """Compute the brightness (N,) at the points (N, 3) of a face with unit normals.
 
     It is the ambient light and the light of each point light that is not occluded.
     """
     light = np.full(len(points), AMBIENT, dtype=np.float32)
-    for i in range(len(points)):
-        p, n = points[i], normals[i]
+    radii_m = _bounding_radii_m(to_unit)
+    near = np.empty(len(kind), np.int64)
+    for first in range(0, len(points), NEIGHBORS):
+        stop = min(first + NEIGHBORS, len(points))
+        middle, reach_m = _bounding_sphere(points[first:stop])
         for bulb in lights:
-            wx, wy, wz = bulb[0] - p[0], bulb[1] - p[1], bulb[2] - p[2]
-            distance_m = math.sqrt(wx * wx + wy * wy + wz * wz)
-            cosine = (wx * n[0] + wy * n[1] + wz * n[2]) / distance_m
-            if cosine <= 0.0:
-                continue
-            x, y, z = (
-                p[0] + SURFACE_OFFSET_M * n[0],
-                p[1] + SURFACE_OFFSET_M * n[1],
-                p[2] + SURFACE_OFFSET_M * n[2],
-            )
-            if not _is_occluded(x, y, z, wx, wy, wz, kind, to_unit, center_m):
-                light[i] += bulb[3] * cosine / (1.0 + (distance_m / FALL_OFF_M) ** 2)
+            count = -1  # not known yet: many faces are turned away from the light
+            for i in range(first, stop):
+                p, n = points[i], normals[i]
+                wx, wy, wz = bulb[0] - p[0], bulb[1] - p[1], bulb[2] - p[2]
+                distance_m = math.sqrt(wx * wx + wy * wy + wz * wz)
+                cosine = (wx * n[0] + wy * n[1] + wz * n[2]) / distance_m
+                if cosine <= 0.0:
+                    continue
+                if count < 0:
+                    count = _find_occluders(middle, reach_m, bulb, kind, center_m, radii_m, near)
+                x, y, z = (
+                    p[0] + SURFACE_OFFSET_M * n[0],
+                    p[1] + SURFACE_OFFSET_M * n[1],
+                    p[2] + SURFACE_OFFSET_M * n[2],
+                )
+                if not _is_occluded(x, y, z, wx, wy, wz, kind, to_unit, center_m, near[:count]):
+                    light[i] += bulb[3] * cosine / (1.0 + (distance_m / FALL_OFF_M) ** 2)
     return light
+
+
+@kernel
+def _bounding_radii_m(to_unit: Array) -> Array:
+    """Return the radii (S,) of spheres around the solids with `to_unit` (S, 3, 3)."""
+    radii_m = np.empty(len(to_unit))
+    for s in range(len(to_unit)):
+        square = 0.0  # each row is an axis over half a side
+        for k in range(3):
+            square += 1.0 / (to_unit[s, k, 0] ** 2 + to_unit[s, k, 1] ** 2 + to_unit[s, k, 2] ** 2)
+        radii_m[s] = math.sqrt(square)
+    return radii_m
+
+
+@kernel
+def _bounding_sphere(points: Array) -> tuple[Array, float]:
+    """Return a sphere around points (N, 3): its center (3,), and its radius, m."""
+    middle = (points[0] + points[-1]) / 2.0
+    radius_m = 0.0
+    for p in points:
+        x, y, z = p[0] - middle[0], p[1] - middle[1], p[2] - middle[2]
+        radius_m = max(radius_m, math.sqrt(x * x + y * y + z * z))
+    return middle, radius_m
+
+
+@kernel
+def _find_occluders(
+    middle: Array,
+    reach_m: float,
+    bulb: Array,
+    kind: NDArray[np.int64],
+    center_m: Array,
+    radii_m: Array,
+    found: NDArray[np.int64],
+) -> int:
+    """Find the solids that may be between a light and points within `reach_m` of `middle`.
+
+    They are written to `found` (S,); their number is returned. The room is none of them.
+    """
+    wx, wy, wz = bulb[0] - middle[0], bulb[1] - middle[1], bulb[2] - middle[2]
+    square = wx * wx + wy * wy + wz * wz
+    count = 0
+    for s in range(len(kind)):
+        x, y, z = (
+            center_m[s, 0] - middle[0],
+            center_m[s, 1] - middle[1],
+            center_m[s, 2] - middle[2],
+        )
+        along = min(1.0, max(0.0, (x * wx + y * wy + z * wz) / square))
+        x, y, z = x - along * wx, y - along * wy, z - along * wz
+        limit_m = radii_m[s] + reach_m + 2.0 * SURFACE_OFFSET_M
+        if kind[s] != ROOM and x * x + y * y + z * z <= limit_m * limit_m:
+            found[count] = s
+            count += 1
+    return count
 
 
 @kernel
@@ -132,11 +196,10 @@ def _is_occluded(
     kind: NDArray[np.int64],
     to_unit: Array,
     center_m: Array,
+    occluders: NDArray[np.int64],
 ) -> bool:
-    """Whether a solid other than the room is between (x, y, z) and (x + wx, y + wy, z + wz)."""
-    for s in range(len(kind)):
-        if kind[s] == ROOM:
-            continue
+    """Whether one of the occluders is between (x, y, z) and (x + wx, y + wy, z + wz)."""
+    for s in occluders:
         M, c = to_unit[s], center_m[s]
         ax, ay, az = x - c[0], y - c[1], z - c[2]
         ox, oy, oz = rotate(M, ax, ay, az)

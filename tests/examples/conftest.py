@@ -18,7 +18,8 @@ from tests.vo_service.client.fake_service import find_free_endpoint
 from tests.vo_service.service_process import KINECT_VO_WITH_LONG_TIMEOUT, NO_MAP_CONFIG
 from vo_service.client import PoseClient
 
-RATE_HZ = 30
+# Slow, so that the service leaves the processors to the examples.
+RATE_HZ = 10
 DURATION_S = 300
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.camera import PinholeCamera
 from drivers.core.trajectory import read_trajectory
 from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.cli.cli_runner import run_in_process
@@ -26,8 +27,10 @@ def render_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def short(render_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CACHE_DIRECTORY", str(render_cache))
-    # Painted in a second, not in five.
-    monkeypatch.setattr(demo, "SyntheticConfig", partial(SyntheticConfig, texel_m=0.01))
+    # A small camera in a coarse room: rendered in a second, not in ten.
+    small = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
+    config = partial(SyntheticConfig, texel_m=0.02, camera=small)
+    monkeypatch.setattr(demo, "SyntheticConfig", config)
 
 
 def test_every_frame_is_played_and_trajectory_truth_and_figure_are_written(

@@ -24,18 +24,11 @@ from tests.vo_service.slam.mapper.wall_sequence import COARSE, mapper_pid, runni
 from tests.waiting import wait_until
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure, LiveMapper
-from vo_service.slam.synchronous_loop_closure import warm_up_loop_closure
 
 pytestmark = pytest.mark.subprocess
 
 WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)
 NAME = "corner"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def kernels() -> None:
-    """Compile the kernels, so that the process responds in time."""
-    warm_up_loop_closure(lambda stage: None)
 
 
 @contextmanager

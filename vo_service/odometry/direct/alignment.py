@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, orthonormalize
+from drivers.core.jit import kernel
 from vo_service.odometry.direct.gauss_newton import MotionPrior, StepLimits, solve_level
-from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
+from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid, LevelImages
 from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
     MOTION_SIZE,
@@ -60,7 +61,7 @@ class DirectAlignment:
         T_camera_keyframe: 4x4.
         motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
         residual_model: (5,) gain, offset, both sigmas and the brightness weight, see `residuals`.
-        counts: (7,) of the finest level, see `residuals`.
+        counts: (8,) of the finest level, see `residuals`.
         samples: (N, COLUMNS) of the finest level's points, see `warping`.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
@@ -144,14 +145,17 @@ def align(
     # After a reconnection the camera may have images of another size.
     coarsest = min(len(images.gray), len(points)) - 1
     residual_model = initial_residual_model(affine_brightness, images.brightness_weight)
-    costs = [
-        _mean_cost(points, images, T, prior.motion, residual_model, coarsest)
-        for T in initial_guesses
-    ]
-    T, motion = initial_guesses[int(np.argmin(costs))], prior.motion
+    T, motion = initial_guesses[0], prior.motion
+    if len(initial_guesses) > 1:
+        costs = [
+            _mean_cost(points[coarsest], images.levels[coarsest], T, motion, residual_model)
+            for T in initial_guesses
+        ]
+        T = initial_guesses[int(np.argmin(costs))]
     # Coarse levels have too few points for region weights: those of the initial guess are used.
+    level = min(coarsest, NUM_FINE_LEVELS - 1)
     initial_weights = _initial_region_weights(
-        points, images, T, motion, residual_model.copy(), cell_weights
+        points[level], images.levels[level], T, motion, residual_model, cell_weights
     )
     for level in range(coarsest, -1, -1):
         T, motion = solve_level(
@@ -171,41 +175,42 @@ def align(
     return DirectAlignment(T, motion, residual_model, counts, samples, region_weights)
 
 
+def sample_points(
+    points: PointPyramid, images: ImagePyramid, T: Array, motion: Array, level: int
+) -> Array:
+    """(N, COLUMNS) samples of a level's points at a given motion."""
+    return _sample_level(points[level], images.levels[level], T, motion)
+
+
+@kernel
+def _sample_level(points: Array, images: LevelImages, T: Array, motion: Array) -> Array:
+    samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
+    warp_and_sample(points, images, T, body_motion(T, motion), samples)
+    return samples
+
+
+@kernel
 def _initial_region_weights(
-    points: PointPyramid,
-    images: ImagePyramid,
+    points: Array,
+    images: LevelImages,
     T: Array,
     motion: Array,
     residual_model: Array,
     cell_weights: Array,
 ) -> Array:
-    """(2, CELLS) weights of the regions at the initial guess."""
-    level = min(NUM_FINE_LEVELS, len(images.gray)) - 1
-    samples = sample_points(points, images, T, motion, level)
+    """(2, CELLS) weights of the regions at the initial guess, by a level's points (N, COLUMNS)."""
+    samples, residual_model = _sample_level(points, images, T, motion), residual_model.copy()
     for _ in range(INITIAL_MODEL_UPDATES):
-        fit_affine_brightness(points[level], samples, cell_weights, residual_model)
-    return weigh_regions(points[level], samples, residual_model, cell_weights)
+        fit_affine_brightness(points, samples, cell_weights, residual_model)
+    return weigh_regions(points, samples, residual_model, cell_weights)
 
 
-def sample_points(
-    points: PointPyramid, images: ImagePyramid, T: Array, motion: Array, level: int
-) -> Array:
-    """(N, COLUMNS) samples of a level's points at a given motion."""
-    samples = np.empty((len(points[level]), NUM_SAMPLE_COLUMNS))
-    warp_and_sample(points[level], images.levels[level], T, body_motion(T, motion), samples)
-    return samples
-
-
+@kernel
 def _mean_cost(
-    points: PointPyramid,
-    images: ImagePyramid,
-    T: Array,
-    motion: Array,
-    residual_model: Array,
-    level: int,
+    points: Array, images: LevelImages, T: Array, motion: Array, residual_model: Array
 ) -> float:
-    """Mean robust cost of all points; those out of view have the largest cost."""
-    samples = sample_points(points, images, T, motion, level)
-    counts = count_residuals(points[level], samples, residual_model, uniform_weights())
-    missing = len(points[level]) - counts[IN_IMAGE]
-    return float(counts[COST] + MAX_POINT_COST * missing) / max(len(points[level]), 1)
+    """Mean robust cost of a level's points (N, COLUMNS); outside of the image it is the largest."""
+    samples = _sample_level(points, images, T, motion)
+    counts = count_residuals(points, samples, residual_model, np.ones((2, NUM_CELLS)))
+    missing = len(points) - counts[IN_IMAGE]
+    return float(counts[COST] + MAX_POINT_COST * missing) / max(len(points), 1)

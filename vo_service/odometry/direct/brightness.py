@@ -116,8 +116,11 @@ def _accumulate_scores(
         count += weighted != 0.0
         for a in range(6):
             scores[cell, a] += J[a]
-            for b in range(6):
+            for b in range(a, 6):
                 products[a, b] += J[a] * J[b]
+    for a in range(6):
+        for b in range(a):
+            products[a, b] = products[b, a]
     return scores, products, count
 
 

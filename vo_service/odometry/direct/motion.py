@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.core.geometry import Array, adjoint, inverse
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.parameters import ROW_TIME_ITERATIONS
+from vo_service.odometry.direct.image_pyramid import LevelImages
 
 MOTION_SIZE = 9
 # Index of the acceleration in a motion. The unknowns of a step are a pose and a motion.
@@ -189,36 +189,71 @@ def project(x: float, y: float, z: float, intrinsics: Array) -> tuple[float, flo
     )
 
 
-@inline_kernel
+@kernel
 def project_rolling_shutter(
-    motion: Array,
-    x: float,
-    y: float,
-    z: float,
-    intrinsics: Array,
-    height: int,
-    readout_s: float,
-    skew_s: float,
-) -> tuple[float, float, float]:
-    """Project a point into the row that sees it.
+    points: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array
+) -> Array:
+    """Project points into the rows that see them.
+
+    A point's row depends on its time and the time on the row: two iterations each find that of the
+    color image, and from there that of the depth image. The compiler vectorizes the loop only if it
+    reads contiguous columns and has no other arrays.
 
     Args:
-        motion: (9,) of the camera in its own axes.
-        x: Position of the point in the camera's axes, m.
-        y: See x.
-        z: See x.
-        intrinsics: (4,) fx, fy, cx, cy.
-        height: Of the image, rows.
-        readout_s: Time from the first row to the last.
-        skew_s: Time of the middle row after the instant of the point's position.
+        points: (N, COLUMNS), of which the first three are the position in the keyframe's axes, m.
+        images: Images with these intrinsics and times of the rows.
+        T_camera_keyframe: 4x4 at the frame's stamp.
+        motion: (9,) of the camera in its own axes at the frame's stamp.
 
     Returns:
-        Pixel u, v and depth.
+        (5, N) pixel u, v in the color image; pixel u, v and 1/z in the depth image, 1/m. Points
+        behind the camera have no meaningful values but for the sign of 1/z.
     """
-    u, v = project(x, y, z, intrinsics)
-    z_then = z
-    for _ in range(ROW_TIME_ITERATIONS):
-        delay_s = skew_s + row_time(v, height, readout_s)
-        x_then, y_then, z_then = propagate_point(motion, x, y, z, delay_s)
-        u, v = project(x_then, y_then, z_then, intrinsics)
-    return u, v, z_then
+    projections = np.empty((5, len(points)))
+    u_color, v_color, u_depth, v_depth, inverse_z = (
+        projections[0],
+        projections[1],
+        projections[2],
+        projections[3],
+        projections[4],
+    )
+    (t00, t01, t02, t03), (t10, t11, t12, t13), (t20, t21, t22, t23) = (
+        _row_of(T_camera_keyframe, 0),
+        _row_of(T_camera_keyframe, 1),
+        _row_of(T_camera_keyframe, 2),
+    )
+    vx, vy, vz = motion[0], motion[1], motion[2]
+    wx, wy, wz = motion[3], motion[4], motion[5]
+    bx, by, bz = motion[6], motion[7], motion[8]
+    intrinsics = images.depth_intrinsics
+    fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
+    height = images.inverse_depth.shape[0]
+    middle, row_s, skew_s = 0.5 * (height - 1), images.readout_s / height, images.skew_s
+    xs, ys, zs = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
+    for n in range(len(points)):
+        px, py, pz = xs[n], ys[n], zs[n]
+        x = t00 * px + t01 * py + t02 * pz + t03
+        y = t10 * px + t11 * py + t12 * pz + t13
+        z = t20 * px + t21 * py + t22 * pz + t23
+        # Velocity of the point and half of its acceleration, as in `propagate_point`.
+        ax, ay, az = wz * y - wy * z - vx, wx * z - wz * x - vy, wy * x - wx * y - vz
+        hx = 0.5 * (wz * ay - wy * az + bz * y - by * z)
+        hy = 0.5 * (wx * az - wz * ax + bx * z - bz * x)
+        hz = 0.5 * (wy * ax - wx * ay + by * x - bx * y)
+        t = (fy * y / z + cy - middle) * row_s
+        t = (fy * (y + t * (ay + t * hy)) / (z + t * (az + t * hz)) + cy - middle) * row_s
+        w = 1.0 / (z + t * (az + t * hz))
+        v = fy * (y + t * (ay + t * hy)) * w + cy
+        u_color[n], v_color[n] = fx * (x + t * (ax + t * hx)) * w + cx, v
+        t = (v - middle) * row_s + skew_s
+        t = (fy * (y + t * (ay + t * hy)) / (z + t * (az + t * hz)) + cy - middle) * row_s + skew_s
+        w = 1.0 / (z + t * (az + t * hz))
+        u_depth[n] = fx * (x + t * (ax + t * hx)) * w + cx
+        v_depth[n] = fy * (y + t * (ay + t * hy)) * w + cy
+        inverse_z[n] = w
+    return projections
+
+
+@inline_kernel
+def _row_of(T: Array, row: int) -> tuple[float, float, float, float]:
+    return T[row, 0], T[row, 1], T[row, 2], T[row, 3]

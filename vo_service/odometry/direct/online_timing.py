@@ -327,12 +327,12 @@ def _timing_view(view: TrackedView, keyframe_view: TrackedView) -> TimingView:
     assert view.velocity is not None
     assert keyframe_view.velocity is not None
     T_keyframe_camera = inverse(alignment.T_camera_keyframe)
-    in_keyframe = change_frame(constant_velocity_motion(-view.velocity), T_keyframe_camera)
+    velocity = change_frame(constant_velocity_motion(-view.velocity), T_keyframe_camera)[:6].copy()
     return TimingView(
-        velocity=np.ascontiguousarray(in_keyframe[:6]),
-        assumed_velocity=np.ascontiguousarray(alignment.motion[:6]),
+        velocity=velocity,
+        velocity_change=velocity - alignment.motion[:6],
         keyframe_velocity=-keyframe_view.velocity,
-        assumed_keyframe_velocity=np.ascontiguousarray(-keyframe.motion[:6]),
+        keyframe_velocity_change=keyframe.motion[:6] - keyframe_view.velocity,
         turns=_turns_in(T_keyframe_camera),
         keyframe_turns=_turns_in(np.eye(4)),
         camera_position=np.ascontiguousarray(T_keyframe_camera[:3, 3]),

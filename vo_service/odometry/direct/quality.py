@@ -38,10 +38,9 @@ from vo_service.odometry.direct.residuals import (
     DISREGARDED,
     GAIN,
     IN_IMAGE,
-    OCCLUDED,
+    NUM_OCCLUDED,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
-    SAMPLE_OCCLUSION,
     SAMPLE_U,
     SAMPLE_V,
     SIGMA_BRIGHTNESS,
@@ -102,7 +101,7 @@ def _move_median(median: float, value: float) -> float:
 
 
 def is_consistent(counts: Array) -> bool:
-    """Whether most depth and brightness samples agree with the keyframe, by the counts (7,)."""
+    """Whether most depth and brightness samples agree with the keyframe, by the counts (8,)."""
     return not _inconsistency_reason(counts)
 
 
@@ -196,7 +195,7 @@ def strict_rejection_reason(alignment: DirectAlignment) -> str:
 
 def occluded_fraction(alignment: DirectAlignment) -> float:
     """Share of the view in which something occludes the keyframe's points."""
-    count = np.count_nonzero(alignment.samples[:, SAMPLE_OCCLUSION] == OCCLUDED)
+    count = alignment.counts[NUM_OCCLUDED]
     return float(count / max(count + alignment.counts[IN_IMAGE], 1.0))
 
 

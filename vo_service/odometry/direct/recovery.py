@@ -19,6 +19,7 @@ from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import (
     IDENTITY_BRIGHTNESS,
     DirectAlignment,
+    PointPyramid,
     align,
     depth_only_weights,
     uniform_weights,
@@ -81,70 +82,87 @@ MASKED_COLUMNS = tuple(
 def retry_without_half(
     result: TrackingResult, images: ImagePyramid, motion_state: MotionState
 ) -> TrackingResult:
-    """Return the result, or another motion of a half masked view if it has the lowest cost.
+    """Return the result, or another motion of a half masked view if it has the lower cost.
 
     The cost grows with the residuals of the whole view and with the innovation.
     """
-    if (
-        motion_state.innovation_ratio(result.alignment.camera_velocity, images.stamp_s)
-        < INNOVATION_GATE_SIGMAS
-    ):
+
+    def innovation_ratio(alignment: DirectAlignment) -> float:
+        return motion_state.innovation_ratio(alignment.camera_velocity, images.stamp_s)
+
+    if innovation_ratio(result.alignment) < INNOVATION_GATE_SIGMAS:
         return result
-    retries = [_align_without(half, result, images, motion_state) for half in MASKED_COLUMNS]
-    others = [each for each in retries if each is not None and not rejection_reason(each)]
+    points = result.keyframe.points
+    some_points = [np.ascontiguousarray(each[::HALF_VIEW_POINT_STRIDE]) for each in points]
+    halves = [
+        _align_without(half, some_points, result, images, motion_state) for half in MASKED_COLUMNS
+    ]
+    others = [half for half in halves if _is_other_motion(half, result)]
     if not others:
         return result
-    candidates = [result.alignment, *others]
-    sigmas = np.min([each.residual_model for each in candidates], axis=0)[SIGMA_BRIGHTNESS:]
-    points = result.keyframe.points[0]
 
-    def cost(candidate: DirectAlignment) -> float:
-        innovation = motion_state.innovation_ratio(candidate.camera_velocity, images.stamp_s)
-        return _mean_cost(points, candidate, sigmas) + INNOVATION_COST_WEIGHT * log(
-            1 + innovation**2 / INNOVATION_DEGREES_OF_FREEDOM
+    def best(candidates: Sequence[DirectAlignment], points: Array) -> DirectAlignment:
+        sigmas = np.min([each.residual_model for each in candidates], axis=0)[SIGMA_BRIGHTNESS:]
+        return min(
+            candidates,
+            key=lambda each: (
+                _mean_cost(points, each, sigmas)
+                + INNOVATION_COST_WEIGHT
+                * log(1 + innovation_ratio(each) ** 2 / INNOVATION_DEGREES_OF_FREEDOM)
+            ),
         )
 
-    return replace(result, alignment=min(candidates, key=cost))
+    other = _align_where_static(best(others, some_points[0]), some_points[0], result, images)
+    if rejection_reason(other):
+        return result
+    return replace(result, alignment=best([result.alignment, other], points[0]))
 
 
 def _align_without(
-    masked_columns: slice, result: TrackingResult, images: ImagePyramid, motion_state: MotionState
-) -> DirectAlignment | None:
-    """Align some points of half of the view, then all regions that fit this motion.
-
-    Returns None if it is the result's motion.
-    """
-    keyframe, prior = result.keyframe, result.prior
+    masked_columns: slice,
+    some_points: PointPyramid,
+    result: TrackingResult,
+    images: ImagePyramid,
+    motion_state: MotionState,
+) -> DirectAlignment:
+    """Align some of the keyframe's points with half of the view."""
     weights = uniform_weights()
     weights.reshape(2, CELL_ROWS, CELL_COLUMNS)[:, :, masked_columns] = 0.0
-    some_points = [np.ascontiguousarray(each[::HALF_VIEW_POINT_STRIDE]) for each in keyframe.points]
-    partial = align(
+    return align(
         some_points,
         images,
-        motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)[:1],
-        prior,
+        motion_state.initial_guesses(result.keyframe.T_world_keyframe, images.stamp_s)[:1],
+        result.prior,
         motion_state.predict_affine_brightness(images),
         weights,
     )
-    difference = inverse(result.alignment.T_camera_keyframe) @ partial.T_camera_keyframe
-    if compute_overlap(keyframe, difference).flow_px < MAX_SAME_MOTION_FLOW_PX:
-        return None
+
+
+def _is_other_motion(alignment: DirectAlignment, result: TrackingResult) -> bool:
+    """Whether an alignment moves the points of the result's keyframe elsewhere."""
+    difference = inverse(result.alignment.T_camera_keyframe) @ alignment.T_camera_keyframe
+    return compute_overlap(result.keyframe, difference).flow_px >= MAX_SAME_MOTION_FLOW_PX
+
+
+def _align_where_static(
+    half: DirectAlignment, some_points: Array, result: TrackingResult, images: ImagePyramid
+) -> DirectAlignment:
+    """Align all regions of the view that fit the motion of a half; that used `some_points`."""
     region_weights = weigh_regions(
-        some_points[0], partial.samples, partial.residual_model, uniform_weights()
+        some_points, half.samples, half.residual_model, uniform_weights()
     )
-    static_weights = (region_weights >= MIN_STATIC_WEIGHT).astype(np.float64)
     return align(
-        keyframe.points[:NUM_FINE_LEVELS],
+        result.keyframe.points[:NUM_FINE_LEVELS],
         images,
-        [partial.T_camera_keyframe],
-        prior,
-        partial.affine_brightness,
-        static_weights,
+        [half.T_camera_keyframe],
+        result.prior,
+        half.affine_brightness,
+        (region_weights >= MIN_STATIC_WEIGHT).astype(np.float64),
     )
 
 
 def _mean_cost(points: Array, alignment: DirectAlignment, sigmas: Array) -> float:
-    """Mean robust cost of a sample in the whole view, for given sigmas (2,)."""
+    """Mean robust cost of a sample in the whole view, for given sigmas (2,) and weight."""
     residual_model = alignment.residual_model.copy()
     residual_model[SIGMA_BRIGHTNESS:] = sigmas
     counts = count_residuals(points, alignment.samples, residual_model, uniform_weights())

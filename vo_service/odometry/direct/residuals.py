@@ -21,7 +21,7 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS,
     POINT_BRIGHTNESS_VARIANCE,
 )
-from vo_service.odometry.direct.motion import project, project_rolling_shutter, transform_point
+from vo_service.odometry.direct.motion import project_rolling_shutter
 from vo_service.odometry.direct.parameters import (
     DEGREES_OF_FREEDOM,
     INITIAL_SIGMAS,
@@ -72,44 +72,43 @@ def warp_and_sample(
         samples: (N, COLUMNS), out.
     """
     # Fields of a tuple cost time in a loop.
-    gray, intrinsics, inverse_depth, depth_intrinsics, readout_s, skew_s, vignetting = images
+    gray, intrinsics, inverse_depth, depth_intrinsics, _, _, vignetting = images
     height, width = inverse_depth.shape
-    is_instant = readout_s == 0.0 and skew_s == 0.0
+    per_width, per_height = 1.0 / width, 1.0 / height
+    scale = intrinsics[0] / depth_intrinsics[0]
+    projections = project_rolling_shutter(points, images, T_camera_keyframe, motion)
+    u_color, v_color, u_depth, v_depth, inverse_z = (
+        projections[0],
+        projections[1],
+        projections[2],
+        projections[3],
+        projections[4],
+    )
     for n in range(len(points)):
         sample = samples[n]
         _clear_sample(sample)
-        x, y, z = transform_point(T_camera_keyframe, points[n, 0], points[n, 1], points[n, 2])
-        if z < MIN_DEPTH_M:
+        u, v, w_point = u_color[n], v_color[n], inverse_z[n]
+        if not 0.0 < w_point <= 1.0 / MIN_DEPTH_M:
             continue
-        u, v = project(x, y, z, depth_intrinsics)
-        u_depth, v_depth, z_depth = u, v, z
-        if not is_instant:
-            u, v, _ = project_rolling_shutter(
-                motion, x, y, z, depth_intrinsics, height, readout_s, 0.0
-            )
-            u_depth, v_depth, z_depth = project_rolling_shutter(
-                motion, x, y, z, depth_intrinsics, height, readout_s, skew_s
-            )
-        scale = intrinsics[0] / depth_intrinsics[0]
         brightness = _interpolate_brightness(gray, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
-        if brightness < 0.0 or z_depth < MIN_DEPTH_M:
+        if brightness < 0.0:
             continue
         sample[SAMPLE_U], sample[SAMPLE_V] = u, v
-        sample[SAMPLE_CELL] = cell_index(u / width, v / height)
-        w = _interpolate_inverse_depth(inverse_depth, u_depth, v_depth)
-        difference = w - 1.0 / z_depth
+        sample[SAMPLE_CELL] = cell_index(u * per_width, v * per_height)
+        w = _interpolate_inverse_depth(inverse_depth, u_depth[n], v_depth[n])
+        difference = w - w_point
         if w > 0.0 and abs(difference) > MAX_SAME_SURFACE_PER_M:
             sample[SAMPLE_OCCLUSION] = np.sign(difference)
             continue
         if w > 0.0:
-            sample[SAMPLE_DEPTH_RESIDUAL] = difference * (z_depth / points[n, 2]) ** 2
-            sample[SAMPLE_DEPTH_BAND] = _row_band(v_depth, height)
+            sample[SAMPLE_DEPTH_RESIDUAL] = difference / (w_point * points[n, 2]) ** 2
+            sample[SAMPLE_DEPTH_BAND] = _row_band(v_depth[n] * per_height)
         if vignetting != 0.0:
             brightness *= 1.0 + vignetting * squared_radius_change(
                 u, v, depth_intrinsics, points[n]
             )
         sample[SAMPLE_BRIGHTNESS] = brightness
-        sample[SAMPLE_COLOR_BAND] = _row_band(v, height)
+        sample[SAMPLE_COLOR_BAND] = _row_band(v * per_height)
 
 
 @inline_kernel
@@ -133,9 +132,9 @@ def _clear_sample(sample: Array) -> None:
 
 
 @inline_kernel
-def _row_band(v: float, height: int) -> int:
-    """Index of the band that a row belongs to."""
-    return min(max(int(v * NUM_ROW_BANDS / height), 0), NUM_ROW_BANDS - 1)
+def _row_band(v_share: float) -> int:
+    """Index of the band that a row belongs to, given as a share of the image's height."""
+    return min(max(int(v_share * NUM_ROW_BANDS), 0), NUM_ROW_BANDS - 1)
 
 
 @inline_kernel
@@ -179,9 +178,19 @@ MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIG
 _BRIGHTNESS_ROW, _DEPTH_ROW = 0, 1
 # Below this share of its first term the scatter of the brightness is rounding error.
 _ROUNDING = 1e-9
-# The counts: points in the image; points in moving regions; by weight, samples with depth, and
-# those whose depth agrees within the gate; the same of brightness; the robust cost of all.
-IN_IMAGE, DISREGARDED, WITH_DEPTH, DEPTH_AGREES, WITH_BRIGHTNESS, BRIGHTNESS_AGREES, COST = range(7)
+# The counts: points in the image that are not occluded; points in moving regions; by weight,
+# samples with depth, and those whose depth agrees within the gate; the same of brightness; the
+# robust cost of all; occluded points.
+(
+    IN_IMAGE,
+    DISREGARDED,
+    WITH_DEPTH,
+    DEPTH_AGREES,
+    WITH_BRIGHTNESS,
+    BRIGHTNESS_AGREES,
+    COST,
+    NUM_OCCLUDED,
+) = range(8)
 # Largest squared residual of an inlier, in variances; larger ones are clipped to it.
 MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
 # Cost of a point whose brightness and depth are both wrong.
@@ -197,11 +206,8 @@ def residual_variances(residual_model: Array) -> tuple[float, float]:
 @inline_kernel
 def student_weight(residual: float, variance: float) -> float:
     """Weight of a residual in the fit: that of Student's t over its variance."""
-    return (
-        (DEGREES_OF_FREEDOM + 1.0)
-        / (DEGREES_OF_FREEDOM + residual * residual / variance)
-        / variance
-    )
+    # A division takes as long as all the rest.
+    return (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM * variance + residual * residual)
 
 
 @inline_kernel
@@ -261,15 +267,18 @@ def fit_affine_brightness(
 def count_residuals(
     points: Array, samples: Array, residual_model: Array, cell_weights: Array
 ) -> Array:
-    """Counts (7,) of a level's points.
+    """Counts (8,) of a level's points.
 
     A point in free space of the frame has the largest cost; an occluded one has none.
     """
-    counts = np.zeros(7)
+    counts = np.zeros(8)
     variance, variance_depth = residual_variances(residual_model)
     for i in range(len(points)):
         cell = int(samples[i, SAMPLE_CELL])
-        if cell < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+        if samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+            counts[NUM_OCCLUDED] += 1.0
+            continue
+        if cell < 0:
             continue
         brightness_weight, depth_weight = cell_weights[0, cell], cell_weights[1, cell]
         counts[IN_IMAGE] += 1.0

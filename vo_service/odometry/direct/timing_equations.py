@@ -63,9 +63,9 @@ class TimingView(NamedTuple):
 
     Attributes:
         velocity: While the frame was taken.
-        assumed_velocity: The same, as the alignment took it.
+        velocity_change: The same minus what the alignment took it for.
         keyframe_velocity: While the keyframe was taken.
-        assumed_keyframe_velocity: The same, as the keyframe's points were made with it.
+        keyframe_velocity_change: The same minus what the keyframe's points were made with.
         turns: (2, 6) of a camera that turns about its own x and y axis at 1 rad/s, at the frame.
         keyframe_turns: (2, 6) the same at the keyframe.
         camera_position: (3,) of the frame's camera in the keyframe's axes, m.
@@ -76,9 +76,9 @@ class TimingView(NamedTuple):
     """
 
     velocity: Array
-    assumed_velocity: Array
+    velocity_change: Array
     keyframe_velocity: Array
-    assumed_keyframe_velocity: Array
+    keyframe_velocity_change: Array
     turns: Array
     keyframe_turns: Array
     camera_position: Array
@@ -174,8 +174,7 @@ def _fill_brightness_row(
         What is added to the residual to make it that of zero timing and of the view's velocities.
     """
     readout, (keyframe_readout, keyframe_delay) = view.timing[0], view.keyframe_timing
-    change = view.velocity - view.assumed_velocity
-    keyframe_change = view.keyframe_velocity - view.assumed_keyframe_velocity
+    change, keyframe_change = view.velocity_change, view.keyframe_velocity_change
     # Only parallax shows an error of the point's depth in its brightness.
     c = view.camera_position
     by_depth = -z * (J[0] * c[0] + J[1] * c[1] + J[2] * c[2])
@@ -201,8 +200,7 @@ def _fill_depth_row(
 ) -> float:
     """Fill in the derivatives of a depth residual; see `_fill_brightness_row`."""
     (readout, delay), (keyframe_readout, keyframe_delay) = view.timing, view.keyframe_timing
-    change = view.velocity - view.assumed_velocity
-    keyframe_change = view.keyframe_velocity - view.assumed_keyframe_velocity
+    change, keyframe_change = view.velocity_change, view.keyframe_velocity_change
     moved = _dot(J_depth, view.velocity)
     keyframe_moved = _dot(J_depth, view.keyframe_velocity)
     row[:6] = J_depth

@@ -178,9 +178,9 @@ def test_a_frame_without_depth_becomes_no_keyframe() -> None:
 def test_no_keyframe_is_made_while_the_view_is_mostly_occluded() -> None:
     tracked, local_map = tracked_at(0.35), LocalMap()
     local_map.reset(AHEAD)
-    readings = tracked.result.alignment.samples.copy()
-    readings[::2, columns.SAMPLE_OCCLUSION] = columns.OCCLUDED
-    alignment = replace(tracked.result.alignment, samples=readings)
+    counts = tracked.result.alignment.counts.copy()
+    counts[columns.NUM_OCCLUDED] = counts[columns.IN_IMAGE]
+    alignment = replace(tracked.result.alignment, counts=counts)
     occluded = replace(tracked, result=replace(tracked.result, alignment=alignment))
     assert select(occluded, local_map) is AHEAD
     assert local_map.keyframes == [AHEAD]

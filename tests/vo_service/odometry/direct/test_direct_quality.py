@@ -137,6 +137,7 @@ def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> No
         readings[within, columns.SAMPLE_BRIGHTNESS] = readings[
             within, columns.SAMPLE_DEPTH_RESIDUAL
         ] = np.nan
+    assert count_of(hidden)[columns.NUM_OCCLUDED] == np.count_nonzero(within)
     assert count_of(hidden)[columns.IN_IMAGE] < before[columns.IN_IMAGE]
     assert is_consistent(count_of(hidden))
     assert count_of(hidden)[columns.COST] < before[columns.COST]

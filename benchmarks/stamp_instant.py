@@ -71,12 +71,13 @@ def fit_timing(stamps_s: Array, brightness: Array, switched_s: Array) -> LedTimi
         switched_s: Times (m,) of the switching commands on the same clock, the first to on.
     """
     best = LedTiming(0.0, 0.0, -np.inf)
+    middles_s = (DELAY_GRID_S[:, None] + stamps_s).ravel()
     for exposure_s in EXPOSURE_GRID_S:
-        for delay_s in DELAY_GRID_S:
-            lit = exposed_fraction(stamps_s + delay_s, exposure_s, switched_s)
-            explained = _explained_variance(lit, brightness)
-            if explained > best.explained_variance:
-                best = LedTiming(float(delay_s), float(exposure_s), explained)
+        lit = exposed_fraction(middles_s, exposure_s, switched_s)
+        explained = _explained_variance(lit.reshape(len(DELAY_GRID_S), -1), brightness)
+        k = int(explained.argmax())
+        if explained[k] > best.explained_variance:
+            best = LedTiming(float(DELAY_GRID_S[k]), float(exposure_s), float(explained[k]))
     return best
 
 
@@ -100,10 +101,12 @@ def _cumulative_on_s(until_s: Array, switched_s: Array) -> Array:
     return np.asarray((since_s * is_on).sum(axis=1))
 
 
-def _explained_variance(lit: Array, brightness: Array) -> float:
-    if lit.std() == 0.0 or brightness.std() == 0.0:
-        return 0.0
-    return float(np.corrcoef(lit, brightness)[0, 1] ** 2)
+def _explained_variance(lit: Array, brightness: Array) -> Array:
+    """Squared correlation (d,) of each row of `lit` (d, n) with the brightness (n,)."""
+    lit = lit - lit.mean(axis=1, keepdims=True)
+    brightness = brightness - brightness.mean()
+    squares = (lit**2).sum(axis=1) * (brightness**2).sum()
+    return np.asarray((lit @ brightness) ** 2 / np.where(squares > 0.0, squares, np.inf))
 
 
 class BlinkingLight:

@@ -56,6 +56,13 @@ def finished(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]
     return subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
 
 
+def finished_fork(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]":
+    """The same in a process that has imported all: another test has started it."""
+    program = f"import runpy\nrunpy.run_path({str(EXAMPLES / name)!r}, run_name='__main__')\n"
+    words = (str(argument) for argument in arguments)
+    return forked_process.run([sys.executable, "-c", program, *words])
+
+
 def kinect_vo(*arguments: str) -> "subprocess.CompletedProcess[str]":
     """The command line."""
     return forked_process.run([*forked_process.KINECT_VO, *arguments])
@@ -85,7 +92,7 @@ def again_and_again(tell: Callable[[], None]) -> Iterator[None]:
 
 
 def test_every_frame_of_a_recording_is_printed(recording: Path) -> None:
-    done = finished("read_camera.py", f"tum:{recording}")
+    done = finished_fork("read_camera.py", f"tum:{recording}")
     assert (done.stderr, done.returncode) == ("", 0)
     assert len(done.stdout.splitlines()) == FRAMES
     assert re.match(r"\d+\.\d{3} s: 320x240, \d\.\d\d m ahead$", done.stdout.splitlines()[0])
@@ -107,7 +114,7 @@ def test_a_wrong_source_is_one_line(name: str) -> None:
 
 
 def test_the_position_of_the_camera_is_printed_at_every_frame(recording: Path) -> None:
-    done = finished("odometry.py", f"tum:{recording}")
+    done = finished_fork("odometry.py", f"tum:{recording}")
     assert (done.stderr, done.returncode) == ("", 0)
     rows = [re.fullmatch(r"[\d.]+ \[(.*)\] ok", line) for line in done.stdout.splitlines()]
     assert len(rows) == FRAMES
@@ -302,7 +309,7 @@ def test_camera_programs_in_the_documentation_run(recording: Path) -> None:
     assert len(programs) == 2
     for code in programs:
         here = code.replace("recordings/desk", str(recording))
-        done = subprocess.run([sys.executable, "-c", here], capture_output=True, text=True)
+        done = forked_process.run([sys.executable, "-c", here])
         assert (done.stderr, done.stdout.count("\n")) == ("", FRAMES)
 
 

@@ -129,6 +129,7 @@ class ServiceProcess:
 # the libraries of places another.
 NO_MAP_CONFIG = "[map]\nenabled = false\n"
 NO_LOOP_CLOSURE_CONFIG = "[map]\nloop_closure = false\n"
+ONLY_POSES_CONFIG = f"{NO_MAP_CONFIG}[recorder]\nenabled = false\n"
 
 
 @contextmanager

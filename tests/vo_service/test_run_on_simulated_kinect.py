@@ -20,7 +20,12 @@ from tests.vo_service.corner_sequence import (
     write_corner_frames,
 )
 from tests.vo_service.sensor_faults import NO_KINECT_REASON, SENSOR_FAULTS, SensorFault, run_fault
-from tests.vo_service.service_process import NO_MAP_CONFIG, ServiceProcess, running_service
+from tests.vo_service.service_process import (
+    NO_MAP_CONFIG,
+    ONLY_POSES_CONFIG,
+    ServiceProcess,
+    running_service,
+)
 from tests.vo_service.subscriber import SubscribedPose
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
@@ -71,7 +76,7 @@ def late_1473(
         kinect.waits_for_reader = True
         kinect.set_firmware_loaded(False)
         kinect.unplug()
-        with running_service(folder, kinect.environment, more_config=NO_MAP_CONFIG) as service:
+        with running_service(folder, kinect.environment, more_config=ONLY_POSES_CONFIG) as service:
             service.wait_for_reason(NO_KINECT_REASON, 0.0)
             kinect.plug()
             service.wait_until_streaming(time.monotonic())

@@ -20,7 +20,7 @@ from tests.vo_service.corner_sequence import CAMERA, make_corner_kinect
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.sensor_faults import NO_KINECT_REASON
 from tests.vo_service.service_process import (
-    NO_MAP_CONFIG,
+    ONLY_POSES_CONFIG,
     ServiceProcess,
     running_service,
 )
@@ -71,7 +71,7 @@ def service_on(folder: Path, *kinects: KinectSimulator) -> Iterator[ServiceProce
     for kinect in kinects:
         kinect.waits_for_reader = True
     environment = simulator_environment(*kinects)
-    with running_service(folder, environment, more_config=NO_MAP_CONFIG) as service:
+    with running_service(folder, environment, more_config=ONLY_POSES_CONFIG) as service:
         yield service
         assert service.stop() == 0
 

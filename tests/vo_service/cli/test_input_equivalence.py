@@ -20,6 +20,7 @@ from tests.simulators.raw_depth import NOMINAL, raw_to_mm
 from tests.simulators.usb_frames import ColorBgr, DepthMm, write_usb_frames
 from tests.vo_service.cli.cli_runner import count_lines, run_in_process, running_subprocess
 from tests.vo_service.corner_sequence import RATE_HZ, corner_frames, make_corner_kinect
+from tests.vo_service.service_process import ONLY_POSES_CONFIG
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -57,8 +58,12 @@ def camera_file(replayed: Path) -> Path:
 def served(source: str, camera_file: Path, *options: str, count: int = COUNT) -> Path:
     """The trajectory that the service writes, once it has so many poses."""
     trajectory = camera_file.parents[1] / "served.txt"
+    config = camera_file.parents[1] / "kinect.toml"
+    config.write_text(f"schema = 1\n{ONLY_POSES_CONFIG}")
     given = ("--camera-file", camera_file, "--no-publish", "--trajectory", trajectory)
-    with running_subprocess("run", "--camera", source, *given, *options) as process:
+    with running_subprocess(
+        "run", "--camera", source, "--config", config, *given, *options
+    ) as process:
         wait_until(lambda: count_lines(trajectory) >= count or process.poll() is not None)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=100)

@@ -1,11 +1,12 @@
 """Soak test of the whole service on a simulated Kinect: lost frames, CPU time and memory.
 
-    python -m benchmarks sensor_soak [--minutes 10] [--patient]
+    python -m benchmarks sensor_soak [--minutes 10] [--patient] [--recording FOLDER]
 
-The real `kinect-vo run` at 30 frames per second; a separate subscriber receives every pose and
-status. The Kinect's clock wraps a third into the run, or 20 s into a long one, and every 71.6 s
-after that. Like a real bus, the simulator loses packets of a driver that is late by 32 ms; with
---patient it waits, for a busy machine. Exit code 1 if any frame is lost.
+The real `kinect-vo run` at 30 frames per second, with the flight recorder and without a viewer; a
+separate subscriber receives every pose and status. The Kinect plays a short rendered sequence, or a
+recording, forwards and backwards. Its clock wraps a third into the run, or 20 s into a long one,
+and every 71.6 s after that. Like a real bus, the simulator loses packets of a driver that is late
+by 32 ms; with --patient it waits, for a busy machine. Exit code 1 if any frame is lost.
 """
 
 import argparse
@@ -18,8 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.service_load import descendants_of, measure_processor_use
 from tests.resource_leaks import resident_memory_kb
-from tests.simulators.kinect_simulator import KinectSimulator
+from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
+from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, LoopMode
 from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.vo_service.subscriber import StatusContent, SubscribedPose
@@ -28,6 +31,9 @@ WARM_UP_S = 3.0
 FIRST_REPORT_S = 60.0
 FIRST_WRAP_S = 20.0
 TICKS_PER_S = 60_000_000
+COUNTERS = (
+    ("camera", "dropped"), ("camera", "skipped"), ("camera", "lost_packets"), ("tracking", "failed")
+)  # fmt: skip
 # Frames in flight when the counters are read.
 MAX_IN_FLIGHT = 3
 
@@ -40,7 +46,7 @@ class SensorSoakSample:
     sent: int
     poses: int
     status: StatusContent
-    cpu_s: tuple[float, float]  # service, driver
+    cpu_s: tuple[float, float, float]  # service, driver, all processes
     memory_kb: tuple[int, int]
 
 
@@ -48,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("--minutes", type=float, default=10.0, help="duration (default: 10)")
     parser.add_argument("--patient", action="store_true", help="lose no packets on the bus")
+    parser.add_argument("--recording", type=Path, metavar="FOLDER", help="what the Kinect sees")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -55,7 +62,7 @@ def main(args: argparse.Namespace) -> int:
     seconds = 60.0 * args.minutes
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with make_corner_kinect(folder, write_corner_frames(folder)) as kinect:
+        with make_kinect(folder, args.recording) as kinect:
             kinect.waits_for_reader = args.patient
             wrap_s = min(FIRST_WRAP_S, seconds / 3) + WARM_UP_S
             kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
@@ -66,6 +73,16 @@ def main(args: argparse.Namespace) -> int:
     lost = report(samples, poses)
     print(f"the service ended with exit code {exit_code}; {lost} frames lost")
     return 1 if lost or exit_code else 0
+
+
+def make_kinect(folder: Path, recording: Path | None) -> KinectSimulator:
+    """Make a Kinect that sees a recording or a rendered corner."""
+    if recording is None:
+        return make_corner_kinect(folder, write_corner_frames(folder))
+    usb_frames = write_fitted_usb_frames(folder, folder_frames(recording))
+    kinect = KinectSimulator(folder, usb_frames, registration=IDENTITY)
+    kinect.loop = LoopMode.THERE_AND_BACK
+    return kinect
 
 
 def soak(
@@ -85,16 +102,12 @@ def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> SensorSoakS
     """Take a sample, with a status that was received after reading everything else."""
     processes = service.process.pid, service.driver_pid
     at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.received.poses)
-    used_s = process_cpu_s(processes[0]), process_cpu_s(processes[1])
+    use = measure_processor_use(processes[0], *descendants_of(processes[0])).by_process
+    used_s = use[processes[0]], use[processes[1]], sum(use.values())
     memory_kb = resident_memory_kb(processes[0]), resident_memory_kb(processes[1])
     statuses = len(service.received.statuses)
     service.wait_for_status(lambda _: len(service.received.statuses) > statuses)
     return SensorSoakSample(at_s, sent, poses, service.status, used_s, memory_kb)
-
-
-def process_cpu_s(process: int) -> float:
-    """CPU time of all threads of a process so far."""
-    return time.clock_gettime(~process << 3 | 2)  # clock number as in clock_getcpuclockid(3)
 
 
 def report(samples: Sequence[SensorSoakSample], poses: Sequence[SubscribedPose]) -> int:
@@ -103,8 +116,7 @@ def report(samples: Sequence[SensorSoakSample], poses: Sequence[SubscribedPose])
     duration_s = last.time_s - first.time_s
     sent, received = last.sent - first.sent, len(poses)
     counters: dict[str, int] = {
-        name: last.status[name] - first.status[name]
-        for name in ("dropped", "skipped", "lost_packets", "failed")
+        name: last.status[group][name] - first.status[group][name] for group, name in COUNTERS
     }
     gaps = sum(b.seq - a.seq - 1 for a, b in pairwise(poses))
     backwards = sum(b.stamp_s <= a.stamp_s for a, b in pairwise(poses))
@@ -132,13 +144,13 @@ def report_times(poses: Sequence[SubscribedPose], status: StatusContent) -> None
         f"99 % {high:.2f}, max {interval_ms.max():.2f}"
     )
     print(
-        f"latency of the last frames, ms: median {status['latency_p50_ms']:.1f}, "
-        f"99 % {status['latency_p99_ms']:.1f}"
+        f"latency of the last frames, ms: median {status['timing']['latency_p50_ms']:.1f}, "
+        f"99 % {status['timing']['latency_p99_ms']:.1f}"
     )
 
 
 def _report_costs(first: SensorSoakSample, early: SensorSoakSample, last: SensorSoakSample) -> None:
-    """Print CPU time and memory of both processes."""
+    """Print CPU time and memory of both processes, and the CPU time of all."""
     for which, name in enumerate(("service", "driver")):
         share = (last.cpu_s[which] - first.cpu_s[which]) / (last.time_s - first.time_s)
         print(
@@ -146,3 +158,5 @@ def _report_costs(first: SensorSoakSample, early: SensorSoakSample, last: Sensor
             f"{early.memory_kb[which] / 1e3:.1f} MB after {early.time_s - first.time_s:.0f} s, "
             f"{last.memory_kb[which] / 1e3:.1f} MB at the end"
         )
+    share = (last.cpu_s[2] - early.cpu_s[2]) / (last.time_s - early.time_s)
+    print(f"all processes in the second part: {100 * share:.1f} % of a core")

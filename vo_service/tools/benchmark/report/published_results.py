@@ -58,7 +58,7 @@ METHOD_DESCRIPTIONS = {
         "drift from there.",
     ),
     "direct": MethodDescription(
-        "Keyframes",
+        "Direct",
         "color and depth: brightness and depth of every frame are aligned with those of a "
         "keyframe, which stays as long as most of it is in view; each sensor row has its own "
         "time. Not in the paper; this is the default of the service.",

@@ -1,0 +1,148 @@
+"""Make the pictures of the documentation from ten seconds of the virtual Kinect.
+
+    python -m scripts.pictures [FOLDER]        (default: docs/pictures)
+
+overview.jpg is Rerun's web viewer and comparison.jpg the report of `kinect-vo compare`, both in a
+real browser: Debian's `chromium`. trajectory.png is the plot of `kinect-vo evaluate`, and
+reconstruction.jpg the room from above. Exit code 1 if the viewer shows no trajectory or no image.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+
+import cv2
+import numpy as np
+
+from vo_service.outputs.rerun.scene import TRAJECTORY_COLOR
+from vo_service.outputs.rerun.sinks import LOOPBACK
+from vo_service.outputs.rerun.web_viewer_server import (
+    WebViewerServer,
+    no_telemetry_environment,
+    pick_free_port,
+    rerun_binary,
+    wait_for_port,
+)
+
+BROWSER = ["chromium", "--headless", "--no-sandbox"]
+WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+PICTURE_WIDTH = 1000
+JPEG = (cv2.IMWRITE_JPEG_QUALITY, 82)
+# Virtual time of the page; it runs ahead while the page compiles, depending on the computer.
+PAGE_TIMES_MS = (30_000, 120_000, 480_000, 4_000_000)
+
+
+def main() -> int:
+    """Make all pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs/pictures"))
+    folder = parser.parse_args().folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        room = scratch / "room"
+        run("record", "--camera", "synthetic", "--seconds", "10", room)
+        make_trajectory(room, folder / "trajectory.png")
+        make_reconstruction(room, folder / "reconstruction.jpg")
+        make_comparison(room, folder / "comparison.jpg")
+        problems = make_overview(room, folder / "overview.jpg")
+    print("\n".join(problems) or f"{folder}: 4 pictures")
+    return 1 if problems else 0
+
+
+def run(*arguments: str | Path) -> None:
+    """Run a command of kinect-vo."""
+    subprocess.run([Path(sys.executable).parent / "kinect-vo", *arguments], check=True)
+
+
+def make_trajectory(room: Path, picture: Path) -> None:
+    """Plot the trajectory beside the ground truth."""
+    trajectory = room.with_suffix(".txt")
+    run("replay", room, "--no-publish", "--trajectory", trajectory)
+    run("evaluate", trajectory, room, "--picture", picture)
+
+
+def make_reconstruction(room: Path, picture: Path) -> None:
+    """Show the mesh of the room from above."""
+    run("reconstruct", room, "--output", room.parent / "map")
+    save_small(room.parent / "map" / "top.png", picture)
+
+
+def make_comparison(room: Path, picture: Path) -> None:
+    """Show the first page of the report that compares the methods."""
+    output, screenshot = room.parent / "comparison", room.parent / "comparison.png"
+    run("compare", room, "--output", output)
+    take_picture(f"file://{output}/report.html", screenshot, room.parent, "--window-size=1100,1250")
+    save_small(screenshot, picture)
+
+
+def make_overview(room: Path, picture: Path) -> list[str]:
+    """Show a replay in Rerun; return what is missing in the picture."""
+    recording, screenshot = room.with_suffix(".rrd"), room.parent / "overview.png"
+    run("replay", room, "--no-publish", "--loop-closure", "--rerun", recording)
+    problems: list[str] = []
+    for page_time_ms in PAGE_TIMES_MS:
+        home = room.parent / str(page_time_ms)
+        home.mkdir()
+        take_rerun_picture(recording, screenshot, page_time_ms, home)
+        problems = find_missing_content(screenshot)
+        if not problems:
+            break
+    save_small(screenshot, picture)
+    return problems
+
+
+def save_small(picture: Path, small: Path) -> None:
+    """Save a picture as a JPEG of the documentation's width."""
+    image = cv2.imread(str(picture))
+    if image is not None:
+        size = (PICTURE_WIDTH, image.shape[0] * PICTURE_WIDTH // image.shape[1])
+        cv2.imwrite(str(small), cv2.resize(image, size, interpolation=cv2.INTER_AREA), JPEG)
+
+
+def take_picture(page: str, picture: Path, home: Path, *options: str) -> None:
+    """Render a page in a browser."""
+    command = [*BROWSER, *options, f"--screenshot={picture}", f"--user-data-dir={home}/browser"]
+    subprocess.run([*command, page], check=True, stderr=subprocess.DEVNULL, timeout=300)
+
+
+def take_rerun_picture(recording: Path, picture: Path, page_time_ms: int, home: Path) -> None:
+    """Serve the recording on loopback and render Rerun's web viewer."""
+    data_port, page_port = pick_free_port(), pick_free_port()
+    command = [str(rerun_binary()), "--serve-grpc", "--bind", LOOPBACK, "--port", str(data_port)]
+    data = subprocess.Popen([*command, str(recording)], env=no_telemetry_environment(home))
+    options = [*WEBGL, "--window-size=1400,850", f"--virtual-time-budget={page_time_ms}"]
+    try:
+        wait_for_port(data_port)
+        with closing(WebViewerServer(page_port, data_port)):
+            url = quote(f"rerun+http://{LOOPBACK}:{data_port}/proxy", safe="")
+            page = f"http://{LOOPBACK}:{page_port}/?url={url}&renderer=webgl"
+            take_picture(page, picture, home, *options)
+    finally:
+        data.kill()
+        data.wait()
+
+
+def find_missing_content(picture: Path) -> list[str]:
+    """List the missing parts of the screenshot."""
+    image = cv2.imread(str(picture))
+    if image is None:
+        return [f"{picture}: the browser took no picture"]
+    width = image.shape[1]
+    below_the_bar = image[50:]
+    scene, pictures = below_the_bar[:, : width // 2], below_the_bar[:, width // 2 :]
+    trajectory = np.abs(scene.astype(int) - TRAJECTORY_COLOR[::-1]).max(axis=2) < 30
+    problems = []
+    if np.count_nonzero(trajectory) < 50:
+        problems.append(f"{picture}: no trajectory in the 3-D view")
+    if len(np.unique(pictures.reshape(-1, 3), axis=0)) < 2000:
+        problems.append(f"{picture}: no camera image beside it")
+    return problems
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -64,6 +64,8 @@ UPPER_TRIANGLE = np.empty((6, 6), np.intp)
 UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(TRIANGLE_SIZE)
 # Smallest pivot of a factorization, so that rounding makes no root of a negative number.
 MIN_PIVOT = 1e-12
+# Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
+MARGINAL_DAMPING_RATIO = 1e-6
 
 
 class MotionPrior(NamedTuple):
@@ -290,7 +292,10 @@ def add_motion_prior(H: Array, g: Array, motion_error: Array, prior: MotionPrior
 
 @kernel
 def solve_cholesky(A: Array, b: Array) -> Array:
-    """Solve A x = b by Cholesky factorization; A is symmetric and positive definite."""
+    """Solve A x = b by Cholesky factorization; A is symmetric and positive definite.
+
+    Only the lower triangle of A is used.
+    """
     n = len(b)
     L = np.zeros((n, n))
     x = b.copy()
@@ -309,3 +314,59 @@ def solve_cholesky(A: Array, b: Array) -> Array:
             x[i] -= L[k, i] * x[k]
         x[i] /= L[i, i]
     return x
+
+
+@inline_kernel
+def add_residual(H: Array, g: Array, row: Array, weight: float, weighted_residual: float) -> None:
+    """Add a residual to normal equations, of whose matrix only the upper triangle is used.
+
+    Args:
+        H: (N, N), in and out.
+        g: (N,), in and out.
+        row: (N,) derivatives of the residual.
+        weight: Of the derivatives.
+        weighted_residual: The residual times its weight.
+    """
+    for a in range(len(row)):
+        weighted = weight * row[a]
+        for b in range(a, len(row)):
+            H[a, b] += weighted * row[b]
+        g[a] += row[a] * weighted_residual
+
+
+@kernel
+def marginalize(H: Array, g: Array, kept: int) -> tuple[Array, Array]:
+    """Marginalize all but the last unknowns of normal equations (Schur complement).
+
+    Args:
+        H: (N, N), of which the upper triangle is used.
+        g: (N,).
+        kept: Number K of the unknowns that are kept.
+
+    Returns:
+        (K, K) information A and (K,) vector b: A x = b at the best step x.
+    """
+    n = len(g) - kept
+    scale, X, Y = np.empty(n), np.empty((n, n)), np.empty((n, kept + 1))
+    for a in range(n):
+        scale[a] = 1.0 / np.sqrt(H[a, a] + MIN_PIVOT)
+    for a in range(n):
+        for b in range(a, n):
+            X[b, a] = H[a, b] * scale[b] * scale[a]
+        X[a, a] += MARGINAL_DAMPING_RATIO
+        for k in range(kept):
+            Y[a, k] = H[a, n + k] * scale[a]
+        Y[a, kept] = g[a] * scale[a]
+    solved = np.empty((n, kept + 1))
+    for k in range(kept + 1):
+        solved[:, k] = solve_cholesky(X, Y[:, k].copy())
+    A, b_vector = np.empty((kept, kept)), np.empty(kept)
+    for a in range(kept):
+        for b in range(kept):
+            A[a, b] = H[n + min(a, b), n + max(a, b)]
+            for k in range(n):
+                A[a, b] -= Y[k, a] * solved[k, b]
+        b_vector[a] = -g[n + a]
+        for k in range(n):
+            b_vector[a] += Y[k, a] * solved[k, kept]
+    return A, b_vector

@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, adjoint, inverse
+from vo_service.odometry.direct.gauss_newton import marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
@@ -28,12 +29,12 @@ from vo_service.odometry.direct.parameters import (
     TIMING_STEP_RATIO,
 )
 from vo_service.odometry.direct.timing_equations import (
+    NUM_TIMING,
     TimedFrame,
     TimingView,
     TrackedView,
     ViewHistory,
     accumulate_timing,
-    marginalize,
 )
 from vo_service.odometry.direct.timing_estimate import TimingEstimator
 from vo_service.odometry.direct.timing_search import (
@@ -230,7 +231,7 @@ class OnlineTimingOdometry:
             alignment.residual_model,
             _timing_view(past, keyframe_view),
         )
-        A, b = marginalize(H, g)
+        A, b = marginalize(H, g, NUM_TIMING)
         weight = speed**4 / (speed**4 + HALF_WEIGHT_SPEED**4)
         if keyframe_view.is_first:
             weight *= FIRST_KEYFRAME_WEIGHT

@@ -19,7 +19,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.gauss_newton import fill_jacobian, solve_cholesky
+from vo_service.odometry.direct.gauss_newton import add_residual, fill_jacobian
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
@@ -51,9 +51,7 @@ from vo_service.odometry.direct.residuals import (
 
 # Pose (6), gain, offset, turn of the depth camera (2), readout, delay.
 NUM_UNKNOWNS = 12
-FIRST_TURN, FIRST_TIMING = 8, 10
-# Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
-_DAMPING_RATIO = 1e-6
+FIRST_TURN, FIRST_TIMING, NUM_TIMING = 8, 10, 2
 
 
 class TimingView(NamedTuple):
@@ -96,20 +94,22 @@ def _dot(J: Array, velocity: Array) -> float:
     return total
 
 
-@inline_kernel
-def _add_row(H: Array, g: Array, row: Array, weight: float, weighted_residual: float) -> None:
-    for a in range(NUM_UNKNOWNS):
-        weighted = weight * row[a]
-        for b in range(a, NUM_UNKNOWNS):
-            H[a, b] += weighted * row[b]
-        g[a] += row[a] * weighted_residual
-
-
 @kernel
 def accumulate_timing(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array, view: TimingView
 ) -> tuple[Array, Array]:
-    """Normal equations (12, 12), (12,) of pose, brightness, turn, readout and delay of one view."""
+    """Normal equations of pose, brightness, turn, readout and delay of one view.
+
+    Args:
+        points: (N, COLUMNS) of the keyframe's finest level.
+        samples: (N, COLUMNS) of the view.
+        cell_weights: (2, CELLS).
+        residual_model: (5,), see `residuals`.
+        view: The view's velocities and timing.
+
+    Returns:
+        (12, 12), of which the upper triangle is used, and (12,).
+    """
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
     row, J, J_depth = np.zeros(NUM_UNKNOWNS), np.empty(6), np.empty(6)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
@@ -136,16 +136,15 @@ def accumulate_timing(
             linear = _fill_brightness_row(
                 points[i, 2], J, J_depth, share, keyframe_share, view, row
             )
-            _add_row(H, g, row, curvature, w * residual + curvature * linear)
+            add_residual(H, g, row, curvature, w * residual + curvature * linear)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
             curvature = w * student_curvature(depth, variance_depth)
             row[6] = row[7] = 0.0
             linear = _fill_depth_row(J_depth, share, keyframe_share, view, row)
-            _add_row(H, g, row, curvature, w * depth + curvature * linear)
-    for a in range(NUM_UNKNOWNS):
-        for b in range(a):
-            H[a, b] = H[b, a]
+            add_residual(H, g, row, curvature, w * depth + curvature * linear)
+    for k in range(FIRST_TURN, FIRST_TIMING):
+        H[k, k] += TURN_INFORMATION
     return H, g
 
 
@@ -217,37 +216,6 @@ def _fill_depth_row(
         - keyframe_s * _dot(J_depth, keyframe_change)
         - TIMING_STEP_RATIO * (frame_s * moved - keyframe_s * keyframe_moved)
     )
-
-
-@kernel
-def marginalize(H: Array, g: Array) -> tuple[Array, Array]:
-    """(2, 2) information and (2,) vector of readout and delay: A x = b at the best timing."""
-    n = FIRST_TIMING
-    scale = np.empty(n)
-    X, Y = np.empty((n, n)), np.empty((n, 3))
-    for k in range(FIRST_TURN, FIRST_TIMING):
-        H[k, k] += TURN_INFORMATION
-    for a in range(n):
-        scale[a] = 1.0 / np.sqrt(H[a, a] + 1e-12)
-    for a in range(n):
-        for b in range(n):
-            X[a, b] = H[a, b] * scale[a] * scale[b]
-        X[a, a] += _DAMPING_RATIO
-        Y[a, 0], Y[a, 1] = H[a, n] * scale[a], H[a, n + 1] * scale[a]
-        Y[a, 2] = g[a] * scale[a]
-    solved = np.empty((n, 3))
-    for k in range(3):
-        solved[:, k] = solve_cholesky(X, Y[:, k].copy())
-    A, b_vector = np.empty((2, 2)), np.empty(2)
-    for a in range(2):
-        for b in range(2):
-            A[a, b] = H[n + a, n + b]
-            for k in range(n):
-                A[a, b] -= Y[k, a] * solved[k, b]
-        b_vector[a] = -g[n + a]
-        for k in range(n):
-            b_vector[a] += Y[k, a] * solved[k, 2]
-    return A, b_vector
 
 
 # Poses of a velocity: two before the frame, two after it.

@@ -20,7 +20,6 @@ MAX_GAPS = {
     "drivers/synthetic": 4,
     "drivers/time_sync.py": 1,
     "vo_service/cli": 1,
-    "vo_service/odometry": 58,
     "vo_service/outputs": 4,
     "vo_service/slam": 3,
     "vo_service/tools": 6,

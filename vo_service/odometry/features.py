@@ -115,7 +115,13 @@ class PointPairs:
 def pair_points(
     points: FeaturePoints, reference: FeaturePoints, pairs: NDArray[np.int64]
 ) -> PointPairs:
-    """Pair the points of matched features (M, 2), all of which have depth."""
+    """Pair the points of matched features (M, 2), all of which have depth.
+
+    Args:
+        points: Of the camera's view.
+        reference: Of the reference's view.
+        pairs: (M, 2) indices into both.
+    """
     i, j = pairs[:, 0], pairs[:, 1]
     return PointPairs(
         P_camera=points.position_m[i],
@@ -145,7 +151,13 @@ class FeatureView:
 def select_pairs_with_depth(
     view: FeatureView, reference: FeatureView, pairs: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Select the pairs (M, 2) of features of a view and its reference that both have depth."""
+    """Select the pairs (M, 2) of features of a view and its reference that both have depth.
+
+    Args:
+        view: The view.
+        reference: The reference.
+        pairs: (M, 2) indices of features of both.
+    """
     return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
 
 
@@ -155,7 +167,14 @@ def make_tracking_debug(
     matches: NDArray[np.int64],
     inlier: NDArray[np.bool_],
 ) -> TrackingDebug:
-    """Make the debug data of matches (M, 2), of which (M,) are inliers of a motion."""
+    """Make the debug data of matches (M, 2), of which (M,) are inliers of a motion.
+
+    Args:
+        view: The view.
+        reference: The reference.
+        matches: (M, 2) indices of features of both.
+        inlier: (M,) which matches agree with the motion.
+    """
     return TrackingDebug(
         keypoints_px=view.features.position_px,
         matches_px=view.features.position_px[matches[:, 0]],
@@ -187,6 +206,11 @@ def match_features(
     A pair needs a second nearest descriptor further by 1/ratio (Lowe 2004, Section 7.1), and each
     has to be the other's nearest. Bright and dark blobs are never compared (Bay et al. 2008,
     Section 4.3).
+
+    Args:
+        query: Features that are matched.
+        reference: Features that they are matched with.
+        ratio: Largest ratio of the nearest to the second nearest distance.
     """
     blocks = [np.empty((0, 2), np.int64)]
     for sign in (-1.0, 1.0):
@@ -207,6 +231,11 @@ def match_descriptors(
     """Match descriptors: pairs (M, 2) of rows of `query` (N, D) and `reference` (K, D).
 
     They are float32 whole numbers: every dot product is exact with any BLAS and thread count.
+
+    Args:
+        query: (N, D) descriptors that are matched.
+        reference: (K, D) descriptors that they are matched with.
+        ratio: Largest ratio of the nearest to the second nearest distance.
     """
     similarity = _similarity(query, reference)
     best, second, nearest = find_best_two(similarity)

@@ -80,7 +80,13 @@ def inverse_gate(pairs: PointPairs) -> Array:
 
 
 def find_inliers(T_reference_camera: Array, pairs: PointPairs, gate: Array) -> NDArray[np.bool_]:
-    """(N,) bool: which pairs agree with a motion; `gate` from `inverse_gate`."""
+    """(N,) bool: which pairs agree with a motion; `gate` from `inverse_gate`.
+
+    Args:
+        T_reference_camera: 4x4 motion.
+        pairs: Points in the camera and in the reference.
+        gate: (M, 2), see `inverse_gate`.
+    """
     difference = transform_points(T_reference_camera, pairs.P_camera) - pairs.P_reference
     across = (difference[:, 0] ** 2 + difference[:, 1] ** 2) * gate[:, 0] ** 2
     along = (difference[:, 2] * gate[:, 1]) ** 2
@@ -96,6 +102,13 @@ def find_best_hypothesis(
 
     The score of a pair falls from 1 to 0 at the gate (MSAC, Torr and Zisserman 2000). Without any
     hypothesis it is 0 and the motion the identity.
+
+    Args:
+        P: (3, N) points in the camera, m.
+        Q: (3, N) the same in the reference, m.
+        inverse_gate: (2, N), see `inverse_gate`.
+        max_hypotheses: Largest number of hypotheses.
+        seed: Of the random numbers.
     """
     n = P.shape[1]
     best = np.eye(4)

@@ -10,7 +10,13 @@ from drivers.core.geometry import Array, rigid_transform
 
 
 def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:
-    """4x4 transform T that minimizes sum w_i |T p_i - q_i|^2; 3 points or more, not on a line."""
+    """4x4 transform T that minimizes sum w_i |T p_i - q_i|^2; 3 points or more, not on a line.
+
+    Args:
+        P: (N, 3) points p_i.
+        Q: (N, 3) points q_i.
+        w: (N,) weights.
+    """
     p_mean, q_mean = weighted_centroid(P, w), weighted_centroid(Q, w)
     X, Y = center_points(P, p_mean), center_points(Q, q_mean)
     S = cross_covariance(X, Y, w)
@@ -31,7 +37,13 @@ def center_points(P: Array, centroid: Array) -> Array:
 
 
 def cross_covariance(X: Array, Y: Array, w: Array) -> Array:
-    """Step 3: the 3x3 covariance matrix S = X W Y^T (with points as columns)."""
+    """Step 3: the 3x3 covariance matrix S = X W Y^T (with points as columns).
+
+    Args:
+        X: (N, 3) centered points.
+        Y: (N, 3) centered points that they are mapped to.
+        w: (N,) weights.
+    """
     S: Array = (X * w[:, None]).T @ Y
     return S
 
@@ -46,7 +58,13 @@ def rotation_from_covariance(S: Array) -> Array:
 
 
 def translation_between(p_mean: Array, q_mean: Array, R: Array) -> Array:
-    """Step 5: t = q_mean - R p_mean."""
+    """Step 5: t = q_mean - R p_mean.
+
+    Args:
+        p_mean: (3,) centroid of the points.
+        q_mean: (3,) centroid of the points that they are mapped to.
+        R: 3x3 rotation.
+    """
     return q_mean - R @ p_mean
 
 

@@ -178,7 +178,15 @@ def align(
 def sample_points(
     points: PointPyramid, images: ImagePyramid, T: Array, motion: Array, level: int
 ) -> Array:
-    """(N, COLUMNS) samples of a level's points at a given motion."""
+    """(N, COLUMNS) samples of a level's points at a given motion.
+
+    Args:
+        points: (N, COLUMNS) for each level, finest first.
+        images: The frame.
+        T: 4x4 T_camera_keyframe.
+        motion: (9,) of the keyframe's points in the keyframe's axes.
+        level: Of the points and the images; 0 is the finest.
+    """
     return _sample_level(points[level], images.levels[level], T, motion)
 
 

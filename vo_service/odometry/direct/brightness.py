@@ -139,7 +139,13 @@ class VignettingEstimate:
     def update(
         self, keyframe: DirectKeyframe, images: ImagePyramid, alignment: DirectAlignment
     ) -> "VignettingEstimate":
-        """Return the estimate updated by a view in which the keyframe's points have moved far."""
+        """Return the estimate updated by a view in which the keyframe's points have moved far.
+
+        Args:
+            keyframe: The keyframe.
+            images: The frame.
+            alignment: Of the frame with the keyframe.
+        """
         H, g = _regress(
             keyframe.points[0],
             alignment.samples,

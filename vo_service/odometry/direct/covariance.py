@@ -196,6 +196,13 @@ def accumulate_scores(
 
     A cell's score is sum w J' r, see `expand_rolling_shutter`. The moments are sum w v^2 q q^T,
     with q the point (x, y, z, 1) and v^2 the variance of its derivative by the slope noise.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        samples: (N, COLUMNS) of these points in a frame.
+        cell_weights: (2, CELLS) of brightness and of depth.
+        residual_model: (5,), see the top of `residuals`.
+        images: The frame at the level.
     """
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
     J, q = np.empty(6), np.ones(4)

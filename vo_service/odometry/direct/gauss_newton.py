@@ -163,6 +163,12 @@ def accumulate(points: Array, samples: Array, cell_weights: Array, residual_mode
     With r = J d, d a small motion of the keyframe's points as a twist (translation m, rotation rad)
     in the keyframe's axes: the upper triangle of sum w J^T J, row by row, then sum w J^T r. All
     rows of a band get the same time, which saves sums and loses little.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        samples: (N, COLUMNS) of these points in a frame.
+        cell_weights: (2, CELLS) of brightness and of depth.
+        residual_model: (5,), see the top of `residuals`.
     """
     sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
     J = np.empty(6)
@@ -186,7 +192,14 @@ def accumulate(points: Array, samples: Array, cell_weights: Array, residual_mode
 
 @inline_kernel
 def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) -> None:
-    """Fill J (6,): scale times (p, x cross p) of the derivative p by the point's position x."""
+    """Fill J (6,): scale times (p, x cross p) of the derivative p by the point's position x.
+
+    Args:
+        point: (COLUMNS,) of a keyframe.
+        gradient_column: First of the three columns of p.
+        scale: Of the derivative.
+        J: (6,), out.
+    """
     x, y, z = point[0], point[1], point[2]
     px, py, pz = (
         scale * point[gradient_column],
@@ -226,6 +239,11 @@ def expand_rolling_shutter(sums: Array, readout_s: float, skew_s: float) -> tupl
     With r = J (d + tau e + tau^2 f / 2), e and f small changes of the velocity and of the angular
     acceleration (this with J's rotation only), and tau the time of the sample: J' = [J, tau J,
     tau^2 J / 2], and sum w J'^T J' and sum w J'^T r.
+
+    Args:
+        sums: (2 BANDS, 27), see `accumulate`.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the depth image after the color image.
     """
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
     times = band_times(readout_s, skew_s)

@@ -150,7 +150,13 @@ def build_image_pyramid(
     vignetting: float = 0.0,
     brightness_weight: float = BRIGHTNESS_WEIGHT,
 ) -> ImagePyramid:
-    """Build the image pyramid of a frame; see there for the arguments."""
+    """Build the image pyramid of a frame; see there for the arguments.
+
+    Args:
+        frame: The frame.
+        vignetting: Of the lens, see `VignettingEstimate`.
+        brightness_weight: Relative to depth, see `BrightnessWeight`.
+    """
     depth_raw = frame.depth_raw.view()
     depth_raw.flags.writeable = (
         False  # one array type to compile: some cameras' arrays are read-only

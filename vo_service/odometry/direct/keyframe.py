@@ -64,7 +64,15 @@ def make_keyframe(
     motion: Array,
     is_static: NDArray[np.bool_],
 ) -> DirectKeyframe:
-    """Make a keyframe of a frame with known pose and motion; see `select_points`."""
+    """Make a keyframe of a frame with known pose and motion; see `select_points`.
+
+    Args:
+        frame: The frame.
+        images: Its image pyramid.
+        T_world_keyframe: 4x4 pose.
+        motion: (9,) of its camera in its own axes.
+        is_static: (CELLS,) which cells of the image to take points from.
+    """
     points = select_points(images, motion, is_static)
     return DirectKeyframe(points, images, T_world_keyframe, motion, GrayFrame.of(frame))
 
@@ -285,7 +293,13 @@ def _flood_fill_surface(
 def are_in_blocks(
     points: Array, intrinsics: Array, is_selected: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """(N,) whether points of a keyframe lie in the selected blocks (rows, columns)."""
+    """(N,) whether points of a keyframe lie in the selected blocks (rows, columns).
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        intrinsics: (4,) of the whole image.
+        is_selected: (rows, columns) blocks.
+    """
     rows, columns = is_selected.shape
     is_inside = np.zeros(len(points), np.bool_)
     for n in range(len(points)):

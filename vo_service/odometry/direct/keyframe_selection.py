@@ -234,6 +234,12 @@ def align_jointly(
 
     The poses of the keyframes and the motion stay fixed. A keyframe that does not agree with the
     frame is left out.
+
+    Args:
+        active: The active keyframe.
+        others: Other keyframes in view.
+        images: The frame.
+        alignment: Of the frame with the active keyframe.
     """
     T = alignment.T_camera_keyframe
     fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy(), is_active=True)]
@@ -316,7 +322,13 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
 def reinitialize(
     result: TrackingResult, images: ImagePyramid, motion_state: MotionState
 ) -> TrackingResult:
-    """Rebuild the first keyframe by the velocity, and align the second frame with it again."""
+    """Rebuild the first keyframe by the velocity, and align the second frame with it again.
+
+    Args:
+        result: Alignment of the second frame with the first keyframe.
+        images: The second frame.
+        motion_state: At the first frame.
+    """
     for _ in range(REINITIALIZATIONS):
         result = rebuild_first_keyframe(result, images, motion_state, ALL_STATIC)
     return result

@@ -52,7 +52,14 @@ def se3_exp(twist: Array) -> Array:
 
 @inline_kernel
 def transform_point(T: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Transform a point by a rigid transform 4x4."""
+    """Transform a point by a rigid transform 4x4.
+
+    Args:
+        T: 4x4.
+        x: Position of the point, m.
+        y: See x.
+        z: See x.
+    """
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
@@ -160,7 +167,15 @@ def propagate_motion(motion: Array, delay_s: float) -> Array:
 def propagate_point(
     motion: Array, x: float, y: float, z: float, delay_s: float
 ) -> tuple[float, float, float]:
-    """Position of a static point in the camera's axes after a delay, to second order."""
+    """Position of a static point in the camera's axes after a delay, to second order.
+
+    Args:
+        motion: (9,) of the camera in its own axes.
+        x: Position of the point in the camera's axes, m.
+        y: See x.
+        z: See x.
+        delay_s: The delay.
+    """
     vx, vy, vz = motion[0], motion[1], motion[2]
     wx, wy, wz = motion[3], motion[4], motion[5]
     bx, by, bz = motion[6], motion[7], motion[8]
@@ -176,13 +191,26 @@ def propagate_point(
 
 @inline_kernel
 def row_time(v: float, height: int, readout_s: float) -> float:
-    """Time of a row after the middle one, s."""
+    """Time of a row after the middle one, s.
+
+    Args:
+        v: Row.
+        height: Of the image, rows.
+        readout_s: Time from the first row to the last.
+    """
     return (v - 0.5 * (height - 1)) * readout_s / height
 
 
 @inline_kernel
 def project(x: float, y: float, z: float, intrinsics: Array) -> tuple[float, float]:
-    """Pixel u, v of a point in front of the camera."""
+    """Pixel u, v of a point in front of the camera.
+
+    Args:
+        x: Position of the point in the camera's axes, m.
+        y: See x.
+        z: See x.
+        intrinsics: (4,) fx, fy, cx, cy.
+    """
     return (
         intrinsics[0] * x / z + intrinsics[2],
         intrinsics[1] * y / z + intrinsics[3],

@@ -136,7 +136,16 @@ class MotionState:
         normalized_innovation: float,
         well_constrained_stamp_s: float,
     ) -> "MotionState":
-        """Return the state at the next good frame; the arguments are this class's attributes."""
+        """Return the state at the next good frame; the arguments are this class's attributes.
+
+        Args:
+            T_world_camera: 4x4 pose.
+            velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
+            images: The frame.
+            affine_brightness: Gain and offset against the keyframe's brightness.
+            normalized_innovation: See `MotionState`.
+            well_constrained_stamp_s: See `MotionState`.
+        """
         return MotionState(
             T_world_camera,
             velocity,
@@ -253,6 +262,12 @@ def fuse_with_prediction(
     """Fuse the measured with the predicted pose, and mark the result as degraded.
 
     The prediction gets less weight the older the last well constrained frame is.
+
+    Args:
+        result: The measured pose and velocity.
+        uncertainty: Of the measured pose.
+        motion_state: The state up to the last good frame.
+        stamp_s: Stamp of the frame.
     """
     T_world_expected = motion_state.predict_pose(stamp_s)
     innovation = se3_log(inverse(T_world_expected) @ result.T_world_camera)

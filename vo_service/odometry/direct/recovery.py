@@ -85,6 +85,11 @@ def retry_without_half(
     """Return the result, or another motion of a half masked view if it has the lower cost.
 
     The cost grows with the residuals of the whole view and with the innovation.
+
+    Args:
+        result: Alignment of the whole view.
+        images: The frame.
+        motion_state: The state up to the last good frame.
     """
 
     def innovation_ratio(alignment: DirectAlignment) -> float:
@@ -186,7 +191,15 @@ class DirectRecovery:
         motion_state: MotionState,
         local_map: LocalMap,
     ) -> TrackingResult:
-        """Return the initial alignment, or one that is clearly better."""
+        """Return the initial alignment, or one that is clearly better.
+
+        Args:
+            frame: The frame.
+            images: Its image pyramid.
+            initial: Its alignment with the active keyframe.
+            motion_state: The state up to the last good frame.
+            local_map: The keyframes.
+        """
         if rejection_reason(initial.alignment):
             self._retry_interval = RETRY_INTERVAL_FRAMES
             self._frames_to_retry = min(self._frames_to_retry, RETRY_INTERVAL_FRAMES)
@@ -273,7 +286,13 @@ class DirectRecovery:
 def rejection_reason_after(
     alignment: DirectAlignment, motion_state: MotionState, images: ImagePyramid
 ) -> str:
-    """Why an alignment is rejected; stricter if the last known pose is old."""
+    """Why an alignment is rejected; stricter if the last known pose is old.
+
+    Args:
+        alignment: Of a frame with a keyframe.
+        motion_state: The state up to the last good frame.
+        images: The frame.
+    """
     return (
         rejection_reason(alignment)
         if motion_state.is_recent(images.stamp_s)

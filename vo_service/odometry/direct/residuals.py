@@ -116,6 +116,12 @@ def squared_radius_change(u: float, v: float, intrinsics: Array, point: Array) -
     """Change of a point's squared radius from its keyframe to a pixel.
 
     The radius is the tangent of the angle to the optical axis.
+
+    Args:
+        u: Pixel in the whole image.
+        v: See u.
+        intrinsics: (4,) of the whole image.
+        point: (COLUMNS,) of a keyframe.
     """
     x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
     before = (point[0] * point[0] + point[1] * point[1]) / (point[2] * point[2])
@@ -221,7 +227,14 @@ def student_curvature(residual: float, variance: float) -> float:
 def fit_affine_brightness(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array
 ) -> None:
-    """Update gain, offset and sigmas of the residual model (5,) in place, by one reweighting."""
+    """Update gain, offset and sigmas of the residual model (5,) in place, by one reweighting.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        samples: (N, COLUMNS) of these points in a frame.
+        cell_weights: (2, CELLS) of brightness and of depth.
+        residual_model: (5,), in and out.
+    """
     n = chi = s = sk = sc = skk = skc = 0.0
     n_depth = chi_depth = 0.0
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
@@ -270,6 +283,12 @@ def count_residuals(
     """Counts (8,) of a level's points.
 
     A point in free space of the frame has the largest cost; an occluded one has none.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        samples: (N, COLUMNS) of these points in a frame.
+        residual_model: (5,).
+        cell_weights: (2, CELLS) of brightness and of depth.
     """
     counts = np.zeros(8)
     variance, variance_depth = residual_variances(residual_model)
@@ -315,7 +334,13 @@ def count_residuals(
 
 @kernel
 def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArray[np.bool_]:
-    """(N,) whether a point's brightness and depth samples agree with it."""
+    """(N,) whether a point's brightness and depth samples agree with it.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        samples: (N, COLUMNS) of these points in a frame.
+        residual_model: (5,).
+    """
     is_inlier = np.zeros(len(points), np.bool_)
     variance, variance_depth = residual_variances(residual_model)
     for i in range(len(points)):
@@ -344,6 +369,12 @@ def weigh_regions(
 
     Robust statistics handle single outliers. A moving object gives many samples that agree with
     each other, so it has to be detected as a region.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        samples: (N, COLUMNS) of these points in a frame.
+        residual_model: (5,).
+        base_weights: (2, CELLS) of brightness and of depth.
     """
     means = _mean_cell_costs(points, samples, residual_model, base_weights)
     weights = base_weights.copy()

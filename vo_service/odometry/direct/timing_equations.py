@@ -275,7 +275,13 @@ class TrackedView:
     def without_alignment(
         cls, timed: TimedFrame, T_world_camera: Array, timing: Array
     ) -> "TrackedView":
-        """Make the view of a frame that was aligned with nothing."""
+        """Make the view of a frame that was aligned with nothing.
+
+        Args:
+            timed: The frame.
+            T_world_camera: 4x4 pose.
+            timing: (2,) correction of its timing, s.
+        """
         return cls(timed.frame.stamp_s, T_world_camera, timed.told, timing, None, None)
 
 

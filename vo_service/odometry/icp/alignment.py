@@ -105,7 +105,15 @@ def evaluate_alignment(
     sigma: float = MIN_SIGMAS_PER_M[0],
     has_converged: bool = True,
 ) -> IcpAlignment:
-    """Evaluate the alignment at a given motion, with the expected sigma of the residuals."""
+    """Evaluate the alignment at a given motion, with the expected sigma of the residuals.
+
+    Args:
+        planes: Of the reference, for each level.
+        view: The frame.
+        T_camera_reference: 4x4 motion.
+        sigma: Expected sigma of the residuals, 1/m.
+        has_converged: Whether the steps to that motion have converged.
+    """
     H, _, moments, counts = _build_normal_equations(
         planes, view, T_camera_reference, sigma, level=0
     )

@@ -48,7 +48,13 @@ INLIER_SIGMAS = 3.0
 def make_tracking_debug(
     planes: PlanePyramid, view: DepthPyramid, alignment: IcpAlignment
 ) -> TrackingDebug:
-    """Make the debug data: planes in view, and as matches those with a reading."""
+    """Make the debug data: planes in view, and as matches those with a reading.
+
+    Args:
+        planes: Of the reference, for each level.
+        view: The frame.
+        alignment: Of the frame with the planes.
+    """
     level = view.levels[0]
     residuals = compute_residuals(
         planes[0], alignment.T_camera_reference, level.inverse_depth, level.intrinsics

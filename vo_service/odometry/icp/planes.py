@@ -81,7 +81,13 @@ def _select_evenly(members: NDArray[np.int64], cap: int) -> NDArray[np.int64]:
 def fit_planes(
     inverse_depth: NDArray[np.float32], intrinsics: Array, max_rms_per_m: float
 ) -> Array:
-    """(N, 7) planes on a grid over an image; see `find_planes`. intrinsics: fx, fy, cx, cy."""
+    """(N, 7) planes on a grid over an image; see `find_planes`. intrinsics: fx, fy, cx, cy.
+
+    Args:
+        inverse_depth: (H, W), 1/m; 0 = no reading.
+        intrinsics: (4,) fx, fy, cx, cy.
+        max_rms_per_m: Largest root mean square residual of a plane, 1/m.
+    """
     height, width = inverse_depth.shape
     fx, fy, cx, cy = intrinsics
     max_planes = (height // GRID_STEP_PX + 1) * (width // GRID_STEP_PX + 1)

@@ -49,6 +49,15 @@ def accumulate_normal_equations(
     The counts (5,) are: planes with a reading; of these, planes within the gate (1/m), and planes
     within three sigma; sum w r^2; and the robust cost of all planes with a reading, where those
     beyond the gate cost as much as at the gate.
+
+    Args:
+        planes: (N, 7) of the reference.
+        T_camera_reference: 4x4 motion.
+        inverse_depth: (H, W) of the frame, 1/m; 0 = no reading.
+        intrinsics: (4,) of the frame.
+        normal_noise: See above.
+        sigma: Expected sigma of the residuals, 1/m.
+        gate: Largest residual that is used, 1/m.
     """
     H, g, moments, counts = np.zeros((6, 6)), np.zeros(6), np.zeros((4, 4)), np.zeros(5)
     J = np.empty(6)
@@ -96,6 +105,12 @@ def compute_residuals(
 
     The pixel is NaN outside of the image. The residual is NaN without a reading and infinite on an
     edge.
+
+    Args:
+        planes: (N, 7) of the reference.
+        T_camera_reference: 4x4 motion.
+        inverse_depth: (H, W) of the frame, 1/m; 0 = no reading.
+        intrinsics: (4,) of the frame.
     """
     residuals = np.full((len(planes), 3), np.nan)
     s = _translation_in_reference(T_camera_reference)

@@ -55,7 +55,13 @@ class _BundleSystem:
 def adjust_bundle(
     T_view_world: Array, position_m: Array, observations: BundleObservations
 ) -> BundleResult:
-    """Adjust poses (K, 4, 4) and points (L, 3); the first pose is fixed."""
+    """Adjust poses (K, 4, 4) and points (L, 3); the first pose is fixed.
+
+    Args:
+        T_view_world: (K, 4, 4) initial poses.
+        position_m: (L, 3) initial points in the world frame.
+        observations: Of the points in the views.
+    """
     damping = INITIAL_DAMPING
     current = _linearize(T_view_world, position_m, observations, damping)
     for _ in range(MAX_ITERATIONS):

@@ -60,7 +60,13 @@ class BundleEquations(NamedTuple):
 
     @classmethod
     def zeros(cls, views: int, points: int, observations: int) -> "BundleEquations":
-        """Make equations of this size, to be filled in."""
+        """Make equations of this size, to be filled in.
+
+        Args:
+            views: Number K of views.
+            points: Number L of points.
+            observations: Number O of observations.
+        """
         return cls(
             np.zeros((6 * views, 6 * views)),
             np.zeros(6 * views),
@@ -215,7 +221,14 @@ def _eliminate_point(
 def update_points(
     position_m: Array, observations: BundleObservations, equations: BundleEquations, step: Array
 ) -> None:
-    """Move every point (L, 3), in place, to its optimum after the step (6 K,) of the views."""
+    """Move every point (L, 3), in place, to its optimum after the step (6 K,) of the views.
+
+    Args:
+        position_m: (L, 3), in and out.
+        observations: Of the points in the views.
+        equations: Normal equations at the old positions.
+        step: (6 K,) of the views.
+    """
     view, point = observations.view_index, observations.point_index
     point_inverse, point_gradient = equations.point_inverse, equations.point_gradient
     mixed = equations.mixed

@@ -85,6 +85,12 @@ def pair_rays(
     """Pair the rays of matched features (M, 2) of a view and of a keyframe.
 
     A feature that observes a point gets the point's ray and depth, which all keyframes determine.
+
+    Args:
+        view: The view.
+        keyframe: The keyframe.
+        points: All points.
+        matches: (M, 2) features of the view and of the keyframe.
     """
     T_camera_world = inverse(keyframe.T_world_camera)
     ray_reference = keyframe.view.ray[matches[:, 1]].copy()
@@ -115,6 +121,12 @@ def find_known_points(
     """Add observations of an older keyframe's points, where they match and project to the feature.
 
     The longer a point is observed, the less the scale and the pose drift.
+
+    Args:
+        keyframe: The keyframe.
+        older: A keyframe before it.
+        points: All points.
+        ratio: Of the matching, see `match_features`.
     """
     matches = match_features(keyframe.view.features, older.view.features, ratio)
     observed = older.point_index[matches[:, 1]]

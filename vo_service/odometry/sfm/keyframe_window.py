@@ -54,7 +54,14 @@ class KeyframeCandidate:
 def make_keyframe_candidate(
     view: MonoFrame, T_world_camera: Array, matches: Indices, two_view: TwoViewEstimate
 ) -> KeyframeCandidate:
-    """Make a candidate of a refined motion and its matches (M, 2)."""
+    """Make a candidate of a refined motion and its matches (M, 2).
+
+    Args:
+        view: Features and rays.
+        T_world_camera: 4x4 pose.
+        matches: (M, 2) features of the view and of its keyframe.
+        two_view: The refined motion between them.
+    """
     ok = two_view.inlier
     return KeyframeCandidate(
         view, T_world_camera, matches[ok], two_view.inverse_depth[ok], two_view.information[ok]
@@ -85,7 +92,13 @@ class KeyframeWindow:
         return len(self._keyframes) < self._parameters.initial_keyframes
 
     def pair_rays(self, view: MonoFrame, keyframe: SfmKeyframe, matches: Indices) -> RayPairs:
-        """Pair the rays of matched features (M, 2) of a view and a keyframe."""
+        """Pair the rays of matched features (M, 2) of a view and a keyframe.
+
+        Args:
+            view: The view.
+            keyframe: A keyframe of the window.
+            matches: (M, 2) features of the view and of the keyframe.
+        """
         return pair_rays(view, keyframe, self._points, matches)
 
     def add(self, candidate: KeyframeCandidate, reference: SfmKeyframe) -> float:

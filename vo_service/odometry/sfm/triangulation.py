@@ -30,6 +30,11 @@ def triangulate(R: Array, t: Array, pairs: RayPairs) -> TriangulatedPoints:
 
     With q = R ray_reference and inverse depth w the point is (q + w t) / w. The camera's ray
     (x, y, 1) gives the equation w (t_xy - t_z (x, y)) = q_z (x, y) - q_xy.
+
+    Args:
+        R: 3x3 rotation from the reference's axes to the camera's.
+        t: (3,) translation.
+        pairs: Rays in the camera and in the reference.
     """
     q = pairs.ray_reference @ R.T
     along = t[:2] - pairs.ray[:, :2] * t[2]

@@ -110,7 +110,17 @@ def rotate_grid(
     us: NDArray[np.float32],
     vs: NDArray[np.float32],
 ) -> None:
-    """Positions of a grid around (x, y); (co, si) is the spacing along the grid's first axis."""
+    """Positions of a grid around (x, y); (co, si) is the spacing along the grid's first axis.
+
+    Args:
+        x: Position of the center, pixels.
+        y: See x.
+        co: Spacing along the grid's first axis: its x.
+        si: Its y.
+        offsets: (2, N) whole numbers, see `centered_grid`.
+        us: (N,) x of the positions, out.
+        vs: (N,) y of the positions, out.
+    """
     for k in range(us.size):
         us[k] = x + co * offsets[0, k] - si * offsets[1, k]
         vs[k] = y + si * offsets[0, k] + co * offsets[1, k]
@@ -129,6 +139,14 @@ def sample_bilinear(
 
     All arrays have one length; `where` and `squares` are scratch, and x and y are overwritten.
     There are three loops, as only the middle one, the loads, does not vectorize.
+
+    Args:
+        level: The level.
+        x: (N,) positions, overwritten.
+        y: (N,) positions, overwritten.
+        where: (N,) scratch.
+        squares: (N,) scratch.
+        out: (N,) gray values, out.
     """
     packed = level.packed
     zero = np.float32(0.0)

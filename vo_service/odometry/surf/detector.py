@@ -127,7 +127,14 @@ def _det_along_row(
 
 @inline_kernel
 def is_laplacian_positive(integral: NDArray[np.int32], r: int, c: int, lobe: int) -> bool:
-    """Sign of Dxx + Dyy: dark blobs on bright ground are positive (Section 4.3)."""
+    """Sign of Dxx + Dyy: dark blobs on bright ground are positive (Section 4.3).
+
+    Args:
+        integral: (H+1, W+1) integral image.
+        r: Row.
+        c: Column.
+        lobe: Size of the filter.
+    """
     half = lobe_margin(lobe)
     center = lobe // 2
     top, bottom = integral[r - lobe + 1], integral[r + lobe]
@@ -186,6 +193,13 @@ def find_maxima(
     A maximum is above `threshold` and above its 26 neighbors in space and scale. Its position
     (pixels of the full image) and scale are those of the quadratic fitted to the 27 values.
     The table must have room for `max_num_maxima` of the layer.
+
+    Args:
+        integral: (H+1, W+1) integral image.
+        layers: Three neighboring layers.
+        threshold: Smallest response.
+        table: (K, 5) keypoints, in and out.
+        found: Number of keypoints in the table.
     """
     below, middle, above, lobes, step = layers
     rows, columns = middle.shape

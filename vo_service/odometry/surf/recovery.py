@@ -56,6 +56,11 @@ def match_by_prediction(
     """Match features near their predicted positions: pairs (M, 2) of a view and its reference.
 
     Both have depth and each is the other's nearest; bright and dark blobs are never compared.
+
+    Args:
+        view: The view.
+        reference: The reference.
+        prediction: Of the motion between them.
     """
     predicted = _project_reference(view, reference, prediction)
     radius_px = view.camera.fx * float(np.tan(prediction.spread_rad))
@@ -204,7 +209,14 @@ class RecentViews:
     def add(
         self, view: FeatureView, T_world_camera: Array, T_last_camera: Array, covariance: Array
     ) -> None:
-        """Add a good view, with the motion since the last one and its covariance."""
+        """Add a good view, with the motion since the last one and its covariance.
+
+        Args:
+            view: The view.
+            T_world_camera: 4x4 pose.
+            T_last_camera: 4x4 motion since the last good view.
+            covariance: 6x6 of that motion, see `Estimate`.
+        """
         self._covariance = transport_covariance(self._covariance, T_last_camera) + covariance
         is_near = self._is_near(T_world_camera)
         if not is_near.any():
@@ -275,13 +287,26 @@ class SurfRecovery:
     def add(
         self, view: FeatureView, T_world_camera: Array, T_last_camera: Array, covariance: Array
     ) -> None:
-        """Add a good view, with the motion since the last one and its covariance."""
+        """Add a good view, with the motion since the last one and its covariance.
+
+        Args:
+            view: The view.
+            T_world_camera: 4x4 pose.
+            T_last_camera: 4x4 motion since the last good view.
+            covariance: 6x6 of that motion, see `Estimate`.
+        """
         self._model.add(T_last_camera, view.stamp_s)
         self._recent_views.add(view, T_world_camera, T_last_camera, covariance)
         self._T_world_last = T_world_camera
 
     def recover(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
-        """Recover by the last view, else by an older one, selected by `turn`; None if both fail."""
+        """Recover by the last view, else by an older one, selected by `turn`; None if both fail.
+
+        Args:
+            view: The view.
+            last: The last good view.
+            turn: Number that selects the older view.
+        """
         return self._recover_by_prediction(view, last) or self._recover_by_older_view(
             view, last, turn
         )

@@ -18,8 +18,7 @@ from pathlib import Path
 from benchmarks.harness import add_json_option, format_table, print_json
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import RgbdFrame
-from drivers.open_recording import open_recording
-from drivers.recording_camera import RecordingCamera
+from drivers.recording_camera import RecordingCamera, open_recording
 
 RATE_HZ = 30.0
 SOURCE_FRAMES = 100

@@ -12,7 +12,6 @@ from drivers.camera import CameraFactory, Clock, PlaybackMode, RgbdCamera, Senso
 from drivers.core.errors import InputError
 from drivers.core.files import cache_folder
 from drivers.core.plugins import PluginGroup
-from drivers.open_recording import recording_format
 from drivers.synthetic.config import SyntheticConfig
 
 ONI_SUFFIX = ".oni"
@@ -90,6 +89,8 @@ def open_camera(
     """
     kind, _, argument = source.partition(":")
     if kind not in CAMERAS and source and Path(source).exists():
+        from drivers.recording_camera import recording_format
+
         kind, argument = recording_format(Path(source)), source
     if kind not in CAMERAS:
         raise InputError(f"camera {source!r} is unknown; use one of: {describe_cameras()}")

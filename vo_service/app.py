@@ -6,7 +6,7 @@ A replay is `run_replay`; the service on a robot is `build_live_service`. Both r
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -23,9 +23,7 @@ from vo_service.load_shedding import LoadShedder
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.outputs.extra_output import ExtraOutput
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
-from vo_service.outputs.trajectory.trajectory_file import open_trajectory
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.sensor_memory import NullSensorMemory, SensorMemory
@@ -152,13 +150,45 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
         if config.mapper is not None:
             opened.mapper = stack.enter_context(closing(config.mapper()))
             outputs.append(opened.mapper)
-        for source in config.extra:
-            extra = ExtraOutput(source, config.playback_mode)
-            outputs.append(stack.enter_context(closing(extra)))
+        if config.extra:
+            outputs += _open_extra_outputs(config, stack)
         if config.trajectory is not None:
-            trajectory = open_trajectory(str(config.trajectory), config.playback_mode)
-            outputs.append(stack.enter_context(closing(trajectory)))
+            outputs.append(_open_trajectory(config.trajectory, config.playback_mode, stack))
         yield opened
+
+
+# An output that may be left out is imported where it is opened.
+
+
+def _open_extra_outputs(config: OutputsConfig, stack: ExitStack) -> list[Output]:
+    from vo_service.outputs.extra_output import ExtraOutput
+
+    outputs = [ExtraOutput(source, config.playback_mode) for source in config.extra]
+    return [stack.enter_context(closing(output)) for output in outputs]
+
+
+def open_recorder(config: Config) -> Recorder:
+    """Open the flight recorder; a `NullRecorder` if it is disabled or fails."""
+    if not config.recorder.enabled:
+        return NullRecorder("the recorder is switched off (recorder.enabled)")
+    from vo_service.outputs.recorder.flight_recorder import open_recorder
+
+    return open_recorder(config.recorder, asdict(config))
+
+
+def open_mapper(config: Config) -> Mapper:
+    """Open the mapper; a `NullMapper` if it is disabled or fails."""
+    if not config.map.enabled:
+        return NullMapper("the map is disabled (map.enabled)")
+    from vo_service.slam.mapper.live_mapper import open_mapper
+
+    return open_mapper(config.map)
+
+
+def _open_trajectory(path: Path, playback_mode: PlaybackMode, stack: ExitStack) -> Output:
+    from vo_service.outputs.trajectory.trajectory_file import open_trajectory
+
+    return stack.enter_context(closing(open_trajectory(str(path), playback_mode)))
 
 
 def _open_zenoh(config: OutputsConfig, zenoh: ZenohConfig, stack: ExitStack) -> list[Output]:

@@ -2,52 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.errors import InputError
-from drivers.core.fields import Field
+from drivers.synthetic.config import Fault, FaultKind
 
 Image = NDArray[np.uint8]
 Depth = NDArray[np.uint16]
-
-
-class FaultKind(StrEnum):
-    """Kinds of faults."""
-
-    DROPPED = "dropped"  # the frame is not delivered
-    FROZEN = "frozen"  # the images of the last good frame again, with a new stamp
-    BLACK = "black"  # the color image is black
-    TORN = "torn"  # upper half new, lower half of the frame before
-    DARK = "dark"  # the lights are off: color is mostly noise; depth needs no light
-    COVERED = "covered"  # the camera is covered: color is black, and depth has no readings
-    NOISE = "noise"  # only noise, in color and in depth
-    STAMP_JUMP = "stamp-jump"  # stamps are off by `seconds`
-    STAMP_REPEAT = "stamp-repeat"  # the stamp of the frame before
-    UNPLUGGED = "unplugged"  # disconnected at this frame, back after `seconds`
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A fault of `count` frames from frame `first`; `seconds` if the kind needs it."""
-
-    kind: Annotated[FaultKind, "kind of fault"]
-    first: Annotated[int, Field("number of the first affected frame, from 0", minimum=0)]
-    count: Annotated[int, Field("number of affected frames", minimum=1)] = 1
-    seconds: Annotated[float, "size of a stamp jump, or how long an unplugged camera is away"] = 0.0
-
-    def __post_init__(self) -> None:
-        if self.first < 0 or self.count < 1:
-            raise InputError(f"fault {self.kind}: first must be at least 0 and count at least 1")
-        if self.kind is FaultKind.UNPLUGGED and self.seconds <= 0:
-            raise InputError("fault unplugged: seconds must be given: how long the camera is away")
-
-    def applies_to(self, index: int) -> bool:
-        """Whether frame `index` is affected."""
-        return self.first <= index < self.first + self.count
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,16 @@
 """Commands that compute nothing start without what only computing needs."""
 
+import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from drivers.tum.writer import TumWriter
+from tests.ports import free_port
+from tests.vo_service.corner_sequence import corner_frames
 
 pytestmark = pytest.mark.subprocess
 
@@ -62,3 +68,47 @@ def test_ctrl_c_while_loading_ends_quietly() -> None:
     assert (ended.returncode, ended.stderr) == (130, "")
     assert "vo_service.cli" in ended.stdout
     assert not {"argparse", "logging", "numpy"} & set(ended.stdout.split("'"))
+
+
+# The service on a recording, with all outputs that are on by default. May only fall.
+MAX_FILES_OF_A_RUN = 131
+RUN_UNTIL_THE_END = """
+import logging, os, signal, sys
+from vo_service.cli import main
+
+class StopAtTheEnd(logging.Handler):
+    def emit(self, record):
+        if "the recording has ended" in record.getMessage():
+            os.kill(os.getpid(), signal.SIGTERM)
+
+logging.getLogger().addHandler(StopAtTheEnd())
+try:
+    main()
+except SystemExit as end:
+    assert end.code == 0
+print([name for name in sys.modules if name.partition(".")[0] in ("drivers", "vo_service")])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.zenoh
+def test_a_run_imports_only_the_files_that_it_uses(tmp_path: Path) -> None:
+    with TumWriter(tmp_path / "recording") as writer:
+        for frame in corner_frames(3):
+            writer.write(frame)
+    config = tmp_path / "kinect.toml"
+    # Without loop closure, so that its kernels are not compiled here; it imports no more files.
+    config.write_text(
+        f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\n'
+        "[map]\nloop_closure = false\n"
+    )
+    options = ["run", "--config", config, "--camera", f"tum:{tmp_path / 'recording'}"]
+    ended = subprocess.run(
+        [sys.executable, "-c", RUN_UNTIL_THE_END, *options],
+        capture_output=True, text=True, check=True,
+        env={**os.environ, "STATE_DIRECTORY": str(tmp_path)},
+    )  # fmt: skip
+    imported = ast.literal_eval(ended.stdout)
+    assert "vo_service.outputs.zenoh.session" in imported
+    assert not {name for name in imported if "rerun" in name or ".tools" in name}
+    assert len(imported) <= MAX_FILES_OF_A_RUN, sorted(imported)

@@ -16,7 +16,7 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.core.errors import InputError, UserFacingError
-from drivers.open_recording import RecordingFormat, recording_format
+from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.recordings import open_and_announce, requested_topics
 from vo_service.cli.warm_up import run_warm_up

@@ -9,7 +9,7 @@ import numpy as np
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, read_trajectory
-from drivers.open_recording import RecordingFormat, recording_format
+from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.tum.folder import read_frame_pairs
 from vo_service.cli.recordings import add_topics_option, open_and_announce
 from vo_service.tools.evaluation import Evaluation, evaluate

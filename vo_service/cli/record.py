@@ -20,8 +20,8 @@ from drivers.camera import (
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.trajectory import Trajectory
-from drivers.open_recording import BAG_SUFFIXES, check_bag_packages
 from drivers.recording.images import ColorFormat
+from drivers.recording_camera import BAG_SUFFIXES, check_bag_packages
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter

@@ -6,9 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
-from drivers.open_recording import open_recording
 from drivers.recording.recording import Recording
-from drivers.recording_camera import RecordingCamera
+from drivers.recording_camera import RecordingCamera, open_recording
 from vo_service.terminal import announce, announce_if_slow
 
 RECORDING_HELP = "the recording: a folder in TUM format, an MCAP file or a ROS bag"

@@ -3,7 +3,6 @@
 import argparse
 import sys
 from contextlib import closing, suppress
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +18,9 @@ from vo_service.app import (
     ServiceDependencies,
     build_live_service,
     frames_config,
+    open_mapper,
     open_outputs,
+    open_recorder,
 )
 from vo_service.cli.options import (
     add_camera_options,
@@ -35,7 +36,7 @@ from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level
 from vo_service.outputs.state_log import ProgressOutput, StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
-from vo_service.outputs.zenoh.command_server import make_command_endpoint
+from vo_service.outputs.zenoh.command_server import CommandEndpoint, make_command_endpoint
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
 from vo_service.outputs.zenoh.output import ExtraEndpoints
 from vo_service.sensor_memory import open_sensor_memory
@@ -113,50 +114,29 @@ def _serve(
     reload_signal: ReloadSignal,
 ) -> None:
     """Open the parts, run the loop, and close the parts in reverse order."""
-    # Imported here because they compile kernels, which `kinect-vo --help` does not need.
-    from vo_service.outputs.recorder.flight_recorder import open_recorder
-    from vo_service.slam.mapper.live_mapper import open_mapper
-
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     command_queue: CommandQueue[Command] = CommandQueue()
+    commands = make_command_endpoint(config.commands, command_queue)
     reloader = ConfigReloader(config, lambda: load_config(args))
     systemd = SystemdOutput()
-    commands = make_command_endpoint(config.commands, command_queue)
-    outputs_config = OutputsConfig(
-        playback_mode=args.pace,
-        zenoh=None if args.no_publish else config.zenoh,
-        frames=frames_config(config),
-        connect_policy=ConnectWithRetry,
-        extra_endpoints=ExtraEndpoints(commands, config.ros2),
-        recorder=partial(open_recorder, config.recorder, asdict(config)),
-        mapper=partial(open_mapper, config.map),
-        rerun=config.rerun,
-        extra=config.outputs.extra,
-        trajectory=args.trajectory,
-        log_line=terminal.write_line,
-    )
     with (
-        open_outputs(outputs_config) as opened,
+        open_outputs(_make_outputs_config(args, config, commands, terminal)) as opened,
         closing(open_sensor_memory(config.odometry.timing)) as sensor_memory,
         closing(systemd),
         closing(command_queue),
     ):
         loggers: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
-        outputs = [*opened.outputs, sensor_memory, *loggers]
-        live = build_live_service(
-            config,
-            camera,
-            ServiceDependencies(
-                outputs=outputs,
-                command_queue=command_queue,
-                recorder=opened.recorder,
-                mapper=opened.mapper,
-                sensor_memory=sensor_memory,
-                viewers=opened.viewers,
-                warning_sources=[reloader],
-                on_command_config=commands.configure,
-            ),
+        dependencies = ServiceDependencies(
+            outputs=[*opened.outputs, sensor_memory, *loggers],
+            command_queue=command_queue,
+            recorder=opened.recorder,
+            mapper=opened.mapper,
+            sensor_memory=sensor_memory,
+            viewers=opened.viewers,
+            warning_sources=[reloader],
+            on_command_config=commands.configure,
         )
+        live = build_live_service(config, camera, dependencies)
 
         def reload() -> None:
             with systemd.notify_reloading():
@@ -166,6 +146,24 @@ def _serve(
         on_reload = stop.request if args.config is None else reload
         release_memory()  # all kernels are loaded
         run_on_loop_thread(live.service.run, stop, reload_signal, on_reload)
+
+
+def _make_outputs_config(
+    args: argparse.Namespace, config: Config, commands: CommandEndpoint, terminal: Terminal
+) -> OutputsConfig:
+    return OutputsConfig(
+        playback_mode=args.pace,
+        zenoh=None if args.no_publish else config.zenoh,
+        frames=frames_config(config),
+        connect_policy=ConnectWithRetry,
+        extra_endpoints=ExtraEndpoints(commands, config.ros2),
+        recorder=partial(open_recorder, config),
+        mapper=partial(open_mapper, config),
+        rerun=config.rerun,
+        extra=config.outputs.extra,
+        trajectory=args.trajectory,
+        log_line=terminal.write_line,
+    )
 
 
 def _rotate_trajectory(path: Path | None) -> None:

@@ -15,7 +15,6 @@ from drivers.calibration import CameraCalibration
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.geometry import Array, Vector
 from drivers.core.trajectory import Trajectory
-from drivers.open_recording import check_bag_packages
 from drivers.recording.frames import EncodedFrame, FrameReader, FrameStamps, calibration_of_frame
 from drivers.recording.images import (
     JPEG_START,
@@ -26,6 +25,7 @@ from drivers.recording.images import (
     encode_image,
 )
 from drivers.recording.recording import Recording
+from drivers.recording_camera import check_bag_packages
 from drivers.tum.writer import TumWriter
 
 if TYPE_CHECKING:  # its packages are optional

@@ -34,12 +34,19 @@ from vo_service.types.commands import (
 )
 from vo_service.types.messages import (
     MESSAGE_SCHEMA,
+    CameraReport,
     ErrorReply,
     FrameAttachment,
     JsonObject,
     MapOdomAttachment,
+    MapReport,
+    MapState,
     OdomAttachment,
+    RecorderReport,
+    Status,
     TimingMessage,
+    TimingReport,
+    TrackingReport,
     decode_message,
     encode_message,
     parse_json_message,
@@ -56,15 +63,6 @@ from vo_service.types.outputs import (
     PausableViewer,
     Recorder,
     no_ground_truth,
-)
-from vo_service.types.status import (
-    CameraReport,
-    MapReport,
-    MapState,
-    RecorderReport,
-    Status,
-    TimingReport,
-    TrackingReport,
 )
 from vo_service.types.update import (
     LEARNED_TIMING,

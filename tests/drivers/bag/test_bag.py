@@ -13,8 +13,7 @@ from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER
 from drivers.core.errors import InputError
-from drivers.open_recording import open_recording
-from drivers.recording_camera import RecordingCamera
+from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import (
     COMPRESSED,
     FRAME,

@@ -17,8 +17,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.geometry import rigid_transform
 from drivers.core.trajectory import Trajectory
-from drivers.open_recording import open_recording
-from drivers.recording_camera import RecordingCamera
+from drivers.recording_camera import RecordingCamera, open_recording
 
 FrameMaker = Callable[..., RgbdFrame]
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS
-from drivers.open_recording import open_recording
-from drivers.recording_camera import RecordingCamera
+from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import (
     IMAGE,
     INFO,

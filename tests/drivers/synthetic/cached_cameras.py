@@ -7,8 +7,7 @@ from pathlib import Path
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
-from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.fault_injection import Fault
+from drivers.synthetic.config import Fault, SyntheticConfig
 from drivers.synthetic.pacing import HostClock
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.renderer import Renderer

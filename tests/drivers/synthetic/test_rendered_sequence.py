@@ -10,8 +10,8 @@ import pytest
 
 from drivers.core.errors import CameraError, InputError
 from drivers.synthetic import rendered_sequence
-from drivers.synthetic.config import MotionKind, SyntheticConfig
-from drivers.synthetic.fault_injection import Fault, FaultKind, RenderedImages
+from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,
     SequenceFiles,

@@ -8,8 +8,7 @@ import pytest
 
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
-from drivers.open_recording import open_recording
-from drivers.recording_camera import RecordingCamera
+from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import FRAME, TF, BagWriter, stamp_ns
 from tests.drivers.bag.test_bag import make_bag, write_unregistered
 from vo_service.tools.convert import OutputFormat, choose_format, convert

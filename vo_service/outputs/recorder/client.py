@@ -8,7 +8,6 @@ from re import fullmatch
 
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
 from drivers.core.process.worker_process import WorkerSpec
-from vo_service.outputs.recorder.incidents import incident_name
 from vo_service.outputs.recorder.messages import (
     IncidentResult,
     RecorderMessage,
@@ -19,6 +18,7 @@ from vo_service.outputs.recorder.messages import (
     SetDiskQuota,
     StartRecordingRequest,
     StopRecordingRequest,
+    incident_name,
 )
 from vo_service.types import NAME_PATTERN, CommandError, ErrorCode
 

@@ -30,7 +30,7 @@ from vo_service.types import (
     Status,
     TrackingState,
 )
-from vo_service.types.status import versions
+from vo_service.types.messages import versions
 
 logger = logging.getLogger(__name__)
 
@@ -316,8 +316,6 @@ def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Rec
         settings: The recorder's settings.
         config: The service's configuration, copied into each incident with the versions.
     """
-    if not settings.enabled:
-        return NullRecorder("the recorder is switched off (recorder.enabled)")
     service_info = {"versions": versions(), "config": config}
     try:
         return FlightRecorder(settings, state_folder(), service_info)

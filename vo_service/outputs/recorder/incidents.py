@@ -173,13 +173,6 @@ def _pose_json_line(frame: FrameMetadata, offset_s: float) -> bytes:
 
 
 _NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[a-z0-9-]+")
-_MAX_REASON_LENGTH = 40
-
-
-def incident_name(reason: str, unix_s: float) -> str:
-    """Return the name of an incident's folder, such as 2026-11-21T16-30-05Z-lost."""
-    suffix = re.sub("[^a-z0-9]+", "-", reason.lower()).strip("-")[:_MAX_REASON_LENGTH] or "saved"
-    return f"{time.strftime('%Y-%m-%dT%H-%M-%SZ', time.gmtime(unix_s))}-{suffix}"
 
 
 class IncidentStore:

@@ -1,10 +1,14 @@
 """Messages between the service and the recorder's process; frames go through the ring."""
 
+import re
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core.process.worker_process import Heartbeat
 from drivers.core.record_ring import RecordRingMemory
+
+_MAX_REASON_LENGTH = 40
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,12 @@ class RecorderWorkerConfig:
     def fds(self) -> tuple[int, ...]:
         """File descriptors of both rings."""
         return self.frame_ring.fd, self.status_ring.fd
+
+
+def incident_name(reason: str, unix_s: float) -> str:
+    """Return the name of an incident's folder, such as 2026-11-21T16-30-05Z-lost."""
+    suffix = re.sub("[^a-z0-9]+", "-", reason.lower()).strip("-")[:_MAX_REASON_LENGTH] or "saved"
+    return f"{time.strftime('%Y-%m-%dT%H-%M-%SZ', time.gmtime(unix_s))}-{suffix}"
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,7 @@ from drivers.core.record_ring import RecordRingReader, RingRecord
 from drivers.recording.images import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.frame_record import decode_frame, decode_metadata
-from vo_service.outputs.recorder.incidents import (
-    IncidentStore,
-    IncidentWriter,
-    incident_name,
-    select_last_frames,
-)
+from vo_service.outputs.recorder.incidents import IncidentStore, IncidentWriter, select_last_frames
 from vo_service.outputs.recorder.messages import (
     IncidentResult,
     RecorderMessage,
@@ -36,6 +31,7 @@ from vo_service.outputs.recorder.messages import (
     SetDiskQuota,
     StartRecordingRequest,
     StopRecordingRequest,
+    incident_name,
 )
 
 # A recording leaves this much of the disk free.

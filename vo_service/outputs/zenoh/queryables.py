@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.rate_limit import TokenBucket
-from vo_service.outputs.zenoh.json_schemas import all_schemas
 from vo_service.ros_messages import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.types import MESSAGE_SCHEMA, CommandError, ErrorCode, ErrorReply, encode_message
 
@@ -148,5 +147,8 @@ class Queryables:
         reply(query, f"{self.prefix}/status", self.latest.status)
 
     def _reply_schema(self, query: zenoh.Query) -> None:
+        # Imported by the first query: few ask for the schemas.
+        from vo_service.outputs.zenoh.json_schemas import all_schemas
+
         content = {"schema": MESSAGE_SCHEMA, "schemas": all_schemas()}
         reply(query, f"{self.prefix}/schema", json.dumps(content).encode())

@@ -233,9 +233,7 @@ class LiveMapper:
 
 
 def open_mapper(settings: MapConfig) -> Mapper:
-    """Open the mapper of the settings; a `NullMapper` if it is disabled or fails."""
-    if not settings.enabled:
-        return NullMapper("the map is disabled (map.enabled)")
+    """Open the mapper of the settings; a `NullMapper` if it fails."""
     try:
         return LiveMapper(settings, state_folder() / "maps")
     except UserFacingError as error:

@@ -12,8 +12,8 @@ import numpy as np
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, has_match, nearest_indices
-from drivers.open_recording import open_recording
 from drivers.recording.recording import ImageTopics, Recording
+from drivers.recording_camera import open_recording
 from vo_service.terminal import announce, announce_if_slow
 from vo_service.tools.evaluation.gaps import Gap, find_gaps
 

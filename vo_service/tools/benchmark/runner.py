@@ -18,10 +18,10 @@ from numba.core.event import install_recorder
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.core.trajectory import Trajectory
-from drivers.open_recording import open_recording
 from drivers.recording.frames import FrameReader
 from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import Recording
+from drivers.recording_camera import open_recording
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.run import CompletedRun, FrameLog, LoopClosureRun

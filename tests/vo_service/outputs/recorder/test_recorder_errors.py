@@ -20,6 +20,8 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
     wait_for_incident,
 )
 from tests.waiting import wait_until
+from vo_service import app
+from vo_service.config import Config
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.flight_recorder import open_recorder
 from vo_service.types import NullRecorder, TrackingState
@@ -121,6 +123,6 @@ def test_the_service_continues_without_memory_for_the_recorder(
 
 
 def test_a_disabled_recorder_refuses_with_the_reason() -> None:
-    recorder = open_recorder(RecorderConfig(enabled=False), {})
+    recorder = app.open_recorder(Config(recorder=RecorderConfig(enabled=False)))
     assert recorder.warning == recorder.recording == ""
     assert "recorder.enabled" in command_error(lambda: recorder.start_recording("desk"))

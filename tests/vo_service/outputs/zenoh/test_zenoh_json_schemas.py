@@ -31,7 +31,7 @@ from vo_service.types import (
     encode_message,
     parse_command,
 )
-from vo_service.types.status import versions
+from vo_service.types.messages import versions
 
 SCHEMAS = all_schemas()
 REFERENCE = Path(__file__).parents[4] / "docs" / "reference"

@@ -23,6 +23,8 @@ from tests.vo_service.slam.mapper.wall_sequence import (
     save_map,
 )
 from tests.waiting import wait_until
+from vo_service import app
+from vo_service.config import Config
 from vo_service.config_tables import MapConfig
 from vo_service.slam.mapper import client
 from vo_service.slam.mapper.live_mapper import LiveMapper, open_mapper
@@ -156,6 +158,6 @@ def test_the_service_continues_without_memory_for_the_map(
 
 @pytest.mark.slow
 def test_a_disabled_map_refuses_with_the_reason() -> None:
-    opened = open_mapper(MapConfig(enabled=False))
+    opened = app.open_mapper(Config(map=MapConfig(enabled=False)))
     assert opened.warning == ""
     assert command_error(lambda: opened.save("x")).endswith("the map is disabled (map.enabled)")

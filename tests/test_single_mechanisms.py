@@ -24,7 +24,6 @@ SINGLE = {
     "SharedMemory": set(),
     "Condition": {
         "drivers/core/queues.py",
-        "drivers/freenect/frame_queue.py",  # one pair, and an error at the end
         "drivers/recording/prefetch.py",  # frames with a due time
         "vo_service/client/frame.py",  # the newest frame, made of several messages
         "vo_service/client/subscription.py",  # the newest pose, which is not taken

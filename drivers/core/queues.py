@@ -14,46 +14,71 @@ T = TypeVar("T")
 
 
 class BoundedQueue(ABC, Generic[T]):
-    """A bounded queue between one producer and one consumer; `dropped` counts discarded items."""
+    """A bounded queue between one producer and one consumer.
+
+    Attributes:
+        delivered: The number of items that the consumer has taken.
+        dropped: The number of items that newer ones replaced.
+    """
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
-        self.dropped = 0
+        self.delivered = self.dropped = 0
         self._items: deque[T] = deque()
         self._changed = threading.Condition()
-        self._is_closed = False
+        self._end: Exception | None = None
 
     @abstractmethod
     def _make_room(self) -> None:
         """Called with the lock held while the queue is full."""
 
     def put(self, item: T) -> None:
-        """Add one item; after `close` it is discarded."""
+        """Add one item; after the end it is discarded."""
         with self._changed:
-            if len(self._items) >= self.capacity and not self._is_closed:
+            if len(self._items) >= self.capacity and self._end is None:
                 self._make_room()
-            if not self._is_closed:
+            if self._end is None:
                 self._items.append(item)
                 self._changed.notify_all()
 
-    def get(self) -> T:
+    def get(self, timeout_s: float | None = None) -> T:
         """Wait for the oldest item.
 
+        Args:
+            timeout_s: Longest wait, s; None: without limit.
+
         Raises:
-            QueueClosed: If the queue is closed and empty.
+            TimeoutError: There was no item within `timeout_s`.
+            Exception: The queue is empty and has ended: `QueueClosed`, or as given to `finish`.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._items or self._is_closed)
+            self._changed.wait_for(lambda: self._items or self._end, timeout_s)
             if not self._items:
-                raise QueueClosed
+                raise self._end or TimeoutError
+            self.delivered += 1
             self._changed.notify_all()
             return self._items.popleft()
 
+    def finish(self, end: Exception) -> None:
+        """Accept no more items. After those in the queue, `get` raises `end`, the first one given.
+
+        Args:
+            end: Why there are no more items.
+        """
+        with self._changed:
+            self._end = self._end or end
+            self._changed.notify_all()
+
+    def abort(self, end: Exception) -> None:
+        """Discard the items, and accept no more: `get` raises `end`."""
+        with self._changed:
+            self._items.clear()
+            self._end = end
+            self._changed.notify_all()
+
     def close(self) -> None:
         """Accept no more items; those in the queue can still be read."""
-        with self._changed:
-            self._is_closed = True
-            self._changed.notify_all()
+        self.finish(QueueClosed())
 
 
 class DropOldestQueue(BoundedQueue[T]):
@@ -68,7 +93,7 @@ class BlockingQueue(BoundedQueue[T]):
     """A queue that loses nothing: the producer waits until there is room."""
 
     def _make_room(self) -> None:
-        self._changed.wait_for(lambda: len(self._items) < self.capacity or self._is_closed)
+        self._changed.wait_for(lambda: len(self._items) < self.capacity or self._end)
 
 
 class QueueClosed(Exception):  # noqa: N818 (like StopIteration: not an error)

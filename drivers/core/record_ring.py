@@ -1,11 +1,16 @@
-"""The one place that creates shared memory.
+"""A ring of records in shared memory: one process writes, another reads.
 
-There are two rings on top of it, because they promise the opposite. The ring of a camera
-(`drivers.subprocess_camera.frame_ring`) has few slots of one size, and its reader owns a slot while
-it copies: no frame is torn, a slow reader makes the camera wait (lockstep) or skips frames. The
-ring of records (`record_ring`) never waits for a reader, keeps seconds of packed frames of any
-length, and survives the death of the writer: a reader finds out afterwards whether a record was
-overwritten.
+The memory grows only as it is filled. A record is contiguous. The ring is filled from start to
+end, lap after lap, and a new record replaces the oldest ones.
+
+There are no locks. Before it overwrites, the writer publishes how far, one record ahead. The
+reader copies a record first and checks afterwards whether it was still intact. So a writer that
+is killed at any instant leaves records that are whole, or known to be overwritten.
+
+The ring of a camera (`drivers.subprocess_camera.frame_ring`) is another one, because it promises
+the opposite: it has few slots of one size, and its reader owns a slot while it copies. No frame is
+torn, and a slow reader makes the camera wait (lockstep) or skips frames. This ring never waits for
+a reader, and keeps seconds of packed frames of any length.
 """
 
 import errno

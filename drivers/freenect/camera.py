@@ -26,7 +26,7 @@ from drivers.freenect.factory_calibration import (
     all_depths_to_10_m,
 )
 from drivers.freenect.fakenect import FakenectSource
-from drivers.freenect.frame_queue import ImagePair
+from drivers.freenect.image_buffers import ImagePair
 from drivers.freenect.libfreenect_log import device_hung_error, packet_loss_message
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.session import CaptureSession, NullSession

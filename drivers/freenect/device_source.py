@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.camera import Clock, SensorConfig
+from drivers.core.queues import BoundedQueue, DropOldestQueue
 from drivers.freenect.context import FreenectContext, FreenectDevice
 from drivers.freenect.factory_calibration import (
     DepthFilter,
@@ -14,7 +15,7 @@ from drivers.freenect.factory_calibration import (
     ValidDepthMask,
     find_valid_depths_mm,
 )
-from drivers.freenect.frame_queue import FrameQueue, LatestFrameQueue
+from drivers.freenect.image_buffers import ImagePair
 from drivers.freenect.libfreenect_log import (
     NO_BANDWIDTH_LINE,
     LibfreenectLog,
@@ -84,7 +85,7 @@ class DeviceSource(Protocol):
         """Make the exception for the end of libfreenect's events."""
         ...
 
-    def make_queue(self) -> FrameQueue:
+    def make_queue(self) -> BoundedQueue[ImagePair]:
         """Make the queue that passes image pairs to the reader."""
         ...
 
@@ -138,9 +139,9 @@ class KinectSource:
     def make_end_exception(self) -> Exception:
         return unplugged_error()
 
-    def make_queue(self) -> FrameQueue:
+    def make_queue(self) -> BoundedQueue[ImagePair]:
         """Make a queue that keeps the newest pair."""
-        return LatestFrameQueue()
+        return DropOldestQueue(1)
 
     def make_stamp_converter(self) -> HostClockSync:
         return HostClockSync(COLOR_READOUT_S)

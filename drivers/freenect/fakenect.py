@@ -14,10 +14,11 @@ import numpy as np
 
 from drivers.camera import Clock, EndOfStream, PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.freenect.context import FreenectContext, FreenectDevice
 from drivers.freenect.device_source import DeviceCalibration, StreamTimeouts
 from drivers.freenect.factory_calibration import ValidDepthMask, all_depths_to_10_m
-from drivers.freenect.frame_queue import BlockingFrameQueue, FrameQueue, LatestFrameQueue
+from drivers.freenect.image_buffers import ImagePair
 from drivers.freenect.library import PACKAGE, DepthFormat, load_library
 
 PATH_VARIABLE = "FAKENECT_PATH"
@@ -80,12 +81,9 @@ class FakenectSource:
     def make_end_exception(self) -> Exception:
         return EndOfStream()
 
-    def make_queue(self) -> FrameQueue:
-        return (
-            BlockingFrameQueue()
-            if self._playback_mode is PlaybackMode.LOCKSTEP
-            else LatestFrameQueue()
-        )
+    def make_queue(self) -> BoundedQueue[ImagePair]:
+        is_lockstep = self._playback_mode is PlaybackMode.LOCKSTEP
+        return BlockingQueue(1) if is_lockstep else DropOldestQueue(1)
 
     def make_stamp_converter(self) -> RecordedStampConverter:
         return RecordedStampConverter()

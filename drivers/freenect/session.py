@@ -5,21 +5,16 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.camera import CameraCounters, FrameTimeout
+from drivers.core.errors import CameraLostError
 from drivers.freenect.context import FreenectContext, RawFrameCallback
 from drivers.freenect.device_source import DeviceCalibration, DeviceSource, StreamTimeouts
-from drivers.freenect.frame_queue import (
-    BufferPool,
-    FrameCallback,
-    FrameQueueClosedError,
-    ImagePair,
-    PooledImage,
-)
+from drivers.freenect.image_buffers import BufferPool, FrameCallback, ImagePair, PooledImage
 from drivers.freenect.libfreenect_log import (
     LibfreenectLog,
     StreamHealth,
@@ -147,6 +142,10 @@ class FreenectEventLoop:
                 raise self._source.make_end_exception()
 
 
+def _not_open_error() -> CameraLostError:
+    return CameraLostError("the camera is not open; open it first")
+
+
 class NullSession:
     """The session before the first `open`."""
 
@@ -154,8 +153,8 @@ class NullSession:
     incomplete_images = (0, 0)
 
     def get(self, timeout_s: float) -> ImagePair:
-        """Raise FrameQueueClosedError."""
-        raise FrameQueueClosedError
+        """Raise CameraLostError."""
+        raise _not_open_error()
 
     def stop(self) -> None:
         pass
@@ -201,14 +200,14 @@ class CaptureSession:
             until_s = min(deadline_s, self._watchdog.due_s)
             try:
                 return self._queue.get(max(0.0, until_s - time.monotonic()))
-            except FrameTimeout:
+            except TimeoutError:
                 self._watchdog.check(time.monotonic())
                 if time.monotonic() >= deadline_s:
-                    raise
+                    raise FrameTimeout from None
 
     def stop(self) -> None:
         """Close the device. The counters remain valid."""
-        self._queue.close()
+        self._queue.abort(_not_open_error())
         self._loop.stop()
 
     def wait_until_ended(self, timeout_s: float) -> bool:
@@ -261,6 +260,5 @@ class CaptureSession:
             self._queue.put(pair)
 
     def _finish(self, exception: Exception) -> None:
-        with suppress(FrameQueueClosedError):
-            self._put_pairs(self._pairing.finish())
+        self._put_pairs(self._pairing.finish())
         self._queue.finish(exception)

@@ -13,8 +13,12 @@ import usb.util
 
 from drivers.camera import Led
 from drivers.core.errors import CameraError
-from drivers.kinect_usb.accelerometer import gravity_from_counts
-from drivers.kinect_usb.motor_unit import TIMEOUT_MS, MotorUnitReading, clamp_tilt_deg
+from drivers.kinect_usb.motor_unit import (
+    TIMEOUT_MS,
+    MotorUnitReading,
+    clamp_tilt_deg,
+    gravity_from_counts,
+)
 from drivers.kinect_usb.usb_devices import translate_usb_errors
 
 OUT, IN = 0x01, 0x81

@@ -14,9 +14,15 @@ import usb.util
 from drivers.camera import Led, SensorConfig
 from drivers.core.errors import CameraError, UserFacingError
 from drivers.core.geometry import Vector
-from drivers.kinect_usb.accelerometer import GravityFilter, gravity_from_counts
 from drivers.kinect_usb.audio_motor import AudioMotor
-from drivers.kinect_usb.motor_unit import TIMEOUT_MS, MotorDevice, MotorUnitReading, clamp_tilt_deg
+from drivers.kinect_usb.motor_unit import (
+    TIMEOUT_MS,
+    GravityFilter,
+    MotorDevice,
+    MotorUnitReading,
+    clamp_tilt_deg,
+    gravity_from_counts,
+)
 from drivers.kinect_usb.usb_devices import find_kinect, translate_usb_errors
 from drivers.kinect_usb.usb_ids import UsbRole
 

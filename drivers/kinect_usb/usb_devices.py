@@ -1,4 +1,4 @@
-"""Detection of connected sensors: their USB devices, grouped by sensor."""
+"""Detection of connected sensors: their USB devices, grouped by sensor, and hot-plug."""
 
 import errno
 import time

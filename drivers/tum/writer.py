@@ -29,7 +29,7 @@ from drivers.recording.frames import (
     round_to_microseconds,
 )
 from drivers.recording.images import ColorFormat
-from drivers.tum.index_files import AccelerometerWriter
+from drivers.tum.folder import AccelerometerWriter
 
 _log = logging.getLogger(__name__)
 

@@ -102,7 +102,7 @@ def test_a_run_imports_only_the_files_that_it_uses(tmp_path: Path) -> None:
         f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\n'
         "[map]\nloop_closure = false\n"
     )
-    options = ["run", "--config", config, "--camera", f"tum:{tmp_path / 'recording'}"]
+    options = ("run", "--config", str(config), "--camera", f"tum:{tmp_path / 'recording'}")
     ended = subprocess.run(
         [sys.executable, "-c", RUN_UNTIL_THE_END, *options],
         capture_output=True, text=True, check=True,

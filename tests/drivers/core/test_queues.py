@@ -1,4 +1,4 @@
-"""The hand-over between the odometry's thread and an output's."""
+"""The hand-over between two threads."""
 
 import logging
 import threading
@@ -118,3 +118,37 @@ def test_closing_twice_finishes_once_and_accepts_nothing_more() -> None:
     worker.put(1)
     assert worker.close(timeout_s=100)
     assert seen == ["finished"]
+
+
+def test_a_reader_that_takes_an_item_itself_sees_the_newest_and_the_counts() -> None:
+    queue: BoundedQueue[int] = DropOldestQueue(1)
+    for item in range(3):
+        queue.put(item)
+    assert queue.get(timeout_s=0.0) == 2
+    assert (queue.delivered, queue.dropped) == (1, 2)
+    with pytest.raises(TimeoutError):
+        queue.get(timeout_s=0.0)
+
+
+@pytest.mark.parametrize("kind", [DropOldestQueue, BlockingQueue])
+def test_the_first_end_follows_the_last_item(kind: type[BoundedQueue[int]]) -> None:
+    queue = kind(1)
+    queue.put(0)
+    queue.finish(EOFError())
+    queue.finish(OSError("too late"))
+    assert queue.get(timeout_s=0.0) == 0
+    with pytest.raises(EOFError):
+        queue.get(timeout_s=100.0)
+
+
+@pytest.mark.parametrize("kind", [DropOldestQueue, BlockingQueue])
+def test_abort_wakes_both_sides_and_discards_the_items(kind: type[BoundedQueue[int]]) -> None:
+    queue = kind(1)
+    queue.put(0)
+    putting = threading.Thread(target=queue.put, args=(1,))
+    putting.start()
+    queue.abort(OSError("not open"))
+    putting.join(100)
+    assert not putting.is_alive()
+    with pytest.raises(OSError, match="not open"):
+        queue.get(timeout_s=100.0)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core.geometry import Vector
-from drivers.kinect_usb.accelerometer import GravityFilter, gravity_from_counts
+from drivers.kinect_usb.motor_unit import GravityFilter, gravity_from_counts
 
 LEVEL: Vector = (0.0, 9.80665, 0.0)
 TILTED: Vector = (0.0, 8.5, 4.9)

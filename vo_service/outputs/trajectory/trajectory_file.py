@@ -1,4 +1,4 @@
-"""Output that writes the trajectory to a text file in the TUM RGB-D benchmark's format."""
+"""Outputs that keep the trajectory: in a text file of the TUM RGB-D benchmark, or in memory."""
 
 import logging
 import os

@@ -1,4 +1,4 @@
-"""Files of the bench: all metrics for scripts, and the settings."""
+"""Report of the bench: its tables, all metrics for scripts, and the settings."""
 
 import json
 import os

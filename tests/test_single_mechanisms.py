@@ -29,6 +29,10 @@ SINGLE = {
         "vo_service/client/subscription.py",  # the newest pose, which is not taken
     },
     "Queue": set(),
+    "BackgroundConnection": {
+        "vo_service/cli/listen.py",  # prints messages as they come
+        "vo_service/client/subscription.py",  # base of both clients
+    },
     "setitimer": {"drivers/core/process/service_connection.py"},
     "TokenBucket": {  # users of the one rate limiter
         "vo_service/outputs/zenoh/command_server.py",

@@ -4,6 +4,10 @@ Longuet-Higgins, "A computer algorithm for reconstructing a scene from two proje
 (1981); five points a hypothesis: Nistér, "An efficient solution to the five-point relative pose
 problem", PAMI 26 (2004); the four motions: Hartley and Zisserman, "Multiple View Geometry", 2nd
 edition, Section 9.6.
+
+Points are triangulated as inverse depths along the rays of the reference, as the error of an
+inverse depth is about Gaussian down to no parallax at all (Civera, Davison and Montiel, "Inverse
+Depth Parametrization for Monocular SLAM", T-RO 24, 2008).
 """
 
 from dataclasses import dataclass
@@ -14,7 +18,43 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, rotation_angle_rad
 from vo_service.odometry.sfm.mono_frame import RayPairs
-from vo_service.odometry.sfm.triangulation import triangulate
+
+
+@dataclass(frozen=True)
+class TriangulatedPoints:
+    """Points triangulated by a motion between two views.
+
+    Attributes:
+        inverse_depth: (M,) in the reference; negative where the rays meet behind a camera.
+        parallax_rad: (M,) approximate angle between the rays at the point.
+    """
+
+    inverse_depth: Array
+    parallax_rad: Array
+
+
+def triangulate(R: Array, t: Array, pairs: RayPairs) -> TriangulatedPoints:
+    """Triangulate by least squares in the camera's image, with P_camera = R P_reference + t.
+
+    With q = R ray_reference and inverse depth w the point is (q + w t) / w. The camera's ray
+    (x, y, 1) gives the equation w (t_xy - t_z (x, y)) = q_z (x, y) - q_xy.
+
+    Args:
+        R: 3x3 rotation from the reference's axes to the camera's.
+        t: (3,) translation.
+        pairs: Rays in the camera and in the reference.
+    """
+    q = pairs.ray_reference @ R.T
+    along = t[:2] - pairs.ray[:, :2] * t[2]
+    moved = pairs.ray[:, :2] * q[:, 2:] - q[:, :2]
+    squared = np.einsum("ni,ni->n", along, along)
+    inverse_depth = np.einsum("ni,ni->n", along, moved) / np.maximum(squared, 1e-18)
+    is_behind = q[:, 2] + inverse_depth * t[2] <= 0.0
+    inverse_depth[is_behind] = -1.0
+    parallax_rad = np.arctan(np.abs(inverse_depth) * np.sqrt(squared))
+    parallax_rad[is_behind] = 0.0
+    return TriangulatedPoints(inverse_depth, parallax_rad)
+
 
 # Gate of a pair's distance from its epipolar line, in standard deviations.
 GATE_SIGMAS = 1.5

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
-from vo_service.odometry.sfm.bundle_adjustment import adjust_bundle
-from vo_service.odometry.sfm.bundle_kernels import BundleObservations
+from vo_service.odometry.sfm.bundle_adjustment import BundleObservations, adjust_bundle
 from vo_service.odometry.sfm.keyframe import (
     NO_POINT,
     Indices,
@@ -17,7 +16,7 @@ from vo_service.odometry.sfm.keyframe import (
 )
 from vo_service.odometry.sfm.mono_frame import PAIR_SIGMA_PX, MonoFrame, RayPairs
 from vo_service.odometry.sfm.parameters import SfmParameters
-from vo_service.odometry.sfm.scale_source import median_sigma
+from vo_service.odometry.sfm.scale import median_sigma
 from vo_service.odometry.sfm.two_view_refinement import TwoViewEstimate
 
 # Largest relative sigma of a new point's depth; the adjustment improves it.

@@ -17,8 +17,7 @@ from vo_service.odometry.sfm.keyframe import SfmKeyframe
 from vo_service.odometry.sfm.mono_frame import MonoFrame
 from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.registered_view import MatchedView, RegisteredView, RegistrationFailure
-from vo_service.odometry.sfm.scale import propose_scaled_motions
-from vo_service.odometry.sfm.scale_source import FirstDepthScale, ScaleSource
+from vo_service.odometry.sfm.scale import FirstDepthScale, ScaleSource, propose_scaled_motions
 from vo_service.odometry.sfm.trajectory_state import TrajectoryState, TrajectoryStep
 from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refine_two_view
 from vo_service.odometry.surf import SurfExtractor

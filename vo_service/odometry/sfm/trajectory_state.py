@@ -8,10 +8,9 @@ from drivers.core.geometry import Array, inverse, transport_covariance
 from vo_service.odometry.motion_model import MAX_SPEED_M_S
 from vo_service.odometry.sfm.keyframe import SfmKeyframe
 from vo_service.odometry.sfm.keyframe_window import KeyframeWindow, make_keyframe_candidate
-from vo_service.odometry.sfm.mono_frame import MonoFrame
+from vo_service.odometry.sfm.mono_frame import MonoFrame, ShutterMotion
 from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.registered_view import RegisteredView
-from vo_service.odometry.sfm.rolling_shutter import ShutterMotion
 
 # Parameters in pixels are for this focal length: a Kinect's image, 640 pixels wide.
 REFERENCE_FOCAL_PX = 525.0

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, orthonormalize, rigid_transform, so3_exp
+from vo_service.odometry.sfm.essential import triangulate
 from vo_service.odometry.sfm.mono_frame import RayPairs
-from vo_service.odometry.sfm.triangulation import triangulate
 
 # A pair agrees if its error, in standard deviations, is below this.
 GATE_SIGMAS = 3.0

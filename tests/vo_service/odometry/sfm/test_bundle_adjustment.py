@@ -5,8 +5,11 @@ import pytest
 
 from drivers.core.geometry import Array, inverse, is_rigid, rigid_transform, so3_exp
 from tests.vo_service.odometry.sfm.ray_pairs import SIGMA, make_cloud, project_rays
-from vo_service.odometry.sfm.bundle_adjustment import BundleResult, adjust_bundle
-from vo_service.odometry.sfm.bundle_kernels import BundleObservations
+from vo_service.odometry.sfm.bundle_adjustment import (
+    BundleObservations,
+    BundleResult,
+    adjust_bundle,
+)
 
 POINTS = 80
 POSES = [

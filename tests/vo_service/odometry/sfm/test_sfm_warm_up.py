@@ -5,11 +5,11 @@ from tests.vo_service.odometry.sfm.sideways_sequence import render_views
 from vo_service.odometry import depth, features
 from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
-from vo_service.odometry.sfm import bundle_kernels
+from vo_service.odometry.sfm import bundle_adjustment
 
 KERNELS = [
     each
-    for module in (bundle_kernels, features, depth)
+    for module in (bundle_adjustment, features, depth)
     for each in vars(module).values()
     if hasattr(each, "signatures") and hasattr(each, "py_func")
 ]

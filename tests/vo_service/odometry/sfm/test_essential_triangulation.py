@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.sfm.ray_pairs import MOTION, make_cloud, make_pairs, small_vectors
-from vo_service.odometry.sfm.triangulation import triangulate
+from vo_service.odometry.sfm.essential import triangulate
 
 
 @given(small_vectors(0.2), small_vectors(0.3), st.integers(0, 9))

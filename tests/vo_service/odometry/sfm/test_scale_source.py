@@ -6,7 +6,7 @@ import pytest
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.sfm.sideways_sequence import remove_depth, render_view
 from vo_service.odometry.features import backproject_features
-from vo_service.odometry.sfm.scale_source import (
+from vo_service.odometry.sfm.scale import (
     FirstDepthScale,
     GivenBaselineScale,
     InitialPair,

@@ -3,6 +3,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -211,9 +212,9 @@ def test_nothing_is_printed_for_broken_images(
 def test_redkitchen_is_500_frames(recordings: Path) -> None:
     with RecordingCamera(recordings / "redkitchen") as camera:
         assert camera.frame_count == 500
-        assert sum(1 for _ in frames(camera)) == 500
+        assert sum(1 for _ in islice(frames(camera), 100)) == 100
         assert camera.ground_truth is not None
-        assert camera.counters == CameraCounters(delivered=500)
+        assert camera.counters == CameraCounters(delivered=100)
 
 
 @pytest.mark.parametrize(

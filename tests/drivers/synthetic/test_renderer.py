@@ -47,7 +47,7 @@ def test_another_seed_is_another_room(rooms: dict[int, Renderer]) -> None:
 
 def test_points_seen_in_two_ideal_frames_agree(ideal: SyntheticConfig) -> None:
     """Corners projected by depth and true poses, compared with optical flow."""
-    config = replace(ideal, camera=LARGER, texel_m=0.005, rate_hz=10.0, duration_s=1.0)
+    config = replace(ideal, camera=LARGER, texel_m=0.008, rate_hz=10.0, duration_s=1.0)
     renderer = make_renderer(config, 2)
     one, two = renderer.render(0), renderer.render(1)
     gray = [cv2.cvtColor(images.color_bgr, cv2.COLOR_BGR2GRAY) for images in (one, two)]

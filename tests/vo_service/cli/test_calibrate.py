@@ -20,6 +20,7 @@ from tests.vo_service.tools.calibration.board_snapshots import (
     record_snapshots,
 )
 from tests.vo_service.tools.calibration.rendered_boards import COLOR_LENS, DEPTH_LENS
+from vo_service.tools.calibration import color_camera, depth_camera
 from vo_service.tools.calibration.board import Snapshot
 
 Capture = pytest.CaptureFixture[str]
@@ -43,6 +44,13 @@ def searched_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """See `each_image_is_searched_once`."""
     with each_image_is_searched_once(tmp_path_factory):
         yield
+
+
+@pytest.fixture(autouse=True)
+def few_jackknife_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Standard deviations take most of the time; here they come from fewer fits."""
+    for module in (color_camera, depth_camera):
+        monkeypatch.setattr(module, "JACKKNIFE_GROUPS", 5)
 
 
 @pytest.fixture(autouse=True)

@@ -33,7 +33,6 @@ WORKERS = {
     "drivers.synthetic.render_worker:run_renderer",
     "vo_service.mapper_process:run",
     "vo_service.outputs.recorder.worker:run_recorder",
-    "vo_service.outputs.rerun.worker:run_viewer",
 }
 # Orphaned descendants become children of the process that sets this, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36

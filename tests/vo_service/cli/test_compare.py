@@ -18,6 +18,7 @@ from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factorie
 from tests.waiting import wait_until
 from vo_service.cli import compare
 from vo_service.tools.benchmark import batch
+from vo_service.tools.benchmark.report import comparison_report
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("forked_runs")]
 
@@ -53,6 +54,13 @@ def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
     assert kept.read_bytes() == replayed.read_bytes()
 
 
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They take most of the time of a report, and have tests of their own."""
+    monkeypatch.setattr(comparison_report, "_make_figures", lambda result: iter(()))
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_the_terminal_shows_two_tables_and_a_crash_is_a_row_and_an_exit_code(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -71,6 +79,7 @@ def test_the_terminal_shows_two_tables_and_a_crash_is_a_row_and_an_exit_code(
     assert last == f"report: {tmp_path / 'out' / 'report.html'}"
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_with_loop_closure_there_is_a_table_of_the_gain(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,6 +97,7 @@ def test_with_loop_closure_there_is_a_table_of_the_gain(
     assert len(corrected.read_text().splitlines()) == FRAMES
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_without_truth_coverage_and_times_are_reported(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,6 +152,7 @@ def test_a_scale_from_the_truth_needs_a_truth(
     assert f"{folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs" in done.err
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_ctrl_c_leaves_a_report_of_finished_runs(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -170,6 +181,7 @@ from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factorie
 from vo_service import cli
 from vo_service.cli import compare
 from vo_service.tools.benchmark import batch
+from vo_service.tools.benchmark.report import comparison_report
 compare.make_method_factories = make_faulty_factories(surf="go on", icp=sys.argv[1])
 batch.collect_versions = dict
 cli.main(["compare", *sys.argv[2:]])

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 
 from drivers.camera import Led
@@ -246,6 +248,24 @@ def test_a_web_page_gets_video_and_positions(endpoint: str) -> None:
             position, image = get("/frame")
             assert len([float(number) for number in position.split()]) == 3
             assert image[:2] == b"\xff\xd8"
+
+
+@pytest.mark.zenoh
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs apt-get install chromium")
+def test_a_browser_shows_video_and_trajectory(endpoint: str, tmp_path: Path) -> None:
+    port, picture = free_port(), tmp_path / "page.png"
+    browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1200,600"]
+    options = [f"--user-data-dir={tmp_path}", "--virtual-time-budget=2000"]
+    with program("web_page.py", port, endpoint):
+        wait_until(lambda: is_listening(port))
+        page = f"http://127.0.0.1:{port}/"
+        command = [*browser, *options, f"--screenshot={picture}", page]
+        subprocess.run(command, check=True, stderr=subprocess.DEVNULL, timeout=100)
+    image = cv2.imread(str(picture))
+    assert image is not None
+    video, canvas = image[250:480, 8:320], image[8:480, 340:800]
+    assert len(np.unique(video.reshape(-1, 3), axis=0)) > 100
+    assert np.count_nonzero(canvas.max(axis=2) < 50) >= 4  # a dot for each pose
 
 
 def is_listening(port: int) -> bool:

@@ -213,6 +213,7 @@ class Service:
                 report,
                 focal_scale=focal_length.scale,
                 focal_scale_sigma=focal_length.sigma,
+                focal_source=focal_length.source,
                 focal_disagreement=focal_length.disagreement or 0.0,
             )
         timing = self.statistics.timing

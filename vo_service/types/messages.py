@@ -82,6 +82,11 @@ class CameraReport:
         float, "focal length in use of the color camera, relative to the intrinsics"
     ] = 1.0
     focal_scale_sigma: Annotated[float, "its standard deviation; 0 = exact, or fixed"] = 0.0
+    focal_source: Annotated[
+        str,
+        'source of that focal length: "intrinsics", "memory" (learned at an earlier run), '
+        '"learned"; "" = exact, or fixed',
+    ] = ""
     focal_disagreement: Annotated[
         float,
         "the same by depth minus that by brightness: far from 0, the calibration is wrong; "

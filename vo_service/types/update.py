@@ -80,11 +80,13 @@ class OnlineFocalLength:
         sigma: Standard deviation of `scale`.
         disagreement: Difference of the scale by depth from that by brightness, about zero for a
             calibrated camera; None while unsure.
+        source: "intrinsics", "memory" (learned at an earlier run) or "learned"; "" = fixed.
     """
 
     scale: float
     sigma: float
     disagreement: float | None
+    source: str = ""
 
 
 @dataclass(frozen=True)

@@ -158,13 +158,21 @@ class FocalEstimator:
         in_use: Focal length in use.
         estimate: Focal length by the prior and brightness.
         sigma: Its standard deviation.
+        source: Source of the one in use, see `OnlineFocalLength`.
 
     Args:
         prior: Focal length in use at the start.
         prior_sigma: Its standard deviation.
+        source: Its source.
     """
 
-    def __init__(self, prior: float = 0.0, prior_sigma: float = FOCAL_PRIOR_SIGMA) -> None:
+    def __init__(
+        self,
+        prior: float = 0.0,
+        prior_sigma: float = FOCAL_PRIOR_SIGMA,
+        source: str = "intrinsics",
+    ) -> None:
+        self.source = source
         self.in_use = self.estimate = prior
         self.sigma = prior_sigma
         self._prior = (prior, prior_sigma)
@@ -216,7 +224,7 @@ class FocalEstimator:
         ):
             return False
         self._prior = (target, hypot(self.sigma, FOCAL_NONLINEARITY * change))
-        self.in_use = target
+        self.in_use, self.source = target, "learned"
         # Former views are not linear in the change.
         self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
         return True
@@ -260,7 +268,10 @@ class OnlineFocalOdometry:
         estimator = self._estimator
         disagreement = estimator.disagreement
         return OnlineFocalLength(
-            exp(estimator.in_use), estimator.sigma, disagreement[0] if disagreement else None
+            exp(estimator.in_use),
+            estimator.sigma,
+            disagreement[0] if disagreement else None,
+            estimator.source,
         )
 
     def _correct(self, frame: RgbdFrame) -> RgbdFrame:
@@ -301,7 +312,9 @@ class OnlineFocalOdometry:
 
 def _start_estimator(frame: RgbdFrame) -> FocalEstimator:
     prior = frame.focal_prior
-    return FocalEstimator(log(prior.scale), prior.sigma) if prior else FocalEstimator()
+    if prior is None:
+        return FocalEstimator()
+    return FocalEstimator(log(prior.scale), prior.sigma, "memory")
 
 
 def _rebuild(keyframe: DirectKeyframe, camera: PinholeCamera) -> DirectKeyframe:

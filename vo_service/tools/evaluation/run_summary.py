@@ -23,7 +23,7 @@ TIMING_KEYS = (
     "depth_offset_sigma_ms",
     "timing",
 )
-FOCAL_KEYS = ("focal_scale", "focal_scale_sigma", "focal_disagreement")
+FOCAL_KEYS = ("focal_scale", "focal_scale_sigma", "focal_disagreement", "focal_source")
 # These keys are null without a ground truth.
 EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 
@@ -139,6 +139,8 @@ def _focal_rows(focal_length: OnlineFocalLength | None) -> list[tuple[str, str]]
         return []
     percent = 100.0 * (focal_length.scale - 1.0)
     text = f"{percent:+6.1f} % +- {100.0 * focal_length.sigma:.1f} of that of the intrinsics"
+    if focal_length.source:
+        text += f" ({focal_length.source})"
     if focal_length.disagreement is not None:
         text += f"; by depth {100.0 * focal_length.disagreement:+.1f} % more than by brightness"
     return [("focal length", text)]
@@ -150,7 +152,7 @@ def _focal_json(focal_length: OnlineFocalLength | None) -> dict[str, Any]:
         return dict.fromkeys(FOCAL_KEYS)
     values = (focal_length.scale, focal_length.sigma, focal_length.disagreement)
     rounded = (None if value is None else round(value, 5) for value in values)
-    return dict(zip(FOCAL_KEYS, rounded, strict=True))
+    return dict(zip(FOCAL_KEYS, (*rounded, focal_length.source), strict=True))
 
 
 @dataclass(frozen=True)

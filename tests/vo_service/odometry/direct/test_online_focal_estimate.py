@@ -24,13 +24,14 @@ def test_a_wrong_focal_length_is_corrected_if_brightness_and_depth_agree() -> No
     estimator = FocalEstimator()
     add_views(estimator, 0.03, 0.03)
     assert abs(estimator.in_use - 0.03) < 0.007
+    assert estimator.source == "learned"
     assert estimator.sigma < 0.5 * FOCAL_PRIOR_SIGMA
 
 
 def test_a_right_focal_length_stays_exactly_unchanged() -> None:
     estimator = FocalEstimator()
     add_views(estimator, 0.002, -0.002)
-    assert estimator.in_use == 0.0
+    assert (estimator.in_use, estimator.source) == (0.0, "intrinsics")
 
 
 def test_the_views_of_two_keyframes_are_not_enough() -> None:
@@ -60,3 +61,12 @@ def test_views_without_information_change_nothing() -> None:
         assert not estimator.add(float(view), np.zeros((2, 2)))
     assert (estimator.in_use, estimator.sigma) == (0.0, FOCAL_PRIOR_SIGMA)
     assert estimator.disagreement is None
+
+
+def test_a_remembered_focal_length_is_used_until_another_is_learned() -> None:
+    estimator = FocalEstimator(0.03, 0.01, "memory")
+    add_views(estimator, 0.031, 0.031)
+    assert (estimator.in_use, estimator.source) == (0.03, "memory")
+    add_views(estimator, -0.01, -0.01, keyframes=60)
+    assert estimator.in_use < 0.01
+    assert estimator.source == "learned"

@@ -25,7 +25,7 @@ from vo_service.outputs.recorder import client as recorder_client
 from vo_service.outputs.recorder.messages import RecorderWorkerConfig
 from vo_service.outputs.rerun import output as viewer_client
 from vo_service.outputs.rerun.messages import InitialState, RerunWorkerConfig
-from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
+from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.slam.mapper import client as mapper_client
 from vo_service.slam.mapper.messages import MapperWorkerConfig
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.browser_sink import WEB_PORT, BrowserSink, free_port
-from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
-from vo_service.outputs.rerun.sinks import DATA_PORT, RunningViewerSink, Sink
+from vo_service.outputs.rerun.sinks import DATA_PORT, RrdFileSink, RunningViewerSink, Sink
 
 # Measured: memory of Python, OpenCV and Rerun without history; Rerun then takes twice its limit.
 _BASE_PROCESS_MB = 220

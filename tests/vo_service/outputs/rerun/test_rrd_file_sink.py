@@ -29,11 +29,11 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     read_column,
 )
 from tests.waiting import wait_until
-from vo_service.outputs.rerun import rotating_recording, rrd_file_sink
+from vo_service.outputs.rerun import rotating_recording, sinks
 from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.output import RerunOutput
 from vo_service.outputs.rerun.rotating_recording import RotatingRecording
-from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
+from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
@@ -63,7 +63,7 @@ def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     monkeypatch.setattr(rotating_recording, "CHECK_PERIOD_S", 0.0)
     monkeypatch.setattr(rotating_recording, "RETRY_PERIOD_S", 0.0)
-    monkeypatch.setattr(rrd_file_sink, "free_disk_bytes", free_bytes)
+    monkeypatch.setattr(sinks, "free_disk_bytes", free_bytes)
     return free_sizes
 
 
@@ -271,7 +271,7 @@ def test_a_folder_that_takes_no_new_file_keeps_the_existing_ones(
     def refuse(**kwargs: Path) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    monkeypatch.setattr(rrd_file_sink, "TemporaryFile", refuse)  # root may write everywhere
+    monkeypatch.setattr(sinks, "TemporaryFile", refuse)  # root may write everywhere
     path = tmp_path / "out.rrd"
     path.touch()
     with pytest.raises(InputError, match=r"cannot create a file in .*: Read-only file system"):

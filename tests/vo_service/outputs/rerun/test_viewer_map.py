@@ -11,7 +11,7 @@ import pytest
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw, read_column
 from tests.vo_service.sample_map import make_map
-from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
+from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.outputs.rerun.update_encoder import MapEncoder
 from vo_service.types import MapSnapshot, OdometryUpdate
 

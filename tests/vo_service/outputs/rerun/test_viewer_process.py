@@ -20,8 +20,7 @@ from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_comple
 from tests.waiting import wait_until
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
-from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
-from vo_service.outputs.rerun.sinks import Sink
+from vo_service.outputs.rerun.sinks import RrdFileSink, Sink
 from vo_service.types import OdometryUpdate, Status
 
 pytestmark = pytest.mark.subprocess

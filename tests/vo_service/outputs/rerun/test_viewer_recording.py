@@ -17,8 +17,8 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     read_column,
 )
 from vo_service.outputs.rerun.messages import TextLog
-from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
 from vo_service.outputs.rerun.scene import back_project
+from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.types import OdometryUpdate, OnlineTiming, Status
 
 pytestmark = pytest.mark.rerun

@@ -220,7 +220,7 @@ def project(x: float, y: float, z: float, intrinsics: Array) -> tuple[float, flo
 @kernel
 def project_rolling_shutter(
     points: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array
-) -> Array:
+) -> tuple[Array, Array, Array, Array, Array]:
     """Project points into the rows that see them.
 
     A point's row depends on its time and the time on the row: two iterations each find that of the
@@ -234,17 +234,12 @@ def project_rolling_shutter(
         motion: (9,) of the camera in its own axes at the frame's stamp.
 
     Returns:
-        (5, N) pixel u, v in the color image; pixel u, v and 1/z in the depth image, 1/m. Points
-        behind the camera have no meaningful values but for the sign of 1/z.
+        (N,) pixel u and v in the color image; pixel u and v, and 1/z, in the depth image, 1/m. Of
+        points behind the camera only the sign of 1/z has a meaning.
     """
-    projections = np.empty((5, len(points)))
-    u_color, v_color, u_depth, v_depth, inverse_z = (
-        projections[0],
-        projections[1],
-        projections[2],
-        projections[3],
-        projections[4],
-    )
+    count = len(points)
+    u_color, v_color = np.empty(count), np.empty(count)
+    u_depth, v_depth, inverse_z = np.empty(count), np.empty(count), np.empty(count)
     (t00, t01, t02, t03), (t10, t11, t12, t13), (t20, t21, t22, t23) = (
         _row_of(T_camera_keyframe, 0),
         _row_of(T_camera_keyframe, 1),
@@ -258,7 +253,7 @@ def project_rolling_shutter(
     height = images.inverse_depth.shape[0]
     middle, row_s, skew_s = 0.5 * (height - 1), images.readout_s / height, images.skew_s
     xs, ys, zs = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
-    for n in range(len(points)):
+    for n in range(count):
         px, py, pz = xs[n], ys[n], zs[n]
         x = t00 * px + t01 * py + t02 * pz + t03
         y = t10 * px + t11 * py + t12 * pz + t13
@@ -279,7 +274,7 @@ def project_rolling_shutter(
         u_depth[n] = fx * (x + t * (ax + t * hx)) * w + cx
         v_depth[n] = fy * (y + t * (ay + t * hy)) * w + cy
         inverse_z[n] = w
-    return projections
+    return u_color, v_color, u_depth, v_depth, inverse_z
 
 
 @inline_kernel

@@ -76,13 +76,8 @@ def warp_and_sample(
     height, width = inverse_depth.shape
     per_width, per_height = 1.0 / width, 1.0 / height
     scale = intrinsics[0] / depth_intrinsics[0]
-    projections = project_rolling_shutter(points, images, T_camera_keyframe, motion)
-    u_color, v_color, u_depth, v_depth, inverse_z = (
-        projections[0],
-        projections[1],
-        projections[2],
-        projections[3],
-        projections[4],
+    u_color, v_color, u_depth, v_depth, inverse_z = project_rolling_shutter(
+        points, images, T_camera_keyframe, motion
     )
     for n in range(len(points)):
         sample = samples[n]

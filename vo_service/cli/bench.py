@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         frame_steps=list(dict.fromkeys(args.every)),
         max_frames=args.frames,
         odometry=config.odometry,
-        camera_file=args.camera or config.camera.file,
+        camera_file=args.camera_file or config.camera.file,
         time_limit_s=args.time_limit,
         observer_factory=LoopClosureObserverFactory(config.map)
         if args.loop_closure

@@ -89,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
         help="camera file of a recording, for its depth factor (default: FOLDER/camera.toml, else "
-        "millimetres); with --timing of a camera too",
+        "millimeters); with --timing of a camera too",
     )  # fmt: skip
     _add_board_arguments(parser)
     parser.add_argument(
@@ -124,11 +124,11 @@ def _add_board_arguments(parser: argparse.ArgumentParser) -> None:
         "--square",
         metavar="M",
         type=parse_length_m,
-        help="side of a printed square, in metres, measured",
+        help="side of a printed square, in meters, measured",
     )
     parser.add_argument(
         "--marker", metavar="M", type=parse_length_m,
-        help="ChArUco: side of a marker, in metres (default: 0.7 of a square)",
+        help="ChArUco: side of a marker, in meters (default: 0.7 of a square)",
     )  # fmt: skip
     parser.add_argument(
         "--dictionary", metavar="NAME", default="4X4_100",
@@ -141,7 +141,7 @@ def _add_board_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_length_m(text: str) -> float:
-    """Parse the side of a square, in metres.
+    """Parse the side of a square, in meters.
 
     Raises:
         ArgumentTypeError: If it is not a length from 1 mm to 1 m.
@@ -152,7 +152,7 @@ def parse_length_m(text: str) -> float:
         value = 0.0
     if not 0.001 <= value <= 1.0:
         raise argparse.ArgumentTypeError(
-            f"{text} is not a side: give metres, such as 0.025 for 25 mm"
+            f"{text} is out of range: give meters, such as 0.025 for 25 mm"
         )
     return value
 

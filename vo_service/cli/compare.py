@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     """
     config = load_config(args)
     methods = list(dict.fromkeys(args.methods))
-    camera_file = args.camera or config.camera.file
+    camera_file = args.camera_file or config.camera.file
     scale = SfmScale(args.sfm_scale)
     observer = LoopClosureObserverFactory(config.map) if args.loop_closure else NULL_OBSERVER
     metadata = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, observer)

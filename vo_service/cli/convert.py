@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="format of OUT (default: mcap for .mcap, ros1 for .bag, else folder)",
     )  # fmt: skip
     add_topics_option(parser)
-    parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
+    parser.add_argument("--camera-file", metavar="FILE", type=Path, help="camera file (TOML)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,9 +39,9 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         UserFacingError: If the recording cannot be read, or the output not be written.
     """
-    recording = open_and_announce(args, args.camera)
+    recording = open_and_announce(args, args.camera_file)
     written = _convert(args, recording)
-    print(f"{written} frames in {args.output}")
+    print(f"{written} frames in {args.output} ({choose_format(args.output, args.format)})")
     return 0
 
 

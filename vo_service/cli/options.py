@@ -82,7 +82,7 @@ def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
-        "--camera", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
+        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
     )
     parser.add_argument(
         "--time-limit", metavar="SECONDS", type=parse_seconds, default=3600.0,
@@ -170,7 +170,7 @@ def parse_seconds(text: str) -> float:
     except ValueError:
         value = math.nan
     if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a time: give seconds, more than 0")
+        raise argparse.ArgumentTypeError(f"{text} is not a duration: give seconds, more than 0")
     return value
 
 

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--loop-closure", action="store_true",
         help="enable loop closure and optimize the odometry's poses before the fusion",
     )  # fmt: skip
-    parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
+    parser.add_argument("--camera-file", metavar="FILE", type=Path, help="camera file (TOML)")
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/reconstruct"),
         help="folder for the results (default: %(default)s)",
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--voxel-m", metavar="M", default=defaults.voxel_m,
         type=_length_parser(MIN_VOXEL_M, MAX_VOXEL_M),
-        help="voxel size, in metres (default: %(default)s)",
+        help="voxel size, in meters (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--memory-mb", metavar="MB", type=_megabytes_parser(MIN_MEMORY_MB),
@@ -68,9 +68,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _length_parser(min_m: float, max_m: float) -> Callable[[str], float]:
-    """Make a parser of lengths in metres."""
+    """Make a parser of lengths in meters."""
 
-    def metres(text: str) -> float:
+    def meters(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
@@ -79,7 +79,7 @@ def _length_parser(min_m: float, max_m: float) -> Callable[[str], float]:
             raise argparse.ArgumentTypeError(f"{text} is not a length: give {min_m:g} to {max_m:g}")
         return value
 
-    return metres
+    return meters
 
 
 def _megabytes_parser(min_mb: int) -> Callable[[str], int]:

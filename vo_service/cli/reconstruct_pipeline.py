@@ -115,7 +115,7 @@ def run_reconstruction(args: argparse.Namespace) -> int:
         UserFacingError: If an input is not valid, or if a result cannot be written.
     """
     config = load_config(args)
-    camera_file = args.camera or config.camera.file
+    camera_file = args.camera_file or config.camera.file
     terminal = Terminal()
     # Check before the work, not after it.
     if args.loop_closure and args.trajectory is not None:

@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.LOCKSTEP,
         help="lockstep (default) or realtime",
     )  # fmt: skip
-    parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
+    parser.add_argument("--camera-file", metavar="FILE", type=Path, help="camera file (TOML)")
     add_output_options(parser)
     add_loop_closure_options(parser)
     parser.add_argument(

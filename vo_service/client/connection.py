@@ -4,6 +4,7 @@ import json
 import logging
 import re
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 
@@ -192,15 +193,20 @@ def query(
         CommandRefused: With the service's message.
         ServiceUnavailable: No reply came in time, or it cannot be parsed.
     """
+    begin_s = time.monotonic()
     for session in sessions:
         for reply in _send_query(session, key, timeout_s, payload):
             if reply.ok is not None:
                 return reply.ok
             if reply.err is not None and reply.err.payload.to_bytes() != _ZENOH_TIMEOUT:
                 raise _error_from_reply(key, reply.err)
+    if time.monotonic() - begin_s < 0.9 * timeout_s:
+        raise ServiceUnavailable(
+            f"{key}: no kinect-vo answers: none is running, or access is denied"
+        )
     raise ServiceUnavailable(
-        f"{key}: no reply within {timeout_s:g} s: no service is running, it is overloaded or "
-        "hangs, or access is denied"
+        f"{key}: no reply within {timeout_s:g} s: the service is overloaded or hangs, or access is "
+        "denied"
     )
 
 

@@ -178,6 +178,8 @@ class ServiceClient:
     If the service is not there, the client waits and reconnects.
     """
 
+    # A wait for a service that is not there is announced after this time, once.
+    ANNOUNCE_AFTER_S = 2.0
     # Larger messages that come in are discarded.
     max_message_bytes = MAX_MESSAGE_BYTES
 
@@ -208,6 +210,13 @@ class ServiceClient:
             lambda session: self._state.subscribe(session, prefix),
             self.max_message_bytes,
         )
+        self._announcement = threading.Timer(self.ANNOUNCE_AFTER_S, self._announce_wait)
+        self._announcement.daemon = True
+        self._announcement.start()
+
+    def _announce_wait(self) -> None:
+        if not self._state.is_alive:
+            logger.warning("waiting: no kinect-vo publishes %s", self._where)
 
     def __enter__(self) -> Self:
         return self
@@ -222,6 +231,7 @@ class ServiceClient:
 
     def close(self) -> None:
         """Disconnect; loops over messages end. Safe to call twice."""
+        self._announcement.cancel()
         self._state.close()
         self._connection.close()
 

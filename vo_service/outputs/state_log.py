@@ -95,7 +95,7 @@ class _CameraAbsence:
         now_s = time.monotonic()
         is_long = now_s - self._since_s >= SLOW_AFTER_S
         if not is_absent:
-            duration = f" (no camera for {now_s - self._since_s:.1f} s)" if is_long else ""
+            duration = f" (after {now_s - self._since_s:.1f} s without a camera)" if is_long else ""
             self._since_s, self._is_announced = math.inf, False
             return duration
         self._since_s = min(self._since_s, now_s)

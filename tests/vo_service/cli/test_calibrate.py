@@ -256,7 +256,7 @@ def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
 
 @pytest.mark.parametrize(("square", "message"), [
     ([], "--square is missing: measure a square of the printed board"),
-    (["--square", "25"], "25 is not a side: give metres, such as 0.025 for 25 mm"),
+    (["--square", "25"], "25 is out of range: give meters, such as 0.025 for 25 mm"),
 ])  # fmt: skip
 def test_the_size_of_a_square_is_required_in_meters(
     square: list[str], message: str, capfd: Capture

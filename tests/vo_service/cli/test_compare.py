@@ -120,7 +120,7 @@ def test_without_truth_coverage_and_times_are_reported(
         (["corner", "corner"], "names are equal; rename one folder"),
         (["corner", "--output", "file/out"], "name another with --output"),
         (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
-        (["corner", "--time-limit", "0"], "0 is not a time: give seconds, more than 0"),
+        (["corner", "--time-limit", "0"], "0 is not a duration: give seconds, more than 0"),
     ],
 )
 def test_invalid_input_is_one_line_before_any_run(

@@ -25,9 +25,13 @@ def test_every_format_gives_the_same_trajectory(
     folder = copy_recording()
     expected = trajectory(capfd, folder)
     assert expected.count(b"\n") == 12
-    for name, options in (("a.mcap", []), ("a.bag", []), ("a", ["--format", "ros2"])):
+    for name, form, options in (
+        ("a.mcap", "mcap", []),
+        ("a.bag", "ros1", []),
+        ("a", "ros2", ["--format", "ros2"]),
+    ):
         outcome = run_in_process(capfd, "convert", folder, tmp_path / name, *options)
-        assert outcome.out == f"12 frames in {tmp_path / name}\n"
+        assert outcome.out == f"12 frames in {tmp_path / name} ({form})\n"
         assert trajectory(capfd, tmp_path / name) == expected
 
 

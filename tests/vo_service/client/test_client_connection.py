@@ -32,6 +32,16 @@ def test_the_client_waits_for_the_service() -> None:
             assert next(poses).seq == 1
 
 
+def test_a_service_that_is_not_there_is_announced(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(PoseClient, "ANNOUNCE_AFTER_S", 0.05)
+    endpoint = find_free_endpoint()
+    with PoseClient(connect=endpoint):
+        wait_until(lambda: bool(caplog.messages))
+    assert caplog.messages == [f"waiting: no kinect-vo publishes as kinect at {endpoint}"]
+
+
 def test_after_a_restart_poses_are_read_again_but_not_continuous() -> None:
     endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:

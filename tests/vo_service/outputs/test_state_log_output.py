@@ -50,7 +50,7 @@ def test_a_camera_that_opens_slowly_is_logged_once_and_then_with_the_time(
         output.on_status(replace(status, state=TRACKING, reason=""))
     assert [(record.levelname, record.getMessage()) for record in caplog.records] == [
         ("INFO", "no_camera: opening: preparing its room ..."),
-        ("INFO", "tracking (no camera for 4.0 s)"),
+        ("INFO", "tracking (after 4.0 s without a camera)"),
     ]
 
 

@@ -312,11 +312,11 @@ def build_zenoh_config(
 def _set_value(settings: zenoh.Config, key: str, value: object) -> None:
     try:
         settings.insert_json5(key, json.dumps(value))
-    except zenoh.ZError as error:
+    except zenoh.ZError:
         raise InputError(
             f"zenoh.{key.split('/')[0]} = {json.dumps(value)}: an endpoint is written "
             f"PROTOCOL/ADDRESS:PORT, such as {DEFAULT_ENDPOINT}"
-        ) from error
+        ) from None  # Zenoh's error names its own source files
 
 
 def _endpoint_in_error(text: str) -> str:

@@ -94,7 +94,9 @@ class OdometryConfig:
     ] = 1000
     upright: Annotated[bool, "true for a camera that never rolls: faster, more matches"] = False
     timing: Annotated[
-        str, '"learned" = learn timing and focal length (method direct); "fixed" = as the camera file has them'
+        str,
+        '"learned" = learn timing and focal length (method direct); '
+        '"fixed" = as in the camera file',
     ] = DEFAULT_TIMING_MODE
 
     def __post_init__(self) -> None:

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     check_optimized_trajectory_path(args)
     terminal = Terminal()
     recorder = TrajectoryRecorder()
-    with replayed_recording(args, args.camera or config.camera.file, args.pace) as camera:
+    with replayed_recording(args, args.camera_file or config.camera.file, args.pace) as camera:
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
             loop_closure = make_requested_loop_closure(args, config, terminal, stop)

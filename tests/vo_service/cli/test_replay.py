@@ -109,7 +109,7 @@ def test_a_camera_file_on_the_command_line_takes_precedence(
     folder = copy_recording()
     given = (folder / "camera.toml").rename(tmp_path / "given.toml")
     assert run_in_process(capfd, "replay", folder, "--no-publish").code == 2
-    assert run_in_process(capfd, "replay", folder, "--no-publish", "--camera", given).code == 0
+    assert run_in_process(capfd, "replay", folder, "--no-publish", "--camera-file", given).code == 0
 
 
 @pytest.mark.subprocess

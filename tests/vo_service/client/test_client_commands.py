@@ -114,7 +114,7 @@ def test_a_command_without_a_service_raises_an_error(
     new_service_and_client: ServiceAndClient,
 ) -> None:
     _, client = new_service_and_client
-    with pytest.raises(ServiceUnavailable, match="kinect/command/pause: no reply"):
+    with pytest.raises(ServiceUnavailable, match="kinect/command/pause: no kinect-vo answers"):
         client.command("pause", timeout_s=0.2)
 
 

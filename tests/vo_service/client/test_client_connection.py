@@ -104,7 +104,7 @@ def test_configuration_errors_are_raised_at_once(invalid_argument: dict[str, str
 def test_without_a_service_there_is_no_reply() -> None:
     with (
         PoseClient(connect=find_free_endpoint()) as client,
-        pytest.raises(ServiceUnavailable, match="no service"),
+        pytest.raises(ServiceUnavailable, match="no kinect-vo answers"),
     ):
         client.command("pause", timeout_s=0.1)
 

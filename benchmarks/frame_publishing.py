@@ -197,6 +197,8 @@ def publish(
         for output in outputs:
             output.on_update(update)
         busy_s += time.perf_counter() - started_s
+    # The next call goes on at the same rate.
+    time.sleep(max(0.0, begin_s + count / RATE_HZ - time.monotonic()))
     return 1e3 * busy_s / count
 
 

@@ -21,6 +21,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
@@ -141,8 +142,11 @@ def _find_recording(word: str, data: Path) -> str:
 def _made() -> str:
     """The date, and the commit of the project."""
     command = ["git", "rev-parse", "--short", "HEAD"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    return f"{date.today().isoformat()}, {done.stdout.strip() or 'no commit'}"
+    commit = ""
+    with suppress(FileNotFoundError):  # a copy of the project on a computer without git
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        commit = done.stdout.strip()
+    return f"{date.today().isoformat()}, {commit or 'no commit'}"
 
 
 def _join_lines(command: str) -> str:

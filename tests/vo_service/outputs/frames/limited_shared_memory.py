@@ -39,7 +39,7 @@ with (
     for _ in range(3):
         publisher.put(shared.share(bytes(921_600)))
         payload = samples.recv().payload
-        print(payload.as_shm() is not None, len(payload))
+        print(payload.as_shm() is not None, len(payload), flush=True)
         if sys.argv[1:] == ["fill"]:
             fill(Path("/dev/shm/other"))
         elif sys.argv[1:] == ["kill"]:

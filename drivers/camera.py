@@ -119,6 +119,23 @@ class FocalPrior:
 
 
 @dataclass(frozen=True)
+class AccelerometerReading:
+    """One reading of an accelerometer.
+
+    Attributes:
+        stamp_s: Time of the reading, on the camera's clock.
+        acceleration_m_s2: Specific force in camera axes (x right, y down, z forward): at rest it
+            points up, against gravity.
+    """
+
+    stamp_s: float
+    acceleration_m_s2: tuple[float, float, float]
+
+
+MAX_ACCELEROMETER_READINGS = 16  # in one frame
+
+
+@dataclass(frozen=True)
 class RgbdFrame:
     """A color image and the depth image registered to it.
 
@@ -137,7 +154,9 @@ class RgbdFrame:
         skew_s: Capture time of depth minus capture time of color.
         lost_packets: Packets lost since the previous frame.
         gravity_m_s2: Gravity in camera axes (x right, y down, z forward), if an accelerometer
-            measures it.
+            measures it: a mean without motion.
+        accelerometer: The newest readings at most `MAX_ACCELEROMETER_READINGS`, oldest first, up to
+            this frame. The next frames have them too, because frames may be dropped.
         readout_s: Rolling shutter: seconds from the first row to the last of both images. 0 =
             global shutter, or unknown.
         timing_prior: How well `readout_s` and `skew_s` are known; None = exactly.
@@ -156,6 +175,7 @@ class RgbdFrame:
     skew_s: float = 0.0
     lost_packets: int = 0
     gravity_m_s2: tuple[float, float, float] | None = None
+    accelerometer: tuple[AccelerometerReading, ...] = ()
     readout_s: float = 0.0
     timing_prior: TimingPrior | None = None
     serial: str = ""

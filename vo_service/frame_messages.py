@@ -1,7 +1,8 @@
 """The ROS 2 messages of a frame: images, intrinsics, points and acceleration.
 
-All messages of a frame have the same stamp and the same frame of the camera, with optical axes: x
-right, y down, z forward. Depth is registered to color, so one set of intrinsics belongs to both.
+All messages of a frame have the same stamp, except those of the accelerometer, and the same frame
+of the camera, with optical axes: x right, y down, z forward. Depth is registered to color, so one
+set of intrinsics belongs to both.
 """
 
 import struct
@@ -11,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import RgbdFrame
+from drivers.camera import AccelerometerReading, RgbdFrame
 from vo_service.ros_messages import (
     CameraInfoMessage,
     CompressedImageMessage,
@@ -36,7 +37,7 @@ class FrameMessages:
 
     Attributes:
         frame: The frame.
-        stamp_s: Stamp of all messages, Unix seconds.
+        stamp_s: Stamp of the frame, Unix seconds.
         frame_id: Frame of the camera.
     """
 
@@ -82,12 +83,10 @@ class FrameMessages:
         bgr = self.frame.color_bgr[::stride, ::stride][rows, columns]
         return PointCloudMessage(self.stamp_s, self.frame_id, np.column_stack([x, y, z]), bgr)
 
-    def imu(self) -> ImuMessage | None:
-        """The acceleration; None if the sensor does not measure it."""
-        gravity_m_s2 = self.frame.gravity_m_s2
-        if gravity_m_s2 is None:
-            return None
-        return ImuMessage(self.stamp_s, self.frame_id, -np.array(gravity_m_s2))
+    def imu(self, reading: AccelerometerReading) -> ImuMessage:
+        """A reading of the accelerometer, with its own stamp."""
+        stamp_s = self.stamp_s + (reading.stamp_s - self.frame.stamp_s)
+        return ImuMessage(stamp_s, self.frame_id, np.array(reading.acceleration_m_s2))
 
 
 def depth_in_mm(frame: RgbdFrame) -> NDArray[np.uint16]:

@@ -33,12 +33,12 @@ from drivers.calibration import (
 )
 from drivers.core.config import parse_toml
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, is_gravity
+from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory
 from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import (
+    AccelerometerSeries,
     FramePair,
-    GravitySeries,
     ImageTopics,
     RecordedFrames,
     Recording,
@@ -107,7 +107,7 @@ class _BagReader:
             frames=frames,
             calibration=calibration,
             ground_truth=truth,
-            gravity=self._find_gravity(),
+            accelerometer=self._find_accelerometer(),
             depth_camera=self._find_depth_camera(calibration),
             summary=f"{self.path}: {', '.join(part for part in parts if part)}",
             close=cursor.close,
@@ -228,18 +228,18 @@ class _BagReader:
         T = self.contents.transforms.constant_transform(body, self.color_frame) if body else None
         return np.eye(4) if T is None else T
 
-    def _find_gravity(self) -> GravitySeries:
+    def _find_accelerometer(self) -> AccelerometerSeries:
         """Convert the accelerometer with the most readings that gravity alone explains."""
         exact = exact_stamps([each.color for each in self.contents.frame_stamps])
         series = [
-            self._gravity_of(readings, exact) for readings in self.contents.accelerations.values()
+            self._make_series(readings, exact) for readings in self.contents.accelerations.values()
         ]
-        empty = GravitySeries(np.empty(0), np.empty((0, 3)))
-        return max(series, key=lambda each: len(each.stamps_s), default=empty)
+        empty = AccelerometerSeries(np.empty(0), np.empty((0, 3)))
+        return max(series, key=lambda each: each.gravity_count, default=empty)
 
-    def _gravity_of(
+    def _make_series(
         self, readings: list[tuple[int, Any]], exact: dict[int, Decimal]
-    ) -> GravitySeries:
+    ) -> AccelerometerSeries:
         rows = []
         rotations: dict[str, Array | None] = {}
         for stamp_ns, message in readings:
@@ -252,13 +252,11 @@ class _BagReader:
             if T_color_imu is None:
                 continue
             a = message.linear_acceleration
-            # An accelerometer measures the reaction to gravity.
-            x, y, z = (-v for v in (T_color_imu[:3, :3] @ [a.x, a.y, a.z]).tolist())
-            if is_gravity((x, y, z)):
+            if np.isfinite([a.x, a.y, a.z]).all():
                 stamp = exact.get(stamp_ns) or Decimal(stamp_ns).scaleb(-9)
-                rows.append((float(stamp), x, y, z))
+                rows.append((float(stamp), *(T_color_imu[:3, :3] @ [a.x, a.y, a.z]).tolist()))
         table = np.array(sorted(rows)).reshape(-1, 4)
-        return GravitySeries(table[:, 0], table[:, 1:])
+        return AccelerometerSeries(table[:, 0], table[:, 1:])
 
 
 def _rising(images: list[ImageMessage]) -> list[ImageMessage]:

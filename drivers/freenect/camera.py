@@ -194,6 +194,7 @@ class FreenectCamera(RgbdCamera):
             skew_s=pair.skew_s + rectifier.depth_offset_s,
             lost_packets=newly_lost,
             gravity_m_s2=self._motor_unit.gravity_m_s2,
+            accelerometer=self._motor_unit.accelerometer,
             readout_s=rectifier.readout_s,
             timing_prior=rectifier.timing_prior,
             serial=self._serial,

@@ -11,7 +11,12 @@ from typing import Any
 import usb.core
 import usb.util
 
-from drivers.camera import Led, SensorConfig
+from drivers.camera import (
+    MAX_ACCELEROMETER_READINGS,
+    AccelerometerReading,
+    Led,
+    SensorConfig,
+)
 from drivers.core.errors import CameraError, UserFacingError
 from drivers.core.geometry import Vector
 from drivers.kinect_usb.audio_motor import AudioMotor
@@ -114,6 +119,7 @@ class KinectMotorUnit:
         self._device: MotorDevice | None = None
         self._lock = threading.Lock()  # one exchange with the device at a time
         self._gravity_filter = GravityFilter()
+        self._accelerometer: tuple[AccelerometerReading, ...] = ()  # replaced as a whole
         self._fault_log = _FaultLog()
         self._stop = threading.Event()
         self._thread = threading.Thread()
@@ -122,10 +128,17 @@ class KinectMotorUnit:
     def gravity_m_s2(self) -> Vector | None:
         """Gravity over the last second; never waits. With mirrored images it is mirrored too."""
         gravity = self._gravity_filter.mean_at(time.monotonic())
-        settings = self._settings
-        if gravity is None or settings is None or not settings.mirror:
-            return gravity
-        return (-gravity[0], gravity[1], gravity[2])
+        return _mirror(gravity) if gravity is not None and self._is_mirrored else gravity
+
+    @property
+    def accelerometer(self) -> tuple[AccelerometerReading, ...]:
+        """See `MotorUnit`; never waits. With mirrored images it is mirrored too."""
+        readings = self._accelerometer
+        if not self._is_mirrored:
+            return readings
+        return tuple(
+            replace(each, acceleration_m_s2=_mirror(each.acceleration_m_s2)) for each in readings
+        )
 
     def open(self, serial: str) -> None:
         self.close()
@@ -162,7 +175,7 @@ class KinectMotorUnit:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(JOIN_TIMEOUT_S)
-        self._gravity_filter.reset()
+        self._reset_readings()
 
     def _run(self, stop: threading.Event) -> None:
         """Body of the thread; it also closes the device, so that `close` does not wait for it."""
@@ -197,10 +210,19 @@ class KinectMotorUnit:
             self._disconnect()
 
     def _disconnect(self) -> None:
-        self._gravity_filter.reset()
+        self._reset_readings()
         if self._device is not None:
             self._device.close()
             self._device = None
+
+    def _reset_readings(self) -> None:
+        self._gravity_filter.reset()
+        self._accelerometer = ()
+
+    @property
+    def _is_mirrored(self) -> bool:
+        settings = self._settings
+        return settings is not None and settings.mirror
 
     def _require_device(self) -> MotorDevice:
         if self._device is None:
@@ -231,7 +253,17 @@ class KinectMotorUnit:
             )
 
     def _add_reading(self, reading: MotorUnitReading) -> bool:
-        return self._gravity_filter.add(reading.gravity_m_s2, time.monotonic(), reading.is_moving)
+        now_s, gravity = time.monotonic(), reading.gravity_m_s2
+        if gravity is not None:
+            x, y, z = gravity
+            newest = AccelerometerReading(now_s, (-x, -y, -z))
+            self._accelerometer = (*self._accelerometer, newest)[-MAX_ACCELEROMETER_READINGS:]
+        return self._gravity_filter.add(gravity, now_s, reading.is_moving)
+
+
+def _mirror(vector: Vector) -> Vector:
+    x, y, z = vector
+    return (-x, y, z)
 
 
 class _FaultLog:

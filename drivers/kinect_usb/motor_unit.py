@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Protocol
 
-from drivers.camera import Led, SensorConfig
+from drivers.camera import AccelerometerReading, Led, SensorConfig
 from drivers.core.errors import CameraError
 from drivers.core.geometry import (
     STANDARD_GRAVITY_M_S2,
@@ -80,6 +80,11 @@ class MotorUnit(Protocol):
         """Gravity in camera axes over the last second; None while it is unknown."""
         ...
 
+    @property
+    def accelerometer(self) -> tuple[AccelerometerReading, ...]:
+        """The newest readings, oldest first, with stamps of CLOCK_MONOTONIC; see `RgbdFrame`."""
+        ...
+
     def open(self, serial: str) -> None:
         """Find the motor unit of the camera `serial` ("" for the only one); measure gravity."""
         ...
@@ -110,6 +115,7 @@ class NullMotorUnit:
 
     is_present = False
     gravity_m_s2: Vector | None = None
+    accelerometer: tuple[AccelerometerReading, ...] = ()
 
     def open(self, serial: str) -> None:
         pass

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration
-from drivers.core.geometry import Array, Vector
+from drivers.camera import MAX_ACCELEROMETER_READINGS, AccelerometerReading
+from drivers.core.geometry import Array, Vector, is_gravity
 from drivers.core.trajectory import Trajectory
 from drivers.recording.images import BgrImage, DepthImage, UnreadableFrameError
 from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
@@ -134,25 +136,48 @@ def _stamps_us(images: Sequence[RecordedImage]) -> StampsUs:
 
 
 @dataclass(frozen=True)
-class GravitySeries:
-    """Gravity in camera axes, (N, 3) m/s^2, at rising stamps (N,)."""
+class AccelerometerSeries:
+    """Readings of an accelerometer: (N, 3) m/s^2 in camera axes, at rising stamps (N,)."""
 
     stamps_s: Array
-    gravity_m_s2: Array
+    acceleration_m_s2: Array
 
-    def mean_at(self, stamp_s: float) -> Vector | None:
-        """Return the reading with this stamp, else the mean of the second before; None without any.
+    def gravity_at(self, stamp_s: float) -> Vector | None:
+        """Return gravity by the reading with this stamp, else by the mean of the second before.
 
-        This program's recordings have one reading per frame, which is already smoothed.
+        Readings of other lengths than gravity's are left out; None without any. This program's
+        recordings have one reading per frame, which is already smoothed.
         """
-        end = int(np.searchsorted(self.stamps_s, stamp_s, side="right"))
-        begin = int(np.searchsorted(self.stamps_s, stamp_s - AVERAGING_WINDOW_S))
+        stamps_s, gravity_m_s2 = self._gravity
+        end = int(np.searchsorted(stamps_s, stamp_s, side="right"))
+        begin = int(np.searchsorted(stamps_s, stamp_s - AVERAGING_WINDOW_S))
         if end == begin:
             return None
-        if self.stamps_s[end - 1] == stamp_s:
+        if stamps_s[end - 1] == stamp_s:
             begin = end - 1
-        x, y, z = self.gravity_m_s2[begin:end].mean(axis=0).tolist()
+        x, y, z = gravity_m_s2[begin:end].mean(axis=0).tolist()
         return (x, y, z)
+
+    def newest_at(self, stamp_s: float) -> tuple[AccelerometerReading, ...]:
+        """Return the newest readings up to a frame's stamp, see `RgbdFrame.accelerometer`."""
+        end = int(np.searchsorted(self.stamps_s, stamp_s, side="right"))
+        rows = slice(max(0, end - MAX_ACCELEROMETER_READINGS), end)
+        numbers = zip(
+            self.stamps_s[rows].tolist(), self.acceleration_m_s2[rows].tolist(), strict=True
+        )
+        return tuple(AccelerometerReading(stamp_s, (x, y, z)) for stamp_s, (x, y, z) in numbers)
+
+    @property
+    def gravity_count(self) -> int:
+        """The number of readings that gravity alone explains."""
+        return len(self._gravity[0])
+
+    @cached_property
+    def _gravity(self) -> tuple[Array, Array]:
+        """Stamps and gravity of the readings that gravity alone explains."""
+        gravity_m_s2 = -self.acceleration_m_s2
+        kept = np.array([is_gravity((x, y, z)) for x, y, z in gravity_m_s2.tolist()], bool)
+        return self.stamps_s[kept], gravity_m_s2[kept]
 
 
 def _nothing_to_close() -> None:
@@ -168,7 +193,7 @@ class Recording:
         frames: The frames, not read yet.
         calibration: The camera.
         ground_truth: True poses of the color camera; None without.
-        gravity: Readings of the accelerometer.
+        accelerometer: Readings of the accelerometer.
         depth_camera: The depth camera, if depth is not registered to color.
         summary: What was found in a file that does not say which images to use; "" if it is clear.
         close: Closes the file that the images are read from. Reading opens it again.
@@ -178,7 +203,7 @@ class Recording:
     frames: RecordedFrames
     calibration: CameraCalibration
     ground_truth: Trajectory | None
-    gravity: GravitySeries
+    accelerometer: AccelerometerSeries
     depth_camera: DepthCameraCalibration | None = None
     summary: str = ""
     close: Callable[[], None] = _nothing_to_close

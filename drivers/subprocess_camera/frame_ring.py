@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import (
+    MAX_ACCELEROMETER_READINGS,
+    AccelerometerReading,
     FrameTimeout,
     PinholeCamera,
     PlaybackMode,
@@ -34,9 +36,9 @@ SLOT_COUNT = 4
 # Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.
 SLOT_BYTES = 64 * 2**20
 # Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera;
-# timing prior with the number of its source; serial number.
-_HEADER = Struct("=3q 6d 3d 2q 4d 3d q 64s")
-_HEADER_BYTES = 256  # keeps the images aligned
+# timing prior with the number of its source; serial number; readings of the accelerometer.
+_HEADER = Struct(f"=3q 6d 3d 2q 4d 3d q 64s q {4 * MAX_ACCELEROMETER_READINGS}d")
+_HEADER_BYTES = 768  # keeps the images aligned
 _NO_GRAVITY = (math.nan,) * 3
 _NO_TIMING_PRIOR = (math.nan, math.nan, math.nan, 0)
 _TIMING_SOURCES = tuple(TimingSource)
@@ -106,7 +108,14 @@ def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float | bytes, ...]:
         *(c.width, c.height, c.fx, c.fy, c.cx, c.cy),
         *_pack_timing_prior(frame.timing_prior),
         frame.serial.encode(),
+        *_pack_readings(frame.accelerometer),
     )
+
+
+def _pack_readings(readings: tuple[AccelerometerReading, ...]) -> tuple[float, ...]:
+    numbers = [x for each in readings for x in (each.stamp_s, *each.acceleration_m_s2)]
+    unused = [0.0] * (4 * MAX_ACCELEROMETER_READINGS - len(numbers))
+    return (len(readings), *numbers, *unused)
 
 
 def _pack_timing_prior(prior: TimingPrior | None) -> tuple[float, ...]:
@@ -139,7 +148,13 @@ def _make_frame(
         readout_s=readout_s,
         timing_prior=_make_timing_prior(*values[18:22]),
         serial=values[22].rstrip(b"\0").decode(errors="replace"),
+        accelerometer=_make_readings(values[23], values[24:]),
     )
+
+
+def _make_readings(count: int, numbers: tuple[float, ...]) -> tuple[AccelerometerReading, ...]:
+    rows = (numbers[4 * k : 4 * k + 4] for k in range(count))
+    return tuple(AccelerometerReading(stamp_s, (x, y, z)) for stamp_s, x, y, z in rows)
 
 
 def _make_timing_prior(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import (
+    AccelerometerReading,
     CameraCounters,
     CameraState,
     CameraStatus,
@@ -199,16 +200,19 @@ class SyntheticCamera(RgbdCamera):
     def _make_frame(self, seq: int, fault_injector: FaultInjector) -> RgbdFrame:
         images = fault_injector.read_images(seq)
         stamp_seq, stamp_offset_s = fault_injector.stamp_source(seq)
+        stamp_s = round(self._pacer.stamp_s(stamp_seq) + stamp_offset_s, 6)
+        x, y, z = gravity_m_s2 = self._gravity(seq)
         return RgbdFrame(
             seq=seq,
-            stamp_s=round(self._pacer.stamp_s(stamp_seq) + stamp_offset_s, 6),
+            stamp_s=stamp_s,
             receive_time_s=self._pacer.receive_time_s(seq),
             color_bgr=images.color_bgr,
             depth_raw=images.depth_raw,
             depth_factor=self._config.depth_factor,
             camera=self._config.camera,
             skew_s=self._config.timing.skew_s,
-            gravity_m_s2=self._gravity(seq),
+            gravity_m_s2=gravity_m_s2,
+            accelerometer=(AccelerometerReading(stamp_s, (-x, -y, -z)),),
             readout_s=self._config.timing.readout_s,
         )
 

@@ -15,7 +15,6 @@ from drivers.core.geometry import (
     Vector,
     accelerometer_from_gravity,
     gravity_from_accelerometer,
-    is_gravity,
 )
 from drivers.core.trajectory import read_trajectory
 from drivers.recording.images import (
@@ -26,8 +25,8 @@ from drivers.recording.images import (
     decode_depth,
 )
 from drivers.recording.recording import (
+    AccelerometerSeries,
     FramePair,
-    GravitySeries,
     RecordedFrames,
     RecordedImage,
     Recording,
@@ -170,8 +169,8 @@ def _check_increasing(images: Sequence[RecordedImage]) -> None:
             )
 
 
-def read_gravity(folder: Path) -> GravitySeries:
-    """Read a folder's gravity without invalid readings; empty if there is no such file.
+def read_accelerometer(folder: Path) -> AccelerometerSeries:
+    """Read a folder's readings of the accelerometer; empty if there is no such file.
 
     Raises:
         InputError: The file does not parse; the message names file and line.
@@ -179,9 +178,9 @@ def read_gravity(folder: Path) -> GravitySeries:
     path = folder / ACCELEROMETER_FILE
     rows = read_rows(path, COLUMNS) if path.exists() else []
     readings = [_parse_reading(words, f"{path}:{number}") for number, words in rows]
-    table = np.array([(s, *g) for s, g in readings if is_gravity(g)]).reshape(-1, 4)
+    table = np.array([(s, *g) for s, g in readings]).reshape(-1, 4)
     table = table[np.argsort(table[:, 0], kind="stable")]
-    return GravitySeries(table[:, 0], table[:, 1:])
+    return AccelerometerSeries(table[:, 0], -table[:, 1:])
 
 
 class AccelerometerWriter:
@@ -192,7 +191,7 @@ class AccelerometerWriter:
         self._files: list[AppendOnlyFile] = []
 
     def add(self, stamp: str, gravity_m_s2: Vector | None) -> None:
-        """Add a line; `read_gravity` gives back exactly the same gravity.
+        """Add a line; `read_accelerometer` gives back exactly the same.
 
         Raises:
             OSError: If that fails.
@@ -240,7 +239,7 @@ def open_tum_folder(folder: Path, camera_file: Path | None) -> Recording:
         raise InputError(f"{error} (the first frame, {location})") from error
     truth_file = folder / "groundtruth.txt"
     ground_truth = read_trajectory(truth_file) if truth_file.exists() else None
-    return Recording(folder, frames, camera, ground_truth, read_gravity(folder))
+    return Recording(folder, frames, camera, ground_truth, read_accelerometer(folder))
 
 
 def _check_folder(folder: Path) -> None:

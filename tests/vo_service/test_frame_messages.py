@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import AccelerometerReading, PinholeCamera, RgbdFrame
 from vo_service.frame_messages import (
     FrameMessages,
     decode_color_jpeg,
@@ -23,8 +23,7 @@ def frame() -> RgbdFrame:
     color = np.dstack([rows * 3, columns * 2, rows + columns]).astype(np.uint8)
     depth = (1000 + 10 * rows + columns).astype(np.uint16)
     depth[:5] = 0
-    gravity = (0.0, 9.8, 0.3)
-    return RgbdFrame(7, 1.0, 0.0, color, depth, 1000.0, CAMERA, gravity_m_s2=gravity)
+    return RgbdFrame(7, 5.0, 0.0, color, depth, 1000.0, CAMERA)
 
 
 @pytest.fixture
@@ -59,14 +58,10 @@ def test_points_project_onto_their_pixels(messages: FrameMessages, frame: RgbdFr
     assert len(cloud.xyz_m) == np.count_nonzero(frame.depth_raw[::3, ::3])
 
 
-def test_the_acceleration_at_rest_points_up(messages: FrameMessages) -> None:
-    imu = messages.imu()
-    assert imu is not None
-    np.testing.assert_allclose(imu.acceleration_m_s2, [0.0, -9.8, -0.3])  # y points down
-
-
-def test_without_an_accelerometer_there_is_no_acceleration(frame: RgbdFrame) -> None:
-    assert FrameMessages(replace(frame, gravity_m_s2=None), 1.0, "camera").imu() is None
+def test_the_acceleration_has_its_own_stamp(messages: FrameMessages) -> None:
+    imu = messages.imu(AccelerometerReading(4.75, (0.0, -9.8, -0.3)))
+    assert imu.stamp_s == 0.75  # the frame's stamp is published as 1
+    np.testing.assert_array_equal(imu.acceleration_m_s2, [0.0, -9.8, -0.3])
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00" * 12, b"\x00" * 40])

@@ -64,7 +64,7 @@ class RecordingSink(Protocol):
         ...
 
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        """Write a reading of the accelerometer, as gravity in camera axes."""
+        """Write a reading of the accelerometer with its sign changed, in camera axes."""
         ...
 
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
@@ -206,10 +206,10 @@ _Event = tuple[Decimal, Callable[[], None]]
 
 
 def _readings(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
-    gravity = recording.gravity
-    for stamp_s, (x, y, z) in zip(gravity.stamps_s, gravity.gravity_m_s2.tolist(), strict=True):
+    series = recording.accelerometer
+    for stamp_s, (x, y, z) in zip(series.stamps_s, series.acceleration_m_s2.tolist(), strict=True):
         stamp = Decimal(repr(float(stamp_s)))
-        yield stamp, partial(sink.write_gravity, stamp, (x, y, z))
+        yield stamp, partial(sink.write_gravity, stamp, (-x, -y, -z))
 
 
 def _true_poses(truth: Trajectory | None, sink: RecordingSink) -> Iterator[_Event]:

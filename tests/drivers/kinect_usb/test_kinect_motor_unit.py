@@ -3,10 +3,11 @@
 import logging
 import threading
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import pytest
 
-from drivers.camera import Led, SensorConfig
+from drivers.camera import MAX_ACCELEROMETER_READINGS, Led, SensorConfig
 from drivers.core.errors import CameraError, UserFacingError
 from drivers.kinect_usb import kinect_motor_unit
 from drivers.kinect_usb.kinect_motor_unit import Kinect1414Motor, KinectMotorUnit
@@ -70,6 +71,23 @@ def test_gravity_is_mirrored_with_the_image(plug_in: PlugIn, motor_unit: KinectM
     motor_unit.apply(SensorConfig(mirror=True))
     assert to_the_left == pytest.approx((-2.39, 9.46, 0.0), abs=0.01)
     assert motor_unit.gravity_m_s2 == pytest.approx((2.39, 9.46, 0.0), abs=0.01)
+
+
+def test_each_reading_of_the_accelerometer_is_kept_with_its_stamp(
+    plug_in: PlugIn, motor_unit: KinectMotorUnit
+) -> None:
+    kinect = plug_in()
+    kinect.set_accelerometer(-200, 790, 0)
+    motor_unit.open("")
+    kinect.set_accelerometer(-1600, 790, 0)  # moved, so it is no gravity
+    wait_until(lambda: motor_unit.accelerometer[-1].acceleration_m_s2[0] > 10.0)
+    readings = motor_unit.accelerometer
+    assert readings[0].acceleration_m_s2 == pytest.approx((2.39, -9.46, 0.0), abs=0.01)
+    assert all(before.stamp_s < after.stamp_s for before, after in pairwise(readings))
+    motor_unit.apply(SensorConfig(mirror=True))
+    assert motor_unit.accelerometer[0].acceleration_m_s2[0] == pytest.approx(-2.39, abs=0.01)
+    wait_until(lambda: motor_unit.accelerometer[0].stamp_s > readings[0].stamp_s)
+    assert len(motor_unit.accelerometer) == MAX_ACCELEROMETER_READINGS
 
 
 def test_settings_are_applied_to_led_and_tilt(plug_in: PlugIn, motor_unit: KinectMotorUnit) -> None:

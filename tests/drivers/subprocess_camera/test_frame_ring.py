@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import (
+    AccelerometerReading,
     FrameTimeout,
     PinholeCamera,
     PlaybackMode,
@@ -74,6 +75,7 @@ def test_every_field_is_transferred_unchanged() -> None:
         skew_s=-0.012,
         lost_packets=17,
         gravity_m_s2=(0.1, 9.7, -1.2),
+        accelerometer=tuple(AccelerometerReading(k / 3, (0.1 * k, -9.7, 1.2)) for k in range(16)),
         readout_s=0.019,
         timing_prior=TimingPrior(0.003, 0.002, 0.001, TimingSource.MEMORY),
         serial="A00123456789012A",

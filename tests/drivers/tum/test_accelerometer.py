@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.camera import RgbdFrame
+from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Vector
 from drivers.recording_camera import RecordingCamera
-from drivers.tum.folder import ACCELEROMETER_FILE, AccelerometerWriter, read_gravity
+from drivers.tum.folder import ACCELEROMETER_FILE, AccelerometerWriter, read_accelerometer
 from drivers.tum.writer import TumWriter
 
 FolderMaker = Callable[..., Path]
@@ -41,6 +41,18 @@ def test_a_recording_replays_with_the_same_gravity_bit_for_bit(
     assert (found[0], found[1], found[3]) == (measured[0], measured[1], measured[3])
 
 
+def test_frames_have_the_newest_readings_also_those_of_motion(
+    make_frame: FrameMaker, tmp_path: Path
+) -> None:
+    folder = record(tmp_path / "room", [make_frame(k, stamp_s=1000.0 + k) for k in range(3)])
+    lines = [f"{1000 + 0.1 * k:.1f} {k}.0 9.8 0.0\n" for k in range(21)]
+    (folder / ACCELEROMETER_FILE).write_text("".join(lines))
+    with RecordingCamera(folder) as camera:
+        readings = [camera.read(10).accelerometer for _ in range(3)]
+    assert [len(each) for each in readings] == [1, 11, 16]
+    assert readings[1][-1] == AccelerometerReading(1001.0, (-10.0, -9.8, 0.0))
+
+
 def test_a_camera_without_gravity_leaves_no_file(make_frame: FrameMaker, tmp_path: Path) -> None:
     folder = record(tmp_path / "room", [make_frame(k) for k in range(3)])
     assert not (folder / ACCELEROMETER_FILE).exists()
@@ -56,19 +68,19 @@ def test_readings_of_other_stamps_are_averaged_over_the_previous_second(tmp_path
         "10.1 0 0 9",
     ]
     (tmp_path / ACCELEROMETER_FILE).write_text("\n".join(lines))
-    found = read_gravity(tmp_path).mean_at(10.0)
+    found = read_accelerometer(tmp_path).gravity_at(10.0)
     assert found == pytest.approx((0.3, 9.7, 1.5))  # looking down: gravity is ahead too
 
 
 def test_invalid_gravity_is_skipped(tmp_path: Path) -> None:
     (tmp_path / ACCELEROMETER_FILE).write_text("1.0 0 0 0\n1.1 0 9.8 0\n1.2 0 14 0\n")
-    assert read_gravity(tmp_path).mean_at(1.3) == (0.0, 9.8, 0.0)
-    assert read_gravity(tmp_path).mean_at(5.0) is None
+    assert read_accelerometer(tmp_path).gravity_at(1.3) == (0.0, 9.8, 0.0)
+    assert read_accelerometer(tmp_path).gravity_at(5.0) is None
 
 
 def test_an_empty_list_gives_no_gravity(tmp_path: Path) -> None:
     (tmp_path / ACCELEROMETER_FILE).write_text("# accelerometer data\n")
-    assert read_gravity(tmp_path).mean_at(1.0) is None
+    assert read_accelerometer(tmp_path).gravity_at(1.0) is None
 
 
 @pytest.mark.parametrize(
@@ -82,7 +94,7 @@ def test_an_empty_list_gives_no_gravity(tmp_path: Path) -> None:
 def test_a_broken_list_is_reported_with_its_line(tmp_path: Path, line: str, complaint: str) -> None:
     (tmp_path / ACCELEROMETER_FILE).write_text(f"# timestamp ax ay az\n{line}\n")
     with pytest.raises(InputError, match=complaint):
-        read_gravity(tmp_path)
+        read_accelerometer(tmp_path)
 
 
 @given(st.tuples(*[st.floats(-5.0, 5.0)] * 2), st.floats(0.0, 1e10))
@@ -95,4 +107,4 @@ def test_every_gravity_survives_the_file(
     written.add(repr(stamp_s), gravity)
     written.close()
     is_kept = abs(sum(v * v for v in gravity) ** 0.5 / 9.80665 - 1) <= 0.1
-    assert read_gravity(folder).mean_at(stamp_s) == (gravity if is_kept else None)
+    assert read_accelerometer(folder).gravity_at(stamp_s) == (gravity if is_kept else None)

@@ -62,12 +62,10 @@ class FrameTopicPublisher:
     ) -> None:
         """Encode and publish the topic of a frame. Raises ValueError, ZError."""
         keys = [key for key in self._keys if key.is_wanted]
-        payload = self._topic.encode(update) if keys else None
-        if payload is None:
-            return
-        shared = shared_payloads.share(payload)
-        for key in keys:
-            key.put(shared, attachment)
+        for payload in self._topic.encode(update) if keys else ():
+            shared = shared_payloads.share(payload)
+            for key in keys:
+                key.put(shared, attachment)
 
 
 def plain_key(session: zenoh.Session, topic: FrameTopic, prefix: str) -> FrameKeyPublisher:

@@ -1,6 +1,7 @@
 """What a frame is published as: keys, message types, and how each message is made."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.core.geometry import Array, quaternion_from_rotation
@@ -27,8 +28,8 @@ from vo_service.types import (
     encode_message,
 )
 
-# Makes the payload of an update; None if there is nothing to publish.
-Encoder = Callable[[OdometryUpdate], bytes | None]
+# Makes the payloads of an update, usually one.
+Encoder = Callable[[OdometryUpdate], Sequence[bytes]]
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class FrameTopic:
         name: Key below the prefix.
         ros_name: Topic below the ROS namespace; "" if it is not published for ROS.
         schema: Type of the message; "" for JSON.
-        encode: Makes the payload.
+        encode: Makes the payloads.
     """
 
     name: str
@@ -54,32 +55,28 @@ def make_topics(settings: FramesConfig) -> list[FrameTopic]:
     def messages(update: OdometryUpdate) -> FrameMessages:
         return FrameMessages(update.frame, update.stamp_s, settings.frame_id)
 
-    def camera_info(update: OdometryUpdate) -> bytes:
-        return encode_camera_info(messages(update).camera_info())
+    def camera_info(update: OdometryUpdate) -> list[bytes]:
+        return [encode_camera_info(messages(update).camera_info())]
 
-    def imu(update: OdometryUpdate) -> bytes | None:
-        message = messages(update).imu()
-        return None if message is None else encode_imu(message)
+    def color(update: OdometryUpdate) -> list[bytes]:
+        return [encode_image(messages(update).color())]
 
-    def color(update: OdometryUpdate) -> bytes:
-        return encode_image(messages(update).color())
+    def depth(update: OdometryUpdate) -> list[bytes]:
+        return [encode_image(messages(update).depth())]
 
-    def depth(update: OdometryUpdate) -> bytes:
-        return encode_image(messages(update).depth())
+    def color_jpeg(update: OdometryUpdate) -> list[bytes]:
+        return [encode_compressed_image(messages(update).color_jpeg(settings.jpeg_quality))]
 
-    def color_jpeg(update: OdometryUpdate) -> bytes:
-        return encode_compressed_image(messages(update).color_jpeg(settings.jpeg_quality))
+    def depth_png(update: OdometryUpdate) -> list[bytes]:
+        return [encode_compressed_image(messages(update).depth_png())]
 
-    def depth_png(update: OdometryUpdate) -> bytes:
-        return encode_compressed_image(messages(update).depth_png())
-
-    def points(update: OdometryUpdate) -> bytes:
-        return encode_point_cloud(messages(update).points(settings.point_stride))
+    def points(update: OdometryUpdate) -> list[bytes]:
+        return [encode_point_cloud(messages(update).points(settings.point_stride))]
 
     rgb, depth_registered = "rgb/image_raw", "depth_registered/image_raw"
     return [
-        FrameTopic("timing", "", "", timing_payload),
-        FrameTopic("imu", "imu", IMU_SCHEMA, imu),
+        FrameTopic("timing", "", "", lambda update: [timing_payload(update)]),
+        FrameTopic("imu", "imu", IMU_SCHEMA, ImuEncoder(settings.frame_id)),
         FrameTopic("color/camera_info", "rgb/camera_info", CAMERA_INFO_SCHEMA, camera_info),
         FrameTopic(
             "depth/camera_info", "depth_registered/camera_info", CAMERA_INFO_SCHEMA, camera_info
@@ -95,6 +92,25 @@ def make_topics(settings: FramesConfig) -> list[FrameTopic]:
         ),
         FrameTopic("points", "depth_registered/points", POINT_CLOUD_SCHEMA, points),
     ]
+
+
+class ImuEncoder:
+    """Encodes each reading of the accelerometer once, though successive frames share readings."""
+
+    def __init__(self, frame_id: str) -> None:
+        self._frame_id = frame_id
+        self._last_stamp_s = -math.inf
+
+    def __call__(self, update: OdometryUpdate) -> list[bytes]:
+        """Encode the readings since the last call, in their order."""
+        readings = update.frame.accelerometer
+        if readings and readings[-1].stamp_s < self._last_stamp_s:  # the recording starts again
+            self._last_stamp_s = -math.inf
+        new = [each for each in readings if each.stamp_s > self._last_stamp_s]
+        if new:
+            self._last_stamp_s = new[-1].stamp_s
+        messages = FrameMessages(update.frame, update.stamp_s, self._frame_id)
+        return [encode_imu(messages.imu(reading)) for reading in new]
 
 
 def timing_payload(update: OdometryUpdate) -> bytes:

@@ -5,6 +5,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from typing import Any
 
+from drivers.camera import AccelerometerReading
 from drivers.core.geometry import T_BODY_CAMERA
 from tests.vo_service.outputs.zenoh.query_helpers import config
 from vo_service.config_tables import FramesConfig, Ros2Config
@@ -37,7 +38,10 @@ class Robot:
 
     def publish(self) -> OdometryUpdate:
         update = self._make_update(self._seq)
-        frame = replace(update.frame, gravity_m_s2=(0.0, 9.81, 0.0))
+        # An accelerometer of 10 Hz, and a camera of 30 Hz.
+        stamps_s = [self._make_update(seq).frame.stamp_s for seq in range(self._seq + 1)[::3][-16:]]
+        readings = [AccelerometerReading(stamp_s, (0.0, -9.81, 0.0)) for stamp_s in stamps_s]
+        frame = replace(update.frame, accelerometer=tuple(readings))
         update = replace(update, frame=frame)
         for output in (self.poses, self.frames):
             output.on_update(update)

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,15 @@ from tests.waiting import wait_until
 from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.frame_messages import decode_color_jpeg, decode_depth_png
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
-from vo_service.ros_messages import decode_compressed_image, decode_odometry, decode_point_cloud
+from vo_service.ros_messages import (
+    decode_compressed_image,
+    decode_imu,
+    decode_odometry,
+    decode_point_cloud,
+)
 from vo_service.types import (
     FrameAttachment,
+    OdometryUpdate,
     decode_message,
     parse_json_message,
 )
@@ -133,9 +140,13 @@ def test_only_what_somebody_subscribes_to_is_encoded(
     robot: Robot, free_port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     encoded: list[str] = []
+
+    def encode_nothing(name: str, _: OdometryUpdate) -> list[bytes]:
+        encoded.append(name)
+        return []
+
     robot.frames._topics[:] = [
-        replace(topic, encode=lambda _, name=topic.name: encoded.append(name))  # type: ignore[misc]
-        for topic in robot.frames._topics
+        replace(topic, encode=partial(encode_nothing, topic.name)) for topic in robot.frames._topics
     ]
     robot.frames.declare(robot.poses._endpoints[0].session)
     with subscribed(robot, free_port, "odom", "depth/image"):
@@ -161,14 +172,29 @@ def test_the_rate_is_limited(free_port: int, make_update: MakeUpdate) -> None:
     with (
         closing(robot.frames),
         closing(robot.poses),
-        subscribed(robot, free_port, "odom", "imu") as subscriber,
+        subscribed(robot, free_port, "odom", "timing") as subscriber,
     ):
         for count in range(1, 10):  # stamps of 30 Hz
             robot.publish()
             wait_until(lambda count=count: len(subscriber.samples["odom"]) == count)  # type: ignore[misc]
         robot.frames.close()
-        assert len(subscriber.wait(3)["imu"].payload) == 340
-        assert len(subscriber.samples["imu"]) == 3
+        subscriber.wait(3)
+        assert len(subscriber.samples["timing"]) == 3
+
+
+def test_each_reading_of_the_accelerometer_is_sent_once_with_its_own_stamp(
+    robot: Robot, free_port: int
+) -> None:
+    with subscribed(robot, free_port, "odom", "imu") as subscriber:
+        updates = []
+        for count in range(1, 8):  # at 30 Hz, with readings at 10 Hz
+            updates.append(robot.publish())
+            wait_until(lambda count=count: len(subscriber.samples["odom"]) == count)  # type: ignore[misc]
+        subscriber.wait(3)
+        messages = [decode_imu(each.payload.to_bytes()) for each in subscriber.samples["imu"]]
+    stamps_s = [updates[seq].stamp_s for seq in (0, 3, 6)]
+    assert [each.stamp_s for each in messages] == pytest.approx(stamps_s, abs=1e-6)
+    assert messages[0].acceleration_m_s2.tolist() == [0.0, -9.81, 0.0]
 
 
 def test_fifty_subscribers_all_get_the_frame(robot: Robot, free_port: int) -> None:
@@ -188,7 +214,7 @@ def test_fifty_subscribers_all_get_the_frame(robot: Robot, free_port: int) -> No
 def test_a_slow_encoder_delays_no_pose(robot: Robot, free_port: int) -> None:
     release = threading.Event()
     robot.frames._topics[:] = [
-        replace(topic, encode=lambda _: str(release.wait(100)).encode())
+        replace(topic, encode=lambda _: [str(release.wait(100)).encode()])
         for topic in robot.frames._topics
     ]
     robot.frames.declare(robot.poses._endpoints[0].session)

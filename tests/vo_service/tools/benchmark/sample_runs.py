@@ -9,7 +9,7 @@ from drivers.calibration import TUM_CALIBRATIONS
 from drivers.core.geometry import Array, rigid_transform
 from drivers.core.trajectory import Trajectory
 from drivers.recording.recording import FramePair, RecordedFrames, Recording
-from drivers.tum.folder import ListedImage, read_gravity
+from drivers.tum.folder import ListedImage, read_accelerometer
 from vo_service.tools.benchmark.batch import BatchResult
 from vo_service.tools.benchmark.recordings import BenchmarkRecording
 from vo_service.tools.benchmark.results import SequenceResults, evaluate_run
@@ -38,7 +38,7 @@ def make_recording(
         frames,
         TUM_CALIBRATIONS["1"],
         truth if has_truth else None,
-        read_gravity(Path("nowhere")),
+        read_accelerometer(Path("nowhere")),
     )
     return BenchmarkRecording(name, Path(name), None, contents)
 

@@ -15,7 +15,7 @@ import zenoh
 
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.ros_messages import decode_odometry
+from vo_service.ros_messages.navigation import decode_odometry
 
 
 def main(file: Path) -> None:

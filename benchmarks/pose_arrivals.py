@@ -19,7 +19,7 @@ import numpy as np
 import zenoh
 
 from drivers.core.geometry import Array
-from vo_service.ros_messages import decode_odometry
+from vo_service.ros_messages.navigation import decode_odometry
 
 KEY = "kinect/odom"
 STOP_TIMEOUT_S = 20.0

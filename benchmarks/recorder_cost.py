@@ -26,7 +26,8 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.recording_camera import RecordingCamera
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.flight_recorder import FlightRecorder
-from vo_service.types import CommandError, Estimate, OdometryUpdate, TrackingState
+from vo_service.types import Estimate, OdometryUpdate, TrackingState
+from vo_service.types.commands import CommandError
 
 SOURCE_IMAGES = 60
 CPU_TICK_S = 0.01  # tick of /proc/PID/stat

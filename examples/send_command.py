@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from vo_service import CommandRefused, PoseClient, ServiceUnavailable
-from vo_service.types import ResetCommand
+from vo_service.types.commands import ResetCommand
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 

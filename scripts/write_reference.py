@@ -19,14 +19,8 @@ from drivers.core.fields import TypedField, typed_fields
 from scripts.command_reference import render_commands, render_completion, render_man_page
 from vo_service.cli.config import format_type, render_reference
 from vo_service.outputs.zenoh.json_schemas import VERSIONS_DESCRIPTION, all_schemas
-from vo_service.types import (
-    COMMANDS,
-    MESSAGE_SCHEMA,
-    Command,
-    MapOdomAttachment,
-    OdomAttachment,
-    Status,
-)
+from vo_service.types.commands import COMMANDS, Command
+from vo_service.types.messages import MESSAGE_SCHEMA, MapOdomAttachment, OdomAttachment, Status
 
 ROOT = Path(__file__).parents[1]
 SCHEMA_FOLDER = ROOT / "schemas"

@@ -30,8 +30,9 @@ from vo_service.sensor_memory import NullSensorMemory, SensorMemory
 from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
-from vo_service.types import (
-    Command,
+from vo_service.types import Odometry
+from vo_service.types.commands import Command, ReloadConfig
+from vo_service.types.outputs import (
     GroundTruthSource,
     HasWarning,
     LoopClosure,
@@ -39,11 +40,9 @@ from vo_service.types import (
     NullLoopClosure,
     NullMapper,
     NullRecorder,
-    Odometry,
     Output,
     PausableViewer,
     Recorder,
-    ReloadConfig,
     no_ground_truth,
 )
 

@@ -38,7 +38,8 @@ from vo_service.odometry.registry import (
     TIMING_MODES,
     make_odometry,
 )
-from vo_service.types import Odometry, Output
+from vo_service.types import Odometry
+from vo_service.types.outputs import Output
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from drivers.camera import RgbdCamera
 from drivers.core.errors import CameraError
 from vo_service.odom_frame import OdomFrame
-from vo_service.types import (
+from vo_service.types.commands import (
     Command,
     CommandError,
     EpochReply,
@@ -17,14 +17,9 @@ from vo_service.types import (
     LedReply,
     LoadedMapReply,
     LoadMapCommand,
-    Mapper,
-    MapState,
     NoReply,
-    NullMapper,
-    NullRecorder,
     PauseCommand,
     PausedReply,
-    Recorder,
     ReloadConfig,
     ResetCommand,
     ResumeCommand,
@@ -36,6 +31,8 @@ from vo_service.types import (
     TiltCommand,
     TiltReply,
 )
+from vo_service.types.messages import MapState
+from vo_service.types.outputs import Mapper, NullMapper, NullRecorder, Recorder
 
 MAX_PENDING_COMMANDS = 8
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import AccelerometerReading, RgbdFrame
-from vo_service.ros_messages import (
+from vo_service.ros_messages.sensors import (
     CameraInfoMessage,
     CompressedImageMessage,
     ImuMessage,

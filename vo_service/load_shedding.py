@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from vo_service.config_tables import LoadConfig
-from vo_service.types import PausableViewer
+from vo_service.types.outputs import PausableViewer
 
 logger = logging.getLogger(__name__)
 

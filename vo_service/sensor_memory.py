@@ -19,7 +19,9 @@ from vo_service.remembered_sensor import (
     sensor_folder,
     write_remembered_sensor,
 )
-from vo_service.types import LEARNED_TIMING, OdometryUpdate, Output, Status
+from vo_service.types import LEARNED_TIMING, OdometryUpdate
+from vo_service.types.messages import Status
+from vo_service.types.outputs import Output
 
 # Shortest time between two saves during a run.
 SAVE_INTERVAL_S = 60.0

@@ -15,21 +15,15 @@ from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import STAGE_BUDGETS_MS
 from vo_service.service_statistics import ServiceStatistics
-from vo_service.types import (
+from vo_service.types import Estimate, Odometry, OdometryUpdate, TrackingState
+from vo_service.types.messages import (
     CameraReport,
-    Estimate,
-    HasWarning,
-    LoopClosure,
     MapReport,
-    NullLoopClosure,
-    Odometry,
-    OdometryUpdate,
-    Output,
     RecorderReport,
     Status,
     TrackingReport,
-    TrackingState,
 )
+from vo_service.types.outputs import HasWarning, LoopClosure, NullLoopClosure, Output
 
 STATUS_PERIOD_S = 0.5
 

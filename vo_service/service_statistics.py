@@ -10,7 +10,8 @@ from statistics import fmean, median, pstdev
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.types import OdometryUpdate, OnlineFocalLength, OnlineTiming, TimingReport
+from vo_service.types import OdometryUpdate, OnlineFocalLength, OnlineTiming
+from vo_service.types.messages import TimingReport
 
 # Number of frames that the status describes.
 WINDOW_FRAMES = 100

@@ -33,7 +33,8 @@ from vo_service.config import Config, OdometryConfig
 from vo_service.frame_source import SinglePassSource
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import StopSignal
-from vo_service.types import OdometryUpdate, Status
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import Status
 
 FILE = Path(__file__).with_name("trajectories.json")
 FRAMES = 60

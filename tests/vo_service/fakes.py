@@ -19,17 +19,14 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.geometry import Array
-from vo_service.types import (
+from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.messages import (
     CameraReport,
-    Estimate,
-    LevelSource,
     MapReport,
-    OdometryUpdate,
     RecorderReport,
     Status,
     TimingReport,
     TrackingReport,
-    TrackingState,
 )
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)

@@ -16,7 +16,9 @@ from vo_service.frame_source import FrameSource, SinglePassSource
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.service import Estimator, Service, ServiceInput
-from vo_service.types import Command, Estimate, LoopClosure, NullLoopClosure, Output
+from vo_service.types import Estimate
+from vo_service.types.commands import Command
+from vo_service.types.outputs import LoopClosure, NullLoopClosure, Output
 
 
 def make_service(

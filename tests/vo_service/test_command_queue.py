@@ -3,7 +3,7 @@
 import pytest
 
 from vo_service.control import CommandQueue
-from vo_service.types import (
+from vo_service.types.commands import (
     Command,
     CommandError,
     EpochReply,

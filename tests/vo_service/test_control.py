@@ -11,7 +11,7 @@ from vo_service.app import ConfigHandlers, apply_changes
 from vo_service.config import Config, ConfigChanges
 from vo_service.control import CommandQueue, Control
 from vo_service.odom_frame import OdomFrame
-from vo_service.types import (
+from vo_service.types.commands import (
     Command,
     CommandError,
     EpochReply,
@@ -19,10 +19,7 @@ from vo_service.types import (
     FolderReply,
     LedCommand,
     LedReply,
-    MapState,
     NoReply,
-    NullMapper,
-    NullRecorder,
     PauseCommand,
     PausedReply,
     ReloadConfig,
@@ -36,6 +33,8 @@ from vo_service.types import (
     TiltCommand,
     TiltReply,
 )
+from vo_service.types.messages import MapState
+from vo_service.types.outputs import NullMapper, NullRecorder
 
 
 class ScriptedMotorCamera(ScriptedCamera):

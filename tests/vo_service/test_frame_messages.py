@@ -12,7 +12,7 @@ from vo_service.frame_messages import (
     decode_depth_png,
     depth_in_mm,
 )
-from vo_service.ros_messages import CompressedImageMessage
+from vo_service.ros_messages.sensors import CompressedImageMessage
 
 CAMERA = PinholeCamera(64, 48, 50.0, 52.0, 31.5, 23.5)
 

@@ -16,7 +16,8 @@ from tests.vo_service.service_loop import make_service
 from vo_service import service as service_module
 from vo_service.control import CommandQueue
 from vo_service.frame_source import SinglePassSource
-from vo_service.types import Command, OdometryUpdate, PauseCommand, ResetCommand, ResumeCommand
+from vo_service.types import OdometryUpdate
+from vo_service.types.commands import Command, PauseCommand, ResetCommand, ResumeCommand
 
 
 @pytest.fixture

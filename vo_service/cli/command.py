@@ -9,7 +9,7 @@ from drivers.core.fields import typed_fields
 from vo_service.cli.options import add_connection_options, parse_seconds
 from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.client.client import REPLY_TIMEOUT_S
-from vo_service.types import COMMANDS, Command
+from vo_service.types.commands import COMMANDS, Command
 
 _EPILOG = """\
 examples:

@@ -42,7 +42,7 @@ from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 from vo_service.reconstruction.warm_up import warm_up_reconstruction
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.types import NullLoopClosure, Output
+from vo_service.types.outputs import NullLoopClosure, Output
 
 if TYPE_CHECKING:  # its libraries are slow to load
     from vo_service.slam.synchronous_loop_closure import SynchronousLoopClosure

@@ -30,7 +30,7 @@ from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.run_summary import RunSummary
-from vo_service.types import NullLoopClosure, Output
+from vo_service.types.outputs import NullLoopClosure, Output
 
 EPILOG = """\
 examples:

@@ -49,7 +49,8 @@ from vo_service.signals import (
     stop_on_signals,
 )
 from vo_service.terminal import Terminal
-from vo_service.types import Command, Output
+from vo_service.types.commands import Command
+from vo_service.types.outputs import Output
 
 EPILOG = """\
 examples:

@@ -34,8 +34,8 @@ from vo_service.client.subscription import (
     require_fresh,
 )
 from vo_service.config_tables import DEFAULT_ENDPOINT
-from vo_service.types import JsonObject, TypedCommand, decode_message, parse_json_message
-from vo_service.types.commands import Reply
+from vo_service.types.commands import Reply, TypedCommand
+from vo_service.types.messages import JsonObject, decode_message, parse_json_message
 
 # The service gives its loop five seconds for a command.
 REPLY_TIMEOUT_S = 6.0

@@ -18,7 +18,7 @@ from vo_service.outputs.zenoh.session import (
     ZenohUnavailableError,
     open_session,
 )
-from vo_service.types import ErrorReply, decode_message, parse_json_message
+from vo_service.types.messages import ErrorReply, decode_message, parse_json_message
 
 logger = logging.getLogger(__name__)
 

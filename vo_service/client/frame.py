@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from vo_service.client.pose import Pose, ReceivedPose, parse_pose_sample
-from vo_service.ros_messages import (
+from vo_service.ros_messages.sensors import (
     CompressedImageMessage,
     PointCloudMessage,
     RawImageMessage,

@@ -12,13 +12,13 @@ from vo_service.client.pose import PoseReader
 from vo_service.client.subscription import ServiceClient
 from vo_service.config_tables import DEFAULT_ENDPOINT
 from vo_service.outputs.zenoh.session import MAX_FRAME_MESSAGE_BYTES
-from vo_service.ros_messages import (
+from vo_service.ros_messages.sensors import (
     decode_camera_info,
     decode_compressed_image,
     decode_image,
     decode_point_cloud,
 )
-from vo_service.types import FrameAttachment, decode_message, parse_json_message
+from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
 
 
 class FrameClient(ServiceClient):

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.ros_messages import OdometryMessage, decode_odometry, decode_transform
-from vo_service.types import MapOdomAttachment, OdomAttachment, decode_message, parse_json_message
+from vo_service.ros_messages.navigation import OdometryMessage, decode_odometry, decode_transform
+from vo_service.types.messages import (
+    MapOdomAttachment,
+    OdomAttachment,
+    decode_message,
+    parse_json_message,
+)
 
 LOST = "lost"
 

@@ -27,7 +27,7 @@ from vo_service.client.pose import (
 )
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 from vo_service.outputs.zenoh.session import MAX_MESSAGE_BYTES
-from vo_service.types import JsonObject, decode_message, parse_json_message
+from vo_service.types.messages import JsonObject, decode_message, parse_json_message
 
 logger = logging.getLogger(__name__)
 

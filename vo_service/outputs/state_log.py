@@ -6,7 +6,8 @@ import time
 
 from drivers.camera import CameraState
 from vo_service.terminal import SLOW_AFTER_S, Terminal, announce
-from vo_service.types import OdometryUpdate, Status, TrackingState
+from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.messages import Status
 
 logger = logging.getLogger(__name__)
 CONNECTING_STATES = (CameraState.OPENING, CameraState.STARTING)

@@ -6,7 +6,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from vo_service.types import OdometryUpdate, Status
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import Status
 
 MAX_STATUS_CHARS = 500
 

@@ -13,7 +13,8 @@ from drivers.core.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory, nearest_
 from vo_service.reconstruction.gravity_alignment import UpDirectionEstimator
 from vo_service.reconstruction.mesh import Mesh
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
-from vo_service.types import OdometryUpdate, Status, TrackingState
+from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.messages import Status
 
 
 @dataclass(frozen=True)

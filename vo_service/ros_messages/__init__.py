@@ -1,75 +1,169 @@
-"""The ROS 2 messages that kinect-vo writes and reads, in plain CDR. Needs only numpy."""
+"""ROS 2 messages in plain CDR: a writer and a reader of single fields. Needs only numpy.
 
-from vo_service.ros_messages.cdr import (
-    split_stamp,
-)
-from vo_service.ros_messages.navigation import (
-    ODOMETRY_SCHEMA,
-    TRANSFORM_SCHEMA,
-    TRANSFORMS_SCHEMA,
-    OdometryMessage,
-    TransformMessage,
-    decode_odometry,
-    decode_transform,
-    decode_transforms,
-    encode_odometry,
-    encode_transform,
-    encode_transforms,
-)
-from vo_service.ros_messages.sensors import (
-    CAMERA_INFO_SCHEMA,
-    COMPRESSED_IMAGE_SCHEMA,
-    IMAGE_SCHEMA,
-    IMU_SCHEMA,
-    POINT_CLOUD_SCHEMA,
-    CameraInfoMessage,
-    CompressedImageMessage,
-    ImuMessage,
-    PointCloudMessage,
-    RawImageMessage,
-    decode_camera_info,
-    decode_compressed_image,
-    decode_image,
-    decode_imu,
-    decode_point_cloud,
-    encode_camera_info,
-    encode_compressed_image,
-    encode_image,
-    encode_imu,
-    encode_point_cloud,
-)
+Layout: 4 bytes of header (``00 01 00 00``, little endian), then the fields in order. Each field is
+aligned to its own size, counted from the end of the header (OMG DDS-XTypes, "plain CDR").
+`navigation` and `sensors` have the messages.
+"""
 
-__all__ = [
-    "CAMERA_INFO_SCHEMA",
-    "COMPRESSED_IMAGE_SCHEMA",
-    "IMAGE_SCHEMA",
-    "IMU_SCHEMA",
-    "ODOMETRY_SCHEMA",
-    "POINT_CLOUD_SCHEMA",
-    "TRANSFORMS_SCHEMA",
-    "TRANSFORM_SCHEMA",
-    "CameraInfoMessage",
-    "CompressedImageMessage",
-    "ImuMessage",
-    "OdometryMessage",
-    "PointCloudMessage",
-    "RawImageMessage",
-    "TransformMessage",
-    "decode_camera_info",
-    "decode_compressed_image",
-    "decode_image",
-    "decode_imu",
-    "decode_odometry",
-    "decode_point_cloud",
-    "decode_transform",
-    "decode_transforms",
-    "encode_camera_info",
-    "encode_compressed_image",
-    "encode_image",
-    "encode_imu",
-    "encode_odometry",
-    "encode_point_cloud",
-    "encode_transform",
-    "encode_transforms",
-    "split_stamp",
-]
+import math
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+
+CDR_HEADER = b"\x00\x01\x00\x00"
+_STAMP = struct.Struct("<iI")
+# Anything that gives its bytes without a copy; an array must be contiguous.
+BytesLike = bytes | bytearray | memoryview | NDArray[Any]
+
+
+class CdrWriter:
+    """Writes the fields of one message, in order."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes | memoryview] = [CDR_HEADER]
+        self._length = 0  # without the header
+
+    def uint8(self, value: int) -> None:
+        """Write an 8-bit number."""
+        self._append(struct.pack("<B", value))
+
+    def uint32(self, *values: int) -> None:
+        """Write 32-bit numbers."""
+        self._align(4)
+        self._append(struct.pack(f"<{len(values)}I", *values))
+
+    def float64s(self, numbers: Array) -> None:
+        """Write 64-bit floats."""
+        self._align(8)
+        self._append(numbers.astype("<f8").tobytes())
+
+    def string(self, text: str) -> None:
+        """Write a string."""
+        self.byte_sequence(text.encode() + b"\x00")
+
+    def byte_sequence(self, data: BytesLike) -> None:
+        """Write a sequence of bytes. An array is not copied before `to_bytes`."""
+        # The types of Python 3.11 do not have that an array is a buffer.
+        view = memoryview(data).cast("B")  # type: ignore[arg-type]
+        self.uint32(len(view))
+        self._append(view)
+
+    def header(self, stamp_s: float, frame_id: str) -> None:
+        """Write a ``std_msgs/msg/Header``.
+
+        Raises:
+            ValueError: The stamp does not fit.
+        """
+        self._align(4)
+        self._append(_STAMP.pack(*split_stamp(stamp_s)))
+        self.string(frame_id)
+
+    def to_bytes(self) -> bytes:
+        """Return the message."""
+        return b"".join(self._parts)
+
+    def _align(self, size: int) -> None:
+        self._append(bytes(-self._length % size))
+
+    def _append(self, data: bytes | memoryview) -> None:
+        self._parts.append(data)
+        self._length += len(data)
+
+
+class CdrReader:
+    """Reads the fields of one message, in order.
+
+    Its methods raise ValueError or `struct.error` if the message is too short or malformed;
+    `reading` turns them into one ValueError.
+    """
+
+    def __init__(self, payload: BytesLike) -> None:
+        """Start to read.
+
+        Raises:
+            ValueError: It is not little-endian CDR.
+        """
+        view = memoryview(payload)  # type: ignore[arg-type]
+        if view[:4] != CDR_HEADER:
+            raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
+        self._body = view[4:]
+        self._offset = 0
+
+    def uint8(self) -> int:
+        """Read an 8-bit number."""
+        return int(self._unpack("<B", 1)[0])
+
+    def uint32(self) -> int:
+        """Read a 32-bit number."""
+        return int(self._unpack("<I", 4)[0])
+
+    def float64s(self, count: int) -> Array:
+        """Read 64-bit floats."""
+        self._offset += -self._offset % 8
+        numbers = np.frombuffer(self._take(8 * count), "<f8")
+        return numbers.astype(np.float64)
+
+    def string(self) -> str:
+        """Read a string."""
+        return self.byte_sequence().tobytes().rstrip(b"\x00").decode()
+
+    def byte_sequence(self) -> NDArray[np.uint8]:
+        """Read a sequence of bytes, without a copy: a read-only array."""
+        return np.frombuffer(self._take(self.uint32()), np.uint8)
+
+    def header(self) -> tuple[float, str]:
+        """Read a ``std_msgs/msg/Header``: stamp in seconds, frame."""
+        sec, nanosec = self._unpack("<iI", 4)
+        return sec + nanosec * 1e-9, self.string()
+
+    def _unpack(self, layout: str, alignment: int) -> tuple[Any, ...]:
+        self._offset += -self._offset % alignment
+        return struct.unpack(layout, self._take(struct.calcsize(layout)))
+
+    def _take(self, count: int) -> memoryview:
+        taken = self._body[self._offset : self._offset + count]
+        if len(taken) < count:
+            raise ValueError(f"it ends after {len(self._body) + 4} bytes")
+        self._offset += count
+        return taken
+
+
+@contextmanager
+def reading(payload: BytesLike, schema: str) -> Iterator[CdrReader]:
+    """Read a message in the block.
+
+    Args:
+        payload: The message.
+        schema: Its type, for the error.
+
+    Raises:
+        ValueError: The bytes are not such a message, in little-endian CDR.
+    """
+    reader = CdrReader(payload)
+    try:
+        yield reader
+    except (struct.error, UnicodeDecodeError, ValueError) as error:
+        raise ValueError(f"not a {schema} message: {error}") from error
+
+
+def split_stamp(stamp_s: float) -> tuple[int, int]:
+    """Split a stamp into whole seconds, rounded down, and nanoseconds (0 to 999 999 999).
+
+    Raises:
+        ValueError: The seconds do not fit ROS 2's 32 signed bits (they end in 2038).
+    """
+    if not math.isfinite(stamp_s):
+        raise ValueError(f"stamp {stamp_s} is not a time")
+    sec = math.floor(stamp_s)
+    # The subtraction is exact, so this is the nearest nanosecond; it may round up to a second.
+    carry, nanosec = divmod(round((stamp_s - sec) * 1e9), 1_000_000_000)
+    sec += carry
+    if not -(2**31) <= sec < 2**31:
+        raise ValueError(f"stamp {stamp_s} s does not fit ROS 2's 32 bits for seconds")
+    return sec, nanosec

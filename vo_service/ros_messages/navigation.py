@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.core.geometry import Array, quaternion_from_rotation, transform_from_pose
-from vo_service.ros_messages.cdr import BytesLike, CdrReader, CdrWriter, reading
+from vo_service.ros_messages import BytesLike, CdrReader, CdrWriter, reading
 
 ODOMETRY_SCHEMA = "nav_msgs/msg/Odometry"
 TRANSFORM_SCHEMA = "geometry_msgs/msg/TransformStamped"

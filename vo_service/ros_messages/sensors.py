@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
-from vo_service.ros_messages.cdr import BytesLike, CdrReader, CdrWriter, reading
+from vo_service.ros_messages import BytesLike, CdrReader, CdrWriter, reading
 
 IMAGE_SCHEMA = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE_SCHEMA = "sensor_msgs/msg/CompressedImage"

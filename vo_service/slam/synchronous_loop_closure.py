@@ -19,7 +19,8 @@ from vo_service.slam.map_file import MapContents
 from vo_service.slam.optimized_trajectory import OptimizedTrajectory
 from vo_service.slam.place_recognizer import PlaceRecognizer
 from vo_service.slam.pose_graph import PoseGraph
-from vo_service.types import Estimate, Odometry, OdometryUpdate, Status
+from vo_service.types import Estimate, Odometry, OdometryUpdate
+from vo_service.types.messages import Status
 
 
 class SynchronousLoopClosure:

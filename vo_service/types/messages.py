@@ -14,8 +14,8 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from drivers.camera import CameraState
 from drivers.core.fields import Field, TypedField, typed_fields
+from vo_service.types import LevelSource, TrackingState
 from vo_service.types.commands import ErrorCode
-from vo_service.types.update import LevelSource, TrackingState
 
 # Fields that other messages have too.
 EpochNumber = Annotated[int, "changes whenever the pose is not continuous with the one before"]

@@ -5,9 +5,9 @@ from typing import Protocol
 
 from drivers.core.trajectory import Trajectory
 from vo_service.config_tables import MapConfig, RecorderConfig
+from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 from vo_service.types.commands import CommandError, ErrorCode
 from vo_service.types.messages import MapState, Status
-from vo_service.types.update import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 
 # Returns the ground truth, or None. Called after the first frame: before it, a live camera's ground
 # truth has no stamps.

@@ -6,7 +6,8 @@ import numpy as np
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
-from vo_service.types import OdometryUpdate, Status
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import Status
 
 
 class DistanceOutput:

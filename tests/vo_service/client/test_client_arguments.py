@@ -6,7 +6,7 @@ import pytest
 
 from tests.vo_service.client.fake_service import find_free_endpoint
 from vo_service.client import InputError, PoseClient, ServiceUnavailable
-from vo_service.types import PauseCommand, TiltCommand
+from vo_service.types.commands import PauseCommand, TiltCommand
 
 NAN = float("nan")
 Call = Callable[[PoseClient], object]

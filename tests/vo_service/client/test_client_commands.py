@@ -17,7 +17,7 @@ from tests.vo_service.client.fake_service import (
 )
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
-from vo_service.types import (
+from vo_service.types.commands import (
     COMMANDS,
     Command,
     LedCommand,

@@ -20,7 +20,8 @@ from vo_service.client import (
 )
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.types import OdometryUpdate, PauseCommand
+from vo_service.types import OdometryUpdate
+from vo_service.types.commands import PauseCommand
 
 pytestmark = pytest.mark.zenoh
 

@@ -13,15 +13,8 @@ from drivers.core.geometry import rigid_transform, so3_exp
 from tests import ports
 from tests.resource_leaks import open_files
 from tests.vo_service.fakes import make_status
-from vo_service.types import (
-    CameraReport,
-    Estimate,
-    LevelSource,
-    OdometryUpdate,
-    Status,
-    TrackingDebug,
-    TrackingState,
-)
+from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingDebug, TrackingState
+from vo_service.types.messages import CameraReport, Status
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684

@@ -10,7 +10,8 @@ import pytest
 
 from tests.vo_service.fakes import make_status
 from vo_service.outputs.systemd import SystemdNotifier, SystemdOutput
-from vo_service.types import TimingReport, TrackingState
+from vo_service.types import TrackingState
+from vo_service.types.messages import TimingReport
 
 STATUS = make_status()
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.ros_messages import (
+from vo_service.ros_messages import split_stamp
+from vo_service.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     decode_odometry,
@@ -19,7 +20,6 @@ from vo_service.ros_messages import (
     encode_odometry,
     encode_transform,
     encode_transforms,
-    split_stamp,
 )
 
 ROS = get_typestore(Stores.ROS2_JAZZY)

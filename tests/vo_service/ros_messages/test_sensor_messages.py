@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
-from vo_service import ros_messages as ros
-from vo_service.ros_messages.cdr import CDR_HEADER
+from vo_service.ros_messages import CDR_HEADER, split_stamp
+from vo_service.ros_messages import sensors as ros
+from vo_service.ros_messages.navigation import decode_transforms
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 frame_ids = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=30)
@@ -23,7 +24,7 @@ quick = settings(max_examples=40, deadline=None)
 
 
 def header(message: Any) -> Any:
-    sec, nanosec = ros.split_stamp(message.stamp_s)
+    sec, nanosec = split_stamp(message.stamp_s)
     time = ROS.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     return ROS.types["std_msgs/msg/Header"](stamp=time, frame_id=message.frame_id)
 
@@ -55,7 +56,7 @@ def test_a_color_image(stamp_s: float, frame_id: str, data: st.DataObject, size:
     decoded = ros.decode_image(encoded)
     np.testing.assert_array_equal(decoded.pixels, pixels)
     assert (decoded.frame_id, decoded.encoding) == (frame_id, "bgr8")
-    assert ros.split_stamp(decoded.stamp_s) == ros.split_stamp(stamp_s)
+    assert split_stamp(decoded.stamp_s) == split_stamp(stamp_s)
 
 
 @given(stamps, frame_ids, st.data(), sizes)
@@ -144,7 +145,7 @@ DECODERS = (
     ros.decode_camera_info,
     ros.decode_point_cloud,
     ros.decode_imu,
-    ros.decode_transforms,
+    decode_transforms,
 )
 
 

@@ -19,11 +19,8 @@ from vo_service.outputs.zenoh.command_server import make_command_endpoint
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.tools.certificates import CertificateAuthority
-from vo_service.types import (
-    Command,
-    OdometryUpdate,
-    PausedReply,
-)
+from vo_service.types import OdometryUpdate
+from vo_service.types.commands import Command, PausedReply
 
 ZENOH_FILES = Path(__file__).parents[3] / "config" / "zenoh"
 HOST = "127.0.0.1"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.camera import Led
 from drivers.core.errors import InputError
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.types import (
+from vo_service.types.commands import (
     COMMANDS,
     MAX_PAYLOAD_BYTES,
     CommandError,

@@ -26,8 +26,9 @@ from vo_service.outputs.zenoh.ros2 import (
     ros_type,
 )
 from vo_service.outputs.zenoh.session_check import endpoints_without_roles
-from vo_service.ros_messages import TransformMessage
-from vo_service.types import OdometryUpdate, Status
+from vo_service.ros_messages.navigation import TransformMessage
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import Status
 
 logger = logging.getLogger(__name__)
 

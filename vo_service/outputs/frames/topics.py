@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.config_tables import FramesConfig
 from vo_service.frame_messages import FrameMessages
-from vo_service.ros_messages import (
+from vo_service.ros_messages.sensors import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
     IMAGE_SCHEMA,
@@ -19,14 +19,8 @@ from vo_service.ros_messages import (
     encode_imu,
     encode_point_cloud,
 )
-from vo_service.types import (
-    FrameAttachment,
-    OdometryUpdate,
-    OnlineFocalLength,
-    OnlineTiming,
-    TimingMessage,
-    encode_message,
-)
+from vo_service.types import OdometryUpdate, OnlineFocalLength, OnlineTiming
+from vo_service.types.messages import FrameAttachment, TimingMessage, encode_message
 
 # Makes the payloads of an update, usually one.
 Encoder = Callable[[OdometryUpdate], Sequence[bytes]]

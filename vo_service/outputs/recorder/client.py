@@ -20,7 +20,7 @@ from vo_service.outputs.recorder.messages import (
     StopRecordingRequest,
     incident_name,
 )
-from vo_service.types import NAME_PATTERN, CommandError, ErrorCode
+from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
 

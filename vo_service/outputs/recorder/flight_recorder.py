@@ -21,16 +21,10 @@ from vo_service.config_tables import MEGABYTE, RecorderConfig
 from vo_service.frame_record import write_frame
 from vo_service.outputs.recorder.client import RecorderClient
 from vo_service.outputs.recorder.messages import RecorderWorkerConfig
-from vo_service.types import (
-    CommandError,
-    ErrorCode,
-    NullRecorder,
-    OdometryUpdate,
-    Recorder,
-    Status,
-    TrackingState,
-)
-from vo_service.types.messages import versions
+from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.commands import CommandError, ErrorCode
+from vo_service.types.messages import Status, versions
+from vo_service.types.outputs import NullRecorder, Recorder
 
 logger = logging.getLogger(__name__)
 

@@ -12,7 +12,8 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.geometry import Array
 from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.trajectory import Trajectory, format_pose_line
-from vo_service.types import OdometryUpdate, Status
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import Status
 
 logger = logging.getLogger(__name__)
 

@@ -20,14 +20,14 @@ from vo_service.outputs.zenoh.queryables import (
     reply_error,
     serve_queryable,
 )
-from vo_service.types import (
+from vo_service.types.commands import (
     MAX_PAYLOAD_BYTES,
     Command,
     CommandError,
     ErrorCode,
-    encode_message,
     parse_command,
 )
+from vo_service.types.messages import encode_message
 
 logger = logging.getLogger(__name__)
 

@@ -11,10 +11,9 @@ from enum import StrEnum
 from typing import Any, get_args, get_origin
 
 from drivers.core.fields import Field, TypedField, typed_fields
-from vo_service.types import (
-    COMMANDS,
+from vo_service.types.commands import COMMANDS, Command
+from vo_service.types.messages import (
     MESSAGE_SCHEMA,
-    Command,
     ErrorReply,
     FrameAttachment,
     MapOdomAttachment,

@@ -2,18 +2,14 @@
 
 from dataclasses import dataclass
 
-from vo_service.ros_messages import (
+from vo_service.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,
     encode_transform,
 )
-from vo_service.types import (
-    MapOdomAttachment,
-    OdomAttachment,
-    OdometryUpdate,
-    encode_message,
-)
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import MapOdomAttachment, OdomAttachment, encode_message
 
 
 @dataclass(frozen=True)

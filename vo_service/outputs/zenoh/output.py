@@ -20,8 +20,8 @@ from vo_service.outputs.zenoh.messages import (
 )
 from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables
 from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
-from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate, Status, encode_message
-from vo_service.types.messages import versions
+from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
+from vo_service.types.messages import Status, encode_message, versions
 
 logger = logging.getLogger(__name__)
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.rate_limit import TokenBucket
-from vo_service.ros_messages import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
-from vo_service.types import MESSAGE_SCHEMA, CommandError, ErrorCode, ErrorReply, encode_message
+from vo_service.ros_messages.navigation import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
+from vo_service.types.commands import CommandError, ErrorCode
+from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, encode_message
 
 logger = logging.getLogger(__name__)
 

@@ -20,7 +20,9 @@ from vo_service.slam.mapper.messages import (
     SaveMapRequest,
     SaveMapResult,
 )
-from vo_service.types import NAME_PATTERN, CommandError, ErrorCode, MapSnapshot, MapState
+from vo_service.types import MapSnapshot
+from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode
+from vo_service.types.messages import MapState
 
 logger = logging.getLogger(__name__)
 

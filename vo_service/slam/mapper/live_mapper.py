@@ -26,18 +26,9 @@ from vo_service.slam.keyframe_selection import (
 )
 from vo_service.slam.mapper.client import MapperClient
 from vo_service.slam.mapper.messages import MapperWorkerConfig, RelocalizationQuery
-from vo_service.types import (
-    NO_MAP,
-    LoopClosure,
-    Mapper,
-    MapSnapshot,
-    MapState,
-    NullLoopClosure,
-    NullMapper,
-    Odometry,
-    OdometryUpdate,
-    Status,
-)
+from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
+from vo_service.types.messages import MapState, Status
+from vo_service.types.outputs import LoopClosure, Mapper, NullLoopClosure, NullMapper
 
 logger = logging.getLogger(__name__)
 

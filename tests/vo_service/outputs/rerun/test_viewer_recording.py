@@ -19,7 +19,8 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
 from vo_service.outputs.rerun.messages import TextLog
 from vo_service.outputs.rerun.scene import back_project
 from vo_service.outputs.rerun.sinks import RrdFileSink
-from vo_service.types import OdometryUpdate, OnlineTiming, Status
+from vo_service.types import OdometryUpdate, OnlineTiming
+from vo_service.types.messages import Status
 
 pytestmark = pytest.mark.rerun
 

@@ -14,7 +14,7 @@ from vo_service.control import CommandFuture, CommandQueue
 from vo_service.outputs.zenoh.command_server import CommandServer
 from vo_service.outputs.zenoh.output import LIVE_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.types import Command
+from vo_service.types.commands import Command
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:

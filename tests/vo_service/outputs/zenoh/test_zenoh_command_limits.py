@@ -21,11 +21,8 @@ from vo_service.outputs.zenoh.command_server import (
     CommandServer,
     make_command_endpoint,
 )
-from vo_service.types import (
-    CommandError,
-    OdometryUpdate,
-    PausedReply,
-)
+from vo_service.types import OdometryUpdate
+from vo_service.types.commands import CommandError, PausedReply
 
 pytestmark = pytest.mark.zenoh
 

@@ -29,7 +29,8 @@ from vo_service.outputs.zenoh.command_server import (
 )
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.types import (
+from vo_service.types import OdometryUpdate
+from vo_service.types.commands import (
     COMMANDS,
     Command,
     CommandError,
@@ -38,7 +39,6 @@ from vo_service.types import (
     FolderReply,
     LedCommand,
     LedReply,
-    OdometryUpdate,
     PauseCommand,
     PausedReply,
     ResetCommand,

@@ -19,7 +19,8 @@ from vo_service.outputs.zenoh import connection
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort, ConnectWithRetry
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
-from vo_service.types import OdometryUpdate, Status
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import Status
 
 pytestmark = pytest.mark.zenoh
 

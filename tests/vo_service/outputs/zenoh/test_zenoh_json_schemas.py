@@ -19,19 +19,16 @@ from vo_service.outputs.zenoh.messages import (
     map_odom_attachment,
     pose_attachment,
 )
-from vo_service.types import (
-    COMMANDS,
-    CommandError,
-    ErrorCode,
+from vo_service.types import OdometryUpdate
+from vo_service.types.commands import COMMANDS, CommandError, ErrorCode, parse_command
+from vo_service.types.messages import (
     ErrorReply,
-    OdometryUpdate,
     RecorderReport,
     Status,
     TimingReport,
     encode_message,
-    parse_command,
+    versions,
 )
-from vo_service.types.messages import versions
 
 SCHEMAS = all_schemas()
 REFERENCE = Path(__file__).parents[4] / "docs" / "reference"

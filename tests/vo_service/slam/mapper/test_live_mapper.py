@@ -28,7 +28,7 @@ from vo_service.config import Config
 from vo_service.config_tables import MapConfig
 from vo_service.slam.mapper import client
 from vo_service.slam.mapper.live_mapper import LiveMapper, open_mapper
-from vo_service.types import NullMapper
+from vo_service.types.outputs import NullMapper
 
 pytestmark = pytest.mark.subprocess
 

@@ -77,6 +77,7 @@ class OutputsConfig:
         mapper: Makes the mapper; None: no mapper.
         rerun: Targets and settings of the viewer.
         extra: Further outputs, see `ExtraOutputsConfig`.
+        mcap: MCAP file to record; None: no file.
         trajectory: Trajectory file to write; None: no file.
         ground_truth: Returns the ground truth for the viewer; called after the first frame.
         log_line: Shows a line with an output's address to the user.
@@ -92,6 +93,7 @@ class OutputsConfig:
     mapper: Callable[[], Mapper] | None = None
     rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
     extra: Sequence[str] = ()
+    mcap: Path | None = None
     trajectory: Path | None = None
     ground_truth: GroundTruthSource = no_ground_truth
     log_line: Callable[[str], None] = logger.info
@@ -151,6 +153,8 @@ def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
             outputs.append(opened.mapper)
         if config.extra:
             outputs += _open_extra_outputs(config, stack)
+        if config.mcap is not None:
+            outputs.append(_open_mcap(config, config.mcap, stack))
         if config.trajectory is not None:
             outputs.append(_open_trajectory(config.trajectory, config.playback_mode, stack))
         yield opened
@@ -182,6 +186,16 @@ def open_mapper(config: Config) -> Mapper:
     from vo_service.slam.mapper.live_mapper import open_mapper
 
     return open_mapper(config.map)
+
+
+def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:
+    from drivers.recording_camera import check_bag_packages
+
+    check_bag_packages(path)
+    from vo_service.outputs.mcap_recording import open_mcap_recording
+
+    recording = open_mcap_recording(path, config.playback_mode, config.ground_truth)
+    return stack.enter_context(closing(recording))
 
 
 def _open_trajectory(path: Path, playback_mode: PlaybackMode, stack: ExitStack) -> Output:

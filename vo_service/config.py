@@ -55,6 +55,9 @@ class ExtraOutputsConfig:
     extra: Annotated[
         tuple[str, ...], "any of: trajectory:FILE, or NAME[:ARGUMENT] of a plug-in"
     ] = ()
+    mcap: Annotated[
+        Path | None, "MCAP file that `run` records: frames, poses, transforms, timing and status"
+    ] = None
 
     def __post_init__(self) -> None:
         for output in self.extra:

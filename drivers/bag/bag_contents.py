@@ -84,7 +84,7 @@ def _add(
         contents.accelerations.setdefault(topic, []).append(reading)
     elif topic == topics.pose:
         contents.poses.append((stamp_ns_of(decoded, message.log_ns), decoded))
-    elif topic == topics.timing:
+    elif topic == topics.frame_stamps:
         contents.frame_stamps.append(parse_frame_stamps(decoded.data, f"{bag.path}: {topic}"))
     elif topic == topics.camera_file:
         contents.camera_file = contents.camera_file or decoded.data

@@ -1,6 +1,7 @@
 """Writing of messages: MCAP, ROS 2 bag, ROS 1 bag."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -14,6 +15,23 @@ from rosbags.typesys.store import Typestore
 from drivers.bag.bag_file import ros1_typestore, ros2_typestore
 
 ROS2_BAG_VERSION: Literal[9] = 9
+
+
+@dataclass(frozen=True)
+class EncodedMessage:
+    """A message as it is stored: CDR for MCAP and ROS 2.
+
+    Attributes:
+        topic: Its topic.
+        message_type: Such as "nav_msgs/msg/Odometry".
+        log_ns: Its log time.
+        data: The encoded message.
+    """
+
+    topic: str
+    message_type: str
+    log_ns: int
+    data: bytes
 
 
 class BagWriter(ABC):
@@ -36,10 +54,20 @@ class BagWriter(ABC):
         Raises:
             OSError: Writing fails.
         """
-        if topic not in self._channels:
-            self._channels[topic] = self._add_channel(topic, message_type)
         serialize = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
-        self._write(self._channels[topic], log_ns, bytes(serialize(message, message_type)))
+        data = bytes(serialize(message, message_type))
+        self.write_encoded(EncodedMessage(topic, message_type, log_ns, data))
+
+    def write_encoded(self, message: EncodedMessage) -> None:
+        """Write a message that is encoded already.
+
+        Raises:
+            OSError: Writing fails.
+        """
+        topic = message.topic
+        if topic not in self._channels:
+            self._channels[topic] = self._add_channel(topic, message.message_type)
+        self._write(self._channels[topic], message.log_ns, message.data)
 
     @abstractmethod
     def _add_channel(self, topic: str, message_type: str) -> Any: ...

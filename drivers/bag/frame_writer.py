@@ -20,7 +20,7 @@ NS_PER_S = 1_000_000_000
 NAMESPACE = "/camera"
 CAMERA_FRAME = "camera_rgb_optical_frame"
 WORLD_FRAME = "world"
-TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 # ROS defines 16-bit depth as millimeters. Depth in other units is written in meters.
 MILLIMETER_DEPTH_FACTOR = 1000.0
 MAX_STAMP_S = 2**31  # of ROS 2
@@ -60,7 +60,7 @@ class FrameWriter:
         self._write_camera_info("depth_registered", depth_ns)
         # Written last: a frame counts once all of it is in the file.
         text = self._make(STRING, format_frame_stamps(stamps))
-        self._writer.write(f"{NAMESPACE}/timing", STRING, max(color_ns, depth_ns), text)
+        self._writer.write(f"{NAMESPACE}/frame_stamps", STRING, max(color_ns, depth_ns), text)
 
     def _write_color(self, stamp_ns: int, color: bytes | BgrImage) -> None:
         topic = f"{NAMESPACE}/rgb/image_raw"
@@ -99,18 +99,17 @@ class FrameWriter:
         self._writer.write(f"{NAMESPACE}/imu", IMU, stamp_ns, message)
 
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
-        """Write a true pose as a transform. Raises OSError."""
+        """Write a true pose of the camera. Raises OSError."""
         stamp_ns = _checked_ns(stamp)
         x, y, z = T_world_camera[:3, 3].tolist()
         quaternion = quaternion_from_rotation(T_world_camera[:3, :3]).tolist()
-        transform = self._make(
-            "geometry_msgs/msg/Transform",
-            self._make("geometry_msgs/msg/Vector3", x, y, z),
+        pose = self._make(
+            "geometry_msgs/msg/Pose",
+            self._make("geometry_msgs/msg/Point", x, y, z),
             self._make("geometry_msgs/msg/Quaternion", *quaternion),
         )
-        header = self._header(stamp_ns, WORLD_FRAME)
-        stamped = self._make("geometry_msgs/msg/TransformStamped", header, CAMERA_FRAME, transform)
-        self._writer.write("/tf", TF_MESSAGE, stamp_ns, self._make(TF_MESSAGE, [stamped]))
+        message = self._make(POSE_STAMPED, self._header(stamp_ns, WORLD_FRAME), pose)
+        self._writer.write("/ground_truth", POSE_STAMPED, stamp_ns, message)
 
     def _write_camera_info(self, name: str, stamp_ns: int) -> None:
         c = self._calibration

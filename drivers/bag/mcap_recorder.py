@@ -3,14 +3,16 @@
 import logging
 import time
 from collections import deque
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from decimal import Decimal
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self, cast
 
-from drivers.bag.bag_writer import McapWriter
+from drivers.bag.bag_writer import EncodedMessage, McapWriter
 from drivers.bag.frame_writer import MILLIMETER_DEPTH_FACTOR, FrameWriter
 from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
@@ -41,7 +43,7 @@ class McapRecorder:
 
     Args:
         path: New file.
-        ground_truth: Written at the start.
+        ground_truth: Written at the start; may be set until the first frame.
         is_raw: Write the images as they are. Otherwise color is JPEG, which loses a little, and
             depth in millimeters is PNG.
 
@@ -54,7 +56,7 @@ class McapRecorder:
     ) -> None:
         self.path = path
         self.written = self.skipped = 0
-        self._ground_truth, self._is_raw = ground_truth, is_raw
+        self.ground_truth, self._is_raw = ground_truth, is_raw
         self._file = _create(path)
         self._mcap = McapWriter(cast(IO[bytes], _UnbufferedStream(self._file)))
         self._frame_writer: FrameWriter | None = None
@@ -67,8 +69,8 @@ class McapRecorder:
         self._encoders = ThreadPoolExecutor(ENCODER_THREADS, thread_name_prefix="mcap-encode")
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="mcap-write")
 
-    def write(self, frame: RgbdFrame) -> None:
-        """Add a frame; it may reach the disk up to a second later.
+    def write(self, frame: RgbdFrame, messages: Sequence[EncodedMessage] = ()) -> None:
+        """Add a frame and messages about it; it may reach the disk up to a second later.
 
         Raises:
             UserFacingError: Writing fails (earlier frames remain), or the camera differs from that
@@ -83,7 +85,16 @@ class McapRecorder:
         self._check_camera(calibration_of_frame(frame))
         self._last_stamps = stamps
         images = self._encoders.submit(_encode, frame, self._is_raw)
-        self._pending.append(self._writer.submit(self._commit, frame, stamps, images))
+        self._submit(partial(self._write_frame, frame, stamps, images, messages))
+
+    def write_message(self, message: EncodedMessage) -> None:
+        """Add a message that belongs to no frame. Raises as `write`."""
+        self._raise_failure()
+        self._submit(partial(self._mcap.write_encoded, message))
+
+    def _submit(self, write: Callable[[], None]) -> None:
+        """Call a function on the writer's thread; wait while too many are pending."""
+        self._pending.append(self._writer.submit(self._commit, write))
         while len(self._pending) > MAX_PENDING_FRAMES or (
             self._pending and self._pending[0].done()
         ):
@@ -128,16 +139,27 @@ class McapRecorder:
                 "record it into another file"
             )
 
-    def _commit(self, frame: RgbdFrame, stamps: FrameStamps, images: Future[_Images]) -> None:
-        """Write a frame, on the writer's thread. After a failure the rest is discarded."""
+    def _write_frame(
+        self,
+        frame: RgbdFrame,
+        stamps: FrameStamps,
+        images: Future[_Images],
+        messages: Sequence[EncodedMessage],
+    ) -> None:
+        writer = self._frame_writer or self._begin(calibration_of_frame(frame), stamps)
+        for message in messages:
+            self._mcap.write_encoded(message)
+        if frame.gravity_m_s2 is not None:
+            writer.write_gravity(stamps.color, frame.gravity_m_s2)
+        writer.write_frame(stamps, *images.result())
+        self.written += 1
+
+    def _commit(self, write: Callable[[], None]) -> None:
+        """Write, on the writer's thread. After a failure the rest is discarded."""
         if self._failure is not None:
             return
         try:
-            writer = self._frame_writer or self._begin(calibration_of_frame(frame), stamps)
-            if frame.gravity_m_s2 is not None:
-                writer.write_gravity(stamps.color, frame.gravity_m_s2)
-            writer.write_frame(stamps, *images.result())
-            self.written += 1
+            write()
             if time.monotonic() - self._flushed_s >= FLUSH_PERIOD_S:
                 self._flush()
         except OSError as error:
@@ -149,7 +171,7 @@ class McapRecorder:
     def _begin(self, calibration: CameraCalibration, stamps: FrameStamps) -> FrameWriter:
         """Write what belongs to the whole recording."""
         writer = FrameWriter(self._mcap, calibration, min(stamps.color, stamps.depth))
-        truth = self._ground_truth
+        truth = self.ground_truth
         if truth is not None:
             for stamp_s, T in zip(truth.stamps_s, truth.T_world_camera, strict=True):
                 writer.write_true_pose(Decimal(repr(float(stamp_s))), T)

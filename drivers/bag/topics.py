@@ -34,7 +34,7 @@ class BagTopics:
         transforms: /tf and /tf_static.
         imus: Accelerometers.
         pose: True poses.
-        timing: Stamps of each frame, in recordings of this program.
+        frame_stamps: Exact stamps of each frame, in recordings of this program.
         camera_file: The camera file, in recordings of this program.
     """
 
@@ -45,13 +45,13 @@ class BagTopics:
     transforms: tuple[str, ...]
     imus: tuple[str, ...]
     pose: str
-    timing: str
+    frame_stamps: str
     camera_file: str
 
     @property
     def all(self) -> set[str]:
         """The topics to read once, besides images."""
-        single = (self.color_info, self.depth_info, self.pose, self.timing, self.camera_file)
+        single = (self.color_info, self.depth_info, self.pose, self.frame_stamps, self.camera_file)
         return {each for each in (*single, *self.transforms, *self.imus) if each}
 
 
@@ -84,7 +84,7 @@ def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None)
         tuple(t for t, kind in types.items() if kind in TF_MESSAGE_TYPES),
         tuple(t for t, kind in types.items() if kind == IMU),
         next((t for t in poses if any(word in t.lower() for word in TRUTH_WORDS)), ""),
-        one("/timing", STRING),
+        one("/frame_stamps", STRING),
         one("/camera_file", STRING),
     )
 

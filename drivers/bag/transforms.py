@@ -13,6 +13,8 @@ from drivers.core.trajectory import Trajectory, nearest_indices
 # Larger changes of a transform are motion: its elements in meters, or without unit.
 MAX_CONSTANT_CHANGE = 1e-6
 MAX_CHAIN_LENGTH = 50
+# Frames in which a robot estimates its poses (REP 105).
+ESTIMATE_FRAMES = ("odom", "map")
 
 
 def frame_name(frame_id: str) -> str:
@@ -90,14 +92,15 @@ class TransformTree:
         return inverse(matrices[0]) @ matrices[1]
 
     def trajectory(self, frame: str) -> tuple[Trajectory, str] | None:
-        """Return the motion of a frame in the root of its tree, and the root's name.
+        """Return the true motion of a frame in the root of its tree, and the root's name.
 
         It has a pose at each sample of the moving transform that has the most; others contribute
-        their nearest sample. None if nothing moves.
+        their nearest sample. None if nothing moves, or if `odom` or `map` is on the way: then it is
+        an estimate.
         """
         path = self._path_to_root(frame_name(frame))
         moving = [edge for edge in path if not edge.is_constant]
-        if not moving:
+        if not moving or any(edge.parent in ESTIMATE_FRAMES for edge in path):
             return None
         stamps_s = max((edge.sorted().stamps_s for edge in moving), key=len)
         T = np.tile(np.eye(4), (len(stamps_s), 1, 1))

@@ -43,10 +43,14 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Add --trajectory, --rerun and --no-publish."""
+    """Add --trajectory, --mcap, --rerun and --no-publish."""
     parser.add_argument(
         "--trajectory", metavar="FILE", type=Path,
         help="write the poses of the optical camera: stamp tx ty tz qx qy qz qw",
+    )  # fmt: skip
+    parser.add_argument(
+        "--mcap", metavar="FILE", type=Path,
+        help="record frames, poses, transforms, timing and status into FILE.mcap; color is JPEG",
     )  # fmt: skip
     parser.add_argument(
         "--rerun", metavar="TARGET", action="append",

@@ -47,7 +47,8 @@ The folder can be replayed at any time, also after a crash: an image is listed o
 complete. PNG is lossless, so a replay gives the same trajectory as the camera did.
 
 FILE.mcap opens in Rerun. Its color images are JPEG, which is lossy, unless --raw is
-given. After a crash it can be replayed up to the last second.
+given. After a crash it can be replayed up to the last second. For a file with poses, use
+`kinect-vo run --mcap FILE` or `kinect-vo replay RECORDING --mcap FILE`.
 """
 MCAP_SUFFIX = ".mcap"
 POLL_PERIOD_S = 0.25

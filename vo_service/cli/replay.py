@@ -38,10 +38,11 @@ examples:
   kinect-vo replay recordings/desk --pace realtime --rerun serve
   kinect-vo replay desk.bag --topics /camera/rgb/image_color /camera/depth/image
   kinect-vo replay recordings/desk --json --no-publish | jq .ate_rmse_m
+  kinect-vo replay recordings/desk --mcap desk-with-poses.mcap
   kinect-vo replay recordings/tour --optimized-trajectory tour.txt
 
 A folder needs FOLDER/camera.toml, a name that contains freiburg1, freiburg2 or freiburg3, or
---camera FILE. A bag has its camera_info. With FOLDER/groundtruth.txt, or true poses in a bag's /tf,
+--camera FILE. A bag has its camera_info. With FOLDER/groundtruth.txt, or true poses in a bag,
 the summary contains the errors of the trajectory. docs/guide/bags.md describes the formats.
 
 lockstep runs every frame as fast as possible and repeats bit for bit; subscribers get every pose.
@@ -103,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
             wait_for_subscriber_s=args.wait_for_subscriber,
             rerun=config.rerun,
             extra=config.outputs.extra,
+            mcap=args.mcap,
             trajectory=args.trajectory,
             ground_truth=lambda: camera.ground_truth,
             log_line=terminal.write_line,

@@ -62,8 +62,8 @@ examples:
 If the camera disconnects, the service waits for it and reports no_camera with the reason; also when
 a recording has ended. It also waits for a port that is taken and for a router that is away. SIGHUP
 reloads the file of --config; without --config it ends the service, as closing the terminal does. An
-existing trajectory file is kept as FILE-0001, FILE-0002 and so on. Ctrl-C or SIGTERM ends the
-service within 5 seconds, with exit code 0.
+existing file of --trajectory or --mcap is kept as FILE-0001, FILE-0002 and so on. Ctrl-C or SIGTERM
+ends the service within 5 seconds, with exit code 0.
 """
 # Time from the stop request to the end of the process.
 MAX_SHUTDOWN_S = 4.5
@@ -162,6 +162,7 @@ def _make_outputs_config(
         mapper=partial(open_mapper, config),
         rerun=config.rerun,
         extra=config.outputs.extra,
+        mcap=args.mcap or config.outputs.mcap,
         trajectory=args.trajectory,
         log_line=terminal.write_line,
     )

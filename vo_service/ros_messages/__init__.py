@@ -134,6 +134,16 @@ class CdrReader:
         return taken
 
 
+STRING_SCHEMA = "std_msgs/msg/String"
+
+
+def encode_string(text: str) -> bytes:
+    """Encode a ``std_msgs/msg/String`` as CDR."""
+    writer = CdrWriter()
+    writer.string(text)
+    return writer.to_bytes()
+
+
 @contextmanager
 def reading(payload: BytesLike, schema: str) -> Iterator[CdrReader]:
     """Read a message in the block.

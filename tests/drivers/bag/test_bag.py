@@ -217,6 +217,19 @@ def test_ground_truth_can_be_a_topic_of_poses(tmp_path: Path) -> None:
     assert "ground truth /ground_truth/pose" in recording.summary
 
 
+@pytest.mark.parametrize(("root", "is_true"), [("world", True), ("odom", False), ("map", False)])
+def test_poses_that_a_robot_estimated_are_no_ground_truth(
+    tmp_path: Path, root: str, is_true: bool
+) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k)
+        t, make = stamp_ns(k), bag.maker
+        moved = make.transform(t, root, "base_link", (0.1 * k, 0.0, 0.0))
+        bag.transforms("/tf", t, TF, moved, make.transform(t, "base_link", FRAME, (0.0, 0, 1.0)))
+
+    assert (open_recording(make_bag(tmp_path / "a", fill)).ground_truth is not None) == is_true
+
+
 def test_frames_after_a_jump_back_of_the_clock_are_left_out_and_counted(tmp_path: Path) -> None:
     def fill(bag: BagWriter, k: int) -> None:
         write_frame(bag, k if k < 6 else k - 5)

@@ -78,11 +78,11 @@ def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path
         "/camera/camera_file",
         "/camera/depth_registered/camera_info",
         "/camera/depth_registered/image_raw/compressedDepth",
+        "/camera/frame_stamps",
         "/camera/imu",
         "/camera/rgb/camera_info",
         "/camera/rgb/image_raw/compressed",
-        "/camera/timing",
-        "/tf",
+        "/ground_truth",
     ]
     color: object = found["/camera/rgb/image_raw/compressed"]
     assert getattr(color, "format", "") == "bgr8; jpeg compressed bgr8"

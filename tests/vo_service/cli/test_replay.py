@@ -79,6 +79,17 @@ def test_the_trajectory_starts_at_identity_and_follows_the_truth(
     np.testing.assert_allclose(found.T_world_camera, truth.T_world_camera, atol=0.004)
 
 
+def test_an_mcap_file_of_a_replay_can_be_replayed_with_its_ground_truth(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "room.mcap"
+    run_in_process(capfd, "replay", recording, "--no-publish", "--mcap", file)
+    outcome = run_in_process(capfd, "replay", file, "--no-publish", "--json")
+    figures = json.loads(outcome.out)
+    assert (figures["frames"], figures["failed"], figures["coverage"]) == (FRAMES, 0, 1.0)
+    assert "ground truth /ground_truth" in outcome.err
+
+
 @pytest.mark.subprocess
 def test_a_replay_repeats_bit_for_bit_also_in_another_process(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]

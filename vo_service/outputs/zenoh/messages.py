@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from vo_service.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,
     encode_transform,
 )
-from vo_service.types import OdometryUpdate
+from vo_service.types import NO_MAP, OdometryUpdate, TrackingState
 from vo_service.types.messages import MapOdomAttachment, OdomAttachment, encode_message
 
 
@@ -49,6 +51,23 @@ def map_odom_transform(update: OdometryUpdate, frame_ids: FrameIds) -> Transform
     """Make the map->odom transform at the stamp of this pose."""
     T_map_odom = update.map.T_map_odom
     return TransformMessage(update.stamp_s, frame_ids.map_frame_id, frame_ids.frame_id, T_map_odom)
+
+
+def pose_transforms(update: OdometryUpdate, frame_ids: FrameIds) -> list[TransformMessage]:
+    """Make odom->base and, if it is known, map->odom; nothing while lost.
+
+    A transform has no covariance, so an uncertain one must be absent. A bad map does not hold up
+    odom->base.
+    """
+    if update.state is TrackingState.LOST:
+        return []
+    base = TransformMessage(
+        update.stamp_s, frame_ids.frame_id, frame_ids.child_frame_id, update.T_odom_base
+    )
+    is_map_known = update.map is not NO_MAP and update.is_localized
+    if not is_map_known or not np.all(np.isfinite(update.map.T_map_odom)):
+        return [base]
+    return [base, map_odom_transform(update, frame_ids)]
 
 
 def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:

@@ -9,17 +9,15 @@ import hashlib
 import re
 import struct
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
 import zenoh
 import zenoh.ext
 
 from drivers.core.errors import InputError
 from vo_service.config_tables import Ros2Config
-from vo_service.outputs.zenoh.messages import FrameIds, map_odom_transform
+from vo_service.outputs.zenoh.messages import FrameIds, pose_transforms
 from vo_service.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
     TRANSFORMS_SCHEMA,
@@ -33,7 +31,7 @@ from vo_service.ros_messages.sensors import (
     IMU_SCHEMA,
     POINT_CLOUD_SCHEMA,
 )
-from vo_service.types import NO_MAP, OdometryUpdate, TrackingState
+from vo_service.types import OdometryUpdate
 
 # Stands for the empty enclave and namespace: a key may have no empty part.
 _EMPTY_PART = "%"
@@ -206,9 +204,8 @@ class Ros2Publisher:
     """Publishes on an open session, for zenoh-bridge-ros2dds and for rmw_zenoh at once.
 
     - the configured topic: nav_msgs/msg/Odometry, the same bytes as on `{prefix}/odom`
-    - /tf, if enabled: tf2_msgs/msg/TFMessage with odom->base and, if there is a map, map->odom.
-      While lost, neither is published; before localization, map->odom is not. A transform has no
-      covariance, so an uncertain one must be absent.
+    - /tf, if enabled: tf2_msgs/msg/TFMessage with odom->base and, if there is a map, map->odom; see
+      `pose_transforms`
 
     Raises:
         InputError: The topic's name is not valid in ROS 2, or is `{prefix}/odom`.
@@ -246,30 +243,15 @@ class Ros2Publisher:
         """
         source_ns = time.time_ns()
         self._odometry.put(odometry, source_ns)
-        if update.state is TrackingState.LOST:
-            return
-        for tf in self._tf:
-            tf.put(encode_transforms(list(self._transforms(update))), source_ns)
-
-    def _transforms(self, update: OdometryUpdate) -> Iterator[TransformMessage]:
-        frames = self._frame_ids
-        yield TransformMessage(
-            update.stamp_s, frames.frame_id, frames.child_frame_id, update.T_odom_base
-        )
-        if _is_map_odom_known(update):
-            yield map_odom_transform(update, frames)
+        transforms = pose_transforms(update, self._frame_ids)
+        for tf in self._tf if transforms else ():
+            tf.put(encode_transforms(transforms), source_ns)
 
     def close(self) -> None:
         """Withdraw the publishers."""
         for publisher in (self._odometry, *self._tf):
             publisher.close()
         self._node.undeclare()  # type: ignore[no-untyped-call]
-
-
-def _is_map_odom_known(update: OdometryUpdate) -> bool:
-    """Return whether map->odom is known and finite: a bad map must not block odom->base."""
-    is_known = update.map is not NO_MAP and update.is_localized
-    return is_known and bool(np.all(np.isfinite(update.map.T_map_odom)))
 
 
 class StaticTransformPublisher:

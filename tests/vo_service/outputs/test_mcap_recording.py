@@ -1,0 +1,131 @@
+"""The MCAP file of a run: what it holds, what a replay takes from it, and faults of its disk."""
+
+import json
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.geometry import T_BODY_CAMERA
+from drivers.core.trajectory import Trajectory
+from drivers.recording_camera import open_recording
+from tests.full_disk import limit_file_size
+from vo_service.outputs.mcap_recording import open_mcap_recording
+from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.messages import Status
+
+MakeUpdate = Callable[..., OdometryUpdate]
+LOCKSTEP, REALTIME = PlaybackMode.LOCKSTEP, PlaybackMode.REALTIME
+
+
+def record(path: Path, updates: list[OdometryUpdate], *statuses: Status, **options: Any) -> None:
+    output = open_mcap_recording(path, LOCKSTEP, **options)
+    for update in updates:
+        output.on_update(update)
+    for status in statuses:
+        output.on_status(status)
+    output.close()
+
+
+def read_messages(path: Path) -> dict[str, list[Any]]:
+    found = defaultdict(list)
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            found[connection.topic].append(reader.deserialize(data, connection.msgtype))
+    return found
+
+
+def test_each_frame_has_its_pose_state_and_timing(
+    tmp_path: Path, make_update: MakeUpdate, status: Status
+) -> None:
+    updates = [make_update(seq) for seq in range(3)]
+    updates[1] = replace(updates[1], state=TrackingState.LOST, reason="dark")
+    record(tmp_path / "a.mcap", updates, status)
+    found = read_messages(tmp_path / "a.mcap")
+    stamps_ns = [
+        1_000_000_000 * m.header.stamp.sec + m.header.stamp.nanosec for m in found["/vo/odom"]
+    ]
+    assert stamps_ns == pytest.approx([1e9 * update.stamp_s for update in updates])
+    position = found["/vo/odom"][2].pose.pose.position
+    np.testing.assert_allclose([position.x, position.y, position.z], updates[2].T_odom_base[:3, 3])
+    states = [json.loads(message.data) for message in found["/vo/state"]]
+    assert [each["state"] for each in states] == ["tracking", "lost", "tracking"]
+    assert [json.loads(each.data)["stamp_s"] for each in found["/camera/timing"]] == [
+        update.stamp_s for update in updates
+    ]
+    (written,) = found["/vo/status"]
+    assert json.loads(written.data)["reason"] == status.reason
+
+
+def test_transforms_lead_from_odom_to_the_camera_except_while_lost(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    updates = [make_update(seq) for seq in range(3)]
+    updates[0] = replace(updates[0], T_odom_camera=updates[0].T_odom_base @ T_BODY_CAMERA)
+    updates[1] = replace(updates[1], state=TrackingState.LOST)
+    record(tmp_path / "a.mcap", updates)
+    found = read_messages(tmp_path / "a.mcap")
+    assert len(found["/tf"]) == 2
+    (static,) = found["/tf_static"]
+    names = [(each.header.frame_id, each.child_frame_id) for each in static.transforms]
+    assert names == [("base_link", "camera_rgb_optical_frame")]
+    rotation = static.transforms[0].transform.rotation
+    np.testing.assert_allclose(np.abs([rotation.x, rotation.y, rotation.z, rotation.w]), 0.5)
+    assert found["/tf"][0].transforms[0].header.frame_id == "odom"
+
+
+def test_a_replay_takes_the_frames_and_not_the_poses(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    updates = [make_update(seq) for seq in range(3)]
+    record(tmp_path / "a.mcap", updates)
+    recording = open_recording(tmp_path / "a.mcap")
+    assert recording.frames.stamps_s.tolist() == [update.stamp_s for update in updates]
+    assert recording.ground_truth is None
+    truth = Trajectory(updates[0].frame.stamp_s + np.arange(2.0), np.stack([T_BODY_CAMERA] * 2))
+    record(tmp_path / "b.mcap", updates, ground_truth=lambda: truth)
+    read = open_recording(tmp_path / "b.mcap").ground_truth
+    assert read is not None
+    np.testing.assert_allclose(read.stamps_s, updates[0].stamp_s + np.arange(2.0), atol=1e-6)
+
+
+def test_an_existing_file_is_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
+    path = tmp_path / "a.mcap"
+    record(path, [make_update(0)])
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="exists already; name a new file"):
+        open_mcap_recording(path, LOCKSTEP)
+    output = open_mcap_recording(path, REALTIME)
+    output.on_update(make_update(0))
+    output.close()
+    assert (tmp_path / "a-0001.mcap").read_bytes() == before
+    with pytest.raises(InputError, match=r"is no MCAP file; name a file that ends in \.mcap"):
+        open_mcap_recording(tmp_path / "a.bag", REALTIME)
+
+
+def test_a_run_without_frames_leaves_no_file(tmp_path: Path, status: Status) -> None:
+    record(tmp_path / "a.mcap", [], status)
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_full_disk_is_reported_and_keeps_what_was_written(
+    tmp_path: Path, make_update: MakeUpdate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.bag.mcap_recorder.FLUSH_PERIOD_S", 0.0)
+    output = open_mcap_recording(tmp_path / "a.mcap", LOCKSTEP)
+    with limit_file_size(100_000):
+        for seq in range(1000):
+            output.on_update(make_update(seq))
+            if output.warning:
+                break
+        assert "the disk is full; the frames recorded so far can be replayed" in output.warning
+        with pytest.raises(UserFacingError, match=r"a\.mcap: the recording is incomplete"):
+            output.close()
+    assert open_recording(tmp_path / "a.mcap").frames.pairs

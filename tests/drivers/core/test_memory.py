@@ -6,7 +6,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from drivers.core.memory import limit_malloc_arenas, release_memory
+from drivers.core.memory import limit_freed_memory, release_memory
 
 
 def resident_bytes() -> int:
@@ -23,5 +23,5 @@ def test_kernels_can_be_compiled_after_the_compiler_was_unloaded() -> None:
 
 def test_a_user_defined_number_of_arenas_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MALLOC_ARENA_MAX", "7")
-    limit_malloc_arenas()
+    limit_freed_memory()
     assert os.environ["MALLOC_ARENA_MAX"] == "7"

@@ -3,7 +3,6 @@
 import dataclasses
 import errno
 import os
-import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import count
@@ -215,13 +214,16 @@ def test_a_file_that_cannot_grow_is_readable_so_far(
         output = RerunOutput(RrdFileSink(path), playback_mode=PlaybackMode.LOCKSTEP)
     updates = map(make_large_update, count())
 
-    def has_stopped() -> bool:
+    sizes = {path.stat().st_size}
+
+    def has_written_or_stopped() -> bool:
+        return path.stat().st_size not in sizes or "the recording stops after" in output.warning
+
+    while "the recording stops after" not in output.warning:
+        sizes.add(path.stat().st_size)
         output.on_update(next(updates))
         # Rerun collects data for a while; one batch must not exceed the limit.
-        time.sleep(0.4)
-        return "the recording stops after" in output.warning
-
-    wait_until(has_stopped)
+        wait_until(has_written_or_stopped)
     with pytest.raises(UserFacingError, match="the recording is incomplete"):
         output.close()
     with pytest.warns(RerunWarning, match="no footer"):

@@ -42,6 +42,7 @@ class CameraRequest:
     playback_mode: PlaybackMode
     sensor: SensorConfig
     synthetic: SyntheticConfig
+    topics: tuple[str, str] | None
 
 
 CAMERAS: PluginGroup[Callable[[CameraRequest], RgbdCamera]] = PluginGroup(
@@ -62,6 +63,7 @@ def open_camera(
     playback_mode: PlaybackMode | None = None,
     sensor: SensorConfig | None = None,
     synthetic: SyntheticConfig | None = None,
+    topics: tuple[str, str] | None = None,
 ) -> RgbdCamera:
     """Make the camera that a source names; the `with` statement opens and closes it.
 
@@ -80,6 +82,7 @@ def open_camera(
             REALTIME for a sensor or a plug-in, and LOCKSTEP for the others.
         sensor: Settings of a real sensor; None for the defaults.
         synthetic: Settings of the virtual Kinect; None for one that plays without end.
+        topics: The topics of the color and the depth images in a bag; None to find them.
 
     Returns:
         The camera, not opened yet. Opening it raises the errors of `RgbdCamera.open`.
@@ -94,6 +97,8 @@ def open_camera(
         kind, argument = recording_format(Path(source)), source
     if kind not in CAMERAS:
         raise InputError(f"camera {source!r} is unknown; use one of: {describe_cameras()}")
+    if topics is not None and kind != "bag":
+        raise InputError(f"camera {source!r} has no topics; leave out --topics")
     request = CameraRequest(
         source=source,
         argument=argument,
@@ -101,6 +106,7 @@ def open_camera(
         playback_mode=PlaybackMode(playback_mode or _default_playback_mode(kind, argument)),
         sensor=sensor or SensorConfig(),
         synthetic=synthetic or SyntheticConfig.fast(),
+        topics=topics,
     )
     return CAMERAS[kind](request)
 
@@ -118,7 +124,12 @@ def make_recording(request: CameraRequest) -> RgbdCamera:
         kind = request.source.partition(":")[0]
         what = "folder" if kind == "tum" else "file"
         raise InputError(f"camera {kind!r} needs a {what}: {CAMERA_USAGES[kind]}")
-    return RecordingCamera(Path(request.argument), request.camera_file, request.playback_mode)
+    return RecordingCamera(
+        Path(request.argument),
+        request.camera_file,
+        request.playback_mode,
+        topics=request.topics,
+    )
 
 
 def make_synthetic(request: CameraRequest) -> RgbdCamera:

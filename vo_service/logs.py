@@ -32,7 +32,7 @@ def log_to_stderr() -> Iterator[None]:
     root = logging.getLogger()
     before = root.level
     root.addHandler(handler)
-    root.setLevel(logging.WARNING)
+    set_log_level("warning")
     try:
         yield
     finally:
@@ -41,8 +41,16 @@ def log_to_stderr() -> Iterator[None]:
 
 
 def set_log_level(level: str) -> None:
-    """Set the least level to log: "debug", "info", "warning" or "error"."""
-    logging.getLogger().setLevel(level.upper())
+    """Set the least level to log: "debug", "info", "warning" or "error".
+
+    What was found in a bag is announced, as by `terminal.announce`: also at level warning.
+    """
+    root = logging.getLogger()
+    root.setLevel(level.upper())
+    announces = root.level <= logging.WARNING
+    logging.getLogger("drivers.recording_camera").setLevel(
+        logging.INFO if announces else root.level
+    )
 
 
 def is_journal_stream(stream: TextIO) -> bool:

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from drivers.core.errors import InputError
 from drivers.core.files import create_output_folder
-from vo_service.cli.options import add_benchmark_options, load_config, parse_count
-from vo_service.cli.recordings import requested_topics
+from vo_service.cli.options import add_benchmark_options, load_config, parse_count, requested_topics
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.baselines.orb_vocabulary import read_vocabulary_file

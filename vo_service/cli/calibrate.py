@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from drivers.registry import CAMERA_USAGES
 from vo_service.cli.calibrate_timing import calibrate_timing, save_learnt
-from vo_service.cli.recordings import add_topics_option
+from vo_service.cli.options import add_topics_option
 from vo_service.config import Config, read_config
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.signals import stop_on_signals
@@ -193,6 +193,8 @@ def _check_arguments(args: argparse.Namespace, output: Path) -> None:
         raise InputError("--keep keeps what a camera shows: it goes with --camera")
     if args.rerun is not None and args.camera is None:
         raise InputError("--rerun shows what a camera sees: it goes with --camera")
+    if args.topics is not None and args.folder is None:
+        raise InputError("--topics names the images in a bag: it goes with a FOLDER")
     if args.views < 1:
         raise InputError(f"--views {args.views}: give 1 or more; 25 are good")
     check_writable(output)

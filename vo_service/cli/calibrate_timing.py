@@ -18,7 +18,8 @@ from drivers.calibration import (
 from drivers.core.errors import InputError, UserFacingError
 from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.registry import ONI_SUFFIX, SENSORS
-from vo_service.cli.recordings import open_and_announce, requested_topics
+from vo_service.cli.options import requested_topics
+from vo_service.cli.recordings import open_requested
 from vo_service.cli.warm_up import run_warm_up
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
@@ -180,7 +181,7 @@ def _check_arguments(args: argparse.Namespace, output: Path) -> None:
 
 def _check_recording(args: argparse.Namespace, output: Path) -> None:
     folder, file = args.folder, args.camera_file
-    read = open_and_announce(args, file).calibration
+    read = open_requested(args, file).calibration
     is_read = output.resolve() == (file or folder / CAMERA_FILE_NAME).resolve()
     offset_s = read_camera(output, read).depth_offset_s
     if offset_s != 0.0 and not is_read:

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from drivers.core.errors import InputError
 from drivers.core.files import create_output_folder
-from vo_service.cli.options import add_benchmark_options, load_config
-from vo_service.cli.recordings import requested_topics
+from vo_service.cli.options import add_benchmark_options, load_config, requested_topics
 from vo_service.config import Config
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import stop_on_signals

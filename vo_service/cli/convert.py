@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from drivers.recording.recording import Recording
-from vo_service.cli.recordings import RECORDING_HELP, add_topics_option, open_and_announce
+from vo_service.cli.options import add_topics_option
+from vo_service.cli.recordings import RECORDING_HELP, open_and_announce
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.convert import OutputFormat, choose_format, convert

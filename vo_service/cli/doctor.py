@@ -10,7 +10,12 @@ from pathlib import Path
 
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.registry import open_camera
-from vo_service.cli.options import add_camera_options, parse_seconds, print_message
+from vo_service.cli.options import (
+    add_camera_options,
+    parse_seconds,
+    print_message,
+    requested_topics,
+)
 from vo_service.config import read_config
 from vo_service.terminal import Terminal
 from vo_service.tools.doctor.camera_checks import checks_for, requested_sensor_for
@@ -101,6 +106,7 @@ def _make_checked_camera(args: argparse.Namespace) -> _CheckedCamera:
         playback_mode=PlaybackMode.REALTIME,
         sensor=config.sensor,
         synthetic=config.synthetic,
+        topics=requested_topics(args),
     )
     return _CheckedCamera(source, camera, terminal)
 

@@ -11,7 +11,8 @@ from drivers.core.geometry import Array
 from drivers.core.trajectory import Trajectory, read_trajectory
 from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.tum.folder import read_frame_pairs
-from vo_service.cli.recordings import add_topics_option, open_and_announce
+from vo_service.cli.options import add_topics_option
+from vo_service.cli.recordings import open_and_announce
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.plot import write_plot
 

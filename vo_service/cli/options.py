@@ -30,7 +30,7 @@ def add_config_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
-    """Add --camera and --camera-file."""
+    """Add --camera, --camera-file and --topics."""
     parser.add_argument(
         "--camera", metavar="SOURCE", type=_parse_source,
         help=f"the camera (default: the config's): {', '.join(CAMERA_USAGES.values())}, "
@@ -40,6 +40,20 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         "--camera-file", metavar="FILE", type=Path,
         help="camera file (TOML) of this sensor or recording (default: the config's)",
     )  # fmt: skip
+    add_topics_option(parser)
+
+
+def add_topics_option(parser: argparse.ArgumentParser) -> None:
+    """Add --topics."""
+    parser.add_argument(
+        "--topics", metavar=("COLOR", "DEPTH"), nargs=2,
+        help="topics of the color and depth images in a bag (default: they are found)",
+    )  # fmt: skip
+
+
+def requested_topics(args: argparse.Namespace) -> tuple[str, str] | None:
+    """Return the topics of --topics."""
+    return None if args.topics is None else (args.topics[0], args.topics[1])
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
@@ -80,10 +94,7 @@ def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
         "folders", metavar="RECORDING", nargs="+", type=Path,
         help="recordings: folders in TUM format, MCAP files or ROS bags",
     )  # fmt: skip
-    parser.add_argument(
-        "--topics", metavar=("COLOR", "DEPTH"), nargs=2,
-        help="topics of the color and depth images in all bags (default: they are found)",
-    )  # fmt: skip
+    add_topics_option(parser)
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) for all folders"

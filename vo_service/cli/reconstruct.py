@@ -4,8 +4,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from vo_service.cli.options import add_config_options
-from vo_service.cli.recordings import RECORDING_HELP, add_topics_option
+from vo_service.cli.options import add_config_options, add_topics_option
+from vo_service.cli.recordings import RECORDING_HELP
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
 EPILOG = """\

@@ -22,8 +22,8 @@ from drivers.recording.recording import Recording
 from drivers.recording_camera import RecordingCamera
 from vo_service.app import run_replay
 from vo_service.cli.loop_closure_options import make_loop_closure
-from vo_service.cli.options import load_config
-from vo_service.cli.recordings import open_and_announce, requested_topics
+from vo_service.cli.options import load_config, requested_topics
+from vo_service.cli.recordings import open_requested
 from vo_service.cli.warm_up import prepare_kernels, run_warm_up
 from vo_service.config import Config
 from vo_service.frame_source import SinglePassSource
@@ -123,7 +123,7 @@ def run_reconstruction(args: argparse.Namespace) -> int:
             f"{args.trajectory}: --loop-closure works only on the odometry's own poses; "
             "leave one of the two out"
         )
-    recording = open_and_announce(args, camera_file)
+    recording = open_requested(args, camera_file)
     poses = None if args.trajectory is None else _read_trajectory(args.trajectory, recording)
     loop_closure_counts: Mapping[str, int] = {}
     fusion = _make_volume(args)

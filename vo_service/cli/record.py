@@ -25,7 +25,7 @@ from drivers.recording_camera import BAG_SUFFIXES, check_bag_packages
 from drivers.registry import open_camera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter
-from vo_service.cli.options import add_camera_options, parse_seconds
+from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics
 from vo_service.clock import make_publish_clock
 from vo_service.config import read_config
 from vo_service.signals import StopSignal, stop_on_signals
@@ -92,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
         playback_mode=PlaybackMode.LOCKSTEP,
         sensor=config.sensor,
         synthetic=_play_once(config.synthetic, args.seconds),
+        topics=requested_topics(args),
     )
     with camera, stop_on_signals() as stop:
         frames = _read_frames(camera, terminal, stop)

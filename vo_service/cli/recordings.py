@@ -1,4 +1,4 @@
-"""Recordings of the command line: their options, and a line of what a bag holds."""
+"""Opening of the recording that the command line names, with a line of what a bag holds."""
 
 import argparse
 from collections.abc import Iterator
@@ -8,32 +8,28 @@ from pathlib import Path
 from drivers.camera import PlaybackMode
 from drivers.recording.recording import Recording
 from drivers.recording_camera import RecordingCamera, open_recording
+from vo_service.cli.options import requested_topics
 from vo_service.terminal import announce, announce_if_slow
 
 RECORDING_HELP = "the recording: a folder in TUM format, an MCAP file or a ROS bag"
 
 
-def add_topics_option(parser: argparse.ArgumentParser) -> None:
-    """Add --topics."""
-    parser.add_argument(
-        "--topics", metavar=("COLOR", "DEPTH"), nargs=2,
-        help="topics of the color and depth images in a bag (default: they are found)",
-    )  # fmt: skip
-
-
-def requested_topics(args: argparse.Namespace) -> tuple[str, str] | None:
-    """Return the topics of --topics."""
-    return None if args.topics is None else (args.topics[0], args.topics[1])
-
-
-def open_and_announce(args: argparse.Namespace, camera_file: Path | None) -> Recording:
-    """Open the recording of the command line, and log what was found in a bag.
+def open_requested(args: argparse.Namespace, camera_file: Path | None) -> Recording:
+    """Open the recording of the command line.
 
     Raises:
         InputError: If it cannot be used.
     """
     with announce_if_slow(f"reading {args.folder}"):
-        recording = open_recording(args.folder, camera_file, requested_topics(args))
+        return open_recording(args.folder, camera_file, requested_topics(args))
+
+
+def open_and_announce(args: argparse.Namespace, camera_file: Path | None) -> Recording:
+    """Open the recording of the command line, and log what was found in a bag.
+
+    A `RecordingCamera` logs that itself. Raises as `open_requested`.
+    """
+    recording = open_requested(args, camera_file)
     if recording.summary:
         announce(recording.summary)
     return recording
@@ -43,7 +39,7 @@ def open_and_announce(args: argparse.Namespace, camera_file: Path | None) -> Rec
 def replayed_recording(
     args: argparse.Namespace, camera_file: Path | None, pace: PlaybackMode = PlaybackMode.LOCKSTEP
 ) -> Iterator[RecordingCamera]:
-    """Open the recording of the command line as a camera, and log what was found in a bag.
+    """Open the recording of the command line as a camera.
 
     Raises:
         InputError: If it cannot be used.
@@ -53,8 +49,6 @@ def replayed_recording(
     try:
         with announce_if_slow(f"reading {args.folder}"):
             camera.open()
-        if camera.recording.summary:
-            announce(camera.recording.summary)
         yield camera
     finally:
         camera.close()

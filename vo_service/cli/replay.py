@@ -17,11 +17,12 @@ from vo_service.cli.loop_closure_options import (
 from vo_service.cli.options import (
     add_config_options,
     add_output_options,
+    add_topics_option,
     load_config,
     parse_playback_mode,
     parse_seconds,
 )
-from vo_service.cli.recordings import RECORDING_HELP, add_topics_option, replayed_recording
+from vo_service.cli.recordings import RECORDING_HELP, replayed_recording
 from vo_service.cli.warm_up import prepare_kernels
 from vo_service.frame_source import SinglePassSource
 from vo_service.outputs.state_log import ProgressOutput

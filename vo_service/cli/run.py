@@ -29,6 +29,7 @@ from vo_service.cli.options import (
     add_prefix_option,
     load_config,
     parse_playback_mode,
+    requested_topics,
 )
 from vo_service.cli.warm_up import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.config import Config, ConfigReloader
@@ -186,4 +187,5 @@ def _make_camera(args: argparse.Namespace, config: Config) -> RgbdCamera:
         playback_mode=args.pace,
         sensor=config.sensor,
         synthetic=config.synthetic,
+        topics=requested_topics(args),
     )

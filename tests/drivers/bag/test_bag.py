@@ -285,19 +285,16 @@ def test_a_message_that_is_not_of_its_type_is_one_clear_line(tmp_path: Path) -> 
     assert message == f"BAG: a message of {DEPTH_TOPIC} is no sensor_msgs/msg/Image"
 
 
-def test_two_cameras_must_be_chosen_from(tmp_path: Path) -> None:
-    def fill(bag: BagWriter, k: int) -> None:
-        t = stamp_ns(k)
-        for name in ("front", "rear"):
-            bag.write(f"/{name}/color/camera_info", INFO, t, bag.maker.info(t))
-            bag.write(
-                f"/{name}/color/image_raw", IMAGE, t, bag.maker.image(t, color_image(k), "bgr8")
-            )
-            bag.write(
-                f"/{name}/depth/image_raw", IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1")
-            )
+def write_two_cameras(bag: BagWriter, k: int) -> None:
+    t, make = stamp_ns(k), bag.maker
+    for name in ("front", "rear"):
+        bag.write(f"/{name}/color/camera_info", INFO, t, make.info(t))
+        bag.write(f"/{name}/color/image_raw", IMAGE, t, make.image(t, color_image(k), "bgr8"))
+        bag.write(f"/{name}/depth/image_raw", IMAGE, t, make.image(t, depth_mm(k), "16UC1"))
 
-    path = make_bag(tmp_path / "a", fill)
+
+def test_two_cameras_must_be_chosen_from(tmp_path: Path) -> None:
+    path = make_bag(tmp_path / "a", write_two_cameras)
     assert "are equally good" in complaint(path)
     topics = ("/rear/color/image_raw", "/rear/depth/image_raw")
     assert len(open_recording(path, topics=topics).frames.pairs) == 4

@@ -240,6 +240,7 @@ MISTAKES = {
     "board": ([".", "--board", "checkers:8x8"], "--board checkers:8x8: is not a board"),
     "nothing to keep": ([".", "--keep", "views"], "--keep keeps what a camera shows"),
     "nothing to watch": ([".", "--rerun", "serve"], "--rerun shows what a camera sees"),
+    "topics of a camera": (["--camera", "bag:a", "--topics", "a", "b"], "it goes with a FOLDER"),
     "watch where": (["--camera", "tum:.", "--rerun", "x"], "rerun target 'x': use serve"),
     "no views": (["--camera", "freenect", "--views", "0"], "--views 0: give 1 or more"),
     "virtual": (["--camera", "synthetic"], "never shows a board"),

@@ -8,6 +8,7 @@ import pytest
 
 from drivers.camera import CameraState, CameraStatus, Clock, FrameTimeout
 from tests.conftest import FRAMES
+from tests.drivers.bag.test_bag import make_bag, write_two_cameras
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.fakes import Delay, Event, FakeClock, ScriptedCamera, make_frame
 from vo_service.cli import record
@@ -54,6 +55,23 @@ def test_a_recording_in_jpeg_can_be_replayed(
     assert len(list((folder / "rgb").glob("*.jpg"))) == FRAMES
     outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
     assert json.loads(outcome.out)["failed"] == 0
+
+
+def test_the_topics_of_a_bag_are_chosen_and_named(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bag, folder = make_bag(tmp_path / "bag", write_two_cameras), tmp_path / "rear"
+    command = ["record", "--camera", f"bag:{bag}", folder]
+    assert "equally good; name two of these with --topics" in run_in_process(capfd, *command).err
+    topics = ["/rear/color/image_raw", "/rear/depth/image_raw"]
+    outcome = run_in_process(capfd, *command, "--topics", *topics)
+    assert outcome.out == f"4 frames in {folder}\n"
+    assert f"{bag}: color {topics[0]}, depth {topics[1]}" in outcome.err
+    other = run_in_process(capfd, "run", "--camera", f"tum:{folder}", "--topics", *topics)
+    assert (
+        other.error_lines
+        == f"kinect-vo: error: camera 'tum:{folder}' has no topics; leave out --topics\n"
+    )
 
 
 def have_camera(monkeypatch: pytest.MonkeyPatch, *events: Event) -> None:

@@ -17,6 +17,16 @@ from pathlib import Path
 from drivers.core.errors import InputError, UserFacingError
 
 SOURCE_PACKAGES = ("drivers", "vo_service")
+# The files of compiled kernels, and those that they import: a change elsewhere compiles nothing.
+KERNEL_SOURCES = (
+    "drivers/camera.py",
+    "drivers/core",
+    "drivers/synthetic",
+    "vo_service/odometry",
+    "vo_service/reconstruction",
+    "vo_service/slam/depth_features.py",
+    "vo_service/types",
+)
 # Below the environment's prefix: kernels that setup has compiled for all users.
 PREBUILT_KERNELS = "share/kinect-vo/kernels"
 # One folder per state of the source: several checkouts and versions may share a computer.
@@ -84,11 +94,11 @@ def create_output_folder(folder: Path) -> None:
 
 
 def kernel_folder() -> Path:
-    """Return the folder for compiled kernels of this state of the source; old ones are removed.
+    """Return the folder for compiled kernels of this state of their source; old ones are removed.
 
     Numba's cache checks only a kernel's own file: it would keep the old code of a helper inlined
-    from another file. So each state of the source has its own folder. It starts as a copy of the
-    kernels that setup has compiled into the Python environment, if any: that environment may
+    from another file. So each state of `KERNEL_SOURCES` has its own folder. It starts as a copy of
+    the kernels that setup has compiled into the Python environment, if any: that environment may
     belong to another user.
     """
     kernels, digest = cache_folder() / "kernels", _source_digest()
@@ -120,8 +130,9 @@ def _copy_atomically(source: Path, folder: Path) -> None:
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    for package in SOURCE_PACKAGES:
-        for source in sorted((Path(__file__).parents[2] / package).rglob("*.py")):
+    for name in KERNEL_SOURCES:
+        path = Path(__file__).parents[2] / name
+        for source in [path] if path.is_file() else sorted(path.rglob("*.py")):
             status = source.stat()
             digest.update(f"{source} {status.st_mtime_ns} {status.st_size}\n".encode())
     return digest.hexdigest()[:16]

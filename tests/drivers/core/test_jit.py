@@ -8,7 +8,9 @@ from pathlib import Path
 import numba
 import pytest
 
+from drivers.core.files import KERNEL_SOURCES, SOURCE_PACKAGES
 from drivers.core.jit import interruptible
+from tests.test_import_circles import MODULES, imported
 
 ROOT = Path(__file__).parents[3]
 
@@ -67,3 +69,18 @@ def test_a_user_program_shares_the_kernel_cache_of_the_command_line(
         check=True,
     )
     assert list((tmp_path / "cache" / "kernels").rglob("program.double*.nbi"))
+
+
+def is_kernel_source(file: Path) -> bool:
+    return any(file.is_relative_to(ROOT / source) for source in KERNEL_SOURCES)
+
+
+def test_kernels_are_compiled_anew_after_a_change_of_what_they_import() -> None:
+    files = [file for package in SOURCE_PACKAGES for file in (ROOT / package).rglob("*.py")]
+    kernels = [file for file in files if "@kernel" in file.read_text()]
+    assert len(kernels) > 20
+    assert [str(file) for file in kernels if not is_kernel_source(file)] == []
+    outside = {
+        name for file in kernels for name in imported(file) if not is_kernel_source(MODULES[name])
+    }
+    assert outside == set()

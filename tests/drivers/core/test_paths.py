@@ -93,11 +93,12 @@ def test_a_user_without_a_home_gets_one_too(
 def test_other_source_code_has_another_kernel_folder(
     home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = tmp_path / "checkout" / "drivers" / "jit.py"
+    source = tmp_path / "checkout" / "drivers" / "core" / "jit.py"
     source.parent.mkdir(parents=True)
     monkeypatch.setattr(files, "__file__", str(tmp_path / "checkout" / "drivers" / "core" / "f.py"))
     source.write_text("a = 1\n")
     before = kernel_folder()
+    source.parents[1].joinpath("registry.py").touch()  # no kernel imports it
     assert kernel_folder() == before
     source.write_text("a = 1234\n")
     assert kernel_folder() != before

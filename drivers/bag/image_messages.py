@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.bag.message_cursor import MessageCursor, MessageKey
+from drivers.bag.rvl import decode_rvl
 from drivers.recording.images import (
     BgrImage,
     DepthImage,
@@ -42,6 +43,8 @@ COLOR_ENCODINGS: dict[str, tuple[int, int | None]] = {
 # compressed_depth_image_transport puts this before the image: a format, and two coefficients of
 # inverse depth, which only depth in meters uses.
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")
+# Columns and rows.
+RVL_SIZE = struct.Struct("<II")
 MAX_DEPTH_VALUE = 65535
 
 
@@ -168,23 +171,29 @@ def _depth_from_meters(depth_m: NDArray[np.float32], depth_factor: float) -> Dep
 
 
 def _decompress_depth(message: Any, name: str, depth_factor: float) -> DepthImage:
-    """Decode compressed depth: a PNG, with the header of compressedDepth or without."""
+    """Decode compressed depth: a PNG, or RVL, with the header of compressedDepth or without."""
     data = bytes(message.data)
     if "compressedDepth" not in message.format:
         return decode_depth(data, name)
-    if "rvl" in message.format:
-        raise UnreadableFrameError(
-            f"{name}: compression RVL cannot be read; record it as png (its parameter `format`)"
-        )
     if len(data) <= COMPRESSED_DEPTH_HEADER.size:
         raise UnreadableFrameError(f"{name}: is empty; remove the message")
     _, a, b = COMPRESSED_DEPTH_HEADER.unpack_from(data)
-    png = data[COMPRESSED_DEPTH_HEADER.size :]
+    image = data[COMPRESSED_DEPTH_HEADER.size :]
+    is_rvl = "rvl" in message.format
     if not message.format.startswith("32FC1"):
-        return decode_depth(png, name)
-    inverse = decode_image(png, name).astype(np.float32)
+        return _decode_rvl(image, name) if is_rvl else decode_depth(image, name)
+    inverse = (_decode_rvl if is_rvl else decode_image)(image, name).astype(np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
         return _depth_from_meters(np.where(inverse > 0, a / (inverse - b), 0.0), depth_factor)
+
+
+def _decode_rvl(data: bytes, name: str) -> DepthImage:
+    """Decode RVL after the image's size, which compressed_depth_image_transport writes first."""
+    try:
+        width, height = RVL_SIZE.unpack_from(data)
+        return decode_rvl(data[RVL_SIZE.size :], height, width)
+    except (ValueError, struct.error) as error:
+        raise UnreadableFrameError(f"{name}: is no depth image in RVL: {error}") from error
 
 
 def stamp_ns_of(message: Any, log_ns: int) -> int:

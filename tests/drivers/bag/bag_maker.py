@@ -57,12 +57,16 @@ class MessageMaker:
         distortion: tuple[float, ...] = (0.0,) * 5,
         frame: str = FRAME,
         model: str = "plumb_bob",
+        size: tuple[int, int] = SIZE,
     ) -> Any:
-        K = np.array([focal_px, 0, 31.5, 0, focal_px, 23.5, 0, 0, 1.0])
-        P = np.array([focal_px - 1, 0, 31.5, 0, 0, focal_px - 1, 23.5, 0, 0, 0, 1.0, 0])
-        size, D, R = SIZE[::-1], np.array(distortion), np.eye(3).ravel()
+        (width, height), f = size, focal_px
+        cx, cy = (width - 1) / 2, (height - 1) / 2
+        K = np.array([f, 0, cx, 0, f, cy, 0, 0, 1.0])
+        P = np.array([f - 1, 0, cx, 0, 0, f - 1, cy, 0, 0, 0, 1.0, 0])
+        D, R = np.array(distortion), np.eye(3).ravel()
         roi = self.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-        return self.make(INFO, self.header(stamp_ns, frame), *size, model, D, K, R, P, 0, 0, roi)
+        header = self.header(stamp_ns, frame)
+        return self.make(INFO, header, height, width, model, D, K, R, P, 0, 0, roi)
 
     def transform(
         self, stamp_ns: int, parent: str, child: str, position: tuple[float, float, float],

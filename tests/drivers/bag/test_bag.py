@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_types_from_msg
 
-from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER
+from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, RVL_SIZE
 from drivers.core.errors import InputError
 from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import (
@@ -27,6 +27,7 @@ from tests.drivers.bag.bag_maker import (
     open_writer,
     stamp_ns,
 )
+from tests.drivers.bag.test_rvl import encode_rvl
 
 COLOR_TOPIC, DEPTH_TOPIC = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
 INFO_TOPIC = "/camera/color/camera_info"
@@ -139,6 +140,21 @@ def test_compressed_depth_in_meters_is_inverted(tmp_path: Path) -> None:
     np.testing.assert_allclose(depth_m[8:], a / (round(a / 2.0 + b) - b), atol=2e-4)
 
 
+def test_depth_compressed_as_rvl_is_read(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_color(bag, k)
+        rvl = RVL_SIZE.pack(*SIZE) + encode_rvl(depth_mm(k))
+        data = COMPRESSED_DEPTH_HEADER.pack(0, 0, 0) + rvl[: -4 if k == 2 else None]
+        message = bag.maker.compressed(stamp_ns(k), data, "16UC1; compressedDepth rvl")
+        bag.write(f"{DEPTH_TOPIC}/compressedDepth", COMPRESSED, stamp_ns(k), message)
+
+    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
+        frames = list(camera)
+        assert camera.counters.skipped == 1
+    assert [frame.seq for frame in frames] == [0, 1, 3]
+    np.testing.assert_array_equal(frames[2].depth_raw, depth_mm(3))
+
+
 @pytest.mark.parametrize("encoding", ["mono8", "rgba8", "bayer_rggb8"])
 def test_other_encodings_of_color_are_converted(tmp_path: Path, encoding: str) -> None:
     def fill(bag: BagWriter, k: int) -> None:
@@ -184,6 +200,22 @@ def test_depth_of_its_own_camera_is_registered(tmp_path: Path) -> None:
         depth = next(iter(camera)).depth_raw
     assert set(np.unique(depth)) == {0, 1200}
     assert not depth[:, :5].any()  # nothing is seen left of the depth camera's view
+
+
+def test_depth_of_its_own_camera_may_have_another_size(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_color(bag, k)
+        t, make, frame = stamp_ns(k), bag.maker, "depth_optical"
+        info = make.info(t, focal_px=30.0, frame=frame, size=(32, 24))
+        bag.write("/camera/depth/camera_info", INFO, t, info)
+        depth = make.image(t, np.full((24, 32), 1000, np.uint16), "16UC1", frame)
+        bag.write("/camera/depth/image_raw", IMAGE, t, depth)
+        bag.transforms("/tf_static", t, TF, make.transform(t, FRAME, frame, (0.0, 0.0, 0.0)))
+
+    with RecordingCamera(make_bag(tmp_path / "a", fill)) as camera:
+        depth = next(iter(camera)).depth_raw
+    assert depth.shape == SIZE[::-1]
+    assert np.median(depth) == 1000
 
 
 def test_depth_that_cannot_be_registered_is_refused(tmp_path: Path) -> None:
@@ -237,6 +269,25 @@ def test_frames_after_a_jump_back_of_the_clock_are_left_out_and_counted(tmp_path
     recording = open_recording(make_bag(tmp_path / "a", fill, count=8))
     assert len(recording.frames.pairs) == 6
     assert "4 images left out, because their stamps do not rise" in recording.summary
+
+
+def test_frames_after_a_jump_ahead_of_the_clock_are_read(tmp_path: Path) -> None:
+    path = make_bag(tmp_path / "a", lambda bag, k: write_frame(bag, k + 100_000 * (k > 1)))
+    with RecordingCamera(path) as camera:
+        stamps_s = [frame.stamp_s for frame in camera]
+    assert len(stamps_s) == 4
+    assert stamps_s[2] - stamps_s[1] > 3000.0
+
+
+def test_a_clock_that_went_back_before_most_images_is_reported(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        t, make = stamp_ns(1000 if k == 0 else k), bag.maker
+        bag.write(INFO_TOPIC, INFO, stamp_ns(k), make.info(t))
+        bag.write(COLOR_TOPIC, IMAGE, stamp_ns(k), make.image(t, color_image(k), "bgr8"))
+        bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), make.image(t, depth_mm(k), "16UC1"))
+
+    path = make_bag(tmp_path / "a", fill, count=9)
+    assert "because the clock jumped; record again with a steady clock" in complaint(path)
 
 
 def test_color_without_depth_of_its_own_rate_is_counted(tmp_path: Path) -> None:

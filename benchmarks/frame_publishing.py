@@ -130,20 +130,20 @@ def measure(case: Case, updates: Sequence[OdometryUpdate], count: int) -> list[s
             address, prefix = HOST_ADDRESS, stack.enter_context(network_link(case.link_mbit_s))
         endpoint = f"tcp/{address}:{free_port()}"
         frames = stack.enter_context(closing(FrameOutput(config)))
-        extras = ExtraEndpoints(on_session=frames.declare)
+        extras = ExtraEndpoints(on_session=frames.declare, on_pose=frames.queue)
         poses = stack.enter_context(
             closing(ZenohOutput(ZenohConfig(listen=(endpoint,)), extra_endpoints=extras))
         )
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         arrivals = stack.enter_context(running_recorder(endpoint, folder / "poses.npz", prefix))
         readers = [start_reader(stack, prefix, endpoint, topics) for topics in case.readers]
-        publish(updates, (poses, frames), 0, WARM_UP_FRAMES)
+        publish(updates, poses, 0, WARM_UP_FRAMES)
         for reader in readers if case.is_stopped else ():
             reader.send_signal(signal.SIGSTOP)
         begin_stamp_s, begin_s, cpu_s = time.time(), time.monotonic(), time.process_time()
-        put_ms = publish(updates, (poses, frames), WARM_UP_FRAMES, count // 2)
+        put_ms = publish(updates, poses, WARM_UP_FRAMES, count // 2)
         half_kb = resident_memory_kb(os.getpid())
-        publish(updates, (poses, frames), WARM_UP_FRAMES + count // 2, count - count // 2)
+        publish(updates, poses, WARM_UP_FRAMES + count // 2, count - count // 2)
         growth_mb = (resident_memory_kb(os.getpid()) - half_kb) / 1e3
         cpu_ms = 1e3 * (time.process_time() - cpu_s) / count
         end_s = time.monotonic()
@@ -184,18 +184,17 @@ def start_reader(
 
 def publish(
     updates: Sequence[OdometryUpdate],
-    outputs: Sequence[ZenohOutput | FrameOutput],
+    poses: ZenohOutput,
     first: int,
     count: int,
 ) -> float:
-    """Publish at the frame rate; return the mean time that the outputs took of the loop, ms."""
+    """Publish at the frame rate; return the mean time that the output took of the loop, ms."""
     begin_s, busy_s = time.monotonic(), 0.0
     for i in range(count):
         time.sleep(max(0.0, begin_s + i / RATE_HZ - time.monotonic()))
         update = replace(updates[i % len(updates)], seq=first + i, stamp_s=time.time())
         started_s = time.perf_counter()
-        for output in outputs:
-            output.on_update(update)
+        poses.on_update(update)
         busy_s += time.perf_counter() - started_s
     # The next call goes on at the same rate.
     time.sleep(max(0.0, begin_s + count / RATE_HZ - time.monotonic()))

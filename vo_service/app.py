@@ -211,11 +211,12 @@ def _open_zenoh(config: OutputsConfig, zenoh: ZenohConfig, stack: ExitStack) -> 
     endpoints = config.extra_endpoints
     frame_outputs = [] if config.frames is None else open_frame_outputs(config.frames, zenoh)
     for frames in frame_outputs:
-        stack.enter_context(closing(frames))
-        endpoints = replace(endpoints, on_session=frames.declare)
+        endpoints = replace(endpoints, on_session=frames.declare, on_pose=frames.queue)
     publisher = stack.enter_context(
         closing(ZenohOutput(zenoh, delivery, config.connect_policy, endpoints))
     )
+    for frames in frame_outputs:
+        stack.enter_context(closing(frames))  # before the session
     if not publisher.warning:  # the warning names what prevents publishing
         config.log_line(f"poses: {publisher.description}")
     if config.wait_for_subscriber_s:

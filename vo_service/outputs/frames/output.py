@@ -60,8 +60,8 @@ class FrameOutputConfig:
 class FrameOutput:
     """Publishes frames on the session of the poses; `docs/reference/messages.md` has the keys.
 
-    Without a subscriber, an update costs the service's loop a microsecond. A slow thread or link
-    loses frames.
+    `ZenohOutput` calls `declare` and `queue`. Without a subscriber, an update costs a microsecond.
+    A slow thread or link loses frames.
     """
 
     def __init__(self, config: FrameOutputConfig) -> None:
@@ -122,7 +122,13 @@ class FrameOutput:
         return self._worker.dropped
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Queue the frame if somebody subscribes."""
+        """Ignore the update: its frame is queued once its pose is sent."""
+
+    def queue(self, update: OdometryUpdate) -> None:
+        """Queue the frame if somebody subscribes.
+
+        Called once the pose is sent: copying images holds Python's lock, which would delay it.
+        """
         is_wanted = any(publisher.is_wanted for publisher in self._publishers)
         if is_wanted and self._throttle.allow(update.stamp_s):
             self._worker.put(update)

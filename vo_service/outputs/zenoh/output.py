@@ -73,11 +73,13 @@ class ExtraEndpoints:
         commands: Receives commands.
         ros2: Topics for ROS 2.
         on_session: Called with each new session, to declare more on it.
+        on_pose: Called with each update once its pose is sent, on the thread that sends poses.
     """
 
     commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
     ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
     on_session: Callable[[zenoh.Session], None] = lambda _: None
+    on_pose: Callable[[OdometryUpdate], None] = lambda _: None
 
 
 class ZenohOutput:
@@ -114,6 +116,7 @@ class ZenohOutput:
         self._versions = versions()
         self._latest = LatestMessages()
         self._commands = extra_endpoints.commands
+        self._on_pose = extra_endpoints.on_pose
         self._endpoint_config = EndpointConfig(
             prefix=config.prefix,
             frame_ids=FrameIds(config.odom_frame_id, config.child_frame_id, config.map_frame_id),
@@ -185,6 +188,7 @@ class ZenohOutput:
             endpoints.publish_pose(update, payload, attachment)
         if update.map is not NO_MAP:
             self._publish_map(update)
+        self._on_pose(update)
 
     def _publish_map(self, update: OdometryUpdate) -> None:
         """Store the transform with the newest stamp; publish it if the map or epoch changed."""

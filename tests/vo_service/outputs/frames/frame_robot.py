@@ -32,7 +32,10 @@ class Robot:
         )
         self.frames = FrameOutput(settings)
         self.poses = ZenohOutput(
-            config(port), extra_endpoints=ExtraEndpoints(ros2=ros2, on_session=self.frames.declare)
+            config(port),
+            extra_endpoints=ExtraEndpoints(
+                ros2=ros2, on_session=self.frames.declare, on_pose=self.frames.queue
+            ),
         )
         self._make_update = make_update
         self._seq = 0
@@ -44,8 +47,7 @@ class Robot:
         readings = [AccelerometerReading(stamp_s, (0.0, -9.81, 0.0)) for stamp_s in stamps_s]
         frame = replace(update.frame, accelerometer=tuple(readings))
         update = replace(update, frame=frame)
-        for output in (self.poses, self.frames):
-            output.on_update(update)
+        self.poses.on_update(update)
         self._seq += 1
         return update
 

@@ -20,6 +20,7 @@ from tests.waiting import wait_until
 from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.frame_messages import decode_color_jpeg, decode_depth_png
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
+from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.ros_messages.navigation import decode_odometry
 from vo_service.ros_messages.sensors import decode_compressed_image, decode_imu, decode_point_cloud
 from vo_service.types import OdometryUpdate
@@ -146,6 +147,7 @@ def test_only_what_somebody_subscribes_to_is_encoded(
         wait_until(lambda: bool(encoded))
     wait_until(lambda: not robot.is_wanted("depth/image"))
     robot.publish()
+    robot.poses.close()
     robot.frames.close()
     assert encoded == ["depth/image"]
 
@@ -157,6 +159,20 @@ def test_a_subscriber_of_everything_gets_everything(robot: Robot, free_port: int
         wait_until(lambda: all(robot.is_wanted(name) for name in TYPES))
         robot.publish()
         wait_until(lambda: received >= {f"kinect/{name}" for name in ("odom", *TYPES)})
+
+
+def test_a_frame_is_queued_once_its_pose_is_sent(free_port: int, make_update: MakeUpdate) -> None:
+    sent: list[int] = []
+    queued: list[tuple[int, list[int]]] = []
+    extras = ExtraEndpoints(on_pose=lambda update: queued.append((update.seq, sent.copy())))
+    poses = ZenohOutput(ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",)), extra_endpoints=extras)
+    (endpoints,) = poses._endpoints
+    endpoints.publish_pose = lambda update, *_: sent.append(update.seq)  # type: ignore[method-assign]
+    for seq in range(3):
+        poses.on_update(make_update(seq))
+    poses.close()
+    assert queued[-1] == (2, [0, 1, 2])
+    assert all(seq == done[-1] for seq, done in queued)
 
 
 def test_the_rate_is_limited(free_port: int, make_update: MakeUpdate) -> None:
@@ -223,7 +239,7 @@ def test_a_frame_that_cannot_be_encoded_is_a_warning_until_the_next(
 ) -> None:
     with subscribed(robot, free_port, "points") as subscriber:
         update = make_update(0)
-        robot.frames.on_update(replace(update, stamp_s=float("inf")))
+        robot.frames.queue(replace(update, stamp_s=float("inf")))
         wait_until(lambda: "stamp inf is not a time" in robot.frames.warning)
         robot.publish()
         subscriber.wait()

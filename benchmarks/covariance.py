@@ -24,10 +24,9 @@ from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, inverse
-from drivers.core.trajectory import Trajectory, nearest_indices
+from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
 from drivers.recording_camera import RecordingCamera
-from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
+from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.uncertainty import CovarianceAccumulator

@@ -14,7 +14,7 @@ from benchmarks.harness import Json
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.direct import parameters
 from vo_service.tools.evaluation import evaluate

@@ -24,9 +24,9 @@ from benchmarks.feature_scores import FeatureMethod, FeatureScore, make_all_meth
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
 from benchmarks.image_transforms import Gray, all_transforms
 from drivers.core.errors import InputError
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera
-from drivers.synthetic.config import SyntheticConfig
-from drivers.tum.folder import read_frame_pairs
+from drivers.tum import read_frame_pairs
 
 SYNTHETIC = SyntheticConfig(duration_s=18.0, rate_hz=1 / 3)  # six views, far apart
 TIMING_ROUNDS = 5

@@ -27,7 +27,7 @@ from benchmarks.harness import add_json_option, make_printer, print_json
 from benchmarks.map_error import distances_m, make_solids, render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, rigid_transform, transform_points
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 

@@ -24,7 +24,7 @@ from benchmarks.tracking import HardCaseResult, measure, read_all_frames, track
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import Array, inverse, rotation_angle_rad
 from drivers.recording_camera import RecordingCamera
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from vo_service.config import read_config
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up

@@ -24,8 +24,7 @@ from benchmarks.harness import add_json_option, format_table, make_printer, prin
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, inverse
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.icp.alignment import FINE_ONLY, align
 from vo_service.odometry.icp.depth_pyramid import build_depth_pyramid

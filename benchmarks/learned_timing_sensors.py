@@ -11,8 +11,8 @@ from benchmarks.tracking import track_changed
 from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
-from drivers.synthetic.config import ShutterTiming, SyntheticConfig
-from drivers.tum.folder import open_tum_folder
+from drivers.synthetic import ShutterTiming, SyntheticConfig
+from drivers.tum import open_tum_folder
 
 MAX_READOUT_S = 0.033
 DELAYS_S = (-0.010, 0.015)

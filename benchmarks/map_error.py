@@ -18,10 +18,9 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.files import cache_folder
-from drivers.core.geometry import Array, inverse, transform_points
-from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.core.geometry import Array, Trajectory, inverse, read_trajectory, transform_points
+from drivers.synthetic import KINECT_COLOR, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
-from drivers.synthetic.config import KINECT_COLOR, SyntheticConfig
 from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from benchmarks.rendered_sequences import render_all
 from drivers.core.errors import InputError
-from drivers.core.trajectory import read_trajectory
-from drivers.synthetic.config import ShutterTiming, SyntheticConfig
+from drivers.core.geometry import read_trajectory
+from drivers.synthetic import ShutterTiming, SyntheticConfig
 
 TRACK_SUFFIX = "-groundtruth.txt"
 SEEDS = (11, 12, 13)

@@ -30,7 +30,7 @@ from benchmarks.rendered_views import compute_true_poses, make_tour_config, make
 from benchmarks.tour_record import LoopClosureRunner
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.fault_injection import ImageSource
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.registry import METHODS, warm_up

@@ -18,9 +18,8 @@ import numpy as np
 from benchmarks.harness import add_json_option, make_printer, print_json
 from benchmarks.map_error import SurfaceError, make_solids, render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
-from drivers.synthetic.config import SyntheticConfig
+from drivers.core.geometry import Array, Trajectory
+from drivers.synthetic import SyntheticConfig
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.reconstruction.reconstructor import FramePoses

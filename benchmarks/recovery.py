@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from benchmarks.harness import add_json_option, make_printer, print_json
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.geometry import Array, so3_exp
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, so3_exp
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.features import FeatureView, SurfParameters
 from vo_service.odometry.registry import warm_up

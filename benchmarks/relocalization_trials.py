@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.rendered_views import THREADS, ObservedView, make_tour_frame, max_overlap
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.fault_injection import ImageSource, RenderedImages
 from drivers.synthetic.frame_provider import render_all
 from vo_service.terminal import Terminal

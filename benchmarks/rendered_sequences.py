@@ -16,9 +16,9 @@ from benchmarks.rendered_views import THREADS, make_frame, prefetch
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
+from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.color_sensor import gain_at
-from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.renderer import NoiselessFrame, Renderer, make_renderer
 from drivers.tum.writer import TumWriter
 

@@ -15,8 +15,8 @@ from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
 from drivers.recording_camera import RecordingCamera
+from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations, rotations_from_vectors
-from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel, make_renderer

@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.tracking import read_all_frames
 from drivers.calibration import find_calibration, format_calibration
 from drivers.camera import PlaybackMode
-from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.core.geometry import Trajectory, read_trajectory
 from drivers.recording_camera import RecordingCamera
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames

@@ -31,7 +31,7 @@ from benchmarks.interference import CASES, InterferenceCase, InterferenceSetup
 from benchmarks.pose_arrivals import ArrivalRecorder, running_recorder
 from benchmarks.service_load import ProcessorUse, descendants_of, measure_processor_use
 from drivers.core.files import cache_folder
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.vo_service.subscriber import StatusContent

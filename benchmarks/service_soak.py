@@ -27,7 +27,7 @@ from benchmarks.pose_arrivals import wall_clock_offset_s
 from benchmarks.service_load import descendants_of, measure_processor_use
 from benchmarks.soak_record import SoakRecord, SoakSample, check_soak
 from drivers.core.files import cache_folder
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from tests.resource_leaks import count_open_files_of, is_alive, resident_memory_kb
 from tests.vo_service.service_process import ServiceProcess, running_service

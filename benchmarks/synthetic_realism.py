@@ -20,10 +20,9 @@ from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.core.geometry import Array, transform_points
-from drivers.core.trajectory import read_trajectory
+from drivers.core.geometry import Array, read_trajectory, transform_points
+from drivers.synthetic import NO_DISTORTION, SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera
-from drivers.synthetic.config import NO_DISTORTION, SyntheticConfig
 
 FREIBURG1 = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)
 FREIBURG1_LENS = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)

@@ -18,7 +18,7 @@ from pathlib import Path
 from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import read_all_frames
 from drivers.recording_camera import RecordingCamera
-from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
+from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
 from vo_service.tools.calibration.timing_measurement import TimingMeasurement
 
 ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer

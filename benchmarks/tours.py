@@ -36,9 +36,8 @@ from benchmarks.tour_record import (
 )
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, inverse, poses_close
-from drivers.core.trajectory import Trajectory
-from drivers.synthetic.config import SyntheticConfig
+from drivers.core.geometry import Array, Trajectory, inverse, poses_close
+from drivers.synthetic import SyntheticConfig
 from vo_service.odometry.registry import METHODS, warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation import evaluate

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory
 from drivers.recording_camera import RecordingCamera
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     )
     from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
     from drivers.registry import open_camera
-    from drivers.synthetic.config import SyntheticConfig
+    from drivers.synthetic import SyntheticConfig
 
 # Where each name is; mypy and editors see the imports above instead.
 _MODULES = {
@@ -58,7 +58,7 @@ _MODULES = {
     "RgbdCamera": "drivers.camera",
     "RgbdFrame": "drivers.camera",
     "SensorConfig": "drivers.camera",
-    "SyntheticConfig": "drivers.synthetic.config",
+    "SyntheticConfig": "drivers.synthetic",
     "open_camera": "drivers.registry",
 }
 

@@ -16,10 +16,9 @@ from typing import Annotated, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core.config import Field
 from drivers.core.errors import CameraError
-from drivers.core.fields import Field
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory
 
 
 class Led(StrEnum):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core.errors import CameraError, InputError
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from drivers.recording.frames import FrameReader
 from drivers.recording.images import UnreadableFrameError
 from drivers.recording.prefetch import (
@@ -19,7 +19,7 @@ from drivers.recording.prefetch import (
     RealtimeBuffer,
 )
 from drivers.recording.recording import FramePair, ImageTopics, Recording
-from drivers.tum.folder import open_tum_folder
+from drivers.tum import open_tum_folder
 
 BAG_SUFFIXES = (".mcap", ".bag", ".db3")
 

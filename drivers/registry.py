@@ -12,7 +12,7 @@ from drivers.camera import CameraFactory, Clock, PlaybackMode, RgbdCamera, Senso
 from drivers.core.errors import InputError
 from drivers.core.files import cache_folder
 from drivers.core.plugins import PluginGroup
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 
 ONI_SUFFIX = ".oni"
 SENSORS = ("freenect", "openni2")

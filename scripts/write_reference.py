@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_origin
 
-from drivers.core.fields import TypedField, typed_fields
+from drivers.core.config import TypedField, typed_fields
 from scripts.command_reference import render_commands, render_completion, render_man_page
 from vo_service.cli.config import format_type, render_reference
 from vo_service.outputs.zenoh.json_schemas import VERSIONS_DESCRIPTION, all_schemas

@@ -22,8 +22,7 @@ from drivers.core.files import kernel_folder
 # Set before any import that compiles; processes that tests start use the same kernels.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 
-from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, rigid_transform, so3_exp
 from drivers.tum.writer import TumWriter
 from tests.forked_process import WORKERS, forked_workers
 from tests.simulators.fixtures import (  # noqa: F401

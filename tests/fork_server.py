@@ -31,11 +31,11 @@ def load() -> None:
 
     import vo_service.cli.replay
     import vo_service.cli.run  # noqa: F401
-    from drivers.core.depth_packing import compile_kernels
     from tests.forked_process import WORKERS
     from tests.warm_ups import skip_repeated_warm_ups
     from vo_service.cli.warm_up import prepare_kernels
     from vo_service.config import Config
+    from vo_service.frame_record import compile_kernels
     from vo_service.reconstruction.warm_up import warm_up_reconstruction
     from vo_service.signals import StopSignal
     from vo_service.slam import synchronous_loop_closure

@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from drivers.core.process import worker_process
+from drivers.core import process
 from tests.waiting import DEFAULT_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
@@ -91,7 +91,7 @@ def run_module(module: str, *arguments: str) -> "subprocess.CompletedProcess[str
 def start_worker(
     function: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
-    """Replace `start_worker` of `drivers.core.process.worker_process` by a `ForkedProcess`."""
+    """Replace `start_worker` of `drivers.core.process` by a `ForkedProcess`."""
     program = "import sys\nfrom drivers.core.process.worker_main import main\n"
     return ForkedProcess(
         [
@@ -118,7 +118,7 @@ def _program_of(module: str) -> str:
 @contextmanager
 def forked_workers(functions: Collection[str]) -> Iterator[None]:
     """Let this process fork the workers that run one of these functions."""
-    real, conditions = worker_process.start_worker, _start_conditions()
+    real, conditions = process.start_worker, _start_conditions()
 
     def start(function: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
         # A test that changes these needs a new process.
@@ -126,7 +126,7 @@ def forked_workers(functions: Collection[str]) -> Iterator[None]:
         return (start_worker if is_forked else real)(function, *args, **kwargs)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(worker_process, "start_worker", start)
+        patch.setattr(process, "start_worker", start)
         yield
 
 

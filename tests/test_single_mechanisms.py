@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 # reason for each beside the mechanism's own file.
 SINGLE = {
     "Popen": {
-        "drivers/core/process/worker_process.py",
+        "drivers/core/process/__init__.py",
         "vo_service/outputs/rerun/web_viewer_server.py",  # Rerun's own program, for a moment
     },
     "Process": {
@@ -23,7 +23,7 @@ SINGLE = {
     "memfd_create": {"drivers/core/record_ring.py"},
     "SharedMemory": set(),
     "Condition": {
-        "drivers/core/queues.py",
+        "drivers/core/flow_control.py",
         "drivers/recording/prefetch.py",  # frames with a due time
         "vo_service/client/frame.py",  # the newest frame, made of several messages
         "vo_service/client/subscription.py",  # the newest pose, which is not taken

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import CameraError
-from drivers.core.memory import release_memory
+from drivers.core.jit import release_memory
 from drivers.reconnect import ReconnectingCamera
 from vo_service.clock import make_publish_clock
 from vo_service.config import Config, ConfigChanges
@@ -26,7 +26,6 @@ from vo_service.odometry.profiling import CpuStageTimer
 from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
-from vo_service.sensor_memory import NullSensorMemory, SensorMemory
 from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
@@ -40,9 +39,11 @@ from vo_service.types.outputs import (
     NullLoopClosure,
     NullMapper,
     NullRecorder,
+    NullSensorMemory,
     Output,
     PausableViewer,
     Recorder,
+    SensorMemory,
     no_ground_truth,
 )
 
@@ -186,6 +187,15 @@ def open_mapper(config: Config) -> Mapper:
     from vo_service.slam.mapper.live_mapper import open_mapper
 
     return open_mapper(config.map)
+
+
+def open_sensor_memory(config: Config, camera: RgbdCamera) -> SensorMemory:
+    """Open the memory of sensors; a `NullSensorMemory` if it is off, fails, or has no sensor."""
+    if camera.clock is Clock.RECORDED:
+        return NullSensorMemory()
+    from vo_service.sensor_memory import open_sensor_memory
+
+    return open_sensor_memory(config.odometry.timing)
 
 
 def _open_mcap(config: OutputsConfig, path: Path, stack: ExitStack) -> Output:

@@ -10,13 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from drivers.camera import PlaybackMode, SensorConfig
-from drivers.core.config import read_toml
+from drivers.core.config import Field, read_toml, typed_fields
 from drivers.core.errors import UserFacingError
-from drivers.core.fields import Field, typed_fields
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
 from drivers.core.plugins import PluginGroup
 from drivers.registry import CAMERA_USAGES, CAMERAS, describe_cameras
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from vo_service.config_tables import (
     CommandConfig,
     FramesConfig,

@@ -33,8 +33,7 @@ from drivers.calibration import (
 )
 from drivers.core.config import parse_toml
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory
 from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import (
     AccelerometerSeries,

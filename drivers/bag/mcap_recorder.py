@@ -18,7 +18,7 @@ from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import free_disk_bytes, is_disk_full
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from drivers.recording.frames import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
 from drivers.recording.images import BgrImage, ColorFormat, DepthImage, encode_image
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.core.geometry import Array, inverse, transform_from_pose
-from drivers.core.trajectory import Trajectory, nearest_indices
+from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices, transform_from_pose
 
 # Larger changes of a transform are motion: its elements in meters, or without unit.
 MAX_CONSTANT_CHANGE = 1e-6

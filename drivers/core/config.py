@@ -1,13 +1,234 @@
-"""TOML files read into dataclasses, with errors that name file, line and key."""
+"""TOML and JSON read into dataclasses, with errors that name file, line and key.
 
+A field is declared once, ``rate_hz: Annotated[float, Field("frames a second", minimum=1)] = 30.0``
+or, without limits, ``rate_hz: Annotated[float, "frames a second"] = 30.0``. The reader of TOML and
+JSON, the error messages, the JSON Schemas and the reference pages use this declaration.
+"""
+
+import dataclasses
+import difflib
+import json
+import math
 import re
 import tomllib
-from collections.abc import Iterator
+import types
+from collections.abc import Iterable, Iterator, Mapping
+from enum import StrEnum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from drivers.core.errors import InputError
-from drivers.core.fields import FieldError, KeyPath, build_dataclass, format_value
+
+KeyPath = tuple[str, ...]
+T = TypeVar("T")
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """Description and limits of a field: minimum <= value <= maximum, value > exclusive_minimum.
+
+    Attributes:
+        description: One phrase, with the unit.
+        minimum: Least number, or least number in the field's list.
+        maximum: Greatest number.
+        exclusive_minimum: Number that every value exceeds.
+        pattern: Regular expression that a text matches completely; "" = any text.
+        pattern_name: The pattern in words.
+        choices: The only allowed values of a text; () = any that the type has.
+        is_reloadable: Whether a change takes effect while the service runs.
+    """
+
+    description: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    exclusive_minimum: float = -math.inf
+    pattern: str = ""
+    pattern_name: str = ""
+    choices: tuple[str, ...] = ()
+    is_reloadable: bool = False
+
+    @property
+    def hint(self) -> str:
+        """The description in parentheses, to append to a message; "" if there is none."""
+        return f" ({self.description})" if self.description else ""
+
+    @property
+    def range_text(self) -> str:
+        """The range in words; "" if it is unbounded."""
+        bounds = []
+        if self.minimum > -math.inf:
+            bounds.append(f"at least {self.minimum:.15g}")
+        if self.exclusive_minimum > -math.inf:
+            bounds.append(f"more than {self.exclusive_minimum:.15g}")
+        if self.maximum < math.inf:
+            bounds.append(f"at most {self.maximum:.15g}")
+        return " and ".join(bounds)
+
+
+@dataclasses.dataclass(frozen=True)
+class TypedField:
+    """A field of a dataclass as its declaration describes it.
+
+    Attributes:
+        name: Name of the field.
+        kind: Type of the value, without ``| None``.
+        spec: Description and limits.
+        default: Default value; `dataclasses.MISSING` without one.
+        is_required: Whether there is neither a default nor a default factory.
+    """
+
+    name: str
+    kind: Any
+    spec: Field
+    default: Any
+    is_required: bool
+
+
+def typed_fields(kind: type[Any]) -> list[TypedField]:
+    """Return the fields of a dataclass, in order."""
+    hints = get_type_hints(kind, include_extras=True)
+    return [
+        TypedField(
+            field.name,
+            *_split_annotation(hints[field.name]),
+            field.default,
+            field.default is field.default_factory is dataclasses.MISSING,
+        )
+        for field in dataclasses.fields(kind)
+    ]
+
+
+def _split_annotation(annotation: Any) -> tuple[Any, Field]:
+    """Split ``Annotated[T | None, spec]`` into T and the spec; a text is a description."""
+    spec: Any = ""
+    if get_origin(annotation) is Annotated:
+        annotation, spec = get_args(annotation)
+    if get_origin(annotation) in (types.UnionType, Union):
+        annotation = next(arm for arm in get_args(annotation) if arm is not types.NoneType)
+    return annotation, spec if isinstance(spec, Field) else Field(spec)
+
+
+class FieldError(Exception):
+    """A value that does not fit the field's declaration; the text has the reason and what to do.
+
+    Attributes:
+        path: Names of the tables around the field and of the field; () = the whole object.
+    """
+
+    def __init__(self, path: KeyPath, reason: str) -> None:
+        super().__init__(reason)
+        self.path = path
+
+
+def build_dataclass(kind: type[T], values: Mapping[str, Any], path: KeyPath = ()) -> T:
+    """Check parsed values of TOML or JSON and build the dataclass.
+
+    Args:
+        kind: The dataclass. Its `__post_init__` may raise ValueError or InputError.
+        values: By name of the field: the parsed value.
+        path: Names of the tables around it, for errors.
+
+    Raises:
+        FieldError: For the first unknown, missing or wrong value.
+    """
+    fields = {field.name: field for field in typed_fields(kind)}
+    for key in values:
+        if key not in fields:
+            raise FieldError((*path, key), f"is unknown; {_suggest_name(key, fields)}")
+    converted = {}
+    for name, field in fields.items():
+        if name in values:
+            converted[name] = _convert(field.kind, values[name], field.spec, (*path, name))
+        elif field.is_required:
+            raise FieldError((*path, name), f"is missing; add `{name} = ...`{field.spec.hint}")
+    try:
+        return kind(**converted)
+    except (ValueError, InputError) as error:
+        raise FieldError(path, str(error)) from error
+
+
+def _convert(kind: Any, value: Any, spec: Field, path: KeyPath) -> Any:
+    """Check a parsed value and convert it to the type `kind`."""
+    if dataclasses.is_dataclass(kind):
+        _check_type(isinstance(value, dict), "a table", value, spec, path)
+        return build_dataclass(cast(type[Any], kind), value, path)
+    if get_origin(kind) in (list, tuple):
+        return _convert_sequence(kind, value, spec, path)
+    if kind is float or kind is int:
+        return _convert_number(kind, value, spec, path)
+    if kind is bool:
+        _check_type(isinstance(value, bool), "true or false", value, spec, path)
+        return value
+    if not issubclass(kind, (str, Path)):
+        raise TypeError(f"settings of type {kind} cannot be read: {'.'.join(path)}")
+    return _convert_text(kind, value, spec, path)
+
+
+def _convert_sequence(kind: Any, value: Any, spec: Field, path: KeyPath) -> Any:
+    items = get_args(kind)
+    length = None if get_origin(kind) is list or items[-1] is ... else len(items)
+    expected = "a list" if length is None else f"a list of {length}"
+    is_valid = isinstance(value, list) and length in (None, len(value))
+    _check_type(is_valid, expected, value, spec, path)
+    return get_origin(kind)(_convert(items[0], item, spec, path) for item in value)
+
+
+def _convert_number(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> Any:
+    allowed = (int, float) if kind is float else (int,)
+    is_number = isinstance(value, allowed) and not isinstance(value, bool)
+    expected = "a number" if kind is float else "a whole number"
+    expected += f", {spec.range_text}" if spec.range_text else ""
+    _check_type(is_number, expected, value, spec, path)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise FieldError(path, f"{value} is not allowed; give a finite number{spec.hint}")
+    if value < spec.minimum or value > spec.maximum or value <= spec.exclusive_minimum:
+        text = format_value(value)
+        raise FieldError(path, f"{text} is out of range; give {spec.range_text}{spec.hint}")
+    try:
+        return kind(value)
+    except OverflowError as error:
+        raise FieldError(path, "is too large for a number; shorten it") from error
+
+
+def _convert_text(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> Any:
+    _check_type(isinstance(value, str), "text in double quotes", value, spec, path)
+    choices = spec.choices or (tuple(kind) if issubclass(kind, StrEnum) else ())
+    if choices and value not in choices:
+        text = format_value(value)
+        raise FieldError(path, f"{text} is not a choice; {_suggest_name(value, choices)}")
+    if spec.pattern and not re.fullmatch(spec.pattern, value):
+        raise FieldError(path, f"{format_value(value)} is not valid; give {spec.pattern_name}")
+    return kind(value)
+
+
+def _check_type(is_valid: bool, expected: str, value: Any, spec: Field, path: KeyPath) -> None:
+    if not is_valid:
+        text = format_value(value)
+        raise FieldError(path, f"{text} is the wrong type; give {expected}{spec.hint}")
+
+
+def format_value(value: Any) -> str:
+    """Format a parsed value briefly, about as a file has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        text = json.dumps(value, ensure_ascii=False)
+        return text if len(text) <= 60 else f'{text[:57]}..."'
+    if isinstance(value, dict):
+        return "a table"
+    return f"a list of {len(value)}" if isinstance(value, list) else _format_number(value)
+
+
+def _format_number(value: Any) -> str:
+    # Python refuses to print whole numbers of thousands of digits.
+    is_long = isinstance(value, int) and value.bit_length() > 128
+    return "a number of too many digits" if is_long else str(value)
+
+
+def _suggest_name(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    return f"did you mean `{close[0]}`?" if close else f"known here: {', '.join(names) or 'none'}"
 
 
 def find_key_lines(text: str) -> dict[KeyPath, int]:
@@ -74,7 +295,6 @@ def _key_paths(parsed: dict[str, Any]) -> Iterator[KeyPath]:
 
 
 SCHEMA_VERSION = 1
-T = TypeVar("T")
 
 
 def read_toml(path: Path, kind: type[T]) -> T:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.camera import Clock, SensorConfig
-from drivers.core.queues import BoundedQueue, DropOldestQueue
+from drivers.core.flow_control import BoundedQueue, DropOldestQueue
 from drivers.freenect.context import FreenectContext, FreenectDevice
 from drivers.freenect.factory_calibration import (
     DepthFilter,

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.camera import Clock, EndOfStream, PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
+from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.freenect.context import FreenectContext, FreenectDevice
 from drivers.freenect.device_source import DeviceCalibration, StreamTimeouts
 from drivers.freenect.factory_calibration import ValidDepthMask, all_depths_to_10_m

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration
 from drivers.camera import MAX_ACCELEROMETER_READINGS, AccelerometerReading
-from drivers.core.geometry import Array, Vector, is_gravity
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, Vector, is_gravity
 from drivers.recording.images import BgrImage, DepthImage, UnreadableFrameError
 from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
 

@@ -19,9 +19,9 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError
+from drivers.core.geometry import Trajectory
+from drivers.core.process import WorkerFailed, WorkerSpec
 from drivers.core.process.supervisor import ExponentialBackoff, WorkerSupervisor
-from drivers.core.process.worker_process import WorkerFailed, WorkerSpec
-from drivers.core.trajectory import Trajectory
 from drivers.reconnect import ConnectionPhase
 from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingReader
 from drivers.subprocess_camera.messages import (

@@ -10,8 +10,8 @@ from drivers.camera import (
     PlaybackMode,
     RgbdCamera,
 )
-from drivers.core.process.worker_process import Heartbeat, WorkerFailed
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
+from drivers.core.process import Heartbeat, WorkerFailed
 from drivers.reconnect import INITIAL_RETRY_S, MAX_RETRY_S, ConnectionPhase
 from drivers.subprocess_camera.frame_ring import FrameRingFds
 

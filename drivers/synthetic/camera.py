@@ -19,9 +19,8 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Vector
-from drivers.core.trajectory import Trajectory
-from drivers.synthetic.config import FaultKind, SyntheticConfig
+from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Trajectory, Vector
+from drivers.synthetic import FaultKind, SyntheticConfig
 from drivers.synthetic.fault_injection import FaultInjector
 from drivers.synthetic.frame_provider import (
     BackgroundFrameProvider,

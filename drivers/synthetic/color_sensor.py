@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.synthetic.config import ColorSensorModel
+from drivers.synthetic import ColorSensorModel
 from drivers.synthetic.raycast import Floats
 
 MAX_BLUR_TAPS = 12

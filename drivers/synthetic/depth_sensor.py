@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.synthetic.config import DepthSensorModel
+from drivers.synthetic import DepthSensorModel
 from drivers.synthetic.raycast import FAR_M, Floats
 
 # The sensor matches windows of 9 x 9 pixels, so neighbors share their errors.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.synthetic.config import Fault, FaultKind
+from drivers.synthetic import Fault, FaultKind
 
 Image = NDArray[np.uint8]
 Depth = NDArray[np.uint16]

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from drivers.core.errors import CameraLostError
-from drivers.core.process.worker_process import WorkerFailed, WorkerProcess, WorkerSpec
-from drivers.synthetic.config import SyntheticConfig
+from drivers.core.process import WorkerFailed, WorkerProcess, WorkerSpec
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.render_messages import (
     ReaderPosition,

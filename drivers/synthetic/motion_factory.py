@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion
-from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.handheld_motion import ROOM_SWEEP, FloorMotion, HandheldMotion
 from drivers.synthetic.scripted_motion import (
     CreepMotion,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.rendered_sequence import SequenceFiles
 
 

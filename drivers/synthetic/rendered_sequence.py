@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.errors import CameraError, InputError
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.fault_injection import RenderedImages
 
 MAX_SEQUENCE_BYTES = 3 << 30

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
 from drivers.rectify import make_undistorter
-from drivers.synthetic import color_sensor, depth_sensor
+from drivers.synthetic import SyntheticConfig, color_sensor, depth_sensor
 from drivers.synthetic.camera_motion import CameraMotion
-from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.dynamic_objects import DynamicObject, make_dynamic_objects
 from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.lighting import make_lights

@@ -5,8 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, quaternion_from_rotation, so3_exp
-from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.core.geometry import (
+    Array,
+    Trajectory,
+    quaternion_from_rotation,
+    read_trajectory,
+    so3_exp,
+)
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera_motion import (
     CameraMotion,
     CubicSpline,
@@ -15,7 +21,6 @@ from drivers.synthetic.camera_motion import (
     rotations_from_vectors,
     smootherstep,
 )
-from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.handheld_motion import ROOM_SWEEP, HandheldMotion, HandheldProfile
 
 # A hand that holds the camera level, two meters from the wall at +y.

@@ -17,8 +17,7 @@ from drivers.calibration import (
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
-from drivers.core.geometry import Vector
-from drivers.core.trajectory import Trajectory, format_pose_line
+from drivers.core.geometry import Trajectory, Vector, format_pose_line
 from drivers.recording.frames import (
     EARLIEST_STAMPS,
     EncodedFrame,
@@ -29,7 +28,7 @@ from drivers.recording.frames import (
     round_to_microseconds,
 )
 from drivers.recording.images import ColorFormat
-from drivers.tum.folder import AccelerometerWriter
+from drivers.tum import AccelerometerWriter
 
 _log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from benchmarks.rendered_sequences import render
 from benchmarks.tracking import longest_gap_s, measure
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.plugins import PluginGroup
-from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig
 from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate
 

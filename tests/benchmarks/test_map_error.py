@@ -7,8 +7,15 @@ import pytest
 
 from benchmarks.map_error import MapError, measure
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
-from drivers.core.trajectory import Trajectory, format_pose_line
+from drivers.core.geometry import (
+    Array,
+    Trajectory,
+    format_pose_line,
+    inverse,
+    rigid_transform,
+    so3_exp,
+    transform_points,
+)
 from drivers.synthetic.solids import Solid, SolidKind
 from vo_service.reconstruction.mesh import Mesh, write_ply
 

@@ -10,8 +10,8 @@ from benchmarks.mocap_sequences import TIMINGS, make_configs
 from benchmarks.rendered_sequences import StaticView, is_complete, render, render_all
 from drivers.camera import PinholeCamera
 from drivers.core.errors import InputError
-from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
-from drivers.tum.folder import open_tum_folder
+from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.tum import open_tum_folder
 
 pytestmark = pytest.mark.slow
 

@@ -22,9 +22,8 @@ from benchmarks.tour_record import LoopClosureRecord, OdometryRunner, TourRecord
 from benchmarks.tours import run_tour, summarize
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, inverse
-from drivers.core.trajectory import Trajectory
-from drivers.synthetic.config import SyntheticConfig
+from drivers.core.geometry import Array, Trajectory, inverse
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.renderer import make_renderer
 from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate

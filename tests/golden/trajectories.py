@@ -26,8 +26,8 @@ import numpy as np
 
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera
 from drivers.recording_camera import RecordingCamera
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
-from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import run_replay
 from vo_service.config import Config, OdometryConfig
 from vo_service.frame_source import SinglePassSource

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.process import worker_process
+from drivers.core import process
 from tests.forked_process import forked_workers
 from tests.shared_fixture import make_once
 from tests.vo_service.service_process import KINECT_VO, START_TIMEOUT_S
@@ -24,7 +24,7 @@ def patience() -> Iterator[None]:
     service in this very process would be ended by force, and pytest with it.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(worker_process, "FINISHING_TIMEOUT_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(process, "FINISHING_TIMEOUT_S", DEFAULT_TIMEOUT_S)
         patch.setattr(run, "MAX_SHUTDOWN_S", DEFAULT_TIMEOUT_S)
         yield
 

@@ -6,8 +6,8 @@ import os
 import signal
 import time
 
+from drivers.core.process import Heartbeat
 from drivers.core.process.service_connection import ServiceConnection
-from drivers.core.process.worker_process import Heartbeat
 
 PERIOD_S = 0.05
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, RgbdCamera, RgbdFrame
-from drivers.synthetic.config import Fault, FaultKind
+from drivers.synthetic import Fault, FaultKind
 from drivers.synthetic.fault_injection import FaultInjector, RenderedImages
 from tests.vo_service.corner_sequence import corner_pose
 from tests.vo_service.odometry.synthetic_views import render_corner

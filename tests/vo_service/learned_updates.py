@@ -8,7 +8,7 @@ from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
 from drivers.camera import RgbdFrame, TimingPrior
 from tests.vo_service.fakes import good_estimate, make_frame
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
-from vo_service.remembered_sensor import RememberedFocalLength, RememberedSensor
+from vo_service.sensor_memory import RememberedFocalLength, RememberedSensor
 from vo_service.types import LEARNED_TIMING, OdometryUpdate, OnlineFocalLength, OnlineTiming
 
 SERIAL = "A00123456789012A"

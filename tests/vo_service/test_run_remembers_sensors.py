@@ -24,7 +24,7 @@ from tests.vo_service.service_process import (
     ServiceProcess,
     running_service,
 )
-from vo_service.remembered_sensor import (
+from vo_service.sensor_memory import (
     RememberedSensor,
     read_remembered_sensor,
     sensor_folder,

@@ -21,18 +21,16 @@ from tests.vo_service.learned_updates import (
     sensor_frame,
 )
 from tests.waiting import wait_until
-from vo_service.remembered_sensor import (
+from vo_service.sensor_memory import (
+    SAVE_INTERVAL_S,
     RememberedSensor,
+    SensorFiles,
+    open_sensor_memory,
     read_remembered_sensor,
     sensor_file,
     write_remembered_sensor,
 )
-from vo_service.sensor_memory import (
-    SAVE_INTERVAL_S,
-    NullSensorMemory,
-    SensorFiles,
-    open_sensor_memory,
-)
+from vo_service.types.outputs import NullSensorMemory
 
 OTHER = replace(LEARNED, serial="B2", readout_s=0.027)
 

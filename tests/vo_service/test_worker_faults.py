@@ -12,7 +12,7 @@ from typing import Protocol
 import pytest
 
 from drivers.camera import Clock, PlaybackMode
-from drivers.core.process import worker_process
+from drivers.core import process
 from drivers.core.record_ring import RecordRingWriter
 from drivers.subprocess_camera import camera as camera_client
 from drivers.subprocess_camera.camera import SubprocessCamera
@@ -26,8 +26,8 @@ from vo_service.outputs.recorder.messages import RecorderWorkerConfig
 from vo_service.outputs.rerun import output as viewer_client
 from vo_service.outputs.rerun.messages import InitialState, RerunWorkerConfig
 from vo_service.outputs.rerun.sinks import RrdFileSink
+from vo_service.slam.mapper import MapperWorkerConfig
 from vo_service.slam.mapper import client as mapper_client
-from vo_service.slam.mapper.messages import MapperWorkerConfig
 
 pytestmark = pytest.mark.subprocess
 
@@ -114,7 +114,7 @@ def make_faulty(
         opened.append(open_worker(tmp_path))
         return opened[0]
 
-    monkeypatch.setattr(worker_process, "FINISHING_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(process, "FINISHING_TIMEOUT_S", 0.5)
     with forked_workers(FUNCTIONS):
         yield make
         opened[0].close()

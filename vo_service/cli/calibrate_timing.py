@@ -23,7 +23,7 @@ from vo_service.cli.recordings import open_requested
 from vo_service.cli.warm_up import run_warm_up
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
-from vo_service.remembered_sensor import (
+from vo_service.sensor_memory import (
     SAME_FOCAL_PX,
     RememberedSensor,
     find_remembered_sensors,

@@ -4,8 +4,8 @@ import argparse
 import inspect
 import json
 
+from drivers.core.config import typed_fields
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.fields import typed_fields
 from vo_service.cli.options import add_connection_options, parse_seconds
 from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.client.client import REPLY_TIMEOUT_S

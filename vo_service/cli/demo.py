@@ -8,9 +8,9 @@ from pathlib import Path
 
 from drivers.camera import PlaybackMode
 from drivers.core.files import atomic_write, create_output_folder
-from drivers.core.trajectory import Trajectory, format_pose_line
+from drivers.core.geometry import Trajectory, format_pose_line
 from drivers.registry import open_camera
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from vo_service.app import OutputsConfig, frames_config, open_outputs, run_replay
 from vo_service.cli.options import (
     add_config_options,

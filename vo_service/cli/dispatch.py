@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from drivers.core.errors import UserFacingError
 from drivers.core.files import kernel_folder
-from drivers.core.memory import limit_freed_memory
+from drivers.core.jit import limit_freed_memory
 from vo_service.logs import log_to_stderr
 from vo_service.signals import EXIT_CODE_SIGINT
 from vo_service.terminal import clear_line

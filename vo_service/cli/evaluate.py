@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.core.geometry import Array, Trajectory, read_trajectory
 from drivers.recording_camera import RecordingFormat, recording_format
-from drivers.tum.folder import read_frame_pairs
+from drivers.tum import read_frame_pairs
 from vo_service.cli.options import add_topics_option
 from vo_service.cli.recordings import open_and_announce
 from vo_service.tools.evaluation import Evaluation, evaluate

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import atomic_write
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory, format_pose_line
+from drivers.core.geometry import Array, Trajectory, format_pose_line
 from vo_service.cli.warm_up import prepare_loop_closure
 from vo_service.config import Config
 from vo_service.signals import StopSignal

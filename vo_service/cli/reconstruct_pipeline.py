@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from drivers.camera import RgbdCamera
 from drivers.core.errors import InputError
 from drivers.core.files import atomic_write, create_output_folder
-from drivers.core.trajectory import (
+from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Trajectory,
     format_pose_line,

@@ -19,11 +19,11 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from drivers.recording.images import ColorFormat
 from drivers.recording_camera import BAG_SUFFIXES, check_bag_packages
 from drivers.registry import open_camera
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.tum.writer import TumWriter
 from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics
 from vo_service.clock import make_publish_clock

@@ -11,7 +11,7 @@ import zenoh
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import InputError
 from drivers.core.files import rotate_file
-from drivers.core.memory import release_memory
+from drivers.core.jit import release_memory
 from drivers.registry import open_camera
 from vo_service.app import (
     OutputsConfig,
@@ -21,6 +21,7 @@ from vo_service.app import (
     open_mapper,
     open_outputs,
     open_recorder,
+    open_sensor_memory,
 )
 from vo_service.cli.options import (
     add_camera_options,
@@ -40,7 +41,6 @@ from vo_service.outputs.systemd import SystemdOutput
 from vo_service.outputs.zenoh.command_server import CommandEndpoint, make_command_endpoint
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
 from vo_service.outputs.zenoh.output import ExtraEndpoints
-from vo_service.sensor_memory import open_sensor_memory
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,
@@ -123,7 +123,7 @@ def _serve(
     systemd = SystemdOutput()
     with (
         open_outputs(_make_outputs_config(args, config, commands, terminal)) as opened,
-        closing(open_sensor_memory(config.odometry.timing)) as sensor_memory,
+        closing(open_sensor_memory(config, camera)) as sensor_memory,
         closing(systemd),
         closing(command_queue),
     ):

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
-    from drivers.core.depth_packing import compile_kernels
+    from vo_service.frame_record import compile_kernels
 
     begin_s = time.monotonic()
     on_progress("depth packing")

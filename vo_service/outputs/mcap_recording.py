@@ -12,9 +12,8 @@ from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import rotate_file
-from drivers.core.geometry import inverse
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
-from drivers.core.trajectory import Trajectory
+from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+from drivers.core.geometry import Trajectory, inverse
 from vo_service.outputs.frames.topics import timing_payload
 from vo_service.outputs.zenoh.messages import (
     FrameIds,

@@ -8,8 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from drivers.camera import EndOfStream, FrameTimeout, PinholeCamera, RgbdCamera, RgbdFrame
-from drivers.core.geometry import Array
-from drivers.core.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory, nearest_indices
+from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory, nearest_indices
 from vo_service.reconstruction.gravity_alignment import UpDirectionEstimator
 from vo_service.reconstruction.mesh import Mesh
 from vo_service.reconstruction.tsdf_volume import TsdfVolume

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.core.geometry import Array, inverse
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, inverse
 
 if TYPE_CHECKING:  # its libraries are slow to load
     from vo_service.slam.pose_graph import NodeRemoval, PoseGraph

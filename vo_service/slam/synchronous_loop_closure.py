@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import inverse
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.odometry.registry import run_warm_up_frames
 from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drivers.calibration import CameraCalibration
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.geometry import Array, Vector
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, Vector
 from drivers.recording.frames import EncodedFrame, FrameReader, FrameStamps, calibration_of_frame
 from drivers.recording.images import (
     JPEG_START,

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from drivers.camera import CameraState
-from drivers.core.fields import Field, TypedField, typed_fields
+from drivers.core.config import Field, TypedField, typed_fields
 from vo_service.types import LevelSource, TrackingState
 from vo_service.types.commands import ErrorCode
 

@@ -1,9 +1,10 @@
-"""Protocols of the outputs: recorder, mapper, viewer, loop closure; and their null objects."""
+"""Protocols of the outputs and of the parts that take commands, and their null objects."""
 
 from collections.abc import Callable
 from typing import Protocol
 
-from drivers.core.trajectory import Trajectory
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Trajectory
 from vo_service.config_tables import MapConfig, RecorderConfig
 from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 from vo_service.types.commands import CommandError, ErrorCode
@@ -253,6 +254,38 @@ class NullMapper:
 
     def configure(self, settings: MapConfig) -> None:
         """Ignore the settings."""
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
+
+
+class SensorMemory(Output, Protocol):
+    """An output that remembers what was learned of each sensor, by its serial number."""
+
+    def apply(self, frame: RgbdFrame) -> RgbdFrame:
+        """Return a frame with what an earlier run has learned, if nothing better is told."""
+        ...
+
+
+class NullSensorMemory:
+    """Null memory: nothing is used or saved.
+
+    Attributes:
+        warning: Fault for the status; "" = none.
+    """
+
+    def __init__(self, warning: str = "") -> None:
+        self.warning = warning
+
+    def apply(self, frame: RgbdFrame) -> RgbdFrame:
+        """Return the frame unchanged."""
+        return frame
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Ignore the update."""
+
+    def on_status(self, status: Status) -> None:
+        """Ignore the status."""
 
     def close(self) -> None:
         """Do nothing: there is nothing to release."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.worker_process import (
+from drivers.core.process import (
     LogMessage,
     Shutdown,
     WorkerFailed,

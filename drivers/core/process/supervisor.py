@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from drivers.core.process.worker_process import (
+from drivers.core.process import (
     Heartbeat,
     Shutdown,
     WorkerConfig,

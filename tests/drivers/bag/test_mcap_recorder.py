@@ -15,8 +15,7 @@ from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.geometry import rigid_transform
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.recording_camera import RecordingCamera, open_recording
 
 FrameMaker = Callable[..., RgbdFrame]

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.config import parse_toml, read_toml
+from drivers.core.config import Field, parse_toml, read_toml
 from drivers.core.errors import InputError
-from drivers.core.fields import Field
 
 
 class Shade(StrEnum):

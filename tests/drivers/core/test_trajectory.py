@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core.errors import InputError
-from drivers.core.geometry import rigid_transform, rotation_angle_rad, so3_exp
-from drivers.core.trajectory import format_pose_line, read_trajectory
+from drivers.core.geometry import (
+    format_pose_line,
+    read_trajectory,
+    rigid_transform,
+    rotation_angle_rad,
+    so3_exp,
+)
 
 GOOD = "1.0 0 0 0 0 0 0 1\n"
 angles = st.floats(-np.pi, np.pi)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.recording.images import PNG_SIGNATURE, UnreadableFrameError
 from drivers.recording.recording import FramePair
-from drivers.tum.folder import ListedImage
+from drivers.tum import ListedImage
 
 SIZE = (64, 48)
 COLOR = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)

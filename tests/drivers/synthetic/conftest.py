@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.room import ROOM_HEIGHT_M

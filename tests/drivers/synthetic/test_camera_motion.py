@@ -10,6 +10,7 @@ import pytest
 from drivers.core.errors import InputError
 from drivers.core.geometry import (
     Array,
+    format_pose_line,
     inverse,
     is_rigid,
     rigid_transform,
@@ -17,9 +18,8 @@ from drivers.core.geometry import (
     so3_exp,
     transform_points,
 )
-from drivers.core.trajectory import format_pose_line
+from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CubicSpline
-from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.renderer import make_renderer, pixel_rays
 from drivers.synthetic.room import ROOM_HEIGHT_M

@@ -3,8 +3,8 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
+from drivers.synthetic import ColorSensorModel, SyntheticConfig
 from drivers.synthetic.color_sensor import expose, gain_at, motion_blur, vignetting_map
-from drivers.synthetic.config import ColorSensorModel, SyntheticConfig
 from drivers.synthetic.renderer import pixel_rays
 
 CAMERA = PinholeCamera(128, 96, 100.0, 100.0, 63.5, 47.5)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.errors import InputError
 from drivers.core.geometry import inverse
-from drivers.synthetic.config import (
+from drivers.synthetic import (
     DynamicObjectConfig,
     DynamicObjectKind,
     MotionKind,

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.core.errors import CameraError, InputError
-from drivers.synthetic import rendered_sequence
-from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig, rendered_sequence
 from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, rotation_angle_rad
+from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations
-from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.furniture import Solids
 from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel

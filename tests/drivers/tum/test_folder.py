@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.core.errors import InputError
-from drivers.tum.folder import open_tum_folder
+from drivers.tum import open_tum_folder
 
 FolderMaker = Callable[..., Path]
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from drivers.recording.frames import FrameStamps, format_stamp
 from drivers.recording.images import ColorFormat
 from drivers.recording_camera import RecordingCamera

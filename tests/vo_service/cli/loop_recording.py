@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, rigid_transform, so3_exp
 from drivers.tum.writer import TumWriter
 from tests.vo_service.odometry.synthetic_views import render_corner
 

@@ -9,7 +9,7 @@ import pytest
 from drivers.calibration import TUM_CALIBRATIONS, format_calibration, read_calibration
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.learned_updates import LEARNED, SERIAL
-from vo_service.remembered_sensor import (
+from vo_service.sensor_memory import (
     RememberedFocalLength,
     sensor_folder,
     write_remembered_sensor,
@@ -25,7 +25,7 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The empty memory of this user's services; there is a camera file in the working folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    monkeypatch.setattr("vo_service.remembered_sensor.SYSTEMD_STATE_FOLDERS", tmp_path / "var")
+    monkeypatch.setattr("vo_service.sensor_memory.SYSTEMD_STATE_FOLDERS", tmp_path / "var")
     Path("camera.toml").write_text(format_calibration(CAMERA))
     return sensor_folder(tmp_path / "state")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.trajectory import Trajectory, format_pose_line, read_trajectory
+from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
 from tests.vo_service.cli.cli_runner import run_in_process, run_subprocess
 
 KEYS = {

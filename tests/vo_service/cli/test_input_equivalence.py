@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse
-from drivers.core.trajectory import read_trajectory
+from drivers.core.geometry import Array, inverse, read_trajectory
 from drivers.tum.writer import TumWriter
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.kinect_simulator import KinectSimulator, LoopMode

@@ -10,8 +10,14 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from drivers.core.geometry import T_BODY_CAMERA, Array, inverse, transform_from_pose
-from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.core.geometry import (
+    T_BODY_CAMERA,
+    Array,
+    Trajectory,
+    inverse,
+    read_trajectory,
+    transform_from_pose,
+)
 from tests.conftest import FRAMES
 from tests.ports import is_listening
 from tests.vo_service.cli.cli_runner import running_subprocess

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array
-from drivers.core.trajectory import read_trajectory
+from drivers.core.geometry import Array, read_trajectory
 from tests.conftest import FRAMES
 from tests.full_disk import limit_file_size
 from tests.vo_service.cli.cli_runner import CommandResult, run_in_process

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.trajectory import read_trajectory
+from drivers.core.geometry import read_trajectory
 from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import (
     CommandResult,

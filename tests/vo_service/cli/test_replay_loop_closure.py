@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core.trajectory import read_trajectory
+from drivers.core.geometry import read_trajectory
 from tests.vo_service.cli.cli_runner import CommandResult, run_in_process, run_subprocess
 from tests.vo_service.cli.loop_recording import FRAME_COUNT, write_loop_recording
 from vo_service.cli import replay

@@ -13,8 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.geometry import T_BODY_CAMERA
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import T_BODY_CAMERA, Trajectory
 from drivers.recording_camera import open_recording
 from tests.full_disk import limit_file_size
 from vo_service.outputs.mcap_recording import open_mcap_recording

@@ -8,10 +8,9 @@ import pytest
 
 from benchmarks.map_error import distances_m, make_solids
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.geometry import Array, rigid_transform, transform_points
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, rigid_transform, transform_points
+from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera
-from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.reconstruction.scenes import CAMERA, render_wall
 from vo_service.reconstruction.reconstructor import (
     FramePoses,

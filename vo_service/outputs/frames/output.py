@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import zenoh
 
+from drivers.core.flow_control import DropOldestQueue, Throttle, WorkerThread
 from drivers.core.geometry import Array
-from drivers.core.queues import DropOldestQueue, WorkerThread
-from drivers.core.rate_limit import Throttle
 from vo_service.config_tables import FramesConfig, Ros2Config, ZenohConfig
 from vo_service.outputs.frames.publisher import (
     FrameKeyPublisher,

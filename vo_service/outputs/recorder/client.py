@@ -6,8 +6,8 @@ import time
 from dataclasses import replace
 from re import fullmatch
 
+from drivers.core.process import WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
-from drivers.core.process.worker_process import WorkerSpec
 from vo_service.outputs.recorder.messages import (
     IncidentResult,
     RecorderMessage,

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from drivers.core.depth_packing import compile_kernels, pack_depth
 from drivers.core.errors import UserFacingError
 from drivers.core.files import state_folder
-from drivers.core.queues import DropOldestQueue, WorkerThread
+from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from drivers.core.record_ring import RecordRingWriter
 from vo_service.config_tables import MEGABYTE, RecorderConfig
-from vo_service.frame_record import write_frame
+from vo_service.frame_record import compile_kernels, pack_depth, write_frame
 from vo_service.outputs.recorder.client import RecorderClient
 from vo_service.outputs.recorder.messages import RecorderWorkerConfig
 from vo_service.types import OdometryUpdate, TrackingState

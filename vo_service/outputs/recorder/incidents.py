@@ -21,8 +21,8 @@ from drivers.core.files import (
     folder_size_bytes,
     lock_folder,
 )
+from drivers.core.geometry import COLUMNS, format_pose_line
 from drivers.core.record_ring import RecordRingReader, RingRecord
-from drivers.core.trajectory import COLUMNS, format_pose_line
 from drivers.tum.writer import TumWriter
 from vo_service.frame_record import FrameMetadata, decode_frame, decode_metadata
 

@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.worker_process import Heartbeat
+from drivers.core.process import Heartbeat
 from drivers.core.record_ring import RecordRingMemory
 
 _MAX_REASON_LENGTH = 40

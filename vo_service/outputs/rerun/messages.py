@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from drivers.core.process.worker_process import Heartbeat, WorkerFailed
+from drivers.core.process import Heartbeat, WorkerFailed
 from vo_service.outputs.rerun.sinks import Sink
 from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import free_disk_bytes, is_disk_full, rotate_file
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
+from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
 from vo_service.config_tables import MEGABYTE
 
 if TYPE_CHECKING:

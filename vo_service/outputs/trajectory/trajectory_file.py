@@ -9,9 +9,8 @@ import numpy as np
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.geometry import Array
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
-from drivers.core.trajectory import Trajectory, format_pose_line
+from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+from drivers.core.geometry import Array, Trajectory, format_pose_line
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
 

@@ -10,8 +10,7 @@ from typing import Any, Protocol
 
 import zenoh
 
-from drivers.core.queues import BlockingQueue, WorkerThread
-from drivers.core.rate_limit import TokenBucket
+from drivers.core.flow_control import BlockingQueue, TokenBucket, WorkerThread
 from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandFuture, CommandSink
 from vo_service.outputs.zenoh.queryables import (

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, get_args, get_origin
 
-from drivers.core.fields import Field, TypedField, typed_fields
+from drivers.core.config import Field, TypedField, typed_fields
 from vo_service.types.commands import COMMANDS, Command
 from vo_service.types.messages import (
     MESSAGE_SCHEMA,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import zenoh
 
-from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from vo_service.config_tables import Ros2Config, ZenohConfig
 from vo_service.outputs.zenoh.command_server import CommandEndpoint, NullCommandEndpoint
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import zenoh
 
-from drivers.core.rate_limit import TokenBucket
+from drivers.core.flow_control import TokenBucket
 from vo_service.ros_messages.navigation import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.types.commands import CommandError, ErrorCode
 from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, encode_message

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from re import fullmatch
 
+from drivers.core.process import WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
-from drivers.core.process.worker_process import WorkerSpec
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.map_store import MapStore
-from vo_service.slam.mapper.messages import (
+from vo_service.slam.mapper import (
     LoadMapRequest,
     LoadMapResult,
     MapperMessage,

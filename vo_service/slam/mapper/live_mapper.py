@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.depth_packing import compile_kernels, pack_depth
 from drivers.core.errors import UserFacingError
 from drivers.core.files import state_folder
+from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from drivers.core.geometry import inverse
-from drivers.core.queues import DropOldestQueue, WorkerThread
 from drivers.core.record_ring import RecordRingWriter
 from vo_service.config_tables import MapConfig
-from vo_service.frame_record import write_frame
+from vo_service.frame_record import compile_kernels, pack_depth, write_frame
 from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry
 from vo_service.slam.keyframe_selection import (
     ConstraintAccumulator,
@@ -24,8 +23,8 @@ from vo_service.slam.keyframe_selection import (
     NullConstraintAccumulator,
     OdometryConstraint,
 )
+from vo_service.slam.mapper import MapperWorkerConfig, RelocalizationQuery
 from vo_service.slam.mapper.client import MapperClient
-from vo_service.slam.mapper.messages import MapperWorkerConfig, RelocalizationQuery
 from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 from vo_service.types.messages import MapState, Status
 from vo_service.types.outputs import LoopClosure, Mapper, NullLoopClosure, NullMapper

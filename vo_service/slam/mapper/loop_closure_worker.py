@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers.core.geometry import Array
-from drivers.core.memory import release_memory
+from drivers.core.jit import release_memory
 from drivers.core.record_ring import RingRecord
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata
@@ -13,7 +13,7 @@ from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation
 from vo_service.slam.map_file import read_map, write_map
 from vo_service.slam.map_store import MapStore
-from vo_service.slam.mapper.messages import RelocalizationQuery, SendMapperMessage
+from vo_service.slam.mapper import RelocalizationQuery, SendMapperMessage
 from vo_service.slam.optimized_trajectory import AnchoredPose
 from vo_service.slam.pose_graph import NodeRemoval
 from vo_service.slam.synchronous_loop_closure import (

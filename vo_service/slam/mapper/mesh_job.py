@@ -20,16 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.core.depth_unpacking import unpack_depth
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array
 from drivers.core.process.worker_main import set_oom_score
 from drivers.core.record_ring import RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
-from vo_service.frame_record import decode_frame, decode_metadata
+from vo_service.frame_record import decode_frame, decode_metadata, unpack_depth
 from vo_service.slam.keyframe_selection import pose_distance_steps
 from vo_service.slam.map_store import MapStore
-from vo_service.slam.mapper.messages import SaveMapResult
+from vo_service.slam.mapper import SaveMapResult
 from vo_service.slam.optimized_trajectory import AnchoredPose
 
 if TYPE_CHECKING:

@@ -22,14 +22,7 @@ from drivers.core.record_ring import RecordRingReader, RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_metadata
 from vo_service.slam.map_store import MapStore
-from vo_service.slam.mapper.mesh_job import (
-    FuseKeyframes,
-    MeshJob,
-    MeshKeyframe,
-    MeshKeyframeStore,
-    build_mesh,
-)
-from vo_service.slam.mapper.messages import (
+from vo_service.slam.mapper import (
     LoadMapRequest,
     LoadMapResult,
     MapperStatus,
@@ -37,6 +30,13 @@ from vo_service.slam.mapper.messages import (
     SaveMapRequest,
     SaveMapResult,
     SendMapperMessage,
+)
+from vo_service.slam.mapper.mesh_job import (
+    FuseKeyframes,
+    MeshJob,
+    MeshKeyframe,
+    MeshKeyframeStore,
+    build_mesh,
 )
 from vo_service.slam.optimized_trajectory import AnchoredPose
 from vo_service.types import TrackingState

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from drivers.core.errors import InputError
-from drivers.core.trajectory import Trajectory, has_match
+from drivers.core.geometry import Trajectory, has_match
 from drivers.recording.recording import Recording
 from vo_service.config import OdometryConfig
 from vo_service.odometry.profiling import StageTimer

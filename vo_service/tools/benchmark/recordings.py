@@ -10,8 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory, has_match, nearest_indices
+from drivers.core.geometry import Array, Trajectory, has_match, nearest_indices
 from drivers.recording.recording import ImageTopics, Recording
 from drivers.recording_camera import open_recording
 from vo_service.terminal import announce, announce_if_slow

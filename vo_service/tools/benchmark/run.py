@@ -7,8 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory
 
 
 class RunState(StrEnum):

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import atomic_write, create_output_folder, is_disk_full
-from drivers.core.trajectory import Trajectory, format_pose_line, read_trajectory
+from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.recordings import BenchmarkRecording

@@ -17,7 +17,7 @@ from numba.core.event import install_recorder
 
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from drivers.recording.frames import FrameReader
 from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import Recording

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
+from drivers.core.process import WorkerProcess, WorkerSpec
 from drivers.recording.recording import ImageTopics
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory

@@ -15,7 +15,7 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.core.config import find_key_lines, parse_toml
-from vo_service.remembered_sensor import RememberedSensor
+from vo_service.sensor_memory import RememberedSensor
 from vo_service.tools.calibration.output_files import save_with_backup
 
 NOTHING_SAVED_PREFIX = "nothing is saved: "

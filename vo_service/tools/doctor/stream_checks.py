@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.camera import TimingSource
 from drivers.core.geometry import is_gravity
-from vo_service.remembered_sensor import RememberedSensor, find_remembered_sensors, memory_folders
+from vo_service.sensor_memory import RememberedSensor, find_remembered_sensors, memory_folders
 from vo_service.tools.calibration.timing import (
     CONTRADICTION_SIGMAS,
     SensorTiming,

@@ -11,8 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array, inverse, rotation_angle_rad, so3_log, transform_points
-from drivers.core.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory, has_match, nearest_indices
+from drivers.core.geometry import (
+    MAX_STAMP_DIFFERENCE_S,
+    Array,
+    Trajectory,
+    has_match,
+    inverse,
+    nearest_indices,
+    rotation_angle_rad,
+    so3_log,
+    transform_points,
+)
 from vo_service.odometry.rigid_motion import fit_rigid_motion
 
 # Two stamps closer than this are the same stamp, rounded differently.

@@ -8,8 +8,13 @@ import numpy as np
 
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import atomic_write, is_disk_full
-from drivers.core.geometry import Array, inverse, transform_points
-from drivers.core.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory
+from drivers.core.geometry import (
+    MAX_STAMP_DIFFERENCE_S,
+    Array,
+    Trajectory,
+    inverse,
+    transform_points,
+)
 from vo_service.tools.evaluation.metrics import associate, best_alignment, position_errors_m
 
 if TYPE_CHECKING:  # rarely used, and slow to import

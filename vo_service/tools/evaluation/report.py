@@ -4,8 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory
 from vo_service.terminal import format_columns, format_mm
 from vo_service.tools.evaluation.metrics import (
     associate,

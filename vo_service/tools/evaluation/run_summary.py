@@ -6,8 +6,7 @@ from typing import Any, Self
 
 from drivers.camera import CameraCounters
 from drivers.core.errors import InputError
-from drivers.core.geometry import Array
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.terminal import format_columns, format_mm
 from vo_service.tools.evaluation import Evaluation, evaluate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.core.trajectory import read_trajectory
+from drivers.core.geometry import read_trajectory
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.outputs.recorder.recorder_inputs import (

@@ -8,7 +8,7 @@ from typing import Any
 
 from rerun.chunk import RrdReader
 
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from vo_service.outputs.rerun.messages import RerunWorkerConfig, TextLog
 from vo_service.outputs.rerun.rotating_recording import RotatingRecording
 from vo_service.outputs.rerun.sinks import Sink

@@ -17,7 +17,7 @@ from rerun.error_utils import RerunWarning
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import rotate_file
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import resident_memory_kb
 from tests.vo_service.outputs.rerun.rerun_recording import (

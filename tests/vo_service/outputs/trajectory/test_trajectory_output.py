@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.queues import BlockingQueue, DropOldestQueue
-from drivers.core.trajectory import read_trajectory
+from drivers.core.flow_control import BlockingQueue, DropOldestQueue
+from drivers.core.geometry import read_trajectory
 from tests.full_disk import limit_file_size
 from tests.vo_service.cli.cli_runner import count_lines
 from tests.waiting import wait_until

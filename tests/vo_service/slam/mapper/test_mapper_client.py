@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.process.worker_process import WorkerSpec
+from drivers.core.process import WorkerSpec
 from drivers.core.record_ring import RecordRingMemory
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.slam.mapper import client
-from vo_service.slam.mapper.client import MapperClient
-from vo_service.slam.mapper.messages import (
+from vo_service.slam.mapper import (
     LoadMapResult,
     MapperMessage,
     MapperStatus,
     MapperWorkerConfig,
+    client,
 )
+from vo_service.slam.mapper.client import MapperClient
 
 FIRST_AFTER = 77
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.depth_packing import pack_depth
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.odometry.synthetic_views import render_corner
@@ -18,20 +17,20 @@ from tests.vo_service.slam.corner_trajectory import (
     true_pose,
 )
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.frame_record import write_frame
+from vo_service.frame_record import pack_depth, write_frame
 from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.map_file import write_map
-from vo_service.slam.mapper import worker as desk_module
-from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure
-from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
-from vo_service.slam.mapper.messages import (
+from vo_service.slam.mapper import (
     MapperMessage,
     MapperWorkerConfig,
     RelocalizationQuery,
     SaveMapRequest,
 )
+from vo_service.slam.mapper import worker as desk_module
+from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure
+from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
 from vo_service.slam.mapper.worker import MapperWorker
 from vo_service.types import OdometryUpdate, TrackingState
 

@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.depth_packing import pack_depth
 from drivers.core.geometry import rigid_transform
 from drivers.core.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA
-from vo_service.frame_record import write_frame
+from vo_service.frame_record import pack_depth, write_frame
 from vo_service.slam.keyframe_selection import STEP_M
 from vo_service.slam.mapper.mesh_job import MeshKeyframe, MeshKeyframeStore
 from vo_service.slam.optimized_trajectory import AnchoredPose

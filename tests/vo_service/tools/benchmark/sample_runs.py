@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers.calibration import TUM_CALIBRATIONS
-from drivers.core.geometry import Array, rigid_transform
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, rigid_transform
 from drivers.recording.recording import FramePair, RecordedFrames, Recording
-from drivers.tum.folder import ListedImage, read_accelerometer
+from drivers.tum import ListedImage, read_accelerometer
 from vo_service.tools.benchmark.batch import BatchResult
 from vo_service.tools.benchmark.recordings import BenchmarkRecording
 from vo_service.tools.benchmark.results import SequenceResults, evaluate_run

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.core.errors import InputError
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from tests.vo_service.tools.benchmark.sample_runs import make_recording
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
 from vo_service.cli.compare import make_method_factories as make_comparison_factories

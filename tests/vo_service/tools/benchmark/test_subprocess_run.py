@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.trajectory import read_trajectory
+from drivers.core.geometry import read_trajectory
 from tests.conftest import FRAMES
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory

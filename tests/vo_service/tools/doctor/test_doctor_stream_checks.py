@@ -14,7 +14,7 @@ from tests.vo_service.tools.doctor.doctor_fakes import (
     make_context,
     make_samples,
 )
-from vo_service.remembered_sensor import RememberedFocalLength
+from vo_service.sensor_memory import RememberedFocalLength
 from vo_service.tools.doctor.check import Check, CheckVerdict, Finding
 from vo_service.tools.doctor.stream_checks import (
     ClockRateCheck,

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, rigid_transform, so3_exp
 from vo_service.tools.evaluation.metrics import MatchedPoses
 
 

@@ -7,8 +7,7 @@ import pytest
 from evo.core import metrics, sync
 from evo.core.trajectory import PoseTrajectory3D
 
-from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.core.geometry import Array, Trajectory, read_trajectory, rigid_transform, so3_exp
 from tests.vo_service.tools.evaluation.sample_trajectories import noisy_copy, random_walk
 from vo_service.tools.evaluation import evaluate
 

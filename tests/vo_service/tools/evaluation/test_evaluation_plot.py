@@ -12,8 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Array, Trajectory, rigid_transform, so3_exp
 from tests.vo_service.tools.evaluation.sample_trajectories import random_walk
 from vo_service.tools.evaluation import plot as plot_module
 from vo_service.tools.evaluation.plot import draw_plot, write_plot
@@ -134,7 +133,7 @@ def test_drawing_needs_no_pyplot_and_evaluating_no_matplotlib() -> None:
 import sys
 import numpy as np
 import vo_service.cli.evaluate
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory
 from vo_service.tools.evaluation.plot import draw_plot
 assert not any(name.startswith("matplotlib") for name in sys.modules)
 poses = Trajectory(np.arange(3.0), np.tile(np.eye(4), (3, 1, 1)))

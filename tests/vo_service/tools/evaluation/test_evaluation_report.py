@@ -6,8 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from drivers.core.geometry import rigid_transform, so3_exp
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory, rigid_transform, so3_exp
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
 from vo_service.tools.evaluation import Evaluation, evaluate
 

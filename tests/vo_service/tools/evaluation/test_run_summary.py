@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import CameraCounters
-from drivers.core.geometry import rigid_transform
-from drivers.core.trajectory import Trajectory
+from drivers.core.geometry import Trajectory, rigid_transform
 from tests.vo_service.fakes import (
     FakeClock,
     ScriptedCamera,

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.core.geometry import Array, inverse
-from drivers.core.trajectory import Trajectory, nearest_indices
+from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
 from vo_service.tools.benchmark.report.published_results import describe_method
 from vo_service.tools.benchmark.results import SequenceResults
 from vo_service.tools.evaluation.metrics import ErrorSeries, error_series, first_pose_alignment

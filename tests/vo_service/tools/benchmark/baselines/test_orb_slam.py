@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import pose_distance
-from drivers.tum.folder import open_tum_folder
+from drivers.tum import open_tum_folder
 from drivers.tum.writer import TumWriter
 from tests.vo_service.corner_sequence import corner_frames, corner_pose
 from vo_service.odometry.profiling import NullStageTimer

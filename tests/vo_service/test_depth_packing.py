@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from drivers.core.depth_packing import max_packed_bytes, pack_depth
-from drivers.core.depth_unpacking import unpack_depth
+from vo_service.frame_record import max_packed_bytes, pack_depth, unpack_depth
 
 Depth = NDArray[np.uint16]
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from drivers.camera import PlaybackMode, RgbdCamera
+from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.core.errors import CameraError
 from drivers.core.jit import release_memory
 from drivers.reconnect import ReconnectingCamera

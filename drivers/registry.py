@@ -78,8 +78,9 @@ def open_camera(
             alone is enough.
         camera_file: Camera file (TOML) with intrinsics, distortion and registration; None for that
             of the recording, or the usual values of the sensor.
-        playback_mode: LOCKSTEP delivers every frame in order, REALTIME the newest frame. None is
-            REALTIME for a sensor or a plug-in, and LOCKSTEP for the others.
+        playback_mode: LOCKSTEP delivers every frame in order, as fast as they are read. REALTIME
+            delivers them at their own rate, without those that were not read in time. None is
+            REALTIME for a sensor or a plug-in, and LOCKSTEP for recordings and the virtual Kinect.
         sensor: Settings of a real sensor; None for the defaults.
         synthetic: Settings of the virtual Kinect; None for one that plays without end.
         topics: The topics of the color and the depth images in a bag; None to find them.

@@ -4,4 +4,5 @@
 set -eu
 checkout=$(cd "$(dirname "$0")/.." && pwd)
 "$checkout/scripts/setup.sh"
-exec "$checkout/.venv/bin/kinect-vo" demo "$@"
+"$checkout/.venv/bin/kinect-vo" demo "$@"
+echo "next, with a Kinect: .venv/bin/kinect-vo doctor, then .venv/bin/kinect-vo run --camera freenect" >&2

@@ -10,11 +10,11 @@ from typing import Annotated, Any
 import numpy as np
 
 from drivers.camera import PlaybackMode, SensorConfig
-from drivers.core.config import Field, read_toml, typed_fields
+from drivers.core.config import Field, FieldError, read_toml, suggest_name, typed_fields
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
 from drivers.core.plugins import PluginGroup
-from drivers.registry import CAMERA_USAGES, CAMERAS, describe_cameras
+from drivers.registry import CAMERA_USAGES, CAMERAS
 from drivers.synthetic import SyntheticConfig
 from vo_service.config_tables import (
     CommandConfig,
@@ -60,8 +60,10 @@ class ExtraOutputsConfig:
 
     def __post_init__(self) -> None:
         for output in self.extra:
-            if output.partition(":")[0] not in OUTPUTS:
-                raise ValueError(f"extra {output!r} is unknown; use one of {', '.join(OUTPUTS)}")
+            kind = output.partition(":")[0]
+            if kind not in OUTPUTS:
+                hint = suggest_name(kind, OUTPUTS)
+                raise FieldError(("extra",), f"output {output!r} is unknown; {hint}")
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,10 @@ class CameraConfig:
     ] = 0.0
 
     def __post_init__(self) -> None:
-        if self.source.partition(":")[0] not in CAMERAS:
-            raise ValueError(f"source {self.source!r} is unknown; use one of {describe_cameras()}")
+        kind = self.source.partition(":")[0]
+        if kind not in CAMERAS:
+            hint = suggest_name(kind, CAMERAS)
+            raise FieldError(("source",), f"camera {self.source!r} is unknown; {hint}")
 
 
 @dataclass(frozen=True)
@@ -104,11 +108,11 @@ class OdometryConfig:
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
-            raise ValueError(f"method {self.method!r} is unknown; use one of {', '.join(METHODS)}")
+            hint = suggest_name(self.method, METHODS)
+            raise FieldError(("method",), f"{self.method!r} is unknown; {hint}")
         if self.timing not in TIMING_MODES:
-            raise ValueError(
-                f"timing {self.timing!r} is unknown; use one of {', '.join(TIMING_MODES)}"
-            )
+            hint = suggest_name(self.timing, TIMING_MODES)
+            raise FieldError(("timing",), f"{self.timing!r} is unknown; {hint}")
 
     def make_odometry(self, timer: StageTimer) -> Odometry:
         """Make the odometry that the table describes."""

@@ -15,6 +15,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 
+RECORDING_ENDED = "the recording has ended"
 # A source yields at least this often, with or without a frame.
 TICK_S = 0.25
 
@@ -112,7 +113,7 @@ class LiveSource(SinglePassSource):
             self._camera.open()
             for frame in super().frames(stop):
                 yield None if frame is None else self._prepare_frame(frame)
-            self.reason = "the recording has ended"
+            self.reason = RECORDING_ENDED
             while not stop.is_set():
                 yield None
                 stop.wait(TICK_S)

@@ -35,6 +35,7 @@ SLOW_AFTER_S = 1.5
 # This logger has a level of its own: announcements are shown even if the root's level is higher.
 _logger = logging.getLogger("kinect-vo.announcements")
 REDRAW_S = 0.1
+LOG_PERIOD_S = 10.0
 BUSY_REDRAWS_PER_S = 4
 BAR_WIDTH = 20
 CLEAR_LINE = "\r\x1b[K"
@@ -49,7 +50,7 @@ def announce(text: str) -> None:
 
 @contextmanager
 def announce_if_slow(label: str) -> Iterator[None]:
-    """Log a line if the block is slow, and another when it has ended.
+    """Log a line if the block is slow, and another when it has ended without an exception.
 
     Args:
         label: Text of both lines.
@@ -69,8 +70,8 @@ def announce_if_slow(label: str) -> Iterator[None]:
     finally:
         timer.cancel()
         timer.join()
-        if was_announced.is_set():
-            announce(f"{label}: done after {time.monotonic() - begin_s:.1f} s")
+    if was_announced.is_set():
+        announce(f"{label}: done after {time.monotonic() - begin_s:.1f} s")
 
 
 def make_console(stream: TextIO, width: int | None = None) -> "Console":
@@ -111,17 +112,19 @@ class _LineKind(Enum):
 
 
 class Terminal:
-    """One line on stderr that is redrawn in place, if stderr is a terminal."""
+    """One line on stderr that is redrawn in place, if stderr is a terminal; else lines of a log."""
 
-    def __init__(self, stream: TextIO | None = None) -> None:
+    def __init__(self, stream: TextIO | None = None, log_period_s: float = LOG_PERIOD_S) -> None:
         """Draw nothing yet.
 
         Args:
             stream: Where to write; None: stderr.
+            log_period_s: A log gets a line of progress this often, s.
         """
+        self._log_period_s = log_period_s
         self._stream = stream or sys.stderr
         self._is_log = not self._stream.isatty()
-        self._drawn_s = 0.0
+        self._drawn_s = time.monotonic() if self._is_log else 0.0
         self._kind = _LineKind.TEXT
         self._line: Progress | None = None
 
@@ -130,7 +133,7 @@ class Terminal:
         self._draw(_LineKind.TEXT, text)
 
     def progress(self, label: str, done: int, total: int | None) -> None:
-        """Replace the line by a count, at most ten times a second.
+        """Replace the line by a count, at most ten times a second. A log gets a line now and then.
 
         Args:
             label: What is counted.
@@ -139,6 +142,8 @@ class Terminal:
         """
         if self._is_due(done == total):
             text = f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}"
+            if self._is_log:
+                announce(text)
             self._draw(_LineKind.COUNT if total else _LineKind.TEXT, text, done, total)
 
     def progress_bytes(self, label: str, done: int, total: int | None) -> None:
@@ -189,9 +194,10 @@ class Terminal:
             line.stop()
 
     def _is_due(self, is_last: bool) -> bool:
-        """Whether to draw now: ten times a second, and at the end."""
+        """Whether to draw now: ten times a second, and at the end. A log gets fewer lines."""
         now_s = time.monotonic()
-        if now_s - self._drawn_s < REDRAW_S and not is_last:
+        period_s = self._log_period_s if self._is_log else REDRAW_S
+        if now_s - self._drawn_s < period_s and (self._is_log or not is_last):
             return False
         self._drawn_s = now_s
         return True

@@ -124,7 +124,8 @@ def build_dataclass(kind: type[T], values: Mapping[str, Any], path: KeyPath = ()
     """Check parsed values of TOML or JSON and build the dataclass.
 
     Args:
-        kind: The dataclass. Its `__post_init__` may raise ValueError or InputError.
+        kind: The dataclass. Its `__post_init__` may raise ValueError, InputError, or a FieldError
+            with the name of a field.
         values: By name of the field: the parsed value.
         path: Names of the tables around it, for errors.
 
@@ -134,7 +135,7 @@ def build_dataclass(kind: type[T], values: Mapping[str, Any], path: KeyPath = ()
     fields = {field.name: field for field in typed_fields(kind)}
     for key in values:
         if key not in fields:
-            raise FieldError((*path, key), f"is unknown; {_suggest_name(key, fields)}")
+            raise FieldError((*path, key), f"is unknown; {suggest_name(key, fields)}")
     converted = {}
     for name, field in fields.items():
         if name in values:
@@ -143,6 +144,8 @@ def build_dataclass(kind: type[T], values: Mapping[str, Any], path: KeyPath = ()
             raise FieldError((*path, name), f"is missing; add `{name} = ...`{field.spec.hint}")
     try:
         return kind(**converted)
+    except FieldError as error:
+        raise FieldError((*path, *error.path), str(error)) from error
     except (ValueError, InputError) as error:
         raise FieldError(path, str(error)) from error
 
@@ -195,7 +198,7 @@ def _convert_text(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> An
     choices = spec.choices or (tuple(kind) if issubclass(kind, StrEnum) else ())
     if choices and value not in choices:
         text = format_value(value)
-        raise FieldError(path, f"{text} is not a choice; {_suggest_name(value, choices)}")
+        raise FieldError(path, f"{text} is not a choice; {suggest_name(value, choices)}")
     if spec.pattern and not re.fullmatch(spec.pattern, value):
         raise FieldError(path, f"{format_value(value)} is not valid; give {spec.pattern_name}")
     return kind(value)
@@ -225,7 +228,8 @@ def _format_number(value: Any) -> str:
     return "a number of too many digits" if is_long else str(value)
 
 
-def _suggest_name(name: str, known: Iterable[str]) -> str:
+def suggest_name(name: str, known: Iterable[str]) -> str:
+    """Return "did you mean" with the known name that is alike, or the list of all."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     return f"did you mean `{close[0]}`?" if close else f"known here: {', '.join(names) or 'none'}"

@@ -290,6 +290,13 @@ def describe_write_error(error: BaseException) -> str:
     return f"cannot be written: {cause.strerror}"
 
 
+def explain_unwritable(path: Path, error: OSError) -> str:
+    """Explain why a file cannot be created, and what to do."""
+    if not path.parent.exists():
+        return f"there is no folder {path.parent}; create it first"
+    return f"{error.strerror}; name a file in a writable folder"
+
+
 def rotate_file(path: Path, max_files: int) -> None:
     """Rename an existing file to FILE-NNNN and delete the oldest, so that `max_files` remain.
 

@@ -1,9 +1,11 @@
 """Progress for a person at a terminal; in a log, only what is worth a line."""
 
 import io
+import math
 import os
 import pty
 import re
+from contextlib import suppress
 
 import pytest
 
@@ -12,7 +14,7 @@ from tests.vo_service.fakes import FakeClock
 from tests.waiting import wait_until
 from vo_service import terminal as terminal_module
 from vo_service.logs import log_to_stderr
-from vo_service.terminal import Terminal, clear_line
+from vo_service.terminal import Terminal, announce_if_slow, clear_line
 
 
 @pytest.fixture
@@ -146,3 +148,21 @@ def test_slow_steps_are_logged_with_their_duration(
     begin, end = capsys.readouterr().err.splitlines()
     assert begin == "kinect-vo: info: compiling ..."
     assert re.fullmatch(r"kinect-vo: info: compiling: done after \d+\.\d s", end)
+
+
+def test_a_log_gets_a_line_of_progress_now_and_then(caplog: pytest.LogCaptureFixture) -> None:
+    terminal = Terminal(io.StringIO(), log_period_s=0.0)
+    terminal.progress("recording: frame", 3, 30)
+    silent = Terminal(io.StringIO(), log_period_s=math.inf)
+    silent.progress("run: frame", 3, 30)
+    assert caplog.messages == ["recording: frame 3/30 (10%)"]
+
+
+def test_an_interrupted_wait_is_not_announced_as_done(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(terminal_module, "SLOW_AFTER_S", 0.0)
+    with suppress(KeyboardInterrupt), announce_if_slow("waiting"):
+        wait_until(lambda: caplog.messages, "a log line")
+        raise KeyboardInterrupt
+    assert caplog.messages == ["waiting ..."]

@@ -123,4 +123,6 @@ def check_optimized_trajectory_path(args: argparse.Namespace) -> None:
     is_file_or_new = path.is_file() or not path.exists()
     folder = path.parent  # the file is written beside the old one, then renamed
     if not (is_file_or_new and folder.is_dir() and os.access(folder, os.W_OK)):
-        raise InputError(f"{path}: cannot write the trajectory; name a file in a writable folder")
+        raise InputError(
+            f"{path}: cannot write the trajectory; name a file in an existing, writable folder"
+        )

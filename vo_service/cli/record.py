@@ -181,8 +181,9 @@ def _read_next_frame(
     with suppress(FrameTimeout):
         return camera.read(POLL_PERIOD_S)
     begin_s = time.monotonic()
-    with terminal.busy("recording: waiting for the camera") as busy:
-        while not stop.event.is_set():
+    with suppress(KeyboardInterrupt), terminal.busy("recording: waiting for the camera") as busy:
+        while True:
+            stop.check()
             with suppress(FrameTimeout):
                 return camera.read(POLL_PERIOD_S)
             status = camera.status

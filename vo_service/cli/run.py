@@ -1,6 +1,7 @@
 """``kinect-vo run``: run the odometry as a service."""
 
 import argparse
+import math
 import sys
 from contextlib import closing, suppress
 from functools import partial
@@ -91,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args)
     set_log_level(config.log.level)
     _rotate_trajectory(args.trajectory)
-    terminal = Terminal()
+    terminal = Terminal(log_period_s=math.inf)  # a service logs only changes
     camera = _make_camera(args, config)
     with (
         stop_on_signals() as stop,

@@ -5,6 +5,7 @@ import math
 import time
 
 from drivers.camera import CameraState
+from vo_service.frame_source import RECORDING_ENDED
 from vo_service.terminal import SLOW_AFTER_S, Terminal, announce
 from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.messages import Status
@@ -107,4 +108,5 @@ class _CameraAbsence:
 
 
 def _status_text(status: Status) -> str:
-    return f"{status.state}: {status.reason}" if status.reason else str(status.state)
+    hint = "; Ctrl-C ends the service" if status.reason == RECORDING_ENDED else ""
+    return f"{status.state}: {status.reason}{hint}" if status.reason else str(status.state)

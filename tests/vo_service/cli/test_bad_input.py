@@ -245,8 +245,12 @@ def test_a_command_line_error_is_one_line(mistake: str, capfd: pytest.CaptureFix
     ("command", "line", "message"),
     [
         (["config", "check"], "[zenoh]\nlisen = []", ":3: key `zenoh.lisen`: is unknown; did you"),
-        (["run", "--config"], "[camera]\nsource = 'kinekt'", ":2: key `camera`: source 'kinekt'"),
-        (["warm-up", "--config"], "[odometry]\nmethod = 'o'", ":2: key `odometry`: method 'o' is"),
+        (
+            ["run", "--config"],
+            "[camera]\nsource = 'kinekt'",
+            ":3: key `camera.source`: camera 'kinekt'",
+        ),
+        (["warm-up", "--config"], "[odometry]\nmethod = 'o'", ":3: key `odometry.method`: 'o' is"),
     ],
 )
 def test_a_typo_in_the_configuration_is_reported_with_its_line(

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import explain_unwritable
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, format_pose_line
 from vo_service.types import OdometryUpdate
@@ -60,8 +61,7 @@ class TrajectoryFileOutput:
             self._file = path.open("wb", buffering=0)
         except OSError as error:
             raise InputError(
-                f"{path}: cannot write the trajectory: {error.strerror}; name a file in a writable "
-                "folder"
+                f"{path}: cannot write the trajectory: {explain_unwritable(path, error)}"
             ) from error
         self._worker = WorkerThread("trajectory", line_queue, self._append, self._file.close)
 

@@ -115,7 +115,7 @@ class ConnectWithRetry:
         try:
             self._opened = [_open_logged_session(config)]
         except ZenohUnavailableError as error:
-            self._set_warning(f"{error.clause}; trying again")
+            self._set_warning(f"{error.clause}; trying again: {error.advice}")
 
     def sessions(self) -> list[zenoh.Session]:
         """Return the open session, if any; retries and updates the warning, so call it often."""
@@ -132,7 +132,7 @@ class ConnectWithRetry:
         try:
             self._opened = [_open_logged_session(self._config)]
         except ZenohUnavailableError as error:
-            self._set_warning(f"{error.clause}; trying again")
+            self._set_warning(f"{error.clause}; trying again: {error.advice}")
         except UserFacingError as error:  # a configuration file has changed since the start
             self._set_warning(f"{error}; trying again")
         self._tried_s = self._now_s()

@@ -179,11 +179,12 @@ class ZenohUnavailableError(UserFacingError):
 
     Attributes:
         clause: What fails, without advice.
+        advice: What the user can do.
     """
 
     def __init__(self, clause: str, advice: str) -> None:
         super().__init__(f"zenoh {clause}; {advice}")
-        self.clause = clause
+        self.clause, self.advice = clause, advice
 
 
 class ZenohPortInUseError(ZenohUnavailableError):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.core.errors import InputError, UserFacingError
-from drivers.core.files import atomic_write, is_disk_full
+from drivers.core.files import atomic_write, explain_unwritable, is_disk_full
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Array,
@@ -53,7 +53,7 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
         atomic_write(path, image.getvalue())
     except OSError as error:
         raise (UserFacingError if is_disk_full(error) else InputError)(
-            f"{path}: cannot write the figure: {error.strerror}; name a writable folder"
+            f"{path}: cannot write the figure: {explain_unwritable(path, error)}"
         ) from error
 
 

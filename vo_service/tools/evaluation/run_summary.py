@@ -95,7 +95,8 @@ class RunSummary:
                 "latency",
                 f"{timing.latency_p50_ms:6.1f} ms median, {timing.latency_p99_ms:.1f} ms p99",
             ),
-            ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms ({stages})"),
+            ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms median"),
+            ("its stages", f"  {stages} ms (medians of the frames with the stage)"),
             *_timing_rows(statistics.timing),
             *_focal_rows(statistics.focal_length),
         ]

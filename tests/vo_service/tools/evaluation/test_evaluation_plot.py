@@ -111,7 +111,9 @@ def test_another_suffix_is_rejected(
 def test_a_missing_folder_is_reported(
     tmp_path: Path, trajectory: Trajectory, truth: Trajectory
 ) -> None:
-    with pytest.raises(InputError, match=r"gone/walk.png: cannot write the figure: No such"):
+    with pytest.raises(
+        InputError, match=r"gone/walk.png: cannot write the figure: there is no folder"
+    ):
         write_plot(tmp_path / "gone" / "walk.png", trajectory, truth, "walk")
 
 

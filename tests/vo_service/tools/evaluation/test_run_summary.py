@@ -92,8 +92,8 @@ def test_skipped_counts_unreadable_and_stale_frames_failed_the_lost_ones() -> No
 
 
 def test_the_table_has_a_line_for_each_metric() -> None:
-    assert len(EMPTY_SUMMARY.as_table().splitlines()) == 7
-    assert len(summarize(TRUTH).as_table().splitlines()) == 7 + 10
+    assert len(EMPTY_SUMMARY.as_table().splitlines()) == 8
+    assert len(summarize(TRUTH).as_table().splitlines()) == 8 + 10
 
 
 LOOP_CLOSURE_KEYS = (

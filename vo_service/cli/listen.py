@@ -15,6 +15,7 @@ import zenoh
 from vo_service.cli.options import add_connection_options
 from vo_service.client.connection import BackgroundConnection
 from vo_service.config_tables import ZenohConfig, check_prefix
+from vo_service.outputs.zenoh.session import check_endpoint
 from vo_service.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
@@ -161,6 +162,7 @@ def run(args: argparse.Namespace) -> int:
     printer: PosePrinter = JsonPosePrinter() if args.json else TextPosePrinter()
     where = args.config_file or args.connect
     listener = _PosePrintingSubscriber(f"{prefix} at {where}", printer, args.count)
+    check_endpoint(args.connect)
     plan = ZenohConfig(listen=(), connect=(args.connect,), config_file=args.config_file)
     try:
         with closing(BackgroundConnection(plan, partial(listener.subscribe, prefix))):

@@ -60,7 +60,8 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     """Add --trajectory, --mcap, --rerun and --no-publish."""
     parser.add_argument(
         "--trajectory", metavar="FILE", type=Path,
-        help="write the poses of the optical camera: stamp tx ty tz qx qy qz qw",
+        help="write the poses of the optical camera: stamp tx ty tz qx qy qz qw (an existing file: "
+        "replay replaces it, run renames it)",
     )  # fmt: skip
     parser.add_argument(
         "--mcap", metavar="FILE", type=Path,

@@ -142,11 +142,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_not_overwriting_recording(args: argparse.Namespace) -> None:
-    """Raise InputError if a trajectory would be written over one of the recording's files."""
-    for path in (args.trajectory, args.optimized_trajectory):
+    """Raise InputError if an output would be written over one of the recording's files."""
+    for path in (args.trajectory, args.optimized_trajectory, args.mcap):
         if path is not None and path.exists():
-            inside = path.resolve().is_relative_to(args.folder.resolve())
-            if inside and path.name in RECORDING_FILES:
-                raise InputError(
-                    f"{path}: belongs to the recording; write the trajectory elsewhere"
-                )
+            recording = args.folder.resolve()
+            inside = path.resolve().is_relative_to(recording) and path.name in RECORDING_FILES
+            if inside or path.resolve() == recording:
+                raise InputError(f"{path}: belongs to the recording; name another file")

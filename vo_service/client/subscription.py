@@ -26,7 +26,7 @@ from vo_service.client.pose import (
     parse_pose_sample,
 )
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
-from vo_service.outputs.zenoh.session import MAX_MESSAGE_BYTES
+from vo_service.outputs.zenoh.session import MAX_MESSAGE_BYTES, check_endpoint
 from vo_service.types.messages import JsonObject, decode_message, parse_json_message
 
 logger = logging.getLogger(__name__)
@@ -200,6 +200,7 @@ class ServiceClient:
             InputError: An argument is invalid.
         """
         self._prefix = check_prefix(prefix)
+        check_endpoint(connect)
         file = None if config_file is None else Path(config_file)
         self._where = f"as {prefix} " + (
             f"at {connect}" if file is None else f"at the endpoints in {file}, or access is denied"

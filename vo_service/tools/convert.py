@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drivers.calibration import CameraCalibration
 from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import is_disk_full
 from drivers.core.geometry import Array, Trajectory, Vector
 from drivers.recording.frames import EncodedFrame, FrameReader, FrameStamps, calibration_of_frame
 from drivers.recording.images import (
@@ -138,7 +139,8 @@ def convert(
                 progress(count)
     except OSError as error:
         _remove(path)
-        raise UserFacingError(f"{path}: cannot be written: {error.strerror}") from error
+        what = "free some space" if is_disk_full(error) else "name a file that you may write"
+        raise UserFacingError(f"{path}: cannot be written: {error.strerror}; {what}") from error
     except BaseException:
         _remove(path)
         raise

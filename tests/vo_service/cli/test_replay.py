@@ -142,6 +142,19 @@ def test_ctrl_c_ends_it_and_keeps_complete_lines(
     assert json.loads(out)["frames"] == poses == len(read_trajectory(written))
 
 
+def test_a_bag_is_not_overwritten_by_its_own_outputs(
+    copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "room.mcap"
+    run_in_process(capfd, "convert", copy_recording(), file)
+    before = file.read_bytes()
+    for option in ("--trajectory", "--optimized-trajectory", "--mcap"):
+        outcome = run_in_process(capfd, "replay", file, "--pace", "realtime", option, file)
+        message = f"kinect-vo: error: {file}: belongs to the recording; name another file\n"
+        assert (outcome.code, outcome.error_lines) == (2, message)
+    assert file.read_bytes() == before
+
+
 def test_a_recording_is_not_overwritten_by_its_own_trajectory(
     copy_recording: Callable[..., Path], capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -42,6 +42,12 @@ def test_invalid_arguments_are_rejected_in_one_line_by_the_client(
 
 
 @pytest.mark.zenoh
+def test_an_address_that_is_no_endpoint_is_named_as_the_parameter_that_it_is() -> None:
+    with pytest.raises(InputError, match=r"^connect = 'robot:7450': an endpoint is written PROTO"):
+        PoseClient(connect="robot:7450")
+
+
+@pytest.mark.zenoh
 @pytest.mark.parametrize("name", ["", "reset#", "reset$", "a/b", "*", "reset\n", "réset", "a?b"])
 def test_an_invalid_command_name_is_not_sent(lone_client: PoseClient, name: str) -> None:
     with pytest.raises(InputError, match="not a command name"):

@@ -314,10 +314,22 @@ def _set_value(settings: zenoh.Config, key: str, value: object) -> None:
     try:
         settings.insert_json5(key, json.dumps(value))
     except zenoh.ZError:
-        raise InputError(
-            f"zenoh.{key.split('/')[0]} = {json.dumps(value)}: an endpoint is written "
-            f"PROTOCOL/ADDRESS:PORT, such as {DEFAULT_ENDPOINT}"
-        ) from None  # Zenoh's error names its own source files
+        # Zenoh's error names its own source files.
+        raise _endpoint_error(f"zenoh.{key.split('/')[0]} = {json.dumps(value)}") from None
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Raise InputError if a client's parameter `connect` is not an endpoint."""
+    try:
+        zenoh.Config().insert_json5("connect/endpoints", json.dumps([endpoint]))
+    except zenoh.ZError:
+        raise _endpoint_error(f"connect = {endpoint!r}") from None
+
+
+def _endpoint_error(setting: str) -> InputError:
+    return InputError(
+        f"{setting}: an endpoint is written PROTOCOL/ADDRESS:PORT, such as {DEFAULT_ENDPOINT}"
+    )
 
 
 def _endpoint_in_error(text: str) -> str:

@@ -23,16 +23,17 @@ MAX_LENGTH_ERROR = 0.1
 
 def rigid_transform(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
     """Make a 4x4 transform from a 3x3 rotation and a translation (3,) in meters."""
-    T = np.eye(4)
+    T = np.zeros((4, 4))
     T[:3, :3] = rotation
     T[:3, 3] = translation_m
+    T[3, 3] = 1.0
     return T
 
 
 def inverse(T: Array) -> Array:
     """Invert a rigid 4x4 transform."""
-    R, t = T[:3, :3], T[:3, 3]
-    return rigid_transform(R.T, -R.T @ t)
+    R_inverse = T[:3, :3].T
+    return rigid_transform(R_inverse, -R_inverse @ T[:3, 3])
 
 
 def orthonormalize(T: Array) -> Array:
@@ -42,9 +43,9 @@ def orthonormalize(T: Array) -> Array:
     error then grows with each round. Two steps of Newton's iteration to the nearest rotation
     (Higham, "Computing the Polar Decomposition", 1986); the error left is of fourth order.
     """
-    R = T[:3, :3]
+    R, three = T[:3, :3], 3.0 * np.eye(3)
     for _ in range(2):
-        R = 0.5 * R @ (3.0 * np.eye(3) - R.T @ R)
+        R = 0.5 * R @ (three - R.T @ R)
     return rigid_transform(R, T[:3, 3])
 
 
@@ -76,7 +77,7 @@ def poses_close(T: Array, other: Array, max_distance_m: float, max_angle_rad: fl
 
 def skew_matrix(v: ArrayLike) -> Array:
     """Make the 3x3 matrix with ``skew_matrix(v) @ w == cross(v, w)``."""
-    x, y, z = np.asarray(v, dtype=np.float64)
+    x, y, z = np.asarray(v, dtype=np.float64).tolist()  # NumPy's scalars are slow
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 

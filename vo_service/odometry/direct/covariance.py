@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.core.geometry import Array, inverse, transport_covariance
+from drivers.core.geometry import Array, adjoint
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
 from vo_service.odometry.direct.gauss_newton import (
@@ -20,11 +20,11 @@ from vo_service.odometry.direct.gauss_newton import (
     band_times,
     expand_rolling_shutter,
     fill_jacobian,
+    invert_cholesky,
 )
 from vo_service.odometry.direct.image_pyramid import (
     NUM_CELLS,
     ImagePyramid,
-    ImageTiming,
     LevelImages,
 )
 from vo_service.odometry.direct.keyframe_points import (
@@ -35,7 +35,11 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.direct.motion import ACCELERATION_START, NUM_UNKNOWNS
+from vo_service.odometry.direct.motion import (
+    ACCELERATION_START,
+    MOTION_SIZE,
+    NUM_UNKNOWNS,
+)
 from vo_service.odometry.direct.parameters import (
     COVARIANCE_INFLATION,
     MIN_POSE_SIGMAS,
@@ -63,6 +67,7 @@ from vo_service.odometry.uncertainty import (
 
 # Added to the diagonal of an information matrix, relative to its trace, before it is inverted.
 REGULARIZATION = 1e-9
+MIN_COVARIANCE = np.diag(np.repeat(np.square(MIN_POSE_SIGMAS), 3))
 
 
 @dataclass(frozen=True)
@@ -118,70 +123,115 @@ def estimate_uncertainty(
         alignment.residual_model,
         images.levels[0],
     )
-    scores = np.vstack([scores, _band_scores(bands, shutter)])
-    in_keyframe = COVARIANCE_INFLATION * _sandwich_covariance(H, scores, prior)
-    in_keyframe += _velocity_noise_covariance(H, bands, shutter, velocity_noise)
-    in_camera = transport_covariance(in_keyframe, inverse(alignment.T_camera_keyframe))
-    floor = np.diag(np.repeat(np.square(MIN_POSE_SIGMAS), 3))
+    in_keyframe = _covariance_in_keyframe(
+        H, bands, scores, prior, shutter.readout_s, shutter.skew_s, velocity_noise
+    )
+    Ad = adjoint(alignment.T_camera_keyframe)
+    in_camera = Ad @ in_keyframe @ Ad.T
     return MotionUncertainty(
-        covariance=0.5 * (in_camera + in_camera.T) + floor,
+        covariance=0.5 * (in_camera + in_camera.T) + MIN_COVARIANCE,
         degeneracy=analyze_degeneracy(H[:6, :6], point_information(moments)),
     )
 
 
-def _sandwich_covariance(H: Array, scores: Array, prior: MotionPrior) -> Array:
-    """6x6 for the scatter of the scores, and for the motions of frame and keyframe."""
+@kernel
+def _covariance_in_keyframe(
+    H: Array,
+    bands: Array,
+    scores: Array,
+    prior: MotionPrior,
+    readout_s: float,
+    skew_s: float,
+    velocity_noise: Array,
+) -> Array:
+    """6x6 covariance of a small motion of the keyframe's points, in the keyframe's axes.
+
+    Args:
+        H: (15, 15) information of pose and motion.
+        bands: (2 BANDS, 27), see `accumulate`.
+        scores: (CELLS, 15) of the cells.
+        prior: The prior of the motion.
+        readout_s: Time from the first row to the last.
+        skew_s: Time of the depth image after the color image.
+        velocity_noise: (2,), see `estimate_uncertainty`.
+    """
     prior_information = _prior_information(prior)
-    bread = np.linalg.inv(_regularize(H + prior_information))
-    joint_covariance = bread @ (scores.T @ scores + prior_information) @ bread
+    scatter = prior_information.copy()
+    for n in range(len(scores)):
+        _add_outer_product(scatter, scores[n])
+    times_s, score = band_times(readout_s, skew_s), np.empty(NUM_UNKNOWNS)
+    for n in range(len(bands)):
+        for k in range(6):
+            score[k] = bands[n, TRIANGLE_SIZE + k]
+            score[6 + k] = times_s[n] * score[k]
+            if k >= 3:
+                score[9 + k] = 0.5 * times_s[n] ** 2 * score[k]
+        _add_outer_product(scatter, score)
+    bread = _invert(H + prior_information)
+    joint = _multiply(_multiply(bread, scatter), bread)
     # The keyframe's rows were corrected by a motion that has the same uncertainty.
-    sensitivity = np.linalg.solve(_regularize(H[:6, :6]), H[:6, 6:])
-    covariance: Array = (
-        joint_covariance[:6, :6] + sensitivity @ joint_covariance[6:, 6:] @ sensitivity.T
-    )
+    pose_bread = _invert(H[:6, :6].copy())
+    sensitivity = _multiply(pose_bread, H[:6, 6:].copy())
+    by_keyframe = _multiply(_multiply(sensitivity, joint[6:, 6:].copy()), sensitivity.T.copy())
+    covariance = COVARIANCE_INFLATION * (joint[:6, :6] + by_keyframe)
+    if readout_s != 0.0 or skew_s != 0.0:
+        noise = _velocity_noise_scatter(bands, readout_s + abs(skew_s), velocity_noise)
+        covariance += _multiply(_multiply(pose_bread, noise), pose_bread)
     return covariance
 
 
-def _band_scores(bands: Array, shutter: ImageTiming) -> Array:
-    """(2 BANDS, 15) scores of pose and motion for each band of rows."""
-    scores, times_s = (
-        bands[:, TRIANGLE_SIZE:],
-        band_times(shutter.readout_s, shutter.skew_s)[:, None],
-    )
-    return np.hstack([scores, times_s * scores, 0.5 * times_s**2 * scores[:, 3:]])
-
-
-def _velocity_noise_covariance(
-    H: Array, bands: Array, shutter: ImageTiming, velocity_noise: Array
-) -> Array:
-    """6x6 for changes of the velocity during the readout of an image.
+@kernel
+def _velocity_noise_scatter(bands: Array, span_s: float, velocity_noise: Array) -> Array:
+    """6x6 scatter of the scores by changes of the velocity during the readout of an image.
 
     Each band of rows, of the frame and of the keyframe, has a motion error of its own.
     """
-    if shutter.is_instant:
-        return np.zeros((6, 6))
-    span_s = shutter.readout_s + abs(shutter.skew_s)
-    # Rows are evenly distributed over that time; the error of each grows with its time.
-    variance = np.repeat((span_s * velocity_noise) ** 2 / 12.0, 3)
-    band_information = bands[:, UPPER_TRIANGLE]
-    scatter = 2.0 * np.einsum("kij,j,klj->il", band_information, variance, band_information)
-    bread = np.linalg.inv(_regularize(H[:6, :6]))
-    return np.asarray(bread @ scatter @ bread, np.float64)
+    scatter, row = np.zeros((6, 6)), np.empty(6)
+    for n in range(len(bands)):
+        for j in range(6):
+            # Rows are evenly distributed over that time; the error of each grows with its time.
+            sigma = span_s * velocity_noise[j // 3] / np.sqrt(12.0)
+            for i in range(6):
+                row[i] = np.sqrt(2.0) * sigma * bands[n, UPPER_TRIANGLE[i, j]]
+            _add_outer_product(scatter, row)
+    return scatter
 
 
+@kernel
 def _prior_information(prior: MotionPrior) -> Array:
     """(15, 15) information of the prior, which couples pose and motion."""
     information, rate_hz = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), prior.rate_hz
-    pose, velocity, motion = np.arange(6), np.arange(6, 12), np.arange(6, NUM_UNKNOWNS)
-    velocity_information = prior.information[:ACCELERATION_START]
-    information[pose, pose] = rate_hz**2 * velocity_information
-    information[pose, velocity] = information[velocity, pose] = -rate_hz * velocity_information
-    information[motion, motion] = prior.information
+    for k in range(MOTION_SIZE):
+        P = prior.information[k]
+        information[6 + k, 6 + k] = P
+        if k < ACCELERATION_START:
+            information[k, k] = rate_hz**2 * P
+            information[k, 6 + k] = information[6 + k, k] = -rate_hz * P
     return information
 
 
-def _regularize(H: Array) -> Array:
-    return np.asarray(H + REGULARIZATION * np.trace(H) * np.eye(len(H)), np.float64)
+@inline_kernel
+def _add_outer_product(total: Array, vector: Array) -> None:
+    for a in range(len(vector)):
+        for b in range(len(vector)):
+            total[a, b] += vector[a] * vector[b]
+
+
+@kernel
+def _invert(H: Array) -> Array:
+    """Inverse of an information matrix (N, N), which is regularized."""
+    return invert_cholesky(H + REGULARIZATION * np.trace(H) * np.eye(len(H)))
+
+
+@kernel
+def _multiply(A: Array, B: Array) -> Array:
+    """Product of small matrices."""
+    product = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                product[i, j] += A[i, k] * B[k, j]
+    return product
 
 
 @kernel

@@ -314,15 +314,37 @@ def solve_cholesky(A: Array, b: Array) -> Array:
 
     Only the lower triangle of A is used.
     """
-    n = len(b)
+    return _substitute(_factorize(A), b)
+
+
+@kernel
+def invert_cholesky(A: Array) -> Array:
+    """Inverse of A (N, N), see `solve_cholesky`."""
+    L, unit = _factorize(A), np.eye(len(A))
+    inverse = np.empty(A.shape)
+    for k in range(len(A)):
+        inverse[k] = _substitute(L, unit[k])
+    return inverse
+
+
+@kernel
+def _factorize(A: Array) -> Array:
+    """(N, N) lower triangular L with L L^T = A."""
+    n = len(A)
     L = np.zeros((n, n))
-    x = b.copy()
     for j in range(n):
         for i in range(j, n):
             total = A[i, j]
             for k in range(j):
                 total -= L[i, k] * L[j, k]
             L[i, j] = np.sqrt(max(total, MIN_PIVOT)) if i == j else total / L[j, j]
+    return L
+
+
+@kernel
+def _substitute(L: Array, b: Array) -> Array:
+    """(N,) x with L L^T x = b, by forward and backward substitution."""
+    n, x = len(b), b.copy()
     for i in range(n):
         for k in range(i):
             x[i] -= L[i, k] * x[k]
@@ -375,9 +397,9 @@ def marginalize(H: Array, g: Array, kept: int) -> tuple[Array, Array]:
         for k in range(kept):
             Y[a, k] = H[a, n + k] * scale[a]
         Y[a, kept] = g[a] * scale[a]
-    solved = np.empty((n, kept + 1))
+    solved, L = np.empty((n, kept + 1)), _factorize(X)
     for k in range(kept + 1):
-        solved[:, k] = solve_cholesky(X, Y[:, k].copy())
+        solved[:, k] = _substitute(L, Y[:, k].copy())
     A, b_vector = np.empty((kept, kept)), np.empty(kept)
     for a in range(kept):
         for b in range(kept):

@@ -18,6 +18,7 @@ from math import sqrt
 import numpy as np
 
 from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.jit import kernel
 from vo_service.odometry.direct.covariance import MotionUncertainty
 from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
@@ -46,6 +47,9 @@ from vo_service.odometry.direct.quality import TrackingResult
 
 # A normalized innovation at which the measured pose is used alone.
 UNFILTERED_INNOVATION = 2.0
+# Range of the sigma of the velocity, m/s and rad/s.
+MAX_VELOCITY_SIGMA = np.array(VELOCITY_SIGMA)
+MIN_VELOCITY_SIGMA = VELOCITY_SIGMA_RANGE[0] * MAX_VELOCITY_SIGMA
 
 
 @dataclass(frozen=True)
@@ -91,13 +95,10 @@ class MotionState:
     def motion_prior(self, T_world_keyframe: Array, stamp_s: float) -> MotionPrior:
         """Prior of the motion at a stamp: the velocity changes no more than it did recently."""
         T_keyframe_last = inverse(T_world_keyframe) @ self.T_world_camera
-        usual = np.array(VELOCITY_SIGMA)
-        information = velocity_information(
-            np.clip(self.velocity_noise, VELOCITY_SIGMA_RANGE[0] * usual, usual)
-        )
+        sigma = np.minimum(np.maximum(self.velocity_noise, MIN_VELOCITY_SIGMA), MAX_VELOCITY_SIGMA)
         motion = change_frame(constant_velocity_motion(-self.velocity), T_keyframe_last)
         rate_hz = 1.0 / max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S)
-        prior = MotionPrior(T_keyframe_last, rate_hz, motion, information)
+        prior = MotionPrior(T_keyframe_last, rate_hz, motion, velocity_information(sigma))
         return prior if self.is_recent(stamp_s) else prior.relaxed()
 
     def is_stale(self, stamp_s: float) -> bool:
@@ -108,18 +109,14 @@ class MotionState:
         """Change of the velocity (6,) relative to its noise; 0 if the state is stale."""
         if self.is_stale(stamp_s):
             return 0.0
-        usual = np.maximum(self.velocity_noise, MIN_VELOCITY_NOISE_RATIO * np.array(VELOCITY_SIGMA))
+        usual = np.maximum(self.velocity_noise, MIN_VELOCITY_NOISE_RATIO * MAX_VELOCITY_SIGMA)
         return float((_velocity_change(velocity, self.velocity) / usual).max())
 
     def update_velocity_noise(self, velocity: Array) -> Array:
         """Velocity noise (2,) including the velocity (6,) of the next frame."""
-        squared = _velocity_change(velocity, self.velocity) ** 2
-        # The first change is that of a camera that was already moving.
-        first = np.minimum(squared, np.square(VELOCITY_SIGMA))
-        before = np.where(np.isfinite(self.velocity_noise), self.velocity_noise**2, first)
-        decay = VELOCITY_NOISE_DECAY
-        velocity_noise = np.sqrt(decay * before + (1.0 - decay) * squared)
-        return np.asarray(velocity_noise, np.float64)
+        return _fade_velocity_noise(
+            self.velocity_noise, _velocity_change(velocity, self.velocity), MAX_VELOCITY_SIGMA
+        )
 
     def update_normalized_innovation(self, normalized_square: float) -> float:
         """Normalized innovation including that of the next frame; a rise counts at once."""
@@ -185,9 +182,25 @@ class MotionState:
         return 0.0 < stamp_s - self.stamp_s <= MAX_EXTRAPOLATION_S
 
 
+@kernel
 def _velocity_change(velocity: Array, before: Array) -> Array:
     """(2,) root mean square of the change over three components, m/s and rad/s."""
-    return np.asarray(np.sqrt(((velocity - before) ** 2).reshape(2, 3).mean(axis=1)), np.float64)
+    change = np.zeros(2)
+    for k in range(6):
+        change[k // 3] += (velocity[k] - before[k]) ** 2
+    return np.sqrt(change / 3.0)
+
+
+@kernel
+def _fade_velocity_noise(noise: Array, change: Array, first: Array) -> Array:
+    """(2,) velocity noise including the next change (2,); the first one is limited."""
+    faded = np.empty(2)
+    for k in range(2):
+        # The first change is that of a camera that was already moving.
+        before = noise[k] if np.isfinite(noise[k]) else min(change[k], first[k])
+        squared = VELOCITY_NOISE_DECAY * before**2 + (1.0 - VELOCITY_NOISE_DECAY) * change[k] ** 2
+        faded[k] = np.sqrt(squared)
+    return faded
 
 
 def fuse_and_filter(

@@ -15,7 +15,7 @@ from drivers.core.geometry import Array, adjoint, inverse
 from vo_service.odometry.direct.gauss_newton import marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
-from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
+from vo_service.odometry.direct.motion import constant_velocity_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import (
     FIRST_KEYFRAME_WEIGHT,
@@ -29,7 +29,14 @@ from vo_service.odometry.direct.parameters import (
     TIMING_STEP_RATIO,
 )
 from vo_service.odometry.direct.timing_equations import (
+    KEYFRAME_TURNS,
+    KEYFRAME_VELOCITY,
+    KEYFRAME_VELOCITY_CHANGE,
     NUM_TIMING,
+    NUM_TWISTS,
+    TURNS,
+    VELOCITY,
+    VELOCITY_CHANGE,
     TimedFrame,
     TimingView,
     TrackedView,
@@ -328,22 +335,19 @@ def _timing_view(view: TrackedView, keyframe_view: TrackedView) -> TimingView:
     assert view.velocity is not None
     assert keyframe_view.velocity is not None
     T_keyframe_camera = inverse(alignment.T_camera_keyframe)
-    velocity = change_frame(constant_velocity_motion(-view.velocity), T_keyframe_camera)[:6].copy()
+    Ad = adjoint(T_keyframe_camera)
+    twists = np.zeros((6, NUM_TWISTS))
+    twists[:, VELOCITY] = Ad @ -view.velocity
+    twists[:, VELOCITY_CHANGE] = twists[:, VELOCITY] - alignment.motion[:6]
+    twists[:, KEYFRAME_VELOCITY] = -keyframe_view.velocity
+    twists[:, KEYFRAME_VELOCITY_CHANGE] = keyframe.motion[:6] - keyframe_view.velocity
+    twists[:, TURNS : TURNS + 2] = -Ad[:, 3:5]
+    twists[3:5, KEYFRAME_TURNS : KEYFRAME_TURNS + 2] = -np.eye(2)
     return TimingView(
-        velocity=velocity,
-        velocity_change=velocity - alignment.motion[:6],
-        keyframe_velocity=-keyframe_view.velocity,
-        keyframe_velocity_change=keyframe.motion[:6] - keyframe_view.velocity,
-        turns=_turns_in(T_keyframe_camera),
-        keyframe_turns=_turns_in(np.eye(4)),
-        camera_position=np.ascontiguousarray(T_keyframe_camera[:3, 3]),
+        twists=twists,
+        camera_position=T_keyframe_camera[:3, 3].copy(),
         timing=view.timing,
         keyframe_timing=_keyframe_timing(keyframe, keyframe_view),
         intrinsics=keyframe.images.intrinsics[0],
         height=keyframe.images.camera.height,
     )
-
-
-def _turns_in(T_keyframe_camera: Array) -> Array:
-    """(2, 6) twists of points for a camera that turns about its x and y axis, at 1 rad/s."""
-    return np.ascontiguousarray(-adjoint(T_keyframe_camera)[:, 3:5].T)

@@ -3,6 +3,7 @@
 Also the result of the tracking, with its debug data for a viewer.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 
@@ -10,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.gauss_newton import MotionPrior
 from vo_service.odometry.direct.image_pyramid import GAIN_RANGE
 from vo_service.odometry.direct.keyframe import DirectKeyframe
-from vo_service.odometry.direct.motion import ACCELERATION_START
+from vo_service.odometry.direct.motion import ACCELERATION_START, project
 from vo_service.odometry.direct.parameters import (
     INITIAL_SIGMAS,
     MAX_MOVING_OR_OCCLUDED_SHARE,
@@ -102,10 +104,10 @@ def _move_median(median: float, value: float) -> float:
 
 def is_consistent(counts: Array) -> bool:
     """Whether most depth and brightness samples agree with the keyframe, by the counts (8,)."""
-    return not _inconsistency_reason(counts)
+    return not _inconsistency_reason(counts.tolist())
 
 
-def _inconsistency_reason(counts: Array) -> str:
+def _inconsistency_reason(counts: Sequence[float]) -> str:
     """Which kind of samples does not agree with the keyframe; "" if both do."""
     for what, agreeing, total in (
         ("depth samples", counts[DEPTH_AGREES], counts[WITH_DEPTH]),
@@ -162,7 +164,8 @@ def residual_score(alignment: DirectAlignment) -> float:
 
 def rejection_reason(alignment: DirectAlignment) -> str:
     """Why an alignment is rejected; "" if it is valid."""
-    counts, model, points = alignment.counts, alignment.residual_model, len(alignment.samples)
+    counts, model = alignment.counts.tolist(), alignment.residual_model.tolist()
+    points = len(alignment.samples)
     in_view = int(counts[IN_IMAGE])
     if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_POINTS_IN_VIEW):
         return f"only {in_view} of {points} points of the keyframe are in view"
@@ -208,7 +211,7 @@ def occlusion_reason(alignment: DirectAlignment) -> str:
 
 def degradation_reason(alignment: DirectAlignment) -> str:
     """What an alignment lacks; "" if depth and brightness constrain nearly all of the view."""
-    counts = alignment.counts
+    counts = alignment.counts.tolist()
     enough = MIN_MODALITY_SHARE * counts[IN_IMAGE]
     if counts[WITH_BRIGHTNESS] < enough:
         return "depth only: no texture in view"
@@ -227,25 +230,29 @@ def _occlusion_message(share: float) -> str:
 
 def make_tracking_debug(keyframe: DirectKeyframe, alignment: DirectAlignment) -> TrackingDebug:
     """Make the debug data of every 4th point; matches are points with a brightness sample."""
-    samples = alignment.samples[::POINT_STRIDE]
-    pixels = samples[:, [SAMPLE_U, SAMPLE_V]].astype(np.float32)
+    points, samples = keyframe.points[0][::POINT_STRIDE], alignment.samples[::POINT_STRIDE]
     is_sampled = ~np.isnan(samples[:, SAMPLE_BRIGHTNESS])
+    pixels = samples[:, SAMPLE_U : SAMPLE_V + 1].astype(np.float32)
     return TrackingDebug(
         keypoints_px=pixels[samples[:, SAMPLE_CELL] >= 0],
         matches_px=pixels[is_sampled],
         reference_matches_px=project_keyframe_points(keyframe)[is_sampled],
-        inlier=find_inliers(keyframe.points[0][::POINT_STRIDE], samples, alignment.residual_model)[
-            is_sampled
-        ],
+        inlier=find_inliers(points, samples, alignment.residual_model)[is_sampled],
     )
 
 
 def project_keyframe_points(keyframe: DirectKeyframe) -> NDArray[np.float32]:
     """(N, 2) pixels of every 4th keyframe point in the keyframe's image."""
-    fx, fy, cx, cy = keyframe.images.intrinsics[0]
-    x, y, z = keyframe.points[0][::POINT_STRIDE, :3].T
-    pixels: Array = np.column_stack([fx * x / z + cx, fy * y / z + cy])
-    return pixels.astype(np.float32)
+    return _project_points(keyframe.points[0][::POINT_STRIDE], keyframe.images.intrinsics[0])
+
+
+@kernel
+def _project_points(points: Array, intrinsics: Array) -> NDArray[np.float32]:
+    """(N, 2) pixels of points (N, COLUMNS) of a keyframe level."""
+    pixels = np.empty((len(points), 2), np.float32)
+    for n in range(len(points)):
+        pixels[n] = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+    return pixels
 
 
 @dataclass(frozen=True)

@@ -54,18 +54,19 @@ NUM_UNKNOWNS = 12
 FIRST_TURN, FIRST_TIMING, NUM_TIMING = 8, 10, 2
 
 
+# Columns of the twists of a view, see `TimingView`.
+VELOCITY, VELOCITY_CHANGE, KEYFRAME_VELOCITY, KEYFRAME_VELOCITY_CHANGE = range(4)
+TURNS, KEYFRAME_TURNS, NUM_TWISTS = 4, 6, 8
+
+
 class TimingView(NamedTuple):
     """What the timing kernel needs of a view, beside its points and samples.
 
-    Velocities are twists (6,) of the keyframe's points in the keyframe's axes, m/s and rad/s.
-
     Attributes:
-        velocity: While the frame was taken.
-        velocity_change: The same minus what the alignment took it for.
-        keyframe_velocity: While the keyframe was taken.
-        keyframe_velocity_change: The same minus what the keyframe's points were made with.
-        turns: (2, 6) of a camera that turns about its own x and y axis at 1 rad/s, at the frame.
-        keyframe_turns: (2, 6) the same at the keyframe.
+        twists: (6, TWISTS) of the keyframe's points in the keyframe's axes, m/s and rad/s: while
+            the frame was taken; the same minus what the alignment took it for; while the keyframe
+            was taken; the same minus what the keyframe's points were made with; of a camera that
+            turns about its own x and y axis at 1 rad/s, at the frame (2) and at the keyframe (2).
         camera_position: (3,) of the frame's camera in the keyframe's axes, m.
         timing: (2,) readout and delay that the frame was aligned with.
         keyframe_timing: (2,) those of the keyframe.
@@ -73,25 +74,12 @@ class TimingView(NamedTuple):
         height: Rows of the whole image.
     """
 
-    velocity: Array
-    velocity_change: Array
-    keyframe_velocity: Array
-    keyframe_velocity_change: Array
-    turns: Array
-    keyframe_turns: Array
+    twists: Array
     camera_position: Array
     timing: Array
     keyframe_timing: Array
     intrinsics: Array
     height: int
-
-
-@inline_kernel
-def _dot(J: Array, velocity: Array) -> float:
-    total = 0.0
-    for k in range(6):
-        total += J[k] * velocity[k]
-    return total
 
 
 @kernel
@@ -112,19 +100,23 @@ def accumulate_timing(
     """
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
     row, J, J_depth = np.zeros(NUM_UNKNOWNS), np.empty(6), np.empty(6)
+    moved, moved_depth = np.empty(NUM_TWISTS), np.empty(NUM_TWISTS)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
     variance, variance_depth = residual_variances(residual_model)
-    middle_row = 0.5 * (view.height - 1)
+    # Fields of a tuple cost time in a loop.
+    twists, camera_position, timing, keyframe_timing, intrinsics, height = view
+    middle_row = 0.5 * (height - 1)
     for i in range(0, len(points), TIMING_POINT_STRIDE):
         brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
         if np.isnan(brightness):
             continue
         cell = int(samples[i, SAMPLE_CELL])
-        v_keyframe = view.intrinsics[1] * points[i, 1] / points[i, 2] + view.intrinsics[3]
+        v_keyframe = intrinsics[1] * points[i, 1] / points[i, 2] + intrinsics[3]
         # Times of the rows as shares of the readout.
-        share = (samples[i, SAMPLE_V] - middle_row) / view.height
-        keyframe_share = (v_keyframe - middle_row) / view.height
+        share = (samples[i, SAMPLE_V] - middle_row) / height
+        keyframe_share = (v_keyframe - middle_row) / height
         fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J_depth)
+        _move(J_depth, twists, moved_depth)
         if points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
             sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
@@ -132,16 +124,25 @@ def accumulate_timing(
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
             curvature = w * student_curvature(residual, sample_variance)
             fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
+            _move(J, twists, moved)
+            # Only parallax shows an error of the point's depth in its brightness.
+            by_depth = -points[i, 2] * (
+                J[0] * camera_position[0] + J[1] * camera_position[1] + J[2] * camera_position[2]
+            )
+            row[:6] = J
             row[6], row[7] = -points[i, POINT_BRIGHTNESS], -1.0
             linear = _fill_brightness_row(
-                points[i, 2], J, J_depth, share, keyframe_share, view, row
+                moved, moved_depth, by_depth, share, keyframe_share, timing, keyframe_timing, row
             )
             add_residual(H, g, row, curvature, w * residual + curvature * linear)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
             curvature = w * student_curvature(depth, variance_depth)
+            row[:6] = J_depth
             row[6] = row[7] = 0.0
-            linear = _fill_depth_row(J_depth, share, keyframe_share, view, row)
+            linear = _fill_depth_row(
+                moved_depth, share, keyframe_share, timing, keyframe_timing, row
+            )
             add_residual(H, g, row, curvature, w * depth + curvature * linear)
     for k in range(FIRST_TURN, FIRST_TIMING):
         H[k, k] += TURN_INFORMATION
@@ -149,72 +150,78 @@ def accumulate_timing(
 
 
 @inline_kernel
+def _move(J: Array, twists: Array, moved: Array) -> None:
+    """Fill in the changes (TWISTS,) of a residual with derivative J (6,), by each twist."""
+    for n in range(NUM_TWISTS):
+        moved[n] = 0.0
+    for k in range(6):
+        for n in range(NUM_TWISTS):
+            moved[n] += J[k] * twists[k, n]
+
+
+@inline_kernel
 def _fill_brightness_row(
-    z: float,
-    J: Array,
-    J_depth: Array,
+    moved: Array,
+    moved_depth: Array,
+    by_depth: float,
     share: float,
     keyframe_share: float,
-    view: TimingView,
+    timing: Array,
+    keyframe_timing: Array,
     row: Array,
 ) -> float:
-    """Fill in the derivatives of a brightness residual, except by gain and offset.
+    """Fill in the derivatives of a brightness residual by turn and timing.
 
     Args:
-        z: Depth of the point, m.
-        J: (6,) derivative by a motion of the points.
-        J_depth: (6,) the same of the depth residual.
+        moved: (TWISTS,) changes of the residual.
+        moved_depth: (TWISTS,) changes of the depth residual.
+        by_depth: Derivative by the depth residual.
         share: Time of the frame's row as a share of the readout.
         keyframe_share: The same of the keyframe's row.
-        view: The view.
+        timing: (2,) of the frame.
+        keyframe_timing: (2,) of the keyframe.
         row: (UNKNOWNS,) the derivatives.
 
     Returns:
         What is added to the residual to make it that of zero timing and of the view's velocities.
     """
-    readout, (keyframe_readout, keyframe_delay) = view.timing[0], view.keyframe_timing
-    change, keyframe_change = view.velocity_change, view.keyframe_velocity_change
-    # Only parallax shows an error of the point's depth in its brightness.
-    c = view.camera_position
-    by_depth = -z * (J[0] * c[0] + J[1] * c[1] + J[2] * c[2])
-    by_frame = share * _dot(J, view.velocity)
-    by_keyframe = -keyframe_share * _dot(J, view.keyframe_velocity)
-    by_delay = by_depth * _dot(J_depth, view.keyframe_velocity)
-    row[:6] = J
+    readout = timing[0]
+    keyframe_readout, keyframe_delay = keyframe_timing[0], keyframe_timing[1]
+    by_frame = share * moved[VELOCITY]
+    by_keyframe = -keyframe_share * moved[KEYFRAME_VELOCITY]
+    by_delay = by_depth * moved_depth[KEYFRAME_VELOCITY]
     for k in range(2):
-        row[FIRST_TURN + k] = by_depth * _dot(J_depth, view.keyframe_turns[k])
+        row[FIRST_TURN + k] = by_depth * moved_depth[KEYFRAME_TURNS + k]
     row[FIRST_TIMING], row[FIRST_TIMING + 1] = by_frame + by_keyframe, by_delay
     used = by_frame * readout + by_keyframe * keyframe_readout + by_delay * keyframe_delay
     return float(
-        readout * share * _dot(J, change)
-        - keyframe_readout * keyframe_share * _dot(J, keyframe_change)
-        + keyframe_delay * by_depth * _dot(J_depth, keyframe_change)
+        readout * share * moved[VELOCITY_CHANGE]
+        - keyframe_readout * keyframe_share * moved[KEYFRAME_VELOCITY_CHANGE]
+        + keyframe_delay * by_depth * moved_depth[KEYFRAME_VELOCITY_CHANGE]
         - TIMING_STEP_RATIO * used
     )
 
 
 @inline_kernel
 def _fill_depth_row(
-    J_depth: Array, share: float, keyframe_share: float, view: TimingView, row: Array
+    moved: Array,
+    share: float,
+    keyframe_share: float,
+    timing: Array,
+    keyframe_timing: Array,
+    row: Array,
 ) -> float:
     """Fill in the derivatives of a depth residual; see `_fill_brightness_row`."""
-    (readout, delay), (keyframe_readout, keyframe_delay) = view.timing, view.keyframe_timing
-    change, keyframe_change = view.velocity_change, view.keyframe_velocity_change
-    moved = _dot(J_depth, view.velocity)
-    keyframe_moved = _dot(J_depth, view.keyframe_velocity)
-    row[:6] = J_depth
     for k in range(2):
-        row[FIRST_TURN + k] = _dot(J_depth, view.turns[k]) - _dot(J_depth, view.keyframe_turns[k])
-    row[FIRST_TIMING] = share * moved - keyframe_share * keyframe_moved
-    row[FIRST_TIMING + 1] = moved - keyframe_moved
-    frame_s, keyframe_s = (
-        share * readout + delay,
-        keyframe_share * keyframe_readout + keyframe_delay,
-    )
+        row[FIRST_TURN + k] = moved[TURNS + k] - moved[KEYFRAME_TURNS + k]
+    row[FIRST_TIMING] = share * moved[VELOCITY] - keyframe_share * moved[KEYFRAME_VELOCITY]
+    row[FIRST_TIMING + 1] = moved[VELOCITY] - moved[KEYFRAME_VELOCITY]
+    frame_s = share * timing[0] + timing[1]
+    keyframe_s = keyframe_share * keyframe_timing[0] + keyframe_timing[1]
     return float(
-        frame_s * _dot(J_depth, change)
-        - keyframe_s * _dot(J_depth, keyframe_change)
-        - TIMING_STEP_RATIO * (frame_s * moved - keyframe_s * keyframe_moved)
+        frame_s * moved[VELOCITY_CHANGE]
+        - keyframe_s * moved[KEYFRAME_VELOCITY_CHANGE]
+        - TIMING_STEP_RATIO * (frame_s * moved[VELOCITY] - keyframe_s * moved[KEYFRAME_VELOCITY])
     )
 
 

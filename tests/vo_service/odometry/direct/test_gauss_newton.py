@@ -5,7 +5,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.gauss_newton import MotionPrior, add_motion_prior, solve_cholesky
+from vo_service.odometry.direct.gauss_newton import (
+    MotionPrior,
+    add_motion_prior,
+    invert_cholesky,
+    solve_cholesky,
+)
 
 FEW = settings(max_examples=30)
 MOTIONS = arrays(np.float64, 9, elements=st.floats(-1.0, 1.0, allow_subnormal=False))
@@ -18,6 +23,7 @@ def test_a_positive_definite_system_is_solved(seed: int, size: int) -> None:
     A = random.normal(size=(size, 2 * size))
     A, b = A @ A.T, random.normal(size=size)
     np.testing.assert_allclose(solve_cholesky(A, b), np.linalg.solve(A, b), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(invert_cholesky(A) @ A, np.eye(size), atol=1e-6)
 
 
 def test_an_empty_system_has_a_solution() -> None:

@@ -16,8 +16,7 @@ from drivers.bag.bag_contents import (
 )
 from drivers.bag.bag_file import STORAGE_SUFFIXES, open_bag_file
 from drivers.bag.camera_info import CameraModel, camera_from_message
-from drivers.bag.image_messages import ImageMessage, is_depth_in_meters
-from drivers.bag.message_cursor import MessageCursor
+from drivers.bag.image_messages import ImageMessage, MessageCursor, is_depth_in_meters
 from drivers.bag.topics import (
     BagTopics,
     find_topics,

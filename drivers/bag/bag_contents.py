@@ -8,8 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from drivers.bag.bag_file import BagFile, Message
-from drivers.bag.image_messages import ImageMessage, stamp_ns_of
-from drivers.bag.message_cursor import MessageCursor, MessageKey, number_messages
+from drivers.bag.image_messages import (
+    ImageMessage,
+    MessageCursor,
+    MessageKey,
+    number_messages,
+    stamp_ns_of,
+)
 from drivers.bag.topics import BagTopics
 from drivers.bag.transforms import TransformTree
 from drivers.core.errors import InputError

@@ -12,8 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self, cast
 
-from drivers.bag.bag_writer import EncodedMessage, McapWriter
-from drivers.bag.frame_writer import MILLIMETER_DEPTH_FACTOR, FrameWriter
+from drivers.bag.bag_writer import MILLIMETER_DEPTH_FACTOR, EncodedMessage, FrameWriter, McapWriter
 from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError

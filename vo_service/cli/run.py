@@ -39,9 +39,9 @@ from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level
 from vo_service.outputs.state_log import ProgressOutput, StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
-from vo_service.outputs.zenoh.command_server import CommandEndpoint, make_command_endpoint
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
 from vo_service.outputs.zenoh.output import ExtraEndpoints
+from vo_service.outputs.zenoh.queryables import CommandEndpoint, make_command_endpoint
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,

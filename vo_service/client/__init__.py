@@ -18,8 +18,7 @@ from vo_service.client.connection import (
     PoseUnavailableReason,
     ServiceUnavailable,
 )
-from vo_service.client.frame import Frame, PointCloud
-from vo_service.client.frame_client import FrameClient
+from vo_service.client.frame_client import Frame, FrameClient, PointCloud
 from vo_service.client.pose import MapOdom, Pose
 
 __all__ = [

@@ -6,8 +6,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.bag.bag_writer import EncodedMessage
-from drivers.bag.frame_writer import CAMERA_FRAME, NAMESPACE
+from drivers.bag.bag_writer import CAMERA_FRAME, NAMESPACE, EncodedMessage
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError

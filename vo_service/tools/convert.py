@@ -230,7 +230,7 @@ def _open_sink(
             yield FolderSink(writer, calibration)
         return
     check_bag_packages(path)
-    from drivers.bag.frame_writer import FrameWriter  # its packages are optional
+    from drivers.bag.bag_writer import FrameWriter  # its packages are optional
 
     first = recording.frames.pairs[0]
     with _open_bag_writer(path, output_format) as bag:

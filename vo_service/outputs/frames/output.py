@@ -1,27 +1,24 @@
-"""The output of frames: encodes on a thread of its own what somebody subscribes to."""
+"""The output of frames: encodes and publishes, on its own thread, what somebody subscribes to."""
 
 import logging
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import zenoh
+import zenoh.shm
 
 from drivers.core.flow_control import DropOldestQueue, Throttle, WorkerThread
 from drivers.core.geometry import Array
 from vo_service.config_tables import FramesConfig, Ros2Config, ZenohConfig
-from vo_service.outputs.frames.publisher import (
-    FrameKeyPublisher,
-    FrameTopicPublisher,
-    RosKeys,
-    plain_key,
-)
-from vo_service.outputs.frames.shared_memory import SharedPayloads
 from vo_service.outputs.frames.topics import FrameTopic, frame_attachment, make_topics
 from vo_service.outputs.zenoh.ros2 import (
     RosNode,
     RosTopic,
     StaticTransformPublisher,
+    encode_attachment,
     node_name,
+    publisher_gid,
     ros_type,
 )
 from vo_service.outputs.zenoh.session_check import endpoints_without_roles
@@ -30,6 +27,140 @@ from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
 
 logger = logging.getLogger(__name__)
+
+# Three raw color and depth images: what readers hold, and what is on its way to them. Zenoh locks
+# the pool in the memory of each process that maps it, and Linux allows a user 8 MB of that.
+POOL_BYTES = 6 << 20
+# Smaller messages go with the others through the socket.
+MIN_SHARED_BYTES = 16 << 10
+
+
+class SharedPayloads:
+    """Places payloads in a pool of shared memory while there is room in it.
+
+    A reader on this computer then maps the payload instead of receiving it; one elsewhere, or
+    without rights to the memory, receives it as usual. The pool is made for the first payload. If
+    that fails, as with a small or read-only /dev/shm, payloads stay plain bytes.
+    """
+
+    def __init__(self, pool_bytes: int = POOL_BYTES) -> None:
+        self._pool_bytes = pool_bytes
+        self._pools: list[zenoh.shm.ShmProvider] | None = None
+
+    def share(self, payload: bytes) -> zenoh.ZBytes:
+        """Return the payload to publish; it may be published several times."""
+        if len(payload) < MIN_SHARED_BYTES:
+            return zenoh.ZBytes(payload)
+        if self._pools is None:
+            self._pools = self._make_pools()
+        for pool in self._pools:
+            try:
+                buffer = pool.alloc(len(payload), zenoh.shm.GarbageCollect())
+            except zenoh.ZError:  # readers hold all of it
+                break
+            buffer[:] = payload
+            return zenoh.ZBytes(buffer)
+        return zenoh.ZBytes(payload)
+
+    def _make_pools(self) -> list[zenoh.shm.ShmProvider]:
+        """Return the pool; nothing if this computer has no room for it."""
+        try:
+            pool = zenoh.shm.ShmProvider.default_backend(self._pool_bytes)
+            pool.alloc(1, zenoh.shm.GarbageCollect())  # makes Zenoh's own segments
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException as error:  # without memory to lock, Zenoh panics: no Exception
+            logger.info("frames: no shared memory: %s", str(error).partition("\n")[0])
+            return []
+        return [pool]
+
+
+# Makes the attachment of a sample from the frame's own one.
+AttachmentMaker = Callable[[bytes], bytes]
+
+
+class FrameKeyPublisher:
+    """Publisher of one key that knows whether somebody subscribes.
+
+    Frames give way to everything else on a link, and a reader that is too slow loses them.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        encoding: zenoh.Encoding,
+        make_attachment: AttachmentMaker,
+    ) -> None:
+        self.is_wanted = False
+        self._make_attachment = make_attachment
+        self._publisher = session.declare_publisher(
+            key,
+            encoding=encoding,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.BACKGROUND,
+        )
+        self._listener = self._publisher.declare_matching_listener(self._on_match)
+
+    def put(self, payload: zenoh.ZBytes, attachment: bytes) -> None:
+        """Publish one sample."""
+        self._publisher.put(payload, attachment=self._make_attachment(attachment))
+
+    def _on_match(self, status: zenoh.MatchingStatus) -> None:
+        self.is_wanted = status.matching
+
+
+class FrameTopicPublisher:
+    """Encodes one topic once for all its keys, if any of them is wanted."""
+
+    def __init__(self, topic: FrameTopic, keys: Sequence[FrameKeyPublisher]) -> None:
+        self._topic = topic
+        self._keys = keys
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody subscribes."""
+        return any(key.is_wanted for key in self._keys)
+
+    def publish(
+        self, update: OdometryUpdate, attachment: bytes, shared_payloads: SharedPayloads
+    ) -> None:
+        """Encode and publish the topic of a frame. Raises ValueError, ZError."""
+        keys = [key for key in self._keys if key.is_wanted]
+        for payload in self._topic.encode(update) if keys else ():
+            shared = shared_payloads.share(payload)
+            for key in keys:
+                key.put(shared, attachment)
+
+
+def plain_key(session: zenoh.Session, topic: FrameTopic, prefix: str) -> FrameKeyPublisher:
+    """Declare the topic's own key."""
+    encoding = (
+        zenoh.Encoding.APPLICATION_CDR.with_schema(topic.schema)
+        if topic.schema
+        else zenoh.Encoding.APPLICATION_JSON
+    )
+    return FrameKeyPublisher(session, f"{prefix}/{topic.name}", encoding, lambda own: own)
+
+
+class RosKeys:
+    """The keys of a topic for ROS 2, and the token by which nodes discover it."""
+
+    def __init__(self, session: zenoh.Session, node: RosNode, number: int, topic: RosTopic) -> None:
+        token = node.publisher_token(number, topic)
+        self._gid = publisher_gid(token)
+        self._count = 0
+        encoding = zenoh.Encoding.APPLICATION_CDR
+        self.publishers = [
+            FrameKeyPublisher(session, topic.bridge_key, encoding, lambda own: own),
+            FrameKeyPublisher(session, topic.rmw_key(node.domain_id), encoding, self._attachment),
+        ]
+        self._token = session.liveliness().declare_token(token)
+
+    def _attachment(self, own: bytes) -> bytes:
+        self._count += 1
+        return encode_attachment(self._count, time.time_ns(), self._gid)
+
 
 CLOSE_TIMEOUT_S = 2.0
 # Numbers of the publishers in the ROS node; those of the poses and of /tf come before.

@@ -9,7 +9,6 @@ import zenoh
 
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh.command_server import CommandEndpoint, NullCommandEndpoint
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.messages import (
     FrameIds,
@@ -18,7 +17,12 @@ from vo_service.outputs.zenoh.messages import (
     pose_attachment,
     pose_payload,
 )
-from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables
+from vo_service.outputs.zenoh.queryables import (
+    CommandEndpoint,
+    LatestMessages,
+    NullCommandEndpoint,
+    Queryables,
+)
 from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
 from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
 from vo_service.types.messages import Status, encode_message, versions

@@ -9,9 +9,14 @@ from pathlib import Path
 import zenoh
 
 from vo_service.config_tables import Ros2Config
-from vo_service.outputs.zenoh.command_server import CommandEndpoint
 from vo_service.outputs.zenoh.messages import FrameIds
-from vo_service.outputs.zenoh.queryables import CDR, CDR_TRANSFORM, JSON, Queryables
+from vo_service.outputs.zenoh.queryables import (
+    CDR,
+    CDR_TRANSFORM,
+    JSON,
+    CommandEndpoint,
+    Queryables,
+)
 from vo_service.outputs.zenoh.ros2 import make_ros2_output
 from vo_service.types import OdometryUpdate
 

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[4]))
 from tests.ports import free_port
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.frames.shared_memory import SharedPayloads
+from vo_service.outputs.frames.output import SharedPayloads
 from vo_service.outputs.zenoh.session import open_session
 
 

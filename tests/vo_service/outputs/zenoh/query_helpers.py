@@ -11,8 +11,8 @@ import zenoh
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service.config_tables import ZenohConfig
 from vo_service.control import CommandFuture, CommandQueue
-from vo_service.outputs.zenoh.command_server import CommandServer
 from vo_service.outputs.zenoh.output import LIVE_QOS, ExtraEndpoints, ZenohOutput
+from vo_service.outputs.zenoh.queryables import CommandServer
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.types.commands import Command
 

@@ -4,12 +4,12 @@
 # The sensors' native libraries, loaded by name when a sensor is opened.
 native_packages="libfreenect0.5 libopenni2-0 libusb-1.0-0"
 
-# missing_packages PACKAGE...: print those that are not installed.
+# missing_packages PACKAGE...: print those that are not installed. Debian 13 has renamed some libraries to NAMEt64.
 missing_packages() {
     command -v dpkg-query >/dev/null || return 0 # not Debian: assume that they are installed
     for package in "$@"; do
-        case $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>&1) in
-            installed) ;;
+        case " $(dpkg-query --show --showformat='${db:Status-Status} ' "$package" "${package}t64" 2>/dev/null)" in
+            *" installed "*) ;;
             *) printf ' %s' "$package" ;;
         esac
     done

@@ -182,7 +182,13 @@ def escapes_offset(pixels: int) -> int:
 
 
 def unpack_depth(packed: bytes, height: int, width: int) -> NDArray[np.uint16]:
-    """Unpack a (height, width) uint16 image, bit for bit."""
+    """Unpack a (height, width) uint16 image, bit for bit.
+
+    Args:
+        packed: What `pack_depth` wrote.
+        height: Rows.
+        width: Columns.
+    """
     pixels = height * width
     if len(packed) == 2 * pixels:
         return np.frombuffer(packed, np.uint16).reshape(height, width)

@@ -202,6 +202,11 @@ class FrameWriter:
     ) -> None:
         """Write the images of a frame: files (PNG, JPEG) with the bytes they have, or raw.
 
+        Args:
+            stamps: Exact stamps of both images, s.
+            color: A file, or the (H, W, 3) image.
+            depth: A file, or the (H, W) image in units of the camera file.
+
         Raises:
             OSError: Writing fails.
             InputError: The stamps are outside the range of ROS.

@@ -16,6 +16,11 @@ MAX_NIBBLES = 7  # of a number: more bits than pixels or differences need
 def decode_rvl(data: bytes, height: int, width: int) -> NDArray[np.uint16]:
     """Decode a (height, width) image, 0 = no reading.
 
+    Args:
+        data: The compressed image, without the header of ROS.
+        height: Rows.
+        width: Columns.
+
     Raises:
         ValueError: The data are incomplete or damaged.
     """

@@ -87,7 +87,8 @@ def test_an_untold_frame_has_nothing_of_its_timing() -> None:
     assert (untold.readout_s, untold.skew_s) == (0.0, 0.0)
     assert untold.timing_prior is not None
     assert untold.timing_prior.source is TimingSource.UNKNOWN
-    assert tell_exactly(replace(frame, timing_prior=untold.timing_prior)) == frame
+    exact = tell_exactly(replace(frame, timing_prior=untold.timing_prior))
+    assert (exact.readout_s, exact.skew_s, exact.timing_prior) == (0.02, 0.01, None)
 
 
 def test_timing_has_settled_when_it_stays_near_the_truth() -> None:

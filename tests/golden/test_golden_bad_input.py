@@ -104,6 +104,9 @@ def agrees() -> Callable[[str, CommandResult, Path], None]:
 
     def check(name: str, outcome: CommandResult, folder: Path) -> None:
         first_line = outcome.err.splitlines()[0].replace(str(folder), "FOLDER")
+        # From Python 3.12 on, argparse lists the choices without quotes.
+        head, marker, choices = first_line.partition("(choose from ")
+        first_line = head + marker + choices.replace("'", "")
         found: dict[str, Any] = {"code": outcome.code, "first_line": first_line}
         golden = json.loads(FILE.read_text()) if FILE.exists() else {}
         if "KINECT_VO_WRITE_GOLDEN" in os.environ:

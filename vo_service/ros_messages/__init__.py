@@ -9,7 +9,7 @@ import math
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class CdrWriter:
     def byte_sequence(self, data: BytesLike) -> None:
         """Write a sequence of bytes. An array is not copied before `to_bytes`."""
         # The types of Python 3.11 do not have that an array is a buffer.
-        view = memoryview(data).cast("B")  # type: ignore[arg-type]
+        view = memoryview(cast(bytes, data)).cast("B")
         self.uint32(len(view))
         self._append(view)
 
@@ -89,7 +89,7 @@ class CdrReader:
         Raises:
             ValueError: It is not little-endian CDR.
         """
-        view = memoryview(payload)  # type: ignore[arg-type]
+        view = memoryview(cast(bytes, payload))
         if view[:4] != CDR_HEADER:
             raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
         self._body = view[4:]

@@ -107,7 +107,8 @@ def retry_without_half(
         return result
 
     def best(candidates: Sequence[DirectAlignment], points: Array) -> DirectAlignment:
-        sigmas = np.min([each.residual_model for each in candidates], axis=0)[SIGMA_BRIGHTNESS:]
+        models = np.array([each.residual_model for each in candidates])
+        sigmas = models.min(axis=0)[SIGMA_BRIGHTNESS:]
         return min(
             candidates,
             key=lambda each: (

@@ -125,7 +125,17 @@ class FrameTopicPublisher:
     def publish(
         self, update: OdometryUpdate, attachment: bytes, shared_payloads: SharedPayloads
     ) -> None:
-        """Encode and publish the topic of a frame. Raises ValueError, ZError."""
+        """Encode and publish the topic of a frame.
+
+        Args:
+            update: The frame and its pose.
+            attachment: The attachment of its pose.
+            shared_payloads: Puts a message into shared memory, once for all keys.
+
+        Raises:
+            ValueError: The frame cannot be encoded.
+            zenoh.ZError: Publishing fails.
+        """
         keys = [key for key in self._keys if key.is_wanted]
         for payload in self._topic.encode(update) if keys else ():
             shared = shared_payloads.share(payload)

@@ -59,8 +59,8 @@ def parts_kept(keyframe: DirectKeyframe, others: list[DirectKeyframe]) -> tuple[
     of_thing, of_room = [], []
     for before, after in zip(keyframe.points, kept.points, strict=True):
         is_thing = before[:, 2] < THING_M + 0.05, after[:, 2] < THING_M + 0.05
-        of_thing.append(is_thing[1].sum() / max(is_thing[0].sum(), 1))
-        of_room.append((~is_thing[1]).sum() / (~is_thing[0]).sum())
+        of_thing.append(float(is_thing[1].sum() / max(int(is_thing[0].sum()), 1)))
+        of_room.append(float((~is_thing[1]).sum() / (~is_thing[0]).sum()))
     return max(of_thing), min(of_room)
 
 

@@ -4,10 +4,11 @@ A backend is one folder beside this file with one class derived from `RgbdCamera
 """
 
 import logging
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from types import TracebackType
@@ -134,6 +135,22 @@ class AccelerometerReading:
 MAX_ACCELEROMETER_READINGS = 16  # in one frame
 
 
+class NewReadings:
+    """Takes each reading of an accelerometer once, though successive frames share readings."""
+
+    def __init__(self) -> None:
+        self._last_stamp_s = -math.inf
+
+    def take(self, readings: tuple[AccelerometerReading, ...]) -> list[AccelerometerReading]:
+        """Return the readings since the last call, in their order."""
+        if readings and readings[-1].stamp_s < self._last_stamp_s:  # the recording starts again
+            self._last_stamp_s = -math.inf
+        new = [each for each in readings if each.stamp_s > self._last_stamp_s]
+        if new:
+            self._last_stamp_s = new[-1].stamp_s
+        return new
+
+
 @dataclass(frozen=True)
 class RgbdFrame:
     """A color image and the depth image registered to it.
@@ -179,6 +196,12 @@ class RgbdFrame:
     timing_prior: TimingPrior | None = None
     serial: str = ""
     focal_prior: FocalPrior | None = None
+
+    def restamped(self, stamp_s: float) -> Self:
+        """Return the frame with another stamp, and its readings moved by the same time."""
+        shift_s = stamp_s - self.stamp_s
+        readings = [replace(each, stamp_s=each.stamp_s + shift_s) for each in self.accelerometer]
+        return replace(self, stamp_s=stamp_s, accelerometer=tuple(readings))
 
     @cached_property
     def depth_m(self) -> NDArray[np.float32]:

@@ -106,6 +106,7 @@ class _BagReader:
             calibration=calibration,
             ground_truth=truth,
             accelerometer=self._find_accelerometer(),
+            gravity=self._find_gravity(),
             depth_camera=self._find_depth_camera(calibration),
             summary=f"{self.path}: {', '.join(part for part in parts if part)}",
             close=cursor.close,
@@ -228,16 +229,15 @@ class _BagReader:
 
     def _find_accelerometer(self) -> AccelerometerSeries:
         """Convert the accelerometer with the most readings that gravity alone explains."""
-        exact = exact_stamps([each.color for each in self.contents.frame_stamps])
-        series = [
-            self._make_series(readings, exact) for readings in self.contents.accelerations.values()
-        ]
+        series = [self._make_series(each) for each in self.contents.accelerations.values()]
         empty = AccelerometerSeries(np.empty(0), np.empty((0, 3)))
         return max(series, key=lambda each: each.gravity_count, default=empty)
 
-    def _make_series(
-        self, readings: list[tuple[int, Any]], exact: dict[int, Decimal]
-    ) -> AccelerometerSeries:
+    def _find_gravity(self) -> AccelerometerSeries | None:
+        rows = [(stamp, -v.x, -v.y, -v.z) for stamp, v in self.contents.gravity]
+        return self._sort_rows(rows) if rows else None
+
+    def _make_series(self, readings: list[tuple[int, Any]]) -> AccelerometerSeries:
         rows = []
         rotations: dict[str, Array | None] = {}
         for stamp_ns, message in readings:
@@ -251,9 +251,14 @@ class _BagReader:
                 continue
             a = message.linear_acceleration
             if np.isfinite([a.x, a.y, a.z]).all():
-                stamp = exact.get(stamp_ns) or Decimal(stamp_ns).scaleb(-9)
-                rows.append((float(stamp), *(T_color_imu[:3, :3] @ [a.x, a.y, a.z]).tolist()))
-        table = np.array(sorted(rows)).reshape(-1, 4)
+                rows.append((stamp_ns, *(T_color_imu[:3, :3] @ [a.x, a.y, a.z]).tolist()))
+        return self._sort_rows(rows)
+
+    def _sort_rows(self, rows: list[tuple[int, float, float, float]]) -> AccelerometerSeries:
+        """Make a series of stamps in ns and accelerations, with exact stamps of frames."""
+        exact = exact_stamps([each.color for each in self.contents.frame_stamps])
+        seconds = [(float(exact.get(ns) or Decimal(ns).scaleb(-9)), *a) for ns, *a in sorted(rows)]
+        table = np.array(seconds).reshape(-1, 4)
         return AccelerometerSeries(table[:, 0], table[:, 1:])
 
 

@@ -46,6 +46,7 @@ class BagContents:
         infos: First CameraInfo by topic.
         transforms: All transforms.
         accelerations: By topic: stamp in ns, frame and Imu message.
+        gravity: Stamp in ns and message of each frame's gravity.
         poses: Stamp in ns and message of each true pose.
         frame_stamps: Stamps of each frame, in recordings of this program.
         camera_file: Text of the camera file, in recordings of this program.
@@ -56,6 +57,7 @@ class BagContents:
     infos: dict[str, Any] = field(default_factory=dict)
     transforms: TransformTree = field(default_factory=TransformTree)
     accelerations: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
+    gravity: list[tuple[int, Any]] = field(default_factory=list)
     poses: list[tuple[int, Any]] = field(default_factory=list)
     frame_stamps: list[FrameStamps] = field(default_factory=list)
     camera_file: str = ""
@@ -87,6 +89,8 @@ def _add(
     elif topic in topics.imus:
         reading = (stamp_ns_of(decoded, message.log_ns), decoded)
         contents.accelerations.setdefault(topic, []).append(reading)
+    elif topic == topics.gravity:
+        contents.gravity.append((stamp_ns_of(decoded, message.log_ns), decoded.vector))
     elif topic == topics.pose:
         contents.poses.append((stamp_ns_of(decoded, message.log_ns), decoded))
     elif topic == topics.frame_stamps:

@@ -18,7 +18,7 @@ from rosbags.typesys.store import Typestore
 from drivers.bag.bag_contents import format_frame_stamps, to_ns
 from drivers.bag.bag_file import ros1_typestore, ros2_typestore
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, COMPRESSED_IMAGE, IMAGE
-from drivers.bag.topics import CAMERA_INFO, IMU, STRING
+from drivers.bag.topics import CAMERA_INFO, IMU, STRING, VECTOR_STAMPED
 from drivers.calibration import CameraCalibration, format_calibration
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, Vector, quaternion_from_rotation
@@ -181,7 +181,7 @@ MAX_STAMP_S = 2**31  # of ROS 2
 
 
 class FrameWriter:
-    """Writes frames, gravity and true poses as messages.
+    """Writes frames, readings of the accelerometer, gravity and true poses as messages.
 
     The camera file and the exact stamps of each frame are written too, so that the same frames are
     read back bit for bit.
@@ -246,9 +246,16 @@ class FrameWriter:
             self._writer.write(f"{topic}_raw", IMAGE, stamp_ns, image)
 
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        """Write a reading of the accelerometer, gravity in camera axes. Raises OSError."""
+        """Write a frame's gravity in camera axes. Raises OSError."""
         stamp_ns = _checked_ns(stamp)
-        reaction = self._make("geometry_msgs/msg/Vector3", *(-value for value in gravity_m_s2))
+        vector = self._make("geometry_msgs/msg/Vector3", *gravity_m_s2)
+        message = self._make(VECTOR_STAMPED, self._header(stamp_ns), vector)
+        self._writer.write(f"{NAMESPACE}/gravity", VECTOR_STAMPED, stamp_ns, message)
+
+    def write_reading(self, stamp: Decimal, acceleration_m_s2: Vector) -> None:
+        """Write a reading of the accelerometer in camera axes. Raises OSError."""
+        stamp_ns = _checked_ns(stamp)
+        reaction = self._make("geometry_msgs/msg/Vector3", *acceleration_m_s2)
         unknown = np.array([-1.0, *[0.0] * 8])
         no_turn = self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
         no_rate = self._make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)

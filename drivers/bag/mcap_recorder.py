@@ -14,7 +14,7 @@ from typing import IO, Any, Self, cast
 
 from drivers.bag.bag_writer import MILLIMETER_DEPTH_FACTOR, EncodedMessage, FrameWriter, McapWriter
 from drivers.calibration import CameraCalibration
-from drivers.camera import RgbdFrame
+from drivers.camera import NewReadings, RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import free_disk_bytes, is_disk_full
 from drivers.core.geometry import Trajectory
@@ -61,6 +61,7 @@ class McapRecorder:
         self._frame_writer: FrameWriter | None = None
         self._calibration: CameraCalibration | None = None
         self._last_stamps = EARLIEST_STAMPS
+        self._new_readings = NewReadings()
         self._failure: UserFacingError | None = None
         self._flushed_bytes = self._flushed_frames = 0
         self._flushed_s = time.monotonic()
@@ -148,6 +149,9 @@ class McapRecorder:
         writer = self._frame_writer or self._begin(calibration_of_frame(frame), stamps)
         for message in messages:
             self._mcap.write_encoded(message)
+        for reading in self._new_readings.take(frame.accelerometer):
+            stamp = Decimal(repr(float(reading.stamp_s)))
+            writer.write_reading(stamp, reading.acceleration_m_s2)
         if frame.gravity_m_s2 is not None:
             writer.write_gravity(stamps.color, frame.gravity_m_s2)
         writer.write_frame(stamps, *images.result())

@@ -12,6 +12,7 @@ from drivers.recording.recording import ImageTopics
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMU = "sensor_msgs/msg/Imu"
 STRING = "std_msgs/msg/String"
+VECTOR_STAMPED = "geometry_msgs/msg/Vector3Stamped"
 POSE_TYPES = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -33,6 +34,7 @@ class BagTopics:
     Attributes:
         transforms: /tf and /tf_static.
         imus: Accelerometers.
+        gravity: Gravity with each frame, in recordings of this program.
         pose: True poses.
         frame_stamps: Exact stamps of each frame, in recordings of this program.
         camera_file: The camera file, in recordings of this program.
@@ -44,6 +46,7 @@ class BagTopics:
     depth_info: str
     transforms: tuple[str, ...]
     imus: tuple[str, ...]
+    gravity: str
     pose: str
     frame_stamps: str
     camera_file: str
@@ -51,8 +54,10 @@ class BagTopics:
     @property
     def all(self) -> set[str]:
         """The topics to read once, besides images."""
-        single = (self.color_info, self.depth_info, self.pose, self.frame_stamps, self.camera_file)
-        return {each for each in (*single, *self.transforms, *self.imus) if each}
+        infos = (self.color_info, self.depth_info)
+        own = (self.gravity, self.frame_stamps, self.camera_file)
+        topics = (*infos, *own, self.pose, *self.transforms, *self.imus)
+        return {each for each in topics if each}
 
 
 def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None) -> BagTopics:
@@ -83,6 +88,7 @@ def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None)
         _info_topic(depth, types),
         tuple(t for t, kind in types.items() if kind in TF_MESSAGE_TYPES),
         tuple(t for t, kind in types.items() if kind == IMU),
+        one("/gravity", VECTOR_STAMPED) if one("/frame_stamps", STRING) else "",
         next((t for t in poses if any(word in t.lower() for word in TRUTH_WORDS)), ""),
         one("/frame_stamps", STRING),
         one("/camera_file", STRING),

@@ -128,7 +128,7 @@ class FrameReader:
             depth_factor=self._depth_factor,
             camera=self._pinhole,
             skew_s=pair.skew_s + camera.depth_offset_s,
-            gravity_m_s2=recording.accelerometer.gravity_at(pair.color.stamp_s),
+            gravity_m_s2=recording.gravity_at(pair.color.stamp_s),
             accelerometer=recording.accelerometer.newest_at(pair.color.stamp_s),
             readout_s=camera.readout_s,
             timing_prior=camera.timing_prior,

@@ -193,6 +193,7 @@ class Recording:
         calibration: The camera.
         ground_truth: True poses of the color camera; None without.
         accelerometer: Readings of the accelerometer.
+        gravity: Smoothed gravity with each frame, if it is recorded beside the readings.
         depth_camera: The depth camera, if depth is not registered to color.
         summary: What was found in a file that does not say which images to use; "" if it is clear.
         close: Closes the file that the images are read from. Reading opens it again.
@@ -203,9 +204,14 @@ class Recording:
     calibration: CameraCalibration
     ground_truth: Trajectory | None
     accelerometer: AccelerometerSeries
+    gravity: AccelerometerSeries | None = None
     depth_camera: DepthCameraCalibration | None = None
     summary: str = ""
     close: Callable[[], None] = _nothing_to_close
+
+    def gravity_at(self, stamp_s: float) -> Vector | None:
+        """Return gravity in camera axes at a frame's stamp, if it is known."""
+        return (self.gravity or self.accelerometer).gravity_at(stamp_s)
 
     @property
     def image_size(self) -> ImageSize:

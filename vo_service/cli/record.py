@@ -170,7 +170,7 @@ def _read_frames(camera: RgbdCamera, terminal: Terminal, stop: StopSignal) -> It
         except EndOfStream:
             return
         if frame is not None:
-            yield replace(frame, stamp_s=clock.published_s(frame.stamp_s))
+            yield frame.restamped(clock.published_s(frame.stamp_s))
             is_first = False
 
 

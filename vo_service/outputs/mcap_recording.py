@@ -145,7 +145,7 @@ class McapOutput:
         if transforms:
             messages.append(_transforms("/tf", transforms))
         self._last_stamp_s = update.stamp_s, time.monotonic()
-        self._recorder.write(replace(update.frame, stamp_s=update.stamp_s), messages)
+        self._recorder.write(update.frame.restamped(update.stamp_s), messages)
 
     def _published_ground_truth(self, update: OdometryUpdate) -> Trajectory | None:
         """Return the ground truth with published stamps."""

@@ -24,7 +24,7 @@ from drivers.recording.images import (
     UnreadableFrameError,
     encode_image,
 )
-from drivers.recording.recording import Recording
+from drivers.recording.recording import AccelerometerSeries, Recording
 from drivers.recording_camera import check_bag_packages
 from drivers.tum.writer import TumWriter
 
@@ -63,8 +63,12 @@ class RecordingSink(Protocol):
         """Write a frame. Raises UserFacingError, OSError or UnreadableFrameError."""
         ...
 
+    def write_reading(self, stamp: Decimal, acceleration_m_s2: Vector) -> None:
+        """Write a reading of the accelerometer, in camera axes."""
+        ...
+
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
-        """Write a reading of the accelerometer with its sign changed, in camera axes."""
+        """Write the gravity of a frame, if the recording has it beside the readings."""
         ...
 
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
@@ -75,8 +79,10 @@ class RecordingSink(Protocol):
 class FolderSink:
     """Writes a folder in TUM format, whose true poses its writer has written at the start."""
 
-    def __init__(self, writer: TumWriter, calibration: CameraCalibration) -> None:
-        self._writer = writer
+    def __init__(
+        self, writer: TumWriter, calibration: CameraCalibration, has_gravity: bool
+    ) -> None:
+        self._writer, self._has_gravity = writer, has_gravity
         writer.set_calibration(calibration)
 
     def write_frame(
@@ -91,6 +97,12 @@ class FolderSink:
         if not isinstance(depth, bytes):
             depth = encode_image(depth, ColorFormat.PNG)
         self._writer.write_encoded(EncodedFrame(stamps, color, color_format, depth, None))
+
+    def write_reading(self, stamp: Decimal, acceleration_m_s2: Vector) -> None:
+        """Write a line of the accelerometer's file, unless it holds the gravity of frames."""
+        if not self._has_gravity:
+            x, y, z = acceleration_m_s2
+            self._writer.write_gravity(stamp, (-x, -y, -z))
 
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
         """Write a line of the accelerometer's file."""
@@ -190,8 +202,12 @@ def _write_others_before(
     recording: Recording, frames: Iterator[StoredFrame], sink: RecordingSink
 ) -> Iterator[StoredFrame]:
     """Yield the frames; before each, write the readings and true poses up to its stamp."""
-    readings, poses = _readings(recording, sink), _true_poses(recording.ground_truth, sink)
-    others = heapq.merge(readings, poses, key=lambda event: event[0])
+    others = heapq.merge(
+        _readings(recording.accelerometer, sink),
+        _gravity(recording.gravity, sink),
+        _true_poses(recording.ground_truth, sink),
+        key=lambda event: event[0],
+    )
     other = next(others, None)
     for frame in frames:
         while other is not None and other[0] <= frame.stamps.color:
@@ -206,11 +222,19 @@ def _write_others_before(
 _Event = tuple[Decimal, Callable[[], None]]
 
 
-def _readings(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
-    series = recording.accelerometer
-    for stamp_s, (x, y, z) in zip(series.stamps_s, series.acceleration_m_s2.tolist(), strict=True):
-        stamp = Decimal(repr(float(stamp_s)))
+def _readings(series: AccelerometerSeries, sink: RecordingSink) -> Iterator[_Event]:
+    for stamp, acceleration in _rows(series):
+        yield stamp, partial(sink.write_reading, stamp, acceleration)
+
+
+def _gravity(series: AccelerometerSeries | None, sink: RecordingSink) -> Iterator[_Event]:
+    for stamp, (x, y, z) in () if series is None else _rows(series):
         yield stamp, partial(sink.write_gravity, stamp, (-x, -y, -z))
+
+
+def _rows(series: AccelerometerSeries) -> Iterator[tuple[Decimal, Vector]]:
+    for stamp_s, (x, y, z) in zip(series.stamps_s, series.acceleration_m_s2.tolist(), strict=True):
+        yield Decimal(repr(float(stamp_s))), (x, y, z)
 
 
 def _true_poses(truth: Trajectory | None, sink: RecordingSink) -> Iterator[_Event]:
@@ -227,7 +251,7 @@ def _open_sink(
 ) -> Iterator[RecordingSink]:
     if output_format is OutputFormat.FOLDER:
         with TumWriter(path, ground_truth=recording.ground_truth) as writer:
-            yield FolderSink(writer, calibration)
+            yield FolderSink(writer, calibration, recording.gravity is not None)
         return
     check_bag_packages(path)
     from drivers.bag.bag_writer import FrameWriter  # its packages are optional

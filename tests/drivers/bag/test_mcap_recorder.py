@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
-from drivers.camera import RgbdFrame
+from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.recording_camera import RecordingCamera, open_recording
@@ -64,7 +64,8 @@ def test_without_raw_only_color_loses_a_little(
 
 
 def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path) -> None:
-    frame = make_frame(0, depth_factor=1000.0, gravity_m_s2=(0.0, 9.8, 0.0))
+    readings = (AccelerometerReading(999.9, (0.1, -9.7, 0.0)),)
+    frame = make_frame(0, depth_factor=1000.0, gravity_m_s2=(0.0, 9.8, 0.0), accelerometer=readings)
     truth = Trajectory(np.array([1000.0]), rigid_transform(np.eye(3), [1.0, 2.0, 3.0])[None])
     with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
         recorder.write(frame)
@@ -78,6 +79,7 @@ def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path
         "/camera/depth_registered/camera_info",
         "/camera/depth_registered/image_raw/compressedDepth",
         "/camera/frame_stamps",
+        "/camera/gravity",
         "/camera/imu",
         "/camera/rgb/camera_info",
         "/camera/rgb/image_raw/compressed",
@@ -86,8 +88,31 @@ def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path
     color: object = found["/camera/rgb/image_raw/compressed"]
     assert getattr(color, "format", "") == "bgr8; jpeg compressed bgr8"
     imu: object = found["/camera/imu"]
-    assert imu.linear_acceleration.y == -9.8  # type: ignore[attr-defined]
+    assert imu.linear_acceleration.y == -9.7  # type: ignore[attr-defined]
     assert imu.orientation_covariance[0] == -1  # type: ignore[attr-defined]
+
+
+def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(
+    make_frame: FrameMaker, tmp_path: Path
+) -> None:
+    gravity, readings = (
+        (0.1, 9.7, 0.2),
+        [AccelerometerReading(0.1 * k, (k, 0.0, 9.0)) for k in range(9)],
+    )
+    frames = [
+        make_frame(
+            k,
+            stamp_s=0.11 + k / 30,
+            gravity_m_s2=gravity,
+            accelerometer=tuple(readings[: 2 + k // 3]),
+        )
+        for k in range(6)
+    ]
+    record(tmp_path / "a.mcap", frames)
+    series = open_recording(tmp_path / "a.mcap").accelerometer
+    np.testing.assert_allclose(series.stamps_s, [0.0, 0.1, 0.2])
+    assert series.acceleration_m_s2[:, 0].tolist() == [0, 1, 2]
+    assert [frame.gravity_m_s2 for frame in replay(tmp_path / "a.mcap")] == [gravity] * 6
 
 
 def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:

@@ -1,16 +1,19 @@
 """Conversion between formats loses nothing."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drivers.camera import RgbdFrame
+from drivers.bag.mcap_recorder import McapRecorder
+from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import FRAME, TF, BagWriter, stamp_ns
 from tests.drivers.bag.test_bag import make_bag, write_unregistered
+from tests.vo_service.fakes import make_frame
 from vo_service.tools.convert import OutputFormat, choose_format, convert
 
 CopyRecording = Callable[..., Path]
@@ -85,6 +88,24 @@ def test_ground_truth_comes_along(copy_recording: CopyRecording, tmp_path: Path)
         np.testing.assert_allclose(
             ours.ground_truth.T_world_camera, theirs.ground_truth.T_world_camera, atol=1e-9
         )
+
+
+def test_gravity_beside_readings_comes_along(tmp_path: Path) -> None:
+    readings = tuple(
+        AccelerometerReading(1000.0 + 0.01 * k, (0.1 * k, -9.7, 0.0)) for k in range(3)
+    )
+    with McapRecorder(tmp_path / "a.mcap") as recorder:
+        for k in range(2):
+            frame = make_frame(k, 1000.1 + k / 30)
+            gravity = (0.1, 9.7, 0.3 + 0.1 * k)
+            recorder.write(replace(frame, gravity_m_s2=gravity, accelerometer=readings))
+    original = read_frames(tmp_path / "a.mcap")
+    assert [frame.gravity_m_s2 for frame in original] == [(0.1, 9.7, 0.3), (0.1, 9.7, 0.4)]
+    for name, kind in [*OUTPUTS, ("folder", OutputFormat.FOLDER)]:
+        convert_path(tmp_path / "a.mcap", tmp_path / "new" / name, kind)
+        assert_same(read_frames(tmp_path / "new" / name), original)
+        if kind is not OutputFormat.FOLDER:
+            assert read_frames(tmp_path / "new" / name)[0].accelerometer == readings
 
 
 def test_files_in_millimeters_keep_their_bytes(

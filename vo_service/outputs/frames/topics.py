@@ -1,9 +1,9 @@
 """What a frame is published as: keys, message types, and how each message is made."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from drivers.camera import NewReadings
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.config_tables import FramesConfig
 from vo_service.frame_messages import FrameMessages
@@ -89,22 +89,17 @@ def make_topics(settings: FramesConfig) -> list[FrameTopic]:
 
 
 class ImuEncoder:
-    """Encodes each reading of the accelerometer once, though successive frames share readings."""
+    """Encodes each reading of the accelerometer once."""
 
     def __init__(self, frame_id: str) -> None:
         self._frame_id = frame_id
-        self._last_stamp_s = -math.inf
+        self._new_readings = NewReadings()
 
     def __call__(self, update: OdometryUpdate) -> list[bytes]:
         """Encode the readings since the last call, in their order."""
-        readings = update.frame.accelerometer
-        if readings and readings[-1].stamp_s < self._last_stamp_s:  # the recording starts again
-            self._last_stamp_s = -math.inf
-        new = [each for each in readings if each.stamp_s > self._last_stamp_s]
-        if new:
-            self._last_stamp_s = new[-1].stamp_s
         messages = FrameMessages(update.frame, update.stamp_s, self._frame_id)
-        return [encode_imu(messages.imu(reading)) for reading in new]
+        readings = self._new_readings.take(update.frame.accelerometer)
+        return [encode_imu(messages.imu(reading)) for reading in readings]
 
 
 def timing_payload(update: OdometryUpdate) -> bytes:

@@ -11,6 +11,8 @@ from drivers.core.errors import InputError
 
 # Unit of the settings whose names end in _mb, bytes.
 MEGABYTE = 1_000_000
+# A recording of the running service leaves this much of the disk free.
+MIN_FREE_BYTES = 1_000_000_000
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7450"
 
 

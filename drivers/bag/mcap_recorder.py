@@ -45,17 +45,24 @@ class McapRecorder:
         ground_truth: Written at the start; may be set until the first frame.
         is_raw: Write the images as they are. Otherwise color is JPEG, which loses a little, and
             depth in millimeters is PNG.
+        min_free_bytes: Left free on the disk.
 
     Raises:
         InputError: The file exists or cannot be created.
     """
 
     def __init__(
-        self, path: Path, *, ground_truth: Trajectory | None = None, is_raw: bool = False
+        self,
+        path: Path,
+        *,
+        ground_truth: Trajectory | None = None,
+        is_raw: bool = False,
+        min_free_bytes: int = RESERVED_BYTES,
     ) -> None:
         self.path = path
         self.written = self.skipped = 0
         self.ground_truth, self._is_raw = ground_truth, is_raw
+        self._min_free_bytes = min_free_bytes
         self._file = _create(path)
         self._mcap = McapWriter(cast(IO[bytes], _UnbufferedStream(self._file)))
         self._frame_writer: FrameWriter | None = None
@@ -186,8 +193,9 @@ class McapRecorder:
         self._mcap.flush()
         self._flushed_bytes, self._flushed_frames = self._file.tell(), self.written
         self._flushed_s = time.monotonic()
-        if free_disk_bytes(self.path.parent) < RESERVED_BYTES:
-            raise self._full_error()
+        if free_disk_bytes(self.path.parent) < self._min_free_bytes:
+            size = f"{self._min_free_bytes / 1e9:g} GB"
+            raise self._full_error(f"less than {size} are left on the disk")
 
     def _complete(self) -> None:
         """Write the end of the file, which is already cut if the disk was full."""
@@ -201,7 +209,7 @@ class McapRecorder:
 
     def _set_failure(self, error: OSError) -> None:
         if is_disk_full(error):
-            self._failure = self._full_error()
+            self._failure = self._full_error("the disk is full")
         else:
             self._failure = UserFacingError(
                 f"{self.path}: cannot be written: {error.strerror}; the frames recorded so far can "
@@ -209,10 +217,10 @@ class McapRecorder:
             )
         self._failure.__cause__ = error
 
-    def _full_error(self) -> UserFacingError:
+    def _full_error(self, what: str) -> UserFacingError:
         return UserFacingError(
-            f"{self.path}: the disk is full; the frames recorded so far can be replayed; free some "
-            "space and record into a new file"
+            f"{self.path}: {what}; the frames recorded so far can be replayed; free some space and "
+            "record into a new file"
         )
 
     def _cut_to_last_flush(self) -> None:

@@ -13,6 +13,7 @@ from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Trajectory, inverse
+from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.outputs.frames.topics import timing_payload
 from vo_service.outputs.zenoh.messages import (
     FrameIds,
@@ -60,9 +61,11 @@ def open_mcap_recording(
             raise InputError(
                 f"{path}: cannot be renamed: {error.strerror}; name another file"
             ) from error
-    queue: BoundedQueue[Item] = BlockingQueue(2) if is_lockstep else DropOldestQueue(MAX_QUEUED)
-    timeout_s = LOCKSTEP_CLOSE_TIMEOUT_S if is_lockstep else CLOSE_TIMEOUT_S
-    return McapOutput(path, queue, timeout_s, ground_truth)
+    if is_lockstep:
+        recorder = McapRecorder(path)
+        return McapOutput(recorder, BlockingQueue(2), LOCKSTEP_CLOSE_TIMEOUT_S, ground_truth)
+    recorder = McapRecorder(path, min_free_bytes=MIN_FREE_BYTES)
+    return McapOutput(recorder, DropOldestQueue(MAX_QUEUED), CLOSE_TIMEOUT_S, ground_truth)
 
 
 class McapOutput:
@@ -71,25 +74,22 @@ class McapOutput:
     If writing fails, the file ends with its last whole part, and `close` raises the error.
 
     Args:
-        path: New file.
+        recorder: Writes the file.
         queue: Frames for the thread; it blocks or drops if the disk is slow.
         close_timeout_s: Longest wait for the thread at the end.
         ground_truth: Returns the ground truth; called after the first frame.
-
-    Raises:
-        InputError: The file exists, or cannot be created.
     """
 
     def __init__(
         self,
-        path: Path,
+        recorder: McapRecorder,
         queue: BoundedQueue[Item],
         close_timeout_s: float,
         ground_truth: GroundTruthSource,
     ) -> None:
-        self._path, self._close_timeout_s = path, close_timeout_s
+        self._recorder, self._path = recorder, recorder.path
+        self._close_timeout_s = close_timeout_s
         self._ground_truth = ground_truth
-        self._recorder = McapRecorder(path)
         self._error: UserFacingError | None = None
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
         self._last_stamp_s: tuple[float, float] | None = None

@@ -18,6 +18,7 @@ from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.record_ring import RecordRingReader, RingRecord
 from drivers.recording.images import ColorFormat
 from drivers.tum.writer import TumWriter
+from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.frame_record import decode_frame, decode_metadata
 from vo_service.outputs.recorder.incidents import IncidentStore, IncidentWriter, select_last_frames
 from vo_service.outputs.recorder.messages import (
@@ -34,8 +35,6 @@ from vo_service.outputs.recorder.messages import (
     incident_name,
 )
 
-# A recording leaves this much of the disk free.
-MIN_FREE_BYTES = 1_000_000_000
 _POLL_PERIOD_S = 0.03
 # JPEG takes a third of PNG's time and size; two slow cores cannot encode PNG fast enough.
 COLOR_FORMAT = ColorFormat.JPEG

@@ -49,6 +49,9 @@ complete. PNG is lossless, so a replay gives the same trajectory as the camera d
 FILE.mcap opens in Rerun. Its color images are JPEG, which is lossy, unless --raw is
 given. After a crash it can be replayed up to the last second. For a file with poses, use
 `kinect-vo run --mcap FILE` or `kinect-vo replay RECORDING --mcap FILE`.
+
+Only one program can read a Kinect. While the service does, record by it: `kinect-vo run --mcap
+FILE`, or `kinect-vo command start-recording name=NAME` without a restart.
 """
 MCAP_SUFFIX = ".mcap"
 POLL_PERIOD_S = 0.25

@@ -165,7 +165,12 @@ class OnlineTimingOdometry:
                 SearchedFrame.of(first), T_world_first, _prior_sigmas_s(timed.frame)
             )
         if self._search is not None:
-            self._search.add(SearchedFrame.of(timed))
+            tracked = self._tracker.last_frame
+            self._search.add(
+                SearchedFrame.of_tracked(timed, tracked.images)
+                if tracked and tracked.images.stamp_s == timed.frame.stamp_s
+                else SearchedFrame.of(timed)
+            )
         self._before_search = (timed, estimate.T_world_camera) if estimate.ok else None
 
     def _end_search(self, timed: TimedFrame) -> None:

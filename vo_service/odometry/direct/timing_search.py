@@ -24,6 +24,7 @@ from vo_service.odometry.direct.keyframe_selection import rebuild_first_keyframe
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import UNFILTERED_INNOVATION, MotionState
 from vo_service.odometry.direct.parameters import (
+    BRIGHTNESS_WEIGHT,
     MAX_SEARCH_STEPS_PER_FRAME,
     MAX_TIMING_SIGMAS_S,
     MIN_SEARCH_SCORE_GAIN,
@@ -88,6 +89,16 @@ class SearchedFrame:
     def of(cls, timed: TimedFrame) -> "SearchedFrame":
         """Make it from a frame."""
         return cls(timed, build_image_pyramid(timed.frame))
+
+    @classmethod
+    def of_tracked(cls, timed: TimedFrame, tracked: ImagePyramid) -> "SearchedFrame":
+        """Make it from a frame with its image pyramid, without what has been learned of the light.
+
+        Args:
+            timed: The frame.
+            tracked: Its image pyramid, as the tracker has built it.
+        """
+        return cls(timed, replace(tracked, vignetting=0.0, brightness_weight=BRIGHTNESS_WEIGHT))
 
     def with_correction(self, correction: Array) -> ImagePyramid:
         """Return the image pyramid with a corrected timing; the readout is at least zero."""

@@ -23,10 +23,21 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from benchmarks.harness import Json, ResultCache
+from benchmarks.tracking import read_all_frames
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError
+from drivers.core.geometry import Trajectory
+from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.direct import parameters
+from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.metrics import associate, count_gross_errors, tracked_steps
 
 BASELINE = "as it is"
 
@@ -76,7 +87,7 @@ def run_in_subprocess(change: str, recordings: Sequence[str]) -> Json:
     """Compute the cells of one row; after a failure its reason under "failed"."""
     with tempfile.TemporaryDirectory() as cache:
         result = subprocess.run(
-            [sys.executable, "-m", "benchmarks.direct_sweep_row", change, *recordings],
+            [sys.executable, "-m", "benchmarks.direct_sweep", change, *recordings],
             env={**os.environ, "NUMBA_CACHE_DIR": cache},
             capture_output=True,
             text=True,
@@ -112,3 +123,50 @@ def _cell(figures: Json | None) -> str:
     text = f"{1e3 * figures['ate_m']:.2f} ({1e3 * figures['global_m']:.2f})"
     text += f" lost {figures['lost']}" if figures["lost"] else ""
     return text + (f" gross {figures['gross']}" if figures["gross"] else "")
+
+
+def run_row(change: str, recordings: Sequence[str]) -> int:
+    """Change the constant before any kernel is compiled, then run every recording."""
+    cv2.setNumThreads(1)
+    if change != BASELINE:
+        name, value = parse_change(change)
+        if not hasattr(parameters, name):
+            sys.exit(f"{parameters.__name__} has no {name}")
+        setattr(parameters, name, value)
+    print(json.dumps({each: evaluate_recording(each) for each in recordings}))
+    return 0
+
+
+def evaluate_recording(recording: str) -> Json | None:
+    """Evaluate FOLDER or FOLDER@EVERY; None if there are too few poses."""
+    from vo_service.odometry.direct.odometry import DirectOdometry
+
+    folder, _, every = recording.partition("@")
+    stamps_s, poses, epochs, failed = [], [], [], 0
+    with RecordingCamera(Path(folder), None, PlaybackMode.LOCKSTEP) as camera:
+        odometry, epoch, truth = DirectOdometry(), 0, camera.ground_truth
+        for frame in islice(read_all_frames(camera), 0, None, int(every or 1)):
+            estimate = odometry.estimate(frame)
+            epoch += estimate.is_reset
+            failed += not estimate.ok
+            if estimate.ok:
+                stamps_s.append(frame.stamp_s)
+                poses.append(estimate.T_world_camera)
+                epochs.append(epoch)
+    assert truth is not None, f"{folder} has no ground truth"
+    try:
+        trajectory = Trajectory(np.array(stamps_s), np.array(poses))
+        matched, evaluation = associate(trajectory, truth), evaluate(trajectory, truth)
+    except InputError:
+        return None
+    steps = tracked_steps(matched, trajectory.stamps_s, np.array(epochs))
+    return {
+        "ate_m": evaluation.ate_rmse_m,
+        "global_m": evaluation.mean_global_error_m,
+        "lost": failed,
+        "gross": count_gross_errors(matched, steps),
+    }
+
+
+if __name__ == "__main__":  # one row
+    sys.exit(run_row(sys.argv[1], sys.argv[2:]))

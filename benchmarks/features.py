@@ -20,9 +20,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.feature_scores import FeatureMethod, FeatureScore, make_all_methods, score_features
+from benchmarks.feature_scores import (
+    FeatureMethod,
+    FeatureScore,
+    Gray,
+    all_transforms,
+    make_all_methods,
+    score_features,
+)
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
-from benchmarks.image_transforms import Gray, all_transforms
 from drivers.core.errors import InputError
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera

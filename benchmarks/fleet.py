@@ -21,20 +21,27 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import zenoh
 
 from benchmarks.service_load import measure_processor_use
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from tests.ports import free_port
 from tests.vo_service.service_process import KINECT_VO
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.ros_messages.navigation import decode_odometry
 from vo_service.tools.certificates import CertificateAuthority
+from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
 TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"
 HOST = "127.0.0.1"
 VALIDITY_DAYS = 2
 POSES_PER_SECOND = 30
 ROUTER = (KINECT_VO, "router")
-ROBOTS = (sys.executable, "-m", "benchmarks.fleet_robots")
-READER = (sys.executable, "-m", "benchmarks.fleet_reader")
+ROBOTS = (sys.executable, "-m", "benchmarks.fleet", "robots")
+READER = (sys.executable, "-m", "benchmarks.fleet", "reader")
 
 
 @dataclass(frozen=True)
@@ -214,3 +221,90 @@ def _wait_until_listening(port: int, router: "subprocess.Popen[str]") -> None:
         if router.poll() is not None:
             raise RuntimeError("the router has failed")
         time.sleep(0.05)
+
+
+def read_poses(file: Path) -> None:
+    """Measure the age of each pose of each robot with one wildcard subscriber.
+
+    It prints "ready" once it subscribes. After "end" on standard input it prints the latencies in
+    milliseconds as a JSON list.
+    """
+    latency_ms: dict[tuple[str, int], float] = {}
+
+    def take(sample: zenoh.Sample) -> None:
+        stamp_s = decode_odometry(sample.payload.to_bytes()).stamp_s
+        received_s = time.monotonic()
+        attachment = sample.attachment
+        assert attachment is not None
+        seq = json.loads(attachment.to_bytes())["seq"]
+        latency_ms.setdefault((str(sample.key_expr), seq), 1e3 * (received_s - stamp_s))
+
+    config = ZenohConfig(config_file=file, listen=())
+    with open_session(config) as session, session.declare_subscriber("*/odom", take):
+        print("ready", flush=True)
+        sys.stdin.readline()
+    print(json.dumps(list(latency_ms.values())), flush=True)
+
+
+CONNECT_TIMEOUT_S = 30.0
+DRAIN_S = 1.0
+_CAMERA = PinholeCamera(2, 2, 1.0, 1.0, 0.5, 0.5)
+_I = np.eye(4)
+_FRAME = RgbdFrame(
+    0, 0.0, 0.0, np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.uint16), 1e3, _CAMERA
+)
+_ESTIMATE = Estimate(True, "", _I, _I, np.eye(6), 500, 200, 150)
+
+
+def publish_poses(seconds: int, files: list[Path]) -> None:
+    """Publish as several robots do, 30 poses per second each.
+
+    A robot's name and prefix is the folder of its file. The process prints "ready" once the router
+    and the reader are connected, publishes after "go" on standard input, then prints "ready" again.
+    """
+    robots = [
+        ZenohOutput(ZenohConfig(prefix=file.parent.name, config_file=file, listen=()), LIVE_QOS)
+        for file in files
+    ]
+    if not all(robot.wait_for_subscriber(CONNECT_TIMEOUT_S) for robot in robots):
+        raise SystemExit("no reader")
+    print("ready", flush=True)
+    sys.stdin.readline()
+    begin_s = time.monotonic()
+    for turn in range(seconds * POSES_PER_SECOND * len(robots)):
+        # The robots publish one after another, evenly over the thirtieth of a second.
+        due_s = begin_s + turn / (POSES_PER_SECOND * len(robots))
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        robots[turn % len(robots)].on_update(_make_update(turn // len(robots), time.monotonic()))
+    time.sleep(DRAIN_S)
+    print("ready", flush=True)
+    for robot in robots:
+        robot.close()
+
+
+def _make_update(seq: int, stamp_s: float) -> OdometryUpdate:
+    """Make a pose with a stamp on CLOCK_MONOTONIC, which the reader compares."""
+    return OdometryUpdate(
+        seq=seq,
+        stamp_s=stamp_s,
+        state=TrackingState.TRACKING,
+        reason="",
+        epoch=1,
+        T_world_camera=_I,
+        T_odom_base=_I,
+        T_odom_camera=_I,
+        pose_covariance=np.eye(6),
+        twist=np.zeros(6),
+        twist_covariance=np.eye(6),
+        frame=_FRAME,
+        estimate=_ESTIMATE,
+        stage_ms={},
+        latency_s=0.0,
+    )
+
+
+if __name__ == "__main__":  # a process of the fleet
+    if sys.argv[1] == "reader":
+        read_poses(Path(sys.argv[2]))
+    else:
+        publish_poses(int(sys.argv[2]), [Path(name) for name in sys.argv[3:]])

@@ -28,7 +28,7 @@ import numpy as np
 
 from benchmarks.harness import format_table
 from benchmarks.network_link import HOST_ADDRESS, network_link
-from benchmarks.pose_arrivals import running_recorder
+from benchmarks.service_load import running_recorder
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import T_BODY_CAMERA

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.pose_arrivals import running_recorder
+from benchmarks.service_load import running_recorder
 from tests.ports import free_port
 from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router

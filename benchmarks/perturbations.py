@@ -14,14 +14,13 @@ odometry has changed.
 """
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Json, ResultCache, run_benchmark
+from benchmarks.harness import Json, ResultCache
 from benchmarks.tracking import FrameChange, track_changed
 from drivers.camera import RgbdFrame
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, warm_up
@@ -160,7 +159,3 @@ def format_figure(key: str, value: float | None) -> str:
 def format_ratio(error: float | None, other: float | None) -> str:
     """Ratio of two errors; "-" if one is missing."""
     return "-" if error is None or not other else f"{error / other:.2f}"
-
-
-if __name__ == "__main__":
-    sys.exit(run_benchmark("perturbations", __doc__, add_arguments, main))

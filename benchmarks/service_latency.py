@@ -28,8 +28,13 @@ from statistics import median
 import numpy as np
 
 from benchmarks.interference import CASES, InterferenceCase, InterferenceSetup
-from benchmarks.pose_arrivals import ArrivalRecorder, running_recorder
-from benchmarks.service_load import ProcessorUse, descendants_of, measure_processor_use
+from benchmarks.service_load import (
+    ArrivalRecorder,
+    ProcessorUse,
+    descendants_of,
+    measure_processor_use,
+    running_recorder,
+)
 from drivers.core.files import cache_folder
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all

@@ -12,20 +12,18 @@ from benchmarks import features
 from benchmarks.__main__ import main
 from benchmarks.feature_scores import (
     FeatureSet,
+    Gray,
+    ImageTransform,
+    all_transforms,
     is_inside,
     make_opencv_method,
+    make_perspective_tilt,
+    make_rotation,
     scale_at,
     score_features,
     transform_points,
 )
 from benchmarks.features import measure_cost
-from benchmarks.image_transforms import (
-    Gray,
-    ImageTransform,
-    all_transforms,
-    make_perspective_tilt,
-    make_rotation,
-)
 
 SIZE = (320, 240)
 TILT = make_perspective_tilt(0.1, 0.0, 0.0, 0.15)(*SIZE)

@@ -10,14 +10,12 @@ import pytest
 from benchmarks import learned_timing
 from benchmarks.__main__ import main
 from benchmarks.learned_timing import (
+    MAX_READOUT_S,
     LearnedTiming,
+    RandomSensor,
     evaluate_timing,
     format_row,
     format_summary,
-)
-from benchmarks.learned_timing_sensors import (
-    MAX_READOUT_S,
-    RandomSensor,
     make_random_sensor,
     measure_start,
     tell_exactly,

@@ -6,8 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.mocap_sequences import TIMINGS, make_configs
-from benchmarks.rendered_sequences import StaticView, is_complete, render, render_all
+from benchmarks.rendered_sequences import (
+    TIMINGS,
+    StaticView,
+    is_complete,
+    make_configs,
+    render,
+    render_all,
+)
 from drivers.camera import PinholeCamera
 from drivers.core.errors import InputError
 from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig

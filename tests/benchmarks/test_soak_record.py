@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.service_soak import save_plot
-from benchmarks.soak_record import SoakRecord, SoakSample, check_soak, slope
+from benchmarks.service_soak import SoakRecord, SoakSample, check_soak, save_plot, slope
 
 FLAT = SoakSample(
     run=0, frame=0, seconds=0.0, service_mb=300.0, others_mb=200.0, handles=40, threads=20,

@@ -23,9 +23,7 @@ from typing import Any
 import cv2
 
 from drivers.camera import Clock, PlaybackMode, SensorConfig
-from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.device_source import KinectSource, list_kinects
-from drivers.freenect.library import (
+from drivers.freenect import (
     CAMERA_ONLY,
     FRAME_CALLBACK,
     RESOLUTION_640X480,
@@ -34,7 +32,9 @@ from drivers.freenect.library import (
     TimeValue,
     load_library,
 )
+from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.rectify import KinectRectifier
+from drivers.freenect.sources import KinectSource, list_kinects
 from drivers.kinect_usb.motor_unit import NullMotorUnit
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame

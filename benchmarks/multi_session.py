@@ -31,7 +31,7 @@ from benchmarks.tour_record import LoopClosureRunner
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.fault_injection import ImageSource
+from drivers.synthetic.sensors import ImageSource
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.registry import METHODS, warm_up
 from vo_service.slam.keyframe_selection import pose_distance_steps

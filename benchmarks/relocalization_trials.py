@@ -1,6 +1,6 @@
 """Relocalization trials from frames of a tour: tracking, a cover, then another place."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,8 +11,8 @@ from benchmarks.rendered_views import THREADS, ObservedView, make_tour_frame, ma
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.fault_injection import ImageSource, RenderedImages
 from drivers.synthetic.frame_provider import render_all
+from drivers.synthetic.sensors import ImageSource, RenderedImages
 from vo_service.terminal import Terminal
 
 # Frames before, during and after the cover.
@@ -134,9 +134,6 @@ def choose_trials(
         if len(chosen) == count:
             break
     return chosen
-
-
-TrialFilter = Callable[[Sequence[ObservedView], Sequence[ObservedView]], bool]
 
 
 def _is_return_seen(before: Sequence[ObservedView], after: Sequence[ObservedView]) -> bool:

@@ -30,8 +30,8 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import read_trajectory
 from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
-from drivers.synthetic.color_sensor import gain_at
 from drivers.synthetic.renderer import NoiselessFrame, Renderer, make_renderer
+from drivers.synthetic.sensors import gain_at
 from drivers.tum.writer import TumWriter
 
 # The configuration of a folder; a folder without this file is incomplete or not ours.

@@ -22,9 +22,10 @@ KERNEL_SOURCES = (
     "drivers/camera.py",
     "drivers/core",
     "drivers/synthetic",
+    "vo_service/frame_record.py",
     "vo_service/odometry",
     "vo_service/reconstruction",
-    "vo_service/slam/depth_features.py",
+    "vo_service/slam/keyframe_database.py",
     "vo_service/types",
 )
 # Below the environment's prefix: kernels that setup has compiled for all users.

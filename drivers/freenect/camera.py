@@ -18,18 +18,17 @@ from drivers.camera import (
     is_serial,
 )
 from drivers.core.errors import CameraError, CameraNotFoundError
-from drivers.freenect.device_source import DeviceSource, KinectSource
+from drivers.freenect import device_hung_error, packet_loss_message
 from drivers.freenect.factory_calibration import (
     DepthFilter,
     FactoryCalibration,
     ValidDepthMask,
     all_depths_to_10_m,
 )
-from drivers.freenect.fakenect import FakenectSource
 from drivers.freenect.image_buffers import ImagePair
-from drivers.freenect.libfreenect_log import device_hung_error, packet_loss_message
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.session import CaptureSession, NullSession
+from drivers.freenect.sources import DeviceSource, FakenectSource, KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit, NullMotorUnit
 
 # Longer than a supervisor waits before it kills the process.

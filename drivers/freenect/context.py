@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.errors import CameraError
-from drivers.freenect.factory_calibration import FactoryCalibration
-from drivers.freenect.libfreenect_log import LibfreenectLog, start_failed_error
-from drivers.freenect.library import (
+from drivers.freenect import (
     CAMERA_ONLY,
     FRAME_CALLBACK,
     INTERRUPTED,
@@ -25,9 +23,12 @@ from drivers.freenect.library import (
     DepthFormat,
     DeviceAttributes,
     Flag,
+    LibfreenectLog,
     Registration,
     TimeValue,
+    start_failed_error,
 )
+from drivers.freenect.factory_calibration import FactoryCalibration
 
 _log = logging.getLogger(__name__)
 # Rows and columns of the registration that are read: some of the middle half of the image.

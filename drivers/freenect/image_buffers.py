@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from drivers.freenect.libfreenect_log import StreamHealth
+from drivers.freenect import StreamHealth
 from drivers.time_sync import StampedPair, StampUnwrapper
 
 

@@ -16,8 +16,8 @@ from drivers.calibration import (
 )
 from drivers.camera import PinholeCamera
 from drivers.core.errors import InputError
+from drivers.freenect import DepthFormat
 from drivers.freenect.factory_calibration import USUAL_COLOR_FOCAL_PX, DepthFilter
-from drivers.freenect.library import DepthFormat
 from drivers.rectify import SoftwareRegistration, Undistorter, make_undistorter
 
 Pixel = TypeVar("Pixel", np.uint8, np.uint16)

@@ -12,17 +12,18 @@ import numpy as np
 
 from drivers.camera import CameraCounters, FrameTimeout
 from drivers.core.errors import CameraLostError
-from drivers.freenect.context import FreenectContext, RawFrameCallback
-from drivers.freenect.device_source import DeviceCalibration, DeviceSource, StreamTimeouts
-from drivers.freenect.image_buffers import BufferPool, FrameCallback, ImagePair, PooledImage
-from drivers.freenect.libfreenect_log import (
+from drivers.freenect import (
+    DepthFormat,
     LibfreenectLog,
     StreamHealth,
+    TimeValue,
     device_hung_error,
     stream_not_started_error,
     stream_stalled_error,
 )
-from drivers.freenect.library import DepthFormat, TimeValue
+from drivers.freenect.context import FreenectContext, RawFrameCallback
+from drivers.freenect.image_buffers import BufferPool, FrameCallback, ImagePair, PooledImage
+from drivers.freenect.sources import DeviceCalibration, DeviceSource, StreamTimeouts
 from drivers.time_sync import NearestFramePairing, StampUnwrapper
 
 EVENTS_TIMEOUT = TimeValue(0, 20_000)

@@ -22,9 +22,9 @@ from drivers.camera import (
     is_serial,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.openni2 import OniFrame, OpenNI2, OpenNI2Error, SensorType
 from drivers.openni2.configure import configure_device, start_streams
 from drivers.openni2.device import open_device
-from drivers.openni2.library import OniFrame, OpenNI2, OpenNI2Error, SensorType
 from drivers.openni2.rectify import CalibrationFile, make_rectifier
 from drivers.openni2.stream import IncompleteFrameError, OpenNI2Stream, decode_color, decode_depth
 from drivers.time_sync import HostClockSync, NearestFramePairing, StampedPair
@@ -201,7 +201,7 @@ def _receive_color(frame: OniFrame) -> ReceivedColorImage:
 
 
 class OpenNI2Camera(RgbdCamera):
-    """A live sensor, read on the reader's thread (see `drivers.openni2.library`).
+    """A live sensor, read on the reader's thread (see `drivers.openni2`).
 
     Registration of depth and synchronous capture are enabled if the sensor supports them; for the
     rule of registration see `drivers.openni2.rectify`. Depth and color are paired by nearest stamp.

@@ -19,7 +19,7 @@ from drivers.camera import (
     SensorConfig,
 )
 from drivers.core.errors import CameraError
-from drivers.openni2.library import OpenNI2, SensorType
+from drivers.openni2 import OpenNI2, SensorType
 from drivers.openni2.oni_index import OniIndex, read_oni_index
 from drivers.openni2.oni_player import OniPlayer, make_playback_scheduler
 from drivers.openni2.rectify import CalibrationFile, make_rectifier
@@ -164,7 +164,7 @@ class OniPlayback:
 
 
 class OniCamera(RgbdCamera):
-    """Plays a recording through libOpenNI2, on the reader's thread (see `drivers.openni2.library`).
+    """Plays a recording through libOpenNI2, on the reader's thread (see `drivers.openni2`).
 
     Stamps are the recording's own (usually microseconds since its start). Color and depth are
     paired by nearest stamp over the whole file, so both playback modes deliver the same frames.

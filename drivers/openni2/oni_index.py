@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from drivers.core.errors import InputError
-from drivers.openni2.library import SensorType
+from drivers.openni2 import SensorType
 from drivers.time_sync import MAX_PAIR_SKEW_US, pair_nearest
 
 FILE_HEADER = struct.Struct("<4sBBHIQI")

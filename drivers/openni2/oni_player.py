@@ -10,8 +10,7 @@ from pathlib import Path
 
 from drivers.camera import FrameTimeout, PlaybackMode
 from drivers.core.errors import CameraError, InputError
-from drivers.openni2.device import OpenNI2Device
-from drivers.openni2.library import (
+from drivers.openni2 import (
     DeviceProperty,
     OniFrame,
     OpenNI2,
@@ -19,6 +18,7 @@ from drivers.openni2.library import (
     PixelFormat,
     SensorType,
 )
+from drivers.openni2.device import OpenNI2Device
 from drivers.openni2.oni_index import IndexedImage
 from drivers.openni2.rectify import DepthRegistration, SourceProperties
 from drivers.openni2.stream import DEPTH_FACTORS, TO_BGR, OpenNI2Stream, format_name

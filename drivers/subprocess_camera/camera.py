@@ -23,8 +23,7 @@ from drivers.core.geometry import Trajectory
 from drivers.core.process import WorkerFailed, WorkerSpec
 from drivers.core.process.supervisor import ExponentialBackoff, WorkerSupervisor
 from drivers.reconnect import ConnectionPhase
-from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingReader
-from drivers.subprocess_camera.messages import (
+from drivers.subprocess_camera import (
     CameraFinished,
     CameraHeartbeat,
     CameraProperties,
@@ -35,6 +34,7 @@ from drivers.subprocess_camera.messages import (
     SetTilt,
     Timeouts,
 )
+from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingReader
 
 _log = logging.getLogger(__name__)
 

@@ -11,14 +11,14 @@ from drivers.core.errors import CameraError
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.process.supervisor import ExponentialBackoff
 from drivers.reconnect import ConnectionPhase, ReconnectingCamera
-from drivers.subprocess_camera.frame_ring import FrameRingWriter
-from drivers.subprocess_camera.messages import (
+from drivers.subprocess_camera import (
     CameraFinished,
     CameraHeartbeat,
     CameraProperties,
     CameraWorkerConfig,
     DeviceRequest,
 )
+from drivers.subprocess_camera.frame_ring import FrameRingWriter
 
 _log = logging.getLogger(__name__)
 POLL_S = 0.25

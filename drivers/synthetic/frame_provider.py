@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Protocol
 from drivers.core.errors import CameraLostError
 from drivers.core.process import WorkerFailed, WorkerProcess, WorkerSpec
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.render_messages import (
     ReaderPosition,
     RenderingComplete,
@@ -19,6 +18,7 @@ from drivers.synthetic.render_messages import (
     RenderRequest,
 )
 from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequence, files_for_config
+from drivers.synthetic.sensors import RenderedImages
 
 if TYPE_CHECKING:  # its kernels are slow to load; the renderer's process loads them
     from drivers.synthetic.renderer import Renderer

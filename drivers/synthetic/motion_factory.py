@@ -4,14 +4,19 @@ import numpy as np
 
 from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion
-from drivers.synthetic.handheld_motion import ROOM_SWEEP, FloorMotion, HandheldMotion
+from drivers.synthetic.human_motion import (
+    ROOM_SWEEP,
+    FloorMotion,
+    HandheldMotion,
+    OrbitMotion,
+    TourMotion,
+)
 from drivers.synthetic.scripted_motion import (
     CreepMotion,
     FastTurnMotion,
     RecordedMotion,
     WallMotion,
 )
-from drivers.synthetic.walking_motion import OrbitMotion, TourMotion
 
 
 def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:

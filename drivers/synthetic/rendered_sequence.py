@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from drivers.core.errors import CameraError, InputError
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.fault_injection import RenderedImages
+from drivers.synthetic.sensors import RenderedImages
 
 MAX_SEQUENCE_BYTES = 3 << 30
 MAX_FOLDER_BYTES = 4 << 30

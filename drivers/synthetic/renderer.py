@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
 from drivers.rectify import make_undistorter
-from drivers.synthetic import SyntheticConfig, color_sensor, depth_sensor
+from drivers.synthetic import SyntheticConfig, sensors
 from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.dynamic_objects import DynamicObject, make_dynamic_objects
-from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.lighting import make_lights
 from drivers.synthetic.motion_factory import make_motion
 from drivers.synthetic.raycast import RaycastScene, RayGrid, cast_rays, prepare_scene
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room, symmetrize_lights
+from drivers.synthetic.sensors import RenderedImages
 from drivers.synthetic.shading import shade, smooth_edges
 from drivers.synthetic.solids import SolidArrays
 from drivers.synthetic.texture_atlas import TextureAtlas, paint_atlas
@@ -136,13 +136,13 @@ class Renderer:
         self._distortion = np.array(config.color.distortion)
         self._undistort = make_undistorter(camera, config.color.distortion)
         self._color_grid = RayGrid.from_rays(pixel_rays(camera, self._distortion))
-        self._infrared = depth_sensor.infrared_camera(sensor, camera)
+        self._infrared = sensors.infrared_camera(sensor, camera)
         self._depth_grid, offset_m = self._color_grid, 0.0
         if sensor.registration:
             self._depth_grid = RayGrid.from_rays(pixel_rays(self._infrared, np.zeros(5)))
             offset_m = sensor.eye_offset_m
         self._T_color_depth = rigid_transform(np.eye(3), (-offset_m, 0.0, 0.0))
-        self._vignette = color_sensor.vignetting_map(camera, config.color.vignetting)
+        self._vignette = sensors.vignetting_map(camera, config.color.vignetting)
 
     def render(self, index: int) -> RenderedImages:
         """Render frame `index`; the bytes are the same in every run and process."""
@@ -155,7 +155,7 @@ class Renderer:
         return NoiselessFrame(
             light_bgr=self._render_color(stamp_s),
             depth_m=self._render_depth(stamp_s + config.timing.skew_s),
-            gain=color_sensor.gain_at(config.color, stamp_s, config.duration_s),
+            gain=sensors.gain_at(config.color, stamp_s, config.duration_s),
         )
 
     def apply_sensor_noise(
@@ -163,9 +163,7 @@ class Renderer:
     ) -> RenderedImages:
         """Add the sensor's noise, drawn from `rng`."""
         sensor = self._config.color
-        color = color_sensor.expose(
-            noiseless.light_bgr, noiseless.gain, self._vignette, sensor, rng
-        )
+        color = sensors.expose(noiseless.light_bgr, noiseless.gain, self._vignette, sensor, rng)
         depth = self._measure_depth(noiseless.depth_m, rng)
         return RenderedImages(
             self._undistort.undistort_color(color), self._undistort.undistort_depth(depth)
@@ -186,7 +184,7 @@ class Renderer:
         half_s, body = config.color.exposure_s / 2, self._room.solids.body[solid]
         T_opening_now = np.linalg.inv(self._poses_in_bodies(times_s - half_s)) @ T_body_row
         T_closing_now = np.linalg.inv(self._poses_in_bodies(times_s + half_s)) @ T_body_row
-        return color_sensor.motion_blur(
+        return sensors.motion_blur(
             image, rays, depth_m, body, T_opening_now, T_closing_now, config.camera.fx
         )
 
@@ -227,12 +225,12 @@ class Renderer:
         self, true_m: NDArray[np.float32], rng: np.random.Generator
     ) -> NDArray[np.uint16]:
         config, sensor, camera = self._config, self._config.depth, self._config.camera
-        measured_m = depth_sensor.measure_depth(true_m, sensor, rng)
+        measured_m = sensors.measure_depth(true_m, sensor, rng)
         if not sensor.registration:
             readings = np.minimum(measured_m * np.float32(config.depth_factor), 65535)
             depth: NDArray[np.uint16] = np.rint(readings).astype(np.uint16)
             return depth
-        return depth_sensor.register_depth(
+        return sensors.register_depth(
             measured_m,
             (self._infrared.fx, self._infrared.cx, self._infrared.cy),
             (camera.fx, camera.fy, camera.cx, camera.cy),

@@ -21,7 +21,7 @@ from drivers.synthetic.camera_motion import (
     rotations_from_vectors,
     smootherstep,
 )
-from drivers.synthetic.handheld_motion import ROOM_SWEEP, HandheldMotion, HandheldProfile
+from drivers.synthetic.human_motion import ROOM_SWEEP, HandheldMotion, HandheldProfile
 
 # A hand that holds the camera level, two meters from the wall at +y.
 LEVEL_AT_WALL = HandheldProfile(

@@ -17,8 +17,8 @@ from benchmarks.multi_session import (
 from benchmarks.rendered_views import compute_true_poses, make_tour_config
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import T_BODY_CAMERA, inverse
-from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.renderer import make_renderer
+from drivers.synthetic.sensors import RenderedImages
 
 pytestmark = pytest.mark.slow
 

@@ -28,7 +28,7 @@ from benchmarks.rendered_views import (
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.fault_injection import RenderedImages
+from drivers.synthetic.sensors import RenderedImages
 from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, RgbdCamera, RgbdFrame
 from drivers.synthetic import Fault, FaultKind
-from drivers.synthetic.fault_injection import FaultInjector, RenderedImages
+from drivers.synthetic.camera import FaultInjector
+from drivers.synthetic.sensors import RenderedImages
 from tests.vo_service.corner_sequence import corner_pose
 from tests.vo_service.odometry.synthetic_views import render_corner
 

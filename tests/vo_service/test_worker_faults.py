@@ -14,9 +14,9 @@ import pytest
 from drivers.camera import Clock, PlaybackMode
 from drivers.core import process
 from drivers.core.record_ring import RecordRingWriter
+from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera import camera as camera_client
 from drivers.subprocess_camera.camera import SubprocessCamera
-from drivers.subprocess_camera.messages import Timeouts
 from tests.forked_process import forked_workers
 from tests.resource_leaks import child_pids, is_alive, resources_in_use
 from tests.waiting import wait_until

@@ -15,8 +15,9 @@ from drivers.core.files import create_output_folder
 from vo_service.cli.options import add_benchmark_options, load_config, parse_count, requested_topics
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
+from vo_service.tools.benchmark import RunState
+from vo_service.tools.benchmark.baselines import ORB_SLAM3
 from vo_service.tools.benchmark.baselines.orb_vocabulary import read_vocabulary_file
-from vo_service.tools.benchmark.baselines.registry import ORB_SLAM3
 from vo_service.tools.benchmark.batch import BatchPlan, run_batch
 from vo_service.tools.benchmark.methods import (
     METHOD_NAMES,
@@ -33,7 +34,6 @@ from vo_service.tools.benchmark.report.bench_report import (
     write_bench_report,
 )
 from vo_service.tools.benchmark.results import collect_results
-from vo_service.tools.benchmark.run import RunState
 
 EPILOG = f"""\
 {textwrap.fill("methods: " + ", ".join(METHOD_NAMES), 98, break_on_hyphens=False)}

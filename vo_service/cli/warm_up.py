@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         UserFacingError: If the configuration is not valid, or if the kernels cannot be written.
     """
     # Imported here because the other users of this file do not need a map.
-    from vo_service.reconstruction.warm_up import warm_up_reconstruction
+    from vo_service.reconstruction import warm_up_reconstruction
 
     config = load_config(args)
     terminal = Terminal()

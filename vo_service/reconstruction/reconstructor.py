@@ -9,8 +9,7 @@ import numpy as np
 
 from drivers.camera import EndOfStream, FrameTimeout, PinholeCamera, RgbdCamera, RgbdFrame
 from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory, nearest_indices
-from vo_service.reconstruction.gravity_alignment import UpDirectionEstimator
-from vo_service.reconstruction.mesh import Mesh
+from vo_service.reconstruction.mesh import Mesh, UpDirectionEstimator
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.messages import Status
@@ -54,12 +53,6 @@ class FramePoses:
         index = int(nearest_indices(self._poses.stamps_s, np.array([stamp_s]))[0])
         is_near = abs(float(self._poses.stamps_s[index]) - stamp_s) <= MAX_STAMP_DIFFERENCE_S
         return self._poses.T_world_camera[index] if is_near else None
-
-    @property
-    def time_span(self) -> str:
-        """First and last stamp as text."""
-        stamps_s = self._poses.stamps_s
-        return f"{stamps_s[0]:.3f}..{stamps_s[-1]:.3f} s"
 
 
 class TrackedPoseRecorder:

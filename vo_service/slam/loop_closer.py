@@ -24,9 +24,8 @@ from vo_service.slam.keyframe_database import (
 from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_selection import LoopCandidates, MapMerger, OptimizationSchedule
 from vo_service.slam.map_file import MapContents
-from vo_service.slam.optimized_trajectory import AnchoredPose
 from vo_service.slam.place_recognizer import PlaceMatch, PlaceRecognizer
-from vo_service.slam.pose_graph import NodeRemoval, PoseGraph
+from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval, PoseGraph
 from vo_service.types import MapSnapshot
 
 # A loop that differs from the map by more than this calls for an optimization.

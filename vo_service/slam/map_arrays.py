@@ -19,9 +19,13 @@ from drivers.core.geometry import Array, is_rigid
 from vo_service.odometry.direct.image_pyramid import NUM_LEVELS
 from vo_service.odometry.direct.keyframe_points import NUM_POINT_COLUMNS, POINT_BRIGHTNESS
 from vo_service.odometry.surf.descriptor import DESCRIPTOR_SIZE
-from vo_service.slam.depth_features import DepthFeatures
 from vo_service.slam.graph_edges import Edge
-from vo_service.slam.keyframe_database import MapKeyframe, PackedPoints, VladVocabulary
+from vo_service.slam.keyframe_database import (
+    DepthFeatures,
+    MapKeyframe,
+    PackedPoints,
+    VladVocabulary,
+)
 from vo_service.slam.pose_graph import Node
 
 Number = TypeVar("Number", bound=np.generic)

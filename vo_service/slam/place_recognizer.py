@@ -24,13 +24,13 @@ from vo_service.odometry.direct.residuals import IN_IMAGE
 from vo_service.odometry.features import SurfParameters, match_features, pair_points
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.slam.depth_features import extract_depth_features
 from vo_service.slam.keyframe_database import (
     TRACKED_VELOCITY_SIGMA,
     MapKeyframe,
     PackedPoints,
     QueryFrame,
     VladVocabulary,
+    extract_depth_features,
 )
 
 # Largest number of extracted features, and of stored ones with depth.

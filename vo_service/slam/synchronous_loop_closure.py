@@ -15,9 +15,8 @@ from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe
 from vo_service.slam.keyframe_selection import ConstraintAccumulator, OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation, LoopCloser
 from vo_service.slam.map_file import MapContents
-from vo_service.slam.optimized_trajectory import OptimizedTrajectory
 from vo_service.slam.place_recognizer import PlaceRecognizer
-from vo_service.slam.pose_graph import PoseGraph
+from vo_service.slam.pose_graph import OptimizedTrajectory, PoseGraph
 from vo_service.types import Estimate, Odometry, OdometryUpdate
 from vo_service.types.messages import Status
 

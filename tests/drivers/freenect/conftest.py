@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from drivers.camera import SensorConfig
+from drivers.freenect import PACKAGE, SONAME
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.device_source import KinectSource
-from drivers.freenect.library import PACKAGE, SONAME
 from drivers.freenect.rectify import KinectRectifier
+from drivers.freenect.sources import KinectSource
 from drivers.kinect_usb.motor_unit import MotorUnit, NullMotorUnit
 from tests.simulators.fixtures import SimulateKinect
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator

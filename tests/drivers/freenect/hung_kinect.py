@@ -12,8 +12,8 @@ from drivers.core.errors import CameraError
 from drivers.freenect import camera as camera_module
 from drivers.freenect import session
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.device_source import KinectSource
 from drivers.freenect.rectify import KinectRectifier
+from drivers.freenect.sources import KinectSource
 from drivers.kinect_usb.motor_unit import NullMotorUnit
 
 session.START_TIMEOUT_S = camera_module.RELEASE_TIMEOUT_S = 0.5

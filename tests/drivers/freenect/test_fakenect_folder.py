@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core.errors import InputError
-from drivers.freenect.fakenect import check_dump_folder
+from drivers.freenect.sources import check_dump_folder
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.fixtures import pattern_frame
 

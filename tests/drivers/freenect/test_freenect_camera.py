@@ -9,8 +9,8 @@ import pytest
 from drivers.calibration import KINECT_TIMING_PRIOR, format_calibration
 from drivers.camera import CameraState, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraLostError, CameraNotFoundError
-from drivers.freenect.device_source import list_kinects
 from drivers.freenect.rectify import DEFAULT_CALIBRATION
+from drivers.freenect.sources import list_kinects
 from drivers.rectify import make_undistorter
 from tests.drivers.freenect.conftest import MakeCamera, plug_in
 from tests.simulators.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame

@@ -5,9 +5,8 @@ from unittest.mock import MagicMock
 import pytest
 
 from drivers.core.errors import CameraError
+from drivers.freenect import LibfreenectLog, TimeValue
 from drivers.freenect.context import FreenectContext
-from drivers.freenect.libfreenect_log import LibfreenectLog
-from drivers.freenect.library import TimeValue
 
 
 def library(**answers: int) -> Any:

@@ -6,9 +6,9 @@ import pytest
 
 from drivers.camera import CameraState, FrameTimeout, RgbdFrame
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.freenect import load_library
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.device_source import list_kinects
-from drivers.freenect.library import load_library
+from drivers.freenect.sources import list_kinects
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.resource_leaks import resources_in_use
 from tests.simulators.fixtures import FRAME_COUNT

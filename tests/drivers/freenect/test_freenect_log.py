@@ -2,7 +2,7 @@ import logging
 
 import pytest
 
-from drivers.freenect.libfreenect_log import LibfreenectLog
+from drivers.freenect import LibfreenectLog
 
 INFO, WARNING, ERROR, SPEW = 4, 2, 1, 6
 

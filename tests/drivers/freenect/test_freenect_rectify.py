@@ -11,7 +11,7 @@ from drivers.calibration import (
     format_calibration,
 )
 from drivers.core.errors import InputError
-from drivers.freenect.library import DepthFormat
+from drivers.freenect import DepthFormat
 from drivers.freenect.rectify import DEFAULT_CALIBRATION, KinectRectifier
 from drivers.rectify import SoftwareRegistration
 from tests.drivers.freenect.conftest import MakeCamera

@@ -7,9 +7,9 @@ import pytest
 
 from drivers.calibration import CameraCalibration
 from drivers.core.errors import InputError
+from drivers.openni2 import PixelFormat, SensorType, VideoMode
 from drivers.openni2.configure import choose_video_mode
 from drivers.openni2.device import OpenNI2Device
-from drivers.openni2.library import PixelFormat, SensorType, VideoMode
 
 VGA = VideoMode(PixelFormat.RGB888, 640, 480, 30)
 FAST_VGA = VideoMode(PixelFormat.RGB888, 640, 480, 60)

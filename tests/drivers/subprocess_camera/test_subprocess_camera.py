@@ -8,8 +8,8 @@ import pytest
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout, RgbdFrame
 from drivers.core.errors import CameraLostError, InputError
+from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera.camera import SubprocessCamera
-from drivers.subprocess_camera.messages import Timeouts
 from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
 from tests.drivers.subprocess_camera.scripted_cameras import (
     LOST_PACKETS,

@@ -4,8 +4,8 @@ import pytest
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
 from drivers.synthetic import ColorSensorModel, SyntheticConfig
-from drivers.synthetic.color_sensor import expose, gain_at, motion_blur, vignetting_map
 from drivers.synthetic.renderer import pixel_rays
+from drivers.synthetic.sensors import expose, gain_at, motion_blur, vignetting_map
 
 CAMERA = PinholeCamera(128, 96, 100.0, 100.0, 63.5, 47.5)
 RAYS = pixel_rays(CAMERA, np.zeros(5))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from drivers.synthetic import DepthSensorModel
-from drivers.synthetic.depth_sensor import measure_depth, register_depth
+from drivers.synthetic.sensors import measure_depth, register_depth
 
 QUIET = DepthSensorModel(
     shadows=False, disparity_step_px=0, disparity_sigma_px=0, lateral_sigma_px=0

@@ -16,8 +16,8 @@ from drivers.core.errors import CameraLostError
 from drivers.core.process import WorkerSpec
 from drivers.synthetic import SyntheticConfig, frame_provider
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
-from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
+from drivers.synthetic.sensors import RenderedImages
 from tests.drivers.synthetic import idle_renderer
 from tests.drivers.synthetic.cached_cameras import (
     FakeHost,

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.render_worker import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence, SequenceFiles, create_sequence
+from drivers.synthetic.sensors import RenderedImages
 
 FRAME = RenderedImages(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.uint16))
 

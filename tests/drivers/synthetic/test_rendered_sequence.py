@@ -10,13 +10,13 @@ import pytest
 
 from drivers.core.errors import CameraError, InputError
 from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig, rendered_sequence
-from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,
     SequenceFiles,
     create_sequence,
     files_for_config,
 )
+from drivers.synthetic.sensors import RenderedImages
 
 BYTES = 5 * (5 * 4 * 6 + 8)  # of five frames and their index
 

@@ -17,8 +17,7 @@ from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factorie
 from tests.waiting import wait_until
 from vo_service.cli import bench
 from vo_service.config import Config
-from vo_service.tools.benchmark.baselines import registry
-from vo_service.tools.benchmark.baselines.registry import BASELINES, Baseline, BaselinePackage
+from vo_service.tools.benchmark.baselines import BASELINES, Baseline, BaselinePackage
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("forked_runs")]
 
@@ -53,7 +52,7 @@ def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_method
     missing = Baseline(
         BaselinePackage("nobodys_odometry", ("nobodys-odometry",)), BASELINES["orb"].make
     )
-    monkeypatch.setitem(registry.BASELINES, "open3d-icp", missing)
+    monkeypatch.setitem(BASELINES, "open3d-icp", missing)
     monkeypatch.setattr(
         bench, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
     )

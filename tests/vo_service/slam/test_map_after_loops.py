@@ -21,8 +21,7 @@ from vo_service.slam.keyframe_database import (
     TRACKED_VELOCITY_SIGMA,
 )
 from vo_service.slam.loop_closer import MAX_LOOPS_PER_KEYFRAME, LoopCloser
-from vo_service.slam.optimized_trajectory import AnchoredPose
-from vo_service.slam.pose_graph import NodeRemoval
+from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval
 
 LAST = 9
 LAST_M = LAST * STEP_M

@@ -4,8 +4,7 @@ import numpy as np
 
 from drivers.core.geometry import inverse, rigid_transform
 from vo_service.slam.graph_edges import Edge
-from vo_service.slam.optimized_trajectory import OptimizedTrajectory
-from vo_service.slam.pose_graph import NodeRemoval, PoseGraph
+from vo_service.slam.pose_graph import NodeRemoval, OptimizedTrajectory, PoseGraph
 
 AHEAD = rigid_transform(np.eye(3), [0.0, 0.0, 1.0])
 SURE, VAGUE = np.eye(6) * 1e-8, np.eye(6) * 1e-2

@@ -56,9 +56,6 @@ class LoadMapRequest:
     name: str
 
 
-MapperRequest = SaveMapRequest | LoadMapRequest | MapConfig
-
-
 @dataclass(frozen=True)
 class MapperStatus(Heartbeat):
     """From the mapper: status, every second and after each keyframe.

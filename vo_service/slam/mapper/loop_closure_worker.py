@@ -14,8 +14,7 @@ from vo_service.slam.loop_closer import KeyframeObservation
 from vo_service.slam.map_file import read_map, write_map
 from vo_service.slam.map_store import MapStore
 from vo_service.slam.mapper import RelocalizationQuery, SendMapperMessage
-from vo_service.slam.optimized_trajectory import AnchoredPose
-from vo_service.slam.pose_graph import NodeRemoval
+from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval
 from vo_service.slam.synchronous_loop_closure import (
     create_loop_closer,
     create_loop_closer_from_map,

@@ -29,7 +29,7 @@ from vo_service.frame_record import decode_frame, decode_metadata, unpack_depth
 from vo_service.slam.keyframe_selection import pose_distance_steps
 from vo_service.slam.map_store import MapStore
 from vo_service.slam.mapper import SaveMapResult
-from vo_service.slam.optimized_trajectory import AnchoredPose
+from vo_service.slam.pose_graph import AnchoredPose
 
 if TYPE_CHECKING:
     from vo_service.slam.pose_graph import NodeRemoval

@@ -38,7 +38,7 @@ from vo_service.slam.mapper.mesh_job import (
     MeshKeyframeStore,
     build_mesh,
 )
-from vo_service.slam.optimized_trajectory import AnchoredPose
+from vo_service.slam.pose_graph import AnchoredPose
 from vo_service.types import TrackingState
 
 if TYPE_CHECKING:  # its libraries take a second and a hundred megabytes

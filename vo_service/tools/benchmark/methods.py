@@ -14,15 +14,15 @@ from drivers.recording.recording import Recording
 from vo_service.config import OdometryConfig
 from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
-from vo_service.tools.benchmark.baselines.orb_slam import OrbSlamFactory
-from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
-from vo_service.tools.benchmark.baselines.registry import (
+from vo_service.tools.benchmark.baselines import (
     BASELINE_NAMES,
     ORB_SLAM3,
     BaselineFactory,
     BaselinePackage,
     find_package,
 )
+from vo_service.tools.benchmark.baselines.orb_slam import OrbSlamFactory
+from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
 from vo_service.types import Odometry
 
 METHOD_NAMES = (*METHODS, *BASELINE_NAMES)

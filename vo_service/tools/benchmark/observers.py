@@ -15,8 +15,7 @@ from drivers.camera import RgbdFrame
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.uncertainty import diagonal_covariance
-from vo_service.tools.benchmark.run import LoopClosureRun
-from vo_service.tools.benchmark.versions import digest_sources
+from vo_service.tools.benchmark import LoopClosureRun, digest_sources
 from vo_service.types import Estimate
 
 # Sources of loop closure besides the libraries.

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.core.errors import InputError
+from vo_service.tools.benchmark import CompletedRun, RunOutcome, RunState
 from vo_service.tools.benchmark.batch import BatchResult
 from vo_service.tools.benchmark.recordings import BenchmarkRecording
-from vo_service.tools.benchmark.run import CompletedRun, RunOutcome, RunState
 from vo_service.tools.benchmark.run_cache import run_as_json
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.gaps import GapOutcome, classify_gap, gap_error, spans_gap

@@ -13,10 +13,7 @@ import numpy as np
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import atomic_write, create_output_folder, is_disk_full
 from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
-from vo_service.tools.benchmark.methods import MethodFactory
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
-from vo_service.tools.benchmark.recordings import BenchmarkRecording
-from vo_service.tools.benchmark.run import (
+from vo_service.tools.benchmark import (
     EMPTY_RUN,
     CompletedRun,
     FrameLog,
@@ -24,6 +21,9 @@ from vo_service.tools.benchmark.run import (
     RunOutcome,
     RunState,
 )
+from vo_service.tools.benchmark.methods import MethodFactory
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
+from vo_service.tools.benchmark.recordings import BenchmarkRecording
 
 SCHEMA = 1
 RESULT_FILE, TRAJECTORY_FILE, FRAMES_FILE, DETAILS_FILE = (

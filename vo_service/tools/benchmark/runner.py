@@ -23,9 +23,9 @@ from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import Recording
 from drivers.recording_camera import open_recording
 from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.tools.benchmark import CompletedRun, FrameLog, LoopClosureRun
+from vo_service.tools.benchmark.batch import RunPreparing, RunProgress, RunRequest
 from vo_service.tools.benchmark.methods import MethodFactory
-from vo_service.tools.benchmark.run import CompletedRun, FrameLog, LoopClosureRun
-from vo_service.tools.benchmark.subprocess_run import RunPreparing, RunProgress, RunRequest
 from vo_service.types import Estimate, Odometry
 
 logger = logging.getLogger(__name__)

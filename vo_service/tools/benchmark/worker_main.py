@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 from drivers.core.errors import UserFacingError
 from drivers.core.process.service_connection import ServiceConnection
-from vo_service.tools.benchmark.run import RunOutcome, RunState
+from vo_service.tools.benchmark import RunOutcome, RunState
+from vo_service.tools.benchmark.batch import KernelsCompiled, RunMessage, RunRequest
 from vo_service.tools.benchmark.runner import KernelsCompiledFirst, run_method
-from vo_service.tools.benchmark.subprocess_run import KernelsCompiled, RunMessage, RunRequest
 
 
 def run_benchmark(program: ServiceConnection) -> None:

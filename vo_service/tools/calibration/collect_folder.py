@@ -12,7 +12,7 @@ from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import RecordedImage
 from drivers.tum import ListedImage, read_frame_pairs, read_image_list
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.board import NO_DEPTH, Board, BoardView, Snapshot
+from vo_service.tools.calibration import NO_DEPTH, Board, BoardView, Snapshot
 from vo_service.tools.calibration.view_selection import (
     CoverageGap,
     ViewSelector,

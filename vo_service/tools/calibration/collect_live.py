@@ -31,7 +31,7 @@ from drivers.core.errors import CameraError, InputError, UserFacingError
 from drivers.registry import open_camera
 from drivers.tum.writer import TumWriter
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.board import NO_DEPTH, Board, BoardCorners, BoardView, Snapshot
+from vo_service.tools.calibration import NO_DEPTH, Board, BoardCorners, BoardView, Snapshot
 from vo_service.tools.calibration.collect_folder import (
     BOARD_NOT_FOUND_HINT,
     MILLIMETER_DEPTH_FACTOR,

@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
 from drivers.core.geometry import Array, so3_log
-from vo_service.tools.calibration.board import Board, Lens
+from vo_service.tools.calibration import Board, Lens
 from vo_service.tools.calibration.collect_folder import DepthUnits
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult

@@ -8,7 +8,7 @@ import numpy as np
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Array
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration import Board
 from vo_service.tools.calibration.collect_folder import CollectedViews
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult, calibrate_depth

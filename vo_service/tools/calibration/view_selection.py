@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import NO_DISTORTION
 from drivers.core.geometry import Array
-from vo_service.tools.calibration.board import (
+from vo_service.tools.calibration import (
     NO_CORNERS,
     Board,
     BoardCorners,

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TextIO
 
-from vo_service.tools.doctor.check import CheckResult, CheckVerdict
+from vo_service.tools.doctor import CheckResult, CheckVerdict
 
 SYMBOLS = {
     CheckVerdict.PASS: "✓",

@@ -11,7 +11,7 @@ import usb.util
 
 from drivers.kinect_usb.usb_devices import ConnectedSensor, UsbDevice, find_connected_sensors
 from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
-from vo_service.tools.doctor.subprocess_call import call_in_subprocess
+from vo_service.tools.doctor.stream_probe import call_in_subprocess
 
 HUB_CLASS = "09"
 _ROOT_HUB = re.compile(r"usb\d+")

@@ -15,8 +15,7 @@ from tests.vo_service.slam.mapper.wall_sequence import CAMERA
 from vo_service.frame_record import pack_depth, write_frame
 from vo_service.slam.keyframe_selection import STEP_M
 from vo_service.slam.mapper.mesh_job import MeshKeyframe, MeshKeyframeStore
-from vo_service.slam.optimized_trajectory import AnchoredPose
-from vo_service.slam.pose_graph import NodeRemoval
+from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval
 
 SIZE = 1000
 

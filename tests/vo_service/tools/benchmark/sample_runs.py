@@ -9,16 +9,16 @@ from drivers.calibration import TUM_CALIBRATIONS
 from drivers.core.geometry import Array, Trajectory, rigid_transform
 from drivers.recording.recording import FramePair, RecordedFrames, Recording
 from drivers.tum import ListedImage, read_accelerometer
-from vo_service.tools.benchmark.batch import BatchResult
-from vo_service.tools.benchmark.recordings import BenchmarkRecording
-from vo_service.tools.benchmark.results import SequenceResults, evaluate_run
-from vo_service.tools.benchmark.run import (
+from vo_service.tools.benchmark import (
     CompletedRun,
     FrameLog,
     LoopClosureRun,
     RunOutcome,
     RunState,
 )
+from vo_service.tools.benchmark.batch import BatchResult
+from vo_service.tools.benchmark.recordings import BenchmarkRecording
+from vo_service.tools.benchmark.results import SequenceResults, evaluate_run
 
 FRAMES = 40
 STEP_M = 0.01

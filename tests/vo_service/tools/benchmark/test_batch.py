@@ -14,6 +14,7 @@ from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory
 from vo_service.config import OdometryConfig
 from vo_service.config_tables import MapConfig
 from vo_service.terminal import Terminal
+from vo_service.tools.benchmark import RunState
 from vo_service.tools.benchmark.batch import BatchPlan, BatchResult, run_batch
 from vo_service.tools.benchmark.methods import ConfiguredMethodFactory, MethodFactory
 from vo_service.tools.benchmark.observers import (
@@ -22,7 +23,6 @@ from vo_service.tools.benchmark.observers import (
     ObserverFactory,
 )
 from vo_service.tools.benchmark.recordings import open_recordings
-from vo_service.tools.benchmark.run import RunState
 from vo_service.tools.benchmark.run_cache import make_cache_key
 
 CopyRecording = Callable[..., Path]

@@ -16,9 +16,9 @@ from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.tools.benchmark.baselines import registry
-from vo_service.tools.benchmark.baselines.registry import (
+from vo_service.tools.benchmark.baselines import (
     BASELINES,
+    OPENCV,
     ORB_SLAM3,
     Baseline,
     BaselineFactory,
@@ -44,7 +44,7 @@ def missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make two baselines belong to a package that is not installed."""
     baseline = Baseline(MISSING_PACKAGE, BASELINES["orb"].make)
     for name in ("open3d-icp", "open3d-hybrid"):
-        monkeypatch.setitem(registry.BASELINES, name, baseline)
+        monkeypatch.setitem(BASELINES, name, baseline)
 
 
 def test_our_methods_come_first_and_then_the_baselines() -> None:
@@ -75,7 +75,7 @@ def test_without_any_method_the_error_names_the_install_command() -> None:
 
 
 def test_a_package_has_its_version_if_installed() -> None:
-    assert registry.OPENCV.version.startswith("5")
+    assert OPENCV.version.startswith("5")
     assert MISSING_PACKAGE.version == ""
 
 

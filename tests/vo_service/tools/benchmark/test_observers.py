@@ -13,15 +13,15 @@ from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.slam.corner_trajectory import STEPS, odometry_pose, true_pose
 from vo_service.config import OdometryConfig
 from vo_service.config_tables import MapConfig
+from vo_service.tools.benchmark import CompletedRun, LoopClosureRun
+from vo_service.tools.benchmark.batch import RunRequest
 from vo_service.tools.benchmark.methods import ConfiguredMethodFactory
 from vo_service.tools.benchmark.observers import (
     NULL_OBSERVER,
     LoopClosureObserverFactory,
     ObserverFactory,
 )
-from vo_service.tools.benchmark.run import CompletedRun, LoopClosureRun
 from vo_service.tools.benchmark.runner import run_method
-from vo_service.tools.benchmark.subprocess_run import RunRequest
 
 LOOP_CLOSURE = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
 

@@ -9,8 +9,8 @@ import pytest
 from tests.conftest import FRAMES
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory
 from tests.vo_service.tools.benchmark.sample_runs import make_recording
+from vo_service.tools.benchmark.batch import RunProgress, RunRequest, run_in_subprocess
 from vo_service.tools.benchmark.recordings import ALL_FRAMES, FrameSelection, open_recordings
-from vo_service.tools.benchmark.subprocess_run import RunProgress, RunRequest, run_in_subprocess
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_recording,
     poses_along_x,
 )
-from vo_service.tools.benchmark.run import FrameLog, RunOutcome, RunState
+from vo_service.tools.benchmark import FrameLog, RunOutcome, RunState
 from vo_service.tools.benchmark.run_cache import (
     DETAILS_FILE,
     OPTIMIZED_TRAJECTORY_FILE,

@@ -17,10 +17,10 @@ from drivers.camera import RgbdFrame
 from drivers.recording.recording import Recording
 from tests.conftest import FRAMES
 from vo_service.odometry.profiling import StageTimer
+from vo_service.tools.benchmark import CompletedRun
+from vo_service.tools.benchmark.batch import RunPreparing, RunRequest
 from vo_service.tools.benchmark.recordings import FrameSelection
-from vo_service.tools.benchmark.run import CompletedRun
 from vo_service.tools.benchmark.runner import WARM_UP_FRAMES, KernelsCompiledFirst, run_method
-from vo_service.tools.benchmark.subprocess_run import RunPreparing, RunRequest
 from vo_service.types import Estimate
 
 BUSY_S = 0.02

@@ -13,8 +13,8 @@ from tests.conftest import FRAMES
 from tests.resource_leaks import resources_in_use
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory
 from tests.waiting import DEFAULT_TIMEOUT_S
-from vo_service.tools.benchmark.run import RunOutcome, RunState
-from vo_service.tools.benchmark.subprocess_run import (
+from vo_service.tools.benchmark import RunOutcome, RunState
+from vo_service.tools.benchmark.batch import (
     RunPreparing,
     RunProgress,
     RunRequest,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
-from vo_service.tools.calibration.board import (
+from vo_service.tools.calibration import (
     NO_DEPTH,
     Board,
     BoardCorners,

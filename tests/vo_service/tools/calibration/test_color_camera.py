@@ -12,7 +12,7 @@ from tests.vo_service.tools.calibration.rendered_boards import (
     RenderedKinect,
     random_board_poses,
 )
-from vo_service.tools.calibration.board import BoardCorners, BoardView, Lens
+from vo_service.tools.calibration import BoardCorners, BoardView, Lens
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import (
     ColorCalibrationResult,

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.core.geometry import rigid_transform, so3_exp
 from tests.vo_service.tools.calibration.rendered_boards import RenderedKinect
-from vo_service.tools.calibration.board import (
+from vo_service.tools.calibration import (
     NO_DEPTH,
     BoardCorners,
     BoardView,

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import pytest
 
 from tests.vo_service.tools.doctor.doctor_fakes import make_capture, make_context, make_sensor
-from vo_service.tools.doctor.camera_checks import checks_for
-from vo_service.tools.doctor.check import (
+from vo_service.tools.doctor import (
     CheckContext,
     CheckResult,
     CheckVerdict,
@@ -23,6 +22,7 @@ from vo_service.tools.doctor.check import (
     run_checks,
     warned,
 )
+from vo_service.tools.doctor.camera_checks import checks_for
 from vo_service.tools.doctor.printer import FindingPrinter
 from vo_service.tools.doctor.usb_probe import OpenError
 

@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 from drivers.core.errors import UserFacingError
-from vo_service.tools.doctor.libraries import load_libraries
-from vo_service.tools.doctor.subprocess_call import call_in_subprocess
+from vo_service.tools.doctor.camera_checks import load_libraries
+from vo_service.tools.doctor.stream_probe import call_in_subprocess
 
 pytestmark = pytest.mark.subprocess
 

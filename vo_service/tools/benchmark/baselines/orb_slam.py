@@ -20,6 +20,7 @@ from drivers.recording.frames import FrameReader
 from drivers.recording.images import UnreadableFrameError
 from drivers.recording.recording import Recording
 from vo_service.odometry.profiling import StageTimer
+from vo_service.tools.benchmark.baselines import ORB_SLAM3, PYORBSLAM3
 from vo_service.tools.benchmark.baselines.orb_vocabulary import (
     BRANCHES,
     LEVELS,
@@ -27,7 +28,6 @@ from vo_service.tools.benchmark.baselines.orb_vocabulary import (
     VocabularyFile,
     train_vocabulary,
 )
-from vo_service.tools.benchmark.baselines.registry import ORB_SLAM3, PYORBSLAM3
 from vo_service.types import Estimate, Odometry
 
 # Virtual stereo baseline, and the depth in baselines up to which a point is taken from one frame:

@@ -12,11 +12,11 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from vo_service.config import OdometryConfig
-from vo_service.tools.benchmark.baselines.registry import BASELINE_NAMES, find_package
+from vo_service.tools.benchmark import FrameLog, collect_versions
+from vo_service.tools.benchmark.baselines import BASELINE_NAMES, find_package
 from vo_service.tools.benchmark.methods import UnavailableMethods
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
-from vo_service.tools.benchmark.report.metadata import format_effective_config
-from vo_service.tools.benchmark.report.table import (
+from vo_service.tools.benchmark.report import (
     MetricColumn,
     Table,
     TableCell,
@@ -27,10 +27,9 @@ from vo_service.tools.benchmark.report.table import (
     number_cell,
     text_cell,
 )
+from vo_service.tools.benchmark.report.metadata import format_effective_config
 from vo_service.tools.benchmark.results import RunEvaluation, SequenceResults
-from vo_service.tools.benchmark.run import FrameLog
 from vo_service.tools.benchmark.run_cache import write_file
-from vo_service.tools.benchmark.versions import collect_versions
 
 STATISTICS: Mapping[str, Callable[[Array], float]] = {
     "mean": lambda values: float(np.mean(values)),

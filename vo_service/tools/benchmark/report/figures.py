@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
-from vo_service.tools.benchmark.report.published_results import describe_method
+from vo_service.tools.benchmark.report.comparison_tables import describe_method
 from vo_service.tools.benchmark.results import SequenceResults
 from vo_service.tools.evaluation.metrics import ErrorSeries, error_series, first_pose_alignment
 from vo_service.tools.evaluation.plot import (

@@ -10,9 +10,9 @@ from typing import Any
 
 from drivers.core.config import SCHEMA_VERSION
 from vo_service.config import Config, OdometryConfig
+from vo_service.tools.benchmark import collect_versions
 from vo_service.tools.benchmark.methods import SfmScale
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
-from vo_service.tools.benchmark.versions import collect_versions
 
 
 def format_effective_config(

@@ -11,7 +11,7 @@ from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import MethodConfig
-from vo_service.tools.benchmark.baselines.registry import BASELINES, BaselineFactory
+from vo_service.tools.benchmark.baselines import BASELINES, BaselineFactory
 
 DEPTH_ONLY = ("cv2-depth", "open3d-icp", "small-gicp")
 MAX_ERROR_M = 0.02

@@ -19,12 +19,12 @@ from tests.vo_service.tools.benchmark.sample_runs import (
 from vo_service.config import Config, OdometryConfig
 from vo_service.config_tables import MapConfig
 from vo_service.terminal import Terminal
+from vo_service.tools.benchmark import RunOutcome, RunState
 from vo_service.tools.benchmark.methods import SfmScale
 from vo_service.tools.benchmark.observers import LoopClosureObserverFactory
 from vo_service.tools.benchmark.report.comparison_report import write_comparison_report
 from vo_service.tools.benchmark.report.comparison_tables import metrics_table
 from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
-from vo_service.tools.benchmark.run import RunOutcome, RunState
 
 pytestmark = pytest.mark.slow
 

@@ -14,16 +14,14 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_results,
 )
 from vo_service.tools.benchmark.report.comparison_tables import (
+    PUBLISHED_RESULTS,
+    describe_method,
     error_table,
+    find_published_results,
     gap_table,
     loop_closure_table,
     metrics_table,
     time_table,
-)
-from vo_service.tools.benchmark.report.published_results import (
-    PUBLISHED_RESULTS,
-    describe_method,
-    find_published_results,
 )
 from vo_service.tools.benchmark.results import SequenceResults
 

@@ -7,7 +7,7 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_recording,
     make_results,
 )
-from vo_service.tools.benchmark.report.html_page import (
+from vo_service.tools.benchmark.report.comparison_report import (
     describe_rpe_without_gaps,
     summarize_sequence,
 )

@@ -33,8 +33,6 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     DAMPING_SIGMAS,
     INITIAL_MODEL_UPDATES,
-    MAX_EXTRAPOLATION,
-    MIN_STEP_RATIO,
     TREMOR_SPAN_S,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
@@ -138,7 +136,6 @@ def solve_level(
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
     samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
-    last_x = np.zeros(NUM_UNKNOWNS)
     for step in range(limits.max_steps):
         warp_and_sample(points, images, T, body_motion(T, motion), samples)
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
@@ -152,38 +149,11 @@ def solve_level(
         add_motion_prior(H, g, motion - expected, prior)
         add_damping(H)
         x = solve_cholesky(H, g)
-        is_last = np.max(np.abs(x[:6])) < limits.min_step_size
-        factor = 1.0 if is_last else extrapolation_factor(x, last_x, H)
-        last_x = x if factor == 1.0 else np.zeros(NUM_UNKNOWNS)
-        T = compose(T, se3_exp(-factor * x[:6]))
-        motion -= factor * x[6:]
-        if is_last:
+        T = compose(T, se3_exp(-x[:6]))
+        motion -= x[6:]
+        if np.max(np.abs(x[:6])) < limits.min_step_size:
             break
     return T, motion
-
-
-@kernel
-def extrapolation_factor(x: Array, last_x: Array, H: Array) -> float:
-    """Factor of a step to where the geometric series of this and the last step ends.
-
-    The robust weights and the noise of the gradients make the information too large, so that steps
-    converge linearly. Aitken's method extrapolates them: Macleod, "Acceleration of Vector Sequences
-    by Multi-dimensional Delta-2 Methods" (Communications in Applied Numerical Methods 2, 1986).
-
-    Args:
-        x: (15,) step.
-        last_x: (15,) the step before; zero if there is none, or if it was extrapolated.
-        H: (15, 15) information, of which that of the pose is the metric.
-    """
-    along = squared = 0.0
-    for i in range(6):
-        for j in range(6):
-            along += x[i] * H[i, j] * last_x[j]
-            squared += last_x[i] * H[i, j] * last_x[j]
-    if along <= MIN_STEP_RATIO * squared:
-        return 1.0
-    max_ratio = 1.0 - 1.0 / MAX_EXTRAPOLATION
-    return 1.0 / (1.0 - min(along / squared, max_ratio))
 
 
 @kernel

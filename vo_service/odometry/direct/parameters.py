@@ -80,9 +80,6 @@ MAX_STEPS = (24, 24, 15, 12)
 # A smaller step (m and rad) is the last one of its level: at the finest level it is well below the
 # noise, at the others below what the next finer level corrects.
 MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
-# A step that is longer than this share of the last one, in its direction, is extrapolated, by at
-# most this factor.
-MIN_STEP_RATIO, MAX_EXTRAPOLATION = 0.2, 2.5
 # Updates of the residual model in the first step; later steps have one.
 INITIAL_MODEL_UPDATES = 3
 # Sigma that damps directions without constraint, m and rad.

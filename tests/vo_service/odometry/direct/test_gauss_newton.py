@@ -8,7 +8,6 @@ from drivers.core.geometry import Array
 from vo_service.odometry.direct.gauss_newton import (
     MotionPrior,
     add_motion_prior,
-    extrapolation_factor,
     invert_cholesky,
     solve_cholesky,
 )
@@ -29,22 +28,6 @@ def test_a_positive_definite_system_is_solved(seed: int, size: int) -> None:
 
 def test_an_empty_system_has_a_solution() -> None:
     assert np.all(np.isfinite(solve_cholesky(np.zeros((6, 6)), np.zeros(6))))
-
-
-@FEW
-@given(st.floats(0.21, 0.59), st.integers(0, 1000))
-def test_steps_that_shrink_evenly_are_extrapolated_to_their_limit(ratio: float, seed: int) -> None:
-    random = np.random.default_rng(seed)
-    A, last_x = random.normal(size=(15, 30)), random.normal(size=15)
-    x, rest = ratio * last_x, sum(ratio**n * last_x for n in range(1, 200))
-    np.testing.assert_allclose(extrapolation_factor(x, last_x, A @ A.T) * x, rest)
-
-
-@pytest.mark.parametrize(("ratio", "factor"), [(-0.7, 1.0), (0.1, 1.0), (0.95, 2.5), (3.0, 2.5)])
-def test_extrapolation_is_limited_and_none_after_a_turn(ratio: float, factor: float) -> None:
-    last_x = np.arange(1.0, 16.0)
-    assert extrapolation_factor(ratio * last_x, last_x, np.eye(15)) == pytest.approx(factor)
-    assert extrapolation_factor(last_x, np.zeros(15), np.eye(15)) == 1.0
 
 
 @FEW

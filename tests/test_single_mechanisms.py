@@ -25,7 +25,7 @@ SINGLE = {
     "Condition": {
         "drivers/core/flow_control.py",
         "drivers/recording/prefetch.py",  # frames with a due time
-        "vo_service/client/frame.py",  # the newest frame, made of several messages
+        "vo_service/client/frame_client.py",  # the newest frame, made of several messages
         "vo_service/client/subscription.py",  # the newest pose, which is not taken
     },
     "Queue": set(),
@@ -35,7 +35,6 @@ SINGLE = {
     },
     "setitimer": {"drivers/core/process/service_connection.py"},
     "TokenBucket": {  # users of the one rate limiter
-        "vo_service/outputs/zenoh/command_server.py",
         "vo_service/outputs/zenoh/queryables.py",
     },
 }

@@ -89,7 +89,7 @@ def test_names_are_known_without_an_import(tmp_path: Path, capfd: Capture) -> No
     with pytest.raises(InputError, match=r"synthetic, wall\[:ARGUMENT\]"):
         open_camera("kinekt")
     (tmp_path / "c.toml").write_text('schema = 1\n[outputs]\nextra = ["way:x"]\n')
-    with pytest.raises(InputError, match="'way:x' is unknown; use one of trajectory, distance"):
+    with pytest.raises(InputError, match="'way:x' is unknown; known here: trajectory, distance"):
         read_config(tmp_path / "c.toml")
     assert not set(NAMES) & set(sys.modules)
 

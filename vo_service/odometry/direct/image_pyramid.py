@@ -82,12 +82,34 @@ class LevelImages(NamedTuple):
 
 
 @dataclass(frozen=True)
+class DepthImage:
+    """Depth of a frame.
+
+    Attributes:
+        raw: (H, W) uint16 as given by the sensor, 0 = no reading.
+        factor: Value of `raw` per meter.
+    """
+
+    raw: NDArray[np.uint16]
+    factor: float
+
+    @cached_property
+    def inverse(self) -> NDArray[np.float32]:
+        """(H, W) inverse depth in 1/m; 0 = no reading."""
+        return _invert_depth(self.raw, self.factor)
+
+    def without_inverse(self) -> "DepthImage":
+        """Return a copy that uses a third of the memory until its inverse depth is needed."""
+        return DepthImage(self.raw, self.factor)
+
+
+@dataclass(frozen=True)
 class ImagePyramid:
     """Images of a frame for the alignment.
 
     Attributes:
         gray: (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before.
-        inverse_depth: (H, W) float32, 1/m; 0 = no reading.
+        depth: Of the whole size.
         camera: Intrinsics of the whole size.
         shutter: Times of the rows.
         stamp_s: Of the frame.
@@ -96,7 +118,7 @@ class ImagePyramid:
     """
 
     gray: tuple[NDArray[np.uint8], ...]
-    inverse_depth: NDArray[np.float32]
+    depth: DepthImage
     camera: PinholeCamera
     shutter: ImageTiming
     stamp_s: float
@@ -118,7 +140,7 @@ class ImagePyramid:
             LevelImages(
                 gray,
                 intrinsics,
-                self.inverse_depth,
+                self.depth.inverse,
                 whole,
                 self.shutter.readout_s,
                 self.shutter.skew_s,
@@ -163,7 +185,7 @@ def build_image_pyramid(
     )
     return ImagePyramid(
         gray=_downscale(frame.gray),
-        inverse_depth=invert_depth(depth_raw, float(frame.depth_factor)),
+        depth=DepthImage(depth_raw, float(frame.depth_factor)),
         camera=frame.camera,
         shutter=ImageTiming(frame.readout_s, frame.skew_s),
         stamp_s=frame.stamp_s,
@@ -186,16 +208,19 @@ def _downscale(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
 
 
 @kernel
-def invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
-    """(H, W) inverse depth in 1/m from the sensor's values; 0 = no reading."""
-    inverse_depth = np.empty(depth_raw.shape, np.float32)
+def _invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
+    inverse = np.empty(depth_raw.shape, np.float32)
     height, width = depth_raw.shape
-    factor = np.float32(depth_factor)
     for v in range(height):
         for u in range(width):
-            value = depth_raw[v, u]
-            inverse_depth[v, u] = factor / np.float32(value) if value > 0 else np.float32(0.0)
-    return inverse_depth
+            inverse[v, u] = inverse_depth(depth_raw[v, u], depth_factor)
+    return inverse
+
+
+@inline_kernel
+def inverse_depth(depth_raw: int, depth_factor: float) -> np.float32:
+    """Inverse depth in 1/m of a pixel, with single precision; 0 without a reading."""
+    return np.float32(depth_factor) / np.float32(depth_raw) if depth_raw > 0 else np.float32(0.0)
 
 
 @inline_kernel

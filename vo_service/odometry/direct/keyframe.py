@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.image_pyramid import ImagePyramid
+from vo_service.odometry.direct.image_pyramid import DepthImage, ImagePyramid, inverse_depth
 from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import project, transform_point
 from vo_service.odometry.direct.parameters import (
@@ -74,6 +74,7 @@ def make_keyframe(
         is_static: (CELLS,) which cells of the image to take points from.
     """
     points = select_points(images, motion, is_static)
+    images = replace(images, depth=images.depth.without_inverse())
     return DirectKeyframe(points, images, T_world_keyframe, motion, GrayFrame.of(frame))
 
 
@@ -157,7 +158,7 @@ def remove_dynamic_points(
     If the others have observed too little of the view, the keyframe is returned unchanged.
     """
     images = keyframe.images
-    blocks = images.inverse_depth[BLOCK_CENTERS, BLOCK_CENTERS].copy()
+    blocks = _invert_depth_of_blocks(images.depth)
     block_points = _backproject_blocks(blocks, images.intrinsics[0])
     states = np.zeros(blocks.shape, np.uint8)
     for other in others:
@@ -165,7 +166,8 @@ def remove_dynamic_points(
         images_of_other = other.images
         classify_from_view(
             T_other_keyframe,
-            images_of_other.inverse_depth,
+            images_of_other.depth.raw,
+            images_of_other.depth.factor,
             images_of_other.intrinsics[0],
             block_points,
             states,
@@ -180,6 +182,12 @@ def remove_dynamic_points(
     return replace(keyframe, points=points)
 
 
+def _invert_depth_of_blocks(depth: DepthImage) -> DepthBlocks:
+    """(rows, columns) inverse depth at the centers of the blocks, 1/m; 0 = no reading."""
+    raw = depth.raw[BLOCK_CENTERS, BLOCK_CENTERS].astype(np.float32)
+    return np.divide(np.float32(depth.factor), raw, out=np.zeros_like(raw), where=raw > 0.0)
+
+
 def _backproject_blocks(blocks: DepthBlocks, intrinsics: Array) -> Array:
     """(rows, columns, 3) positions of the blocks in their camera's axes, m; 0 without depth."""
     fx, fy, cx, cy = intrinsics
@@ -191,7 +199,8 @@ def _backproject_blocks(blocks: DepthBlocks, intrinsics: Array) -> Array:
 @kernel
 def classify_from_view(
     T_other_camera: Array,
-    inverse_depth: DepthBlocks,
+    depth_raw: NDArray[np.uint16],
+    depth_factor: float,
     intrinsics: Array,
     block_points: Array,
     states: BlockStates,
@@ -200,7 +209,8 @@ def classify_from_view(
 
     Args:
         T_other_camera: 4x4.
-        inverse_depth: (H, W) of the other view, 1/m; 0 = no reading.
+        depth_raw: (H, W) of the other view, 0 = no reading.
+        depth_factor: Value of `depth_raw` per meter.
         intrinsics: (4,) of the other view.
         block_points: (rows, columns, 3) in the camera's axes, m; z = 0 without depth.
         states: (rows, columns), in and out: known blocks are not changed.
@@ -215,17 +225,19 @@ def classify_from_view(
             if z < MIN_DEPTH_M:
                 continue
             u, v = project(x, y, z, intrinsics)
-            states[i, j] = _classify_surface(inverse_depth, u, v, 1.0 / z)
+            states[i, j] = _classify_surface(depth_raw, depth_factor, u, v, 1.0 / z)
 
 
 @inline_kernel
-def _classify_surface(inverse_depth: DepthBlocks, u: float, v: float, w: float) -> int:
+def _classify_surface(
+    depth_raw: NDArray[np.uint16], depth_factor: float, u: float, v: float, w: float
+) -> int:
     """State of a surface at a pixel and an inverse depth w, by a view."""
-    height, width = inverse_depth.shape
+    height, width = depth_raw.shape
     column, row = int(u + 0.5), int(v + 0.5)
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
         return UNKNOWN
-    inverse_depth_there = inverse_depth[row, column]
+    inverse_depth_there = inverse_depth(depth_raw[row, column], depth_factor)
     if inverse_depth_there <= 0.0 or inverse_depth_there > w + MAX_SAME_SURFACE_PER_M:
         return UNKNOWN
     if inverse_depth_there >= w - MAX_SAME_SURFACE_PER_M:
@@ -237,7 +249,7 @@ def _classify_surface(inverse_depth: DepthBlocks, u: float, v: float, w: float) 
         return UNKNOWN
     for dv in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
         for du in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
-            neighbor = inverse_depth[row + dv, column + du]
+            neighbor = inverse_depth(depth_raw[row + dv, column + du], depth_factor)
             if not 0.0 < neighbor < w - MAX_SAME_SURFACE_PER_M:
                 return UNKNOWN
     return FREE_SPACE

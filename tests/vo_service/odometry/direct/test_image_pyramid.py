@@ -20,7 +20,7 @@ from vo_service.odometry.direct.image_pyramid import (
 def test_each_gray_image_is_half_the_size_of_the_one_before() -> None:
     images = build_image_pyramid(render_view())
     assert [gray.shape for gray in images.gray] == [(120, 160), (60, 80), (30, 40), (15, 20)]
-    assert images.inverse_depth.shape == (240, 320)
+    assert images.depth.inverse.shape == (240, 320)
 
 
 def test_a_pixel_of_a_smaller_image_is_the_mean_of_four() -> None:
@@ -44,7 +44,7 @@ def test_inverse_depth_is_zero_without_a_reading() -> None:
     frame = render_view()
     depth_raw = frame.depth_raw.copy()
     depth_raw[10:20] = 0
-    inverse_depth = build_image_pyramid(replace(frame, depth_raw=depth_raw)).inverse_depth
+    inverse_depth = build_image_pyramid(replace(frame, depth_raw=depth_raw)).depth.inverse
     assert not inverse_depth[10:20].any()
     np.testing.assert_allclose(inverse_depth[30:] * frame.depth_m[30:], 1.0, rtol=1e-6)
 

@@ -173,6 +173,8 @@ class RosKeys:
 
 
 CLOSE_TIMEOUT_S = 2.0
+# A pose reaches its readers first: copying images would compete with them for a processor.
+POSE_LEAD_S = 0.002
 # Numbers of the publishers in the ROS node; those of the poses and of /tf come before.
 FIRST_ROS_NUMBER = 10
 ROS_DEPTH = 1
@@ -281,6 +283,7 @@ class FrameOutput:
         self._worker.close(CLOSE_TIMEOUT_S)
 
     def _publish(self, update: OdometryUpdate) -> None:
+        time.sleep(POSE_LEAD_S)
         attachment = frame_attachment(update, self._config.T_base_camera)
         try:
             for publisher in self._publishers:

@@ -188,8 +188,8 @@ class PackedPoints:
         return cls(selected[:, :POINT_BRIGHTNESS].astype(np.float32), attributes.astype(np.float16))
 
     def unpack(self) -> Array:
-        """Unpack to (N, COLUMNS) float64."""
-        return np.hstack([self.position_m, self.attributes], dtype=np.float64)
+        """Unpack to (N, COLUMNS) float64, with contiguous columns as `select_points` makes them."""
+        return np.asfortranarray(np.hstack([self.position_m, self.attributes], dtype=np.float64))
 
     @property
     def size_bytes(self) -> int:

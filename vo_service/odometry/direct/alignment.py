@@ -30,16 +30,17 @@ from vo_service.odometry.direct.residuals import (
     GAIN,
     IN_IMAGE,
     MAX_POINT_COST,
-    NUM_SAMPLE_COLUMNS,
     OFFSET,
     RESIDUAL_MODEL_SIZE,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
     WEIGHT_BRIGHTNESS,
     count_residuals,
+    empty_samples,
     fit_affine_brightness,
     warp_and_sample,
     weigh_regions,
+    weigh_samples,
 )
 
 PointPyramid = Sequence[Array]
@@ -192,7 +193,7 @@ def sample_points(
 
 @kernel
 def _sample_level(points: Array, images: LevelImages, T: Array, motion: Array) -> Array:
-    samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
+    samples = empty_samples(len(points))
     warp_and_sample(points, images, T, body_motion(T, motion), samples)
     return samples
 
@@ -208,8 +209,9 @@ def _initial_region_weights(
 ) -> Array:
     """(2, CELLS) weights of the regions at the initial guess, by a level's points (N, COLUMNS)."""
     samples, residual_model = _sample_level(points, images, T, motion), residual_model.copy()
+    weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES):
-        fit_affine_brightness(points, samples, cell_weights, residual_model)
+        fit_affine_brightness(points, weighted, residual_model)
     return weigh_regions(points, samples, residual_model, cell_weights)
 
 

@@ -58,6 +58,7 @@ from vo_service.odometry.direct.residuals import (
     WEIGHT_BRIGHTNESS,
     residual_variances,
     student_weight,
+    weigh_samples,
 )
 from vo_service.odometry.uncertainty import (
     DegeneracyAnalysis,
@@ -114,7 +115,8 @@ def estimate_uncertainty(
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
     """
     shutter, finest = images.shutter, points[0]
-    bands = accumulate(finest, alignment.samples, alignment.cell_weights, alignment.residual_model)
+    weighted = weigh_samples(finest, alignment.samples, alignment.cell_weights)
+    bands = accumulate(finest, alignment.samples, weighted, alignment.residual_model)
     H, _ = expand_rolling_shutter(bands, shutter.readout_s, shutter.skew_s)
     scores, moments = accumulate_scores(
         finest,

@@ -14,8 +14,6 @@ from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.image_pyramid import LevelImages
 from vo_service.odometry.direct.keyframe_points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
     POINT_BRIGHTNESS,
     POINT_BRIGHTNESS_GRADIENT,
     POINT_BRIGHTNESS_VARIANCE,
@@ -40,19 +38,18 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     NUM_ROW_BANDS,
-    NUM_SAMPLE_COLUMNS,
     OFFSET,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
     SAMPLE_COLOR_BAND,
     SAMPLE_DEPTH_BAND,
-    SAMPLE_DEPTH_RESIDUAL,
     WEIGHT_BRIGHTNESS,
+    WeightedSamples,
+    empty_samples,
     fit_affine_brightness,
     residual_variances,
     student_weight,
     warp_and_sample,
     weigh_regions,
+    weigh_samples,
 )
 
 # Number of elements in the upper triangle of a symmetric 6x6 matrix; sums of the normal equations
@@ -62,6 +59,8 @@ NUM_SUMS = TRIANGLE_SIZE + 6
 # Indices of the matrix's elements in the triangle.
 UPPER_TRIANGLE = np.empty((6, 6), np.intp)
 UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(TRIANGLE_SIZE)
+# Derivatives of a residual by a small motion of the keyframe's points.
+Jacobian = tuple[float, float, float, float, float, float]
 # Smallest pivot of a factorization, so that rounding makes no root of a negative number.
 MIN_PIVOT = 1e-12
 # Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
@@ -135,13 +134,14 @@ def solve_level(
         T_camera_keyframe 4x4 and the motion (9,).
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
-    samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
+    samples = empty_samples(len(points))
     for step in range(limits.max_steps):
         warp_and_sample(points, images, T, body_motion(T, motion), samples)
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
+        weighted = weigh_samples(points, samples, cell_weights)
         for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
-            fit_affine_brightness(points, samples, cell_weights, residual_model)
-        bands = accumulate(points, samples, cell_weights, residual_model)
+            fit_affine_brightness(points, weighted, residual_model)
+        bands = accumulate(points, samples, weighted, residual_model)
         H, g = expand_rolling_shutter(bands, images.readout_s, images.skew_s)
         if prior.rate_hz != 0.0:
             mean_motion = se3_log(compose(prior.T_keyframe_last, T)) * prior.rate_hz
@@ -157,7 +157,9 @@ def solve_level(
 
 
 @kernel
-def accumulate(points: Array, samples: Array, cell_weights: Array, residual_model: Array) -> Array:
+def accumulate(
+    points: Array, samples: Array, weighted: WeightedSamples, residual_model: Array
+) -> Array:
     """(2 BANDS, 27) sums over the bands of the color image, then over those of the depth image.
 
     With r = J d, d a small motion of the keyframe's points as a twist (translation m, rotation rad)
@@ -167,38 +169,56 @@ def accumulate(points: Array, samples: Array, cell_weights: Array, residual_mode
     Args:
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
-        cell_weights: (2, CELLS) of brightness and of depth.
+        weighted: The same samples.
         residual_model: (5,), see the top of `residuals`.
     """
-    sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
-    J = np.empty(6)
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
-    variance, variance_depth = residual_variances(residual_model)
+    sums, gain = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS)), residual_model[GAIN]
+    residuals, weights, depth_weights = _student_weights(points, weighted, residual_model)
+    depth = weighted.depth
     for i in range(len(points)):
-        brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
-        if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
-            residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
-            w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
-            w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, int(samples[i, SAMPLE_CELL])]
-            fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
-            _add_to_sums(sums[int(samples[i, SAMPLE_COLOR_BAND])], J, w, residual)
-        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
-            w = student_weight(depth, variance_depth)
-            w *= cell_weights[1, int(samples[i, SAMPLE_CELL])]
-            fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J)
-            _add_to_sums(sums[NUM_ROW_BANDS + int(samples[i, SAMPLE_DEPTH_BAND])], J, w, depth)
+        if weights[i] != 0.0:
+            J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
+            band = int(samples[i, SAMPLE_COLOR_BAND])
+            _add_to_sums(sums[band], J, weights[i], residuals[i])
+        if depth_weights[i] != 0.0:
+            J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
+            band = NUM_ROW_BANDS + int(samples[i, SAMPLE_DEPTH_BAND])
+            _add_to_sums(sums[band], J, depth_weights[i], depth[i])
     return sums
 
 
+@kernel
+def _student_weights(
+    points: Array, weighted: WeightedSamples, residual_model: Array
+) -> tuple[Array, Array, Array]:
+    """Residuals (N,) of brightness, and weights (N,) of brightness and of depth."""
+    count = len(points)
+    residuals, weights, depth_weights = np.empty(count), np.empty(count), np.empty(count)
+    keyframe_brightness = points[:, POINT_BRIGHTNESS]
+    point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
+    brightness, brightness_weight, depth, depth_weight = weighted
+    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    weight_of_brightness = residual_model[WEIGHT_BRIGHTNESS]
+    variance, variance_depth = residual_variances(residual_model)
+    for i in range(count):
+        residual = brightness[i] - gain * keyframe_brightness[i] - offset
+        residuals[i] = residual
+        w = student_weight(residual, variance + point_variance[i])
+        weights[i] = w * (weight_of_brightness * brightness_weight[i])
+        depth_weights[i] = student_weight(depth[i], variance_depth) * depth_weight[i]
+    return residuals, weights, depth_weights
+
+
 @inline_kernel
-def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) -> None:
-    """Fill J (6,): scale times (p, x cross p) of the derivative p by the point's position x.
+def jacobian(point: Array, gradient_column: int, scale: float) -> Jacobian:
+    """Scale times (p, x cross p) of the derivative p by the point's position x.
+
+    As a tuple it is kept in registers.
 
     Args:
         point: (COLUMNS,) of a keyframe.
         gradient_column: First of the three columns of p.
         scale: Of the derivative.
-        J: (6,), out.
     """
     x, y, z = point[0], point[1], point[2]
     px, py, pz = (
@@ -206,12 +226,18 @@ def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) ->
         scale * point[gradient_column + 1],
         scale * point[gradient_column + 2],
     )
-    J[0], J[1], J[2] = px, py, pz
-    J[3], J[4], J[5] = y * pz - z * py, z * px - x * pz, x * py - y * px
+    return px, py, pz, y * pz - z * py, z * px - x * pz, x * py - y * px
 
 
 @inline_kernel
-def _add_to_sums(sums: Array, J: Array, w: float, residual: float) -> None:
+def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) -> None:
+    """Fill in the first 6 elements of J, see `jacobian`."""
+    for k, element in enumerate(jacobian(point, gradient_column, scale)):
+        J[k] = element
+
+
+@inline_kernel
+def _add_to_sums(sums: Array, J: Jacobian, w: float, residual: float) -> None:
     """Add the upper triangle of w J J^T, row by row, then w J r."""
     k = 0
     for i in range(6):

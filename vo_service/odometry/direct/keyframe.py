@@ -176,7 +176,7 @@ def remove_dynamic_points(
         return keyframe
     is_dynamic_block = find_dynamic_blocks(blocks, states)
     points = tuple(
-        level[~are_in_blocks(level, images.intrinsics[0], is_dynamic_block)]
+        np.asfortranarray(level[~are_in_blocks(level, images.intrinsics[0], is_dynamic_block)])
         for level in keyframe.points
     )
     return replace(keyframe, points=points)

@@ -73,6 +73,7 @@ from vo_service.odometry.direct.residuals import (
     count_residuals,
     fit_affine_brightness,
     weigh_regions,
+    weigh_samples,
 )
 
 # Largest flow of a keyframe that is used again. If frames are rare, the next one is far away, and a
@@ -285,14 +286,15 @@ def _linearize(
     motion = change_frame(motion, fit.T_keyframe_active)
     samples = sample_points(fit.keyframe.points, images, T_camera_keyframe, motion, 0)
     cell_weights = weigh_regions(points, samples, model, uniform_weights())
+    weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
-        fit_affine_brightness(points, samples, cell_weights, model)
+        fit_affine_brightness(points, weighted, model)
     may_disagree = step == 0 or fit.is_active
     if not may_disagree and not is_consistent(
         count_residuals(points, samples, model, cell_weights)
     ):
         return None
-    sums: Array = accumulate(points, samples, cell_weights, model).sum(axis=0)
+    sums: Array = accumulate(points, samples, weighted, model).sum(axis=0)
     return sums
 
 

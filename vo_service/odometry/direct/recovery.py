@@ -98,7 +98,7 @@ def retry_without_half(
     if innovation_ratio(result.alignment) < INNOVATION_GATE_SIGMAS:
         return result
     points = result.keyframe.points
-    some_points = [np.ascontiguousarray(each[::HALF_VIEW_POINT_STRIDE]) for each in points]
+    some_points = [np.asfortranarray(each[::HALF_VIEW_POINT_STRIDE]) for each in points]
     halves = [
         _align_without(half, some_points, result, images, motion_state) for half in MASKED_COLUMNS
     ]

@@ -38,6 +38,7 @@ from vo_service.odometry.direct.residuals import (
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
     fit_affine_brightness,
+    weigh_samples,
 )
 
 READOUT_S, SKEW_S = 0.03, 0.012
@@ -83,9 +84,14 @@ def test_brightness_changes_as_its_jacobian_predicts(direction: Array) -> None:
     assert np.polyfit(predicted[counts], true[counts], 1)[0] == pytest.approx(1.0, abs=0.2)
 
 
+def sum_up(samples: Array, cell_weights: Array) -> Array:
+    weighted = weigh_samples(POINTS[0], samples, cell_weights)
+    return accumulate(POINTS[0], samples, weighted, initial_residual_model())
+
+
 def system(T: Array, points_motion: Array) -> tuple[Array, Array]:
     samples = sample_points(POINTS, IMAGES, T, points_motion, 0)
-    bands = accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model())
+    bands = sum_up(samples, uniform_weights())
     return expand_rolling_shutter(bands, READOUT_S, SKEW_S)
 
 
@@ -124,9 +130,7 @@ def assert_alike(predicted: Array, true: Array, H: Array) -> None:
 
 def test_with_a_global_shutter_the_velocity_has_no_effect() -> None:
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
-    H, g = expand_rolling_shutter(
-        accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model()), 0.0, 0.0
-    )
+    H, g = expand_rolling_shutter(sum_up(samples, uniform_weights()), 0.0, 0.0)
     assert H[:6, :6].any()
     assert not H[:, 6:].any()
     assert not g[6:].any()
@@ -134,14 +138,11 @@ def test_with_a_global_shutter_the_velocity_has_no_effect() -> None:
 
 def test_cells_without_weight_have_no_effect() -> None:
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
-    nothing = accumulate(POINTS[0], samples, 0.0 * uniform_weights(), initial_residual_model())
+    nothing = sum_up(samples, 0.0 * uniform_weights())
     by_depth, by_brightness = uniform_weights(), uniform_weights()
     by_depth[0] = by_brightness[1] = 0.0
-    either = [
-        accumulate(POINTS[0], samples, weights, initial_residual_model()).sum(axis=0)
-        for weights in (by_depth, by_brightness)
-    ]
-    both = accumulate(POINTS[0], samples, uniform_weights(), initial_residual_model()).sum(axis=0)
+    either = [sum_up(samples, weights).sum(axis=0) for weights in (by_depth, by_brightness)]
+    both = sum_up(samples, uniform_weights()).sum(axis=0)
     assert not nothing.any()
     np.testing.assert_allclose(either[0] + either[1], both, rtol=1e-9)
 
@@ -155,9 +156,10 @@ def test_brightness_and_sigmas_are_estimated(seed: int) -> None:
     samples[:, SAMPLE_DEPTH_RESIDUAL] = random.normal(0.0, 2e-3, n)
     wrong = random.uniform(size=n) < 0.05
     samples[wrong, SAMPLE_BRIGHTNESS] = 255.0
+    weighted = weigh_samples(POINTS[0], samples, uniform_weights())
     residual_model = initial_residual_model()
     for _ in range(20):
-        fit_affine_brightness(POINTS[0], samples, uniform_weights(), residual_model)
+        fit_affine_brightness(POINTS[0], weighted, residual_model)
     assert residual_model[GAIN] == pytest.approx(1.3, abs=0.04)
     assert residual_model[OFFSET] == pytest.approx(-12.0, abs=5.0)
     # The variance of Student's t is larger than its squared sigma.
@@ -169,9 +171,11 @@ def test_brightness_and_sigmas_are_estimated(seed: int) -> None:
 def test_too_few_samples_change_nothing(readings_each: int, is_enough: bool) -> None:
     both = (POINTS[0][:, HAS_TEXTURE] > 0) & (POINTS[0][:, HAS_SHAPE] > 0)
     chosen = np.flatnonzero(both)[:readings_each]
-    samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)[chosen]
+    samples = np.asfortranarray(sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)[chosen])
+    points = np.asfortranarray(POINTS[0][chosen])
     assert np.isfinite(samples[:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
     residual_model = initial_residual_model()
-    fit_affine_brightness(POINTS[0][chosen], samples, uniform_weights(), residual_model)
+    weighted = weigh_samples(points, samples, uniform_weights())
+    fit_affine_brightness(points, weighted, residual_model)
     for spread in (SIGMA_BRIGHTNESS, SIGMA_DEPTH):
         assert bool(residual_model[spread] != initial_residual_model()[spread]) is is_enough

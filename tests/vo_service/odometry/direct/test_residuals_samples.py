@@ -26,7 +26,6 @@ from vo_service.odometry.direct.keyframe_points import POINT_BRIGHTNESS as POINT
 from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.residuals import (
-    NUM_SAMPLE_COLUMNS,
     OCCLUDED,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
@@ -36,6 +35,7 @@ from vo_service.odometry.direct.residuals import (
     SAMPLE_OCCLUSION,
     SAMPLE_U,
     SAMPLE_V,
+    empty_samples,
     warp_and_sample,
 )
 
@@ -52,7 +52,7 @@ def sample_view(
     vignetting: float = 0.0,
 ) -> Array:
     images = build_image_pyramid(frame, vignetting)
-    samples = np.empty((len(points), NUM_SAMPLE_COLUMNS))
+    samples = empty_samples(len(points))
     warp_and_sample(points, images.levels[0], T_camera_keyframe, camera_motion, samples)
     return samples
 

@@ -208,7 +208,10 @@ def solve_information(information: Array) -> tuple[Array, Array]:
     """(2,) best timing and its (2, 2) covariance, of an information (2, 3)."""
     small = RELATIVE_REGULARIZATION * (information[0, 0] + information[1, 1]) + REGULARIZATION
     covariance = _inverse(information[0, 0] + small, information[0, 1], information[1, 1] + small)
-    return covariance @ np.ascontiguousarray(information[:, 2]), covariance
+    # Not `@`: a kernel with it loads SciPy's linear algebra.
+    a, b, d = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    first, second = information[0, 2], information[1, 2]
+    return np.array([a * first + b * second, b * first + d * second]), covariance
 
 
 @kernel
@@ -237,8 +240,10 @@ def squared_disagreement(one: Array, other: Array) -> float:
     """Squared difference, in its standard deviations, of the timings of two informations (2, 3)."""
     mean, covariance = solve_information(one)
     other_mean, other_covariance = solve_information(other)
-    off, total = mean - other_mean, covariance + other_covariance
-    return float(off @ _inverse(total[0, 0], total[0, 1], total[1, 1]) @ off)
+    (u, v), total = mean - other_mean, covariance + other_covariance
+    inverse = _inverse(total[0, 0], total[0, 1], total[1, 1])
+    a, b, d = inverse[0, 0], inverse[0, 1], inverse[1, 1]
+    return float(u * (a * u + b * v) + v * (b * u + d * v))
 
 
 @kernel

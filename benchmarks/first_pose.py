@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tests.ports import free_port
-from vo_service.client import PoseClient
+from vo_service import PoseClient
 
 KINECT_VO = Path(sys.executable).with_name("kinect-vo")
 TIMEOUT_S = 300.0

@@ -35,7 +35,7 @@ from drivers.freenect import (
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.sources import KinectSource, list_kinects
-from drivers.kinect_usb.motor_unit import NullMotorUnit
+from drivers.kinect_usb.motor_unit import MotorUnit
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, write_usb_frames
@@ -45,7 +45,7 @@ def make_kinect_without_motor() -> FreenectCamera:
     """Make the camera of the first Kinect, without motor and accelerometer."""
     settings = SensorConfig()
     images = KinectRectifier(None, is_mirrored=False)
-    return FreenectCamera(KinectSource("", settings), images, NullMotorUnit(), settings)
+    return FreenectCamera(KinectSource("", settings), images, MotorUnit(), settings)
 
 
 WARM_UP_S = 2.0

@@ -28,8 +28,13 @@ from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.icp.alignment import FINE_ONLY, align
 from vo_service.odometry.icp.depth_pyramid import build_depth_pyramid
-from vo_service.odometry.icp.odometry import IcpOdometry, IcpParameters
-from vo_service.odometry.icp.track import IcpTrack, rejection_reason, start_track
+from vo_service.odometry.icp.odometry import (
+    IcpOdometry,
+    IcpParameters,
+    IcpTrack,
+    rejection_reason,
+    start_track,
+)
 from vo_service.tools.benchmark.baselines.frame_to_frame import (
     FrameToFrameOdometry,
     Open3dIcp,

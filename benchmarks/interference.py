@@ -19,7 +19,7 @@ from tests.ports import free_port
 from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router
 from tests.vo_service.service_process import ServiceProcess
-from vo_service.client import CommandRefused, PoseClient
+from vo_service import CommandRefused, PoseClient
 from vo_service.types.commands import SaveMapCommand
 
 Action = Callable[[ServiceProcess], None]

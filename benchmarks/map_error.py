@@ -21,7 +21,7 @@ from drivers.core.files import cache_folder
 from drivers.core.geometry import Array, Trajectory, inverse, read_trajectory, transform_points
 from drivers.synthetic import KINECT_COLOR, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid, SolidKind

@@ -18,8 +18,8 @@ from benchmarks.harness import add_json_option, format_table, make_printer, prin
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode
 from drivers.recording_camera import RecordingCamera
+from vo_service.odometry import CpuStageTimer, StageTimer
 from vo_service.odometry.features import SurfParameters
-from vo_service.odometry.profiling import CpuStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.tools.benchmark.baselines.frame_to_frame import (

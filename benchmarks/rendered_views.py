@@ -17,7 +17,7 @@ from drivers.core.geometry import Array, inverse, rigid_transform, transform_poi
 from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations, rotations_from_vectors
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel, make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 from drivers.synthetic.sensors import RenderedImages

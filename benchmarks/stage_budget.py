@@ -21,7 +21,7 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.errors import InputError
 from drivers.recording_camera import RecordingCamera
-from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry import CpuStageTimer
 from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, MethodConfig, warm_up
 
 WHOLE_FRAME = "whole frame"

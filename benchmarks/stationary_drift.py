@@ -20,7 +20,7 @@ from benchmarks.hard_cases import STILL, case_config
 from benchmarks.rendered_sequences import StaticView
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, so3_log
-from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry import CpuStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 
 HEAD = (

@@ -14,7 +14,7 @@ from pathlib import Path
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.recording_camera import RecordingCamera
-from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry import NullStageTimer
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
 
 CalibrationError = Callable[[RgbdFrame], RgbdFrame]

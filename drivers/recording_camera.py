@@ -9,16 +9,15 @@ from pathlib import Path
 from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core.errors import CameraError, InputError
 from drivers.core.geometry import Trajectory
-from drivers.recording.frames import FrameReader
-from drivers.recording.images import UnreadableFrameError
+from drivers.recording import FramePair, ImageTopics, Recording, UnreadableFrameError
 from drivers.recording.prefetch import (
     NOT_OPEN,
     BufferClosedError,
     FrameBuffer,
+    FrameReader,
     LockstepBuffer,
     RealtimeBuffer,
 )
-from drivers.recording.recording import FramePair, ImageTopics, Recording
 from drivers.tum import open_tum_folder
 
 BAG_SUFFIXES = (".mcap", ".bag", ".db3")
@@ -62,7 +61,7 @@ def open_recording(
             raise InputError(f"{path}: is a folder, which has no topics; leave out --topics")
         return open_tum_folder(path, camera_file)
     check_bag_packages(path)
-    from drivers.bag.bag import open_bag  # its packages are optional
+    from drivers.bag import open_bag  # its packages are optional
 
     return open_bag(path, camera_file, topics)
 
@@ -152,7 +151,6 @@ class RecordingCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """See `RgbdCamera`."""
         return self._buffer.counters
 
     @property

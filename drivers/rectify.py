@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -14,35 +13,18 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import Array
 
 
-class Undistorter(Protocol):
-    """Converts a camera's images to those of the pinhole camera with the same intrinsics."""
+class Undistorter:
+    """Converts a camera's images to those of the pinhole camera with the same intrinsics.
 
-    def undistort_color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Undistort (height, width, 3) uint8 bilinearly; black outside the original image."""
-        ...
+    Args:
+        camera: The camera.
+        distortion: k1 k2 p1 p2 k3; all zeros return images unchanged.
+    """
 
-    def undistort_depth(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """Undistort (height, width) uint16 without interpolation; 0 outside the original image."""
-        ...
-
-
-def make_undistorter(camera: PinholeCamera, distortion: Sequence[float]) -> Undistorter:
-    """Make the undistorter for distortion k1 k2 p1 p2 k3; all zeros return images unchanged."""
-    if any(distortion):
-        return _RemapUndistorter(camera, distortion)
-    return _IdentityUndistorter()
-
-
-class _IdentityUndistorter:
-    def undistort_color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        return image
-
-    def undistort_depth(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        return image
-
-
-class _RemapUndistorter:
     def __init__(self, camera: PinholeCamera, distortion: Sequence[float]) -> None:
+        self._is_needed = any(distortion)
+        if not self._is_needed:
+            return
         coefficients = np.array(distortion, dtype=np.float64)
         size = (camera.width, camera.height)
         columns, rows = cv2.initUndistortRectifyMap(
@@ -53,9 +35,15 @@ class _RemapUndistorter:
         self._nearest_maps = cv2.convertMaps(columns, rows, cv2.CV_16SC2, nninterpolation=True)
 
     def undistort_color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Undistort (height, width, 3) uint8 bilinearly; black outside the original image."""
+        if not self._is_needed:
+            return image
         return cv2.remap(image, *self._bilinear_maps, cv2.INTER_LINEAR)  # type: ignore[return-value]
 
     def undistort_depth(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Undistort (height, width) uint16 without interpolation; 0 outside the original image."""
+        if not self._is_needed:
+            return image
         return cv2.remap(image, *self._nearest_maps, cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
@@ -86,7 +74,7 @@ class SoftwareRegistration:
         self, color: PinholeCamera, depth: DepthCameraCalibration, depth_factor: float
     ) -> None:
         self.depth_factor = depth_factor / depth.scale
-        self._undistorter = make_undistorter(depth.pinhole, depth.distortion)
+        self._undistorter = Undistorter(depth.pinhole, depth.distortion)
         self._depth_K, self._color_K = depth.pinhole.K, color.K
         # OpenCV 5.0 writes out of bounds if the result is smaller than the depth image.
         self._output_size = (max(color.width, depth.width), max(color.height, depth.height))

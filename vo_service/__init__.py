@@ -46,39 +46,36 @@ __all__ = [
 
 if TYPE_CHECKING:
     from drivers.core.errors import InputError
-    from vo_service.client import (
+    from vo_service.client import PoseClient
+    from vo_service.client.connection import (
         CommandRefused,
-        Frame,
-        FrameClient,
         FrameUnavailable,
-        MapOdom,
-        PointCloud,
-        Pose,
-        PoseClient,
         PoseUnavailable,
         PoseUnavailableReason,
         ServiceUnavailable,
     )
+    from vo_service.client.frame_client import Frame, FrameClient, PointCloud
+    from vo_service.client.pose import MapOdom, Pose
     from vo_service.odometry.registry import METHODS, make_odometry
     from vo_service.types import Estimate, Odometry
 
 # Where each name is; mypy and editors see the imports above instead.
 _MODULES = {
     "METHODS": "vo_service.odometry.registry",
-    "CommandRefused": "vo_service.client",
+    "CommandRefused": "vo_service.client.connection",
     "Estimate": "vo_service.types",
     "InputError": "drivers.core.errors",
-    "Frame": "vo_service.client",
-    "FrameClient": "vo_service.client",
-    "FrameUnavailable": "vo_service.client",
-    "PointCloud": "vo_service.client",
-    "MapOdom": "vo_service.client",
+    "Frame": "vo_service.client.frame_client",
+    "FrameClient": "vo_service.client.frame_client",
+    "FrameUnavailable": "vo_service.client.connection",
+    "PointCloud": "vo_service.client.frame_client",
+    "MapOdom": "vo_service.client.pose",
     "Odometry": "vo_service.types",
-    "Pose": "vo_service.client",
+    "Pose": "vo_service.client.pose",
     "PoseClient": "vo_service.client",
-    "PoseUnavailable": "vo_service.client",
-    "PoseUnavailableReason": "vo_service.client",
-    "ServiceUnavailable": "vo_service.client",
+    "PoseUnavailable": "vo_service.client.connection",
+    "PoseUnavailableReason": "vo_service.client.connection",
+    "ServiceUnavailable": "vo_service.client.connection",
     "make_odometry": "vo_service.odometry.registry",
 }
 

@@ -22,15 +22,16 @@ from vo_service.frame_source import FrameSource, LiveSource
 from vo_service.load_shedding import LoadShedder
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
-from vo_service.odometry.profiling import CpuStageTimer
-from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
+from vo_service.odometry import CpuStageTimer
+from vo_service.outputs.frames import FrameOutputConfig
+from vo_service.outputs.frames.output import open_frame_outputs
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.types import Odometry
-from vo_service.types.commands import Command, ReloadConfig
+from vo_service.types.commands import ReloadConfig
 from vo_service.types.outputs import (
     GroundTruthSource,
     HasWarning,
@@ -326,7 +327,7 @@ class ServiceDependencies:
     """
 
     outputs: Sequence[Output]
-    command_queue: CommandQueue[Command] = field(default_factory=CommandQueue)
+    command_queue: CommandQueue = field(default_factory=CommandQueue)
     recorder: Recorder = field(default_factory=NullRecorder)
     mapper: Mapper = field(default_factory=NullMapper)
     sensor_memory: SensorMemory = field(default_factory=NullSensorMemory)

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from drivers.camera import Clock
 
@@ -11,18 +10,6 @@ from drivers.camera import Clock
 MAX_CLOCK_STEP_S = 0.05
 # A camera whose stamps stay behind for this many frames has a new clock, not a glitch.
 MAX_STALE_FRAMES = 15
-
-
-class PublishClock(Protocol):
-    """Converts a frame's stamp to the published stamp."""
-
-    def published_s(self, stamp_s: float) -> float:
-        """Convert a stamp to the published clock, s."""
-        ...
-
-    def has_stepped(self) -> bool:
-        """Whether the published clock was set since the last call."""
-        ...
 
 
 class RecordedClock:
@@ -77,6 +64,10 @@ class LiveClock:
         """Duration of a reading (longer if the process is interrupted in it), and the offset."""
         before_s, realtime_s, after_s = self._monotonic_s(), self._realtime_s(), self._monotonic_s()
         return after_s - before_s, realtime_s - 0.5 * (before_s + after_s)
+
+
+# Converts a frame's stamp to the published stamp, s, and tells when the published clock was set.
+PublishClock = RecordedClock | LiveClock
 
 
 def make_publish_clock(clock: Clock, offset_s: float) -> PublishClock:

@@ -27,7 +27,7 @@ from vo_service.config_tables import (
     Ros2Config,
     ZenohConfig,
 )
-from vo_service.odometry.profiling import StageTimer
+from vo_service.odometry import StageTimer
 from vo_service.odometry.registry import (
     DEFAULT_METHOD,
     DEFAULT_TIMING_MODE,

@@ -2,7 +2,6 @@
 
 import threading
 from collections import deque
-from typing import Any, Generic, Protocol, TypeVar
 
 from drivers.camera import RgbdCamera
 from drivers.core.errors import CameraError
@@ -18,6 +17,7 @@ from vo_service.types.commands import (
     LoadedMapReply,
     LoadMapCommand,
     NoReply,
+    NotPossibleError,
     PauseCommand,
     PausedReply,
     ReloadConfig,
@@ -36,18 +36,15 @@ from vo_service.types.outputs import Mapper, NullMapper, NullRecorder, Recorder
 
 MAX_PENDING_COMMANDS = 8
 
-C = TypeVar("C")
-C_contra = TypeVar("C_contra", contravariant=True)
 
-
-class CommandFuture(Generic[C]):
+class CommandFuture:
     """A command and its reply: the loop sets the reply, the sender waits for it.
 
     Attributes:
         command: The command.
     """
 
-    def __init__(self, command: C) -> None:
+    def __init__(self, command: Command) -> None:
         self.command = command
         self._is_done = threading.Event()
         self._reply: object = None
@@ -78,15 +75,7 @@ class CommandFuture(Generic[C]):
         self._is_done.set()
 
 
-class CommandSink(Protocol[C_contra]):
-    """The sender's side of a `CommandQueue`."""
-
-    def submit(self, command: C_contra) -> CommandFuture[Any]:
-        """See `CommandQueue`."""
-        ...
-
-
-class CommandQueue(Generic[C]):
+class CommandQueue:
     """A short queue of commands from any thread to the loop."""
 
     def __init__(self, max_pending: int = MAX_PENDING_COMMANDS) -> None:
@@ -96,11 +85,11 @@ class CommandQueue(Generic[C]):
             max_pending: Number of pending commands from which `submit` refuses more.
         """
         self._max_pending = max_pending
-        self._pending: deque[CommandFuture[C]] = deque()
+        self._pending: deque[CommandFuture] = deque()
         self._lock = threading.Lock()
         self._is_closed = False
 
-    def submit(self, command: C) -> CommandFuture[C]:
+    def submit(self, command: Command) -> CommandFuture:
         """Add a command.
 
         Raises:
@@ -109,7 +98,7 @@ class CommandQueue(Generic[C]):
         future = CommandFuture(command)
         with self._lock:
             if self._is_closed:
-                raise CommandError(ErrorCode.NOT_POSSIBLE, "the service is ending")
+                raise NotPossibleError("the service is ending")
             if len(self._pending) >= self._max_pending:
                 raise CommandError(
                     ErrorCode.BUSY, f"{self._max_pending} commands are waiting already; try again"
@@ -117,14 +106,14 @@ class CommandQueue(Generic[C]):
             self._pending.append(future)
         return future
 
-    def submit_internal(self, command: C) -> CommandFuture[C]:
+    def submit_internal(self, command: Command) -> CommandFuture:
         """Add a command of the program itself; it is accepted even if the queue is full."""
         future = CommandFuture(command)
         with self._lock:
             self._pending.append(future)
         return future
 
-    def take_pending(self) -> list[CommandFuture[C]]:
+    def take_pending(self) -> list[CommandFuture]:
         """Take all pending commands, the oldest first. Does not block."""
         if not self._pending:
             return []
@@ -138,7 +127,7 @@ class CommandQueue(Generic[C]):
         with self._lock:
             self._is_closed = True
         for future in self.take_pending():
-            future.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "the service is ending"))
+            future.set_exception(NotPossibleError("the service is ending"))
 
 
 class Control:
@@ -152,7 +141,7 @@ class Control:
         self,
         odom_frame: OdomFrame,
         camera: RgbdCamera,
-        command_queue: CommandQueue[Command] | None = None,
+        command_queue: CommandQueue | None = None,
         recorder: Recorder | None = None,
         mapper: Mapper | None = None,
     ) -> None:
@@ -190,7 +179,7 @@ class Control:
             except CommandError as error:
                 future.set_exception(error)
             except CameraError as error:
-                future.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
+                future.set_exception(NotPossibleError(str(error)))
 
     def _execute(self, command: Command) -> object:
         """Execute a command and return its reply."""

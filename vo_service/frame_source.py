@@ -4,7 +4,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Protocol
 
 from drivers.camera import (
     NO_FRAME_WARNING_S,
@@ -20,21 +19,8 @@ RECORDING_ENDED = "the recording has ended"
 TICK_S = 0.25
 
 
-class FrameSource(Protocol):
-    """Yields frames in order, and None after each tick without a frame."""
-
-    @property
-    def reason(self) -> str:
-        """Reason why there is no frame; "" while there are frames."""
-        ...
-
-    def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
-        """Yield until the source ends or `stop` is set."""
-        ...
-
-
-class SinglePassSource:
-    """One pass through an open camera.
+class FrameSource:
+    """Frames of an open camera, in one pass; None after each tick without a frame.
 
     Attributes:
         reason: Reason why there is no frame; "" while there are frames.
@@ -72,7 +58,7 @@ class SinglePassSource:
         return status.no_frame_reason
 
 
-class PacedSource(SinglePassSource):
+class PacedSource(FrameSource):
     """One pass through all frames of a recording, no faster than it was recorded."""
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
@@ -86,7 +72,7 @@ class PacedSource(SinglePassSource):
             yield frame
 
 
-class LiveSource(SinglePassSource):
+class LiveSource(FrameSource):
     """A camera that comes and goes: the source opens it, and waits after its last frame.
 
     Args:

@@ -16,8 +16,7 @@ from drivers.core.files import atomic_write, describe_write_error, state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from vo_service.odometry.registry import FIXED_TIMING_MODE
 from vo_service.types import LEARNED_TIMING, OdometryUpdate
-from vo_service.types.messages import Status
-from vo_service.types.outputs import NullSensorMemory, SensorMemory
+from vo_service.types.outputs import NullSensorMemory, OutputBase, SensorMemory
 
 # The exposure may be another one at the next start, so remembered values are at best this certain.
 MIN_REMEMBERED_SIGMAS_S = (0.002, 0.001)
@@ -228,7 +227,7 @@ SAVE_INTERVAL_S = 60.0
 CLOSE_TIMEOUT_S = 0.5
 
 
-class SensorFiles:
+class SensorFiles(OutputBase):
     """Memory in files, one per sensor.
 
     A sensor's file is read at its first frame. It is written when the estimate has clearly changed,
@@ -276,9 +275,6 @@ class SensorFiles:
             return
         if self._saved is None or self._learned.has_changed(self._saved):
             self._save(self._learned)
-
-    def on_status(self, status: Status) -> None:
-        """Do nothing: updates have the timing."""
 
     def close(self) -> None:
         """Save the last estimate."""

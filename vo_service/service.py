@@ -12,7 +12,7 @@ from vo_service.control import Control
 from vo_service.frame_source import FrameSource
 from vo_service.load_shedding import LoadShedder
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry import CpuStageTimer
 from vo_service.odometry.registry import STAGE_BUDGETS_MS
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.types import Estimate, Odometry, OdometryUpdate, TrackingState

@@ -57,15 +57,22 @@ class StopSignal:
 
 
 @contextmanager
+def _handle(handler: Callable[[int, FrameType | None], None], *numbers: int) -> Iterator[None]:
+    """Handle signals while the block runs."""
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
+
+
+@contextmanager
 def stop_on_signals() -> Iterator[StopSignal]:
     """Handle SIGINT and SIGTERM as a stop request while the block runs."""
     stop = StopSignal()
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with _handle(stop, signal.SIGINT, signal.SIGTERM):
         yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class InterruptedBySignal(KeyboardInterrupt):
@@ -95,14 +102,8 @@ def raise_on_signals() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise InterruptedBySignal(number)
 
-    before = {
-        number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
+    with _handle(interrupt, signal.SIGINT, signal.SIGTERM):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class ReloadSignal:
@@ -128,11 +129,8 @@ class ReloadSignal:
 def reload_on_sighup() -> Iterator[ReloadSignal]:
     """Handle SIGHUP as a reload request while the block runs."""
     reload_signal = ReloadSignal()
-    before = signal.signal(signal.SIGHUP, lambda number, frame: reload_signal.set())
-    try:
+    with _handle(lambda number, frame: reload_signal.set(), signal.SIGHUP):
         yield reload_signal
-    finally:
-        signal.signal(signal.SIGHUP, before)
 
 
 @contextmanager

@@ -1,1 +1,280 @@
 """Recordings in MCAP and in ROS bags: found topics, frames, camera, ground truth."""
+
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.bag.bag_contents import (
+    BagContents,
+    BagTopics,
+    ImageFactory,
+    exact_stamps,
+    find_topics,
+    is_named_registered,
+    is_rectified,
+    read_contents,
+    to_ns,
+)
+from drivers.bag.bag_file import STORAGE_SUFFIXES, open_bag_file
+from drivers.bag.calibration import (
+    CameraModel,
+    camera_from_message,
+    frame_name,
+    matrix_from_message,
+)
+from drivers.bag.image_messages import ImageMessage, MessageCursor, is_depth_in_meters
+from drivers.calibration import (
+    CameraCalibration,
+    DepthCameraCalibration,
+    find_tum_calibration,
+    read_calibration,
+)
+from drivers.core.config import parse_toml
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, Trajectory
+from drivers.recording import (
+    AccelerometerSeries,
+    FramePair,
+    ImageTopics,
+    RecordedFrames,
+    Recording,
+    UnreadableFrameError,
+    pair_images,
+)
+from drivers.time_sync import MAX_PAIR_SKEW_US
+
+MILLIMETER_DEPTH_FACTOR = 1000.0
+# Depth in meters is rounded to 0.2 mm, as the TUM benchmark does.
+METER_DEPTH_FACTOR = 5000.0
+# The intrinsics that drivers report for a Kinect without calibration.
+DEFAULT_FOCAL_LENGTH_PX = 525.0
+
+
+def open_bag(path: Path, camera_file: Path | None, named: ImageTopics | None) -> Recording:
+    """Open an MCAP file or a ROS bag, and load its first frame.
+
+    Args:
+        path: The file, or the folder of a ROS 2 bag.
+        camera_file: Camera file; None for that of the recording, or its camera_info.
+        named: The topics of color and depth; None to find them.
+
+    Raises:
+        InputError: The file cannot be used.
+    """
+    with open_bag_file(path) as bag:
+        topics = find_topics(path, bag.types, named)
+        contents = read_contents(bag, topics)
+        is_cut_off = bag.is_cut_off
+    for topic, track in ((topics.color, contents.color), (topics.depth, contents.depth)):
+        if not track.keys:
+            raise InputError(f"{path}: topic {topic} has no images; name others with --topics")
+    recording = _BagReader(path, camera_file, topics, contents).make_recording()
+    if is_cut_off:
+        summary = f"{recording.summary}; the file is cut off and read up to its last whole chunk"
+        recording = replace(recording, summary=summary)
+    try:
+        recording.frames.pairs[0].load(recording.image_size, recording.depth_size)
+    except UnreadableFrameError as error:
+        raise InputError(f"{error} (the first frame)") from error
+    finally:
+        recording.close()
+    return recording
+
+
+@dataclass(frozen=True)
+class _BagReader:
+    path: Path
+    camera_file: Path | None
+    topics: BagTopics
+    contents: BagContents
+
+    def make_recording(self) -> Recording:
+        calibration, source = self._find_calibration()
+        cursor = MessageCursor(self.path, (self.topics.color, self.topics.depth))
+        frames, skipped = self._make_frames(cursor, calibration.depth_factor)
+        truth, truth_source = self._find_ground_truth()
+        parts = (
+            f"color {self.topics.color}, depth {self.topics.depth}, camera {source}",
+            f"ground truth {truth_source}" if truth_source else "",
+            f"{skipped} images left out, because their stamps do not rise" if skipped else "",
+            f"{frames.unpaired} images without a partner" if frames.unpaired else "",
+        )
+        return Recording(
+            path=self.path,
+            frames=frames,
+            calibration=calibration,
+            ground_truth=truth,
+            accelerometer=self._find_accelerometer(),
+            gravity=self._find_gravity(),
+            depth_camera=self._find_depth_camera(calibration),
+            summary=f"{self.path}: {', '.join(part for part in parts if part)}",
+            close=cursor.close,
+        )
+
+    @property
+    def color_frame(self) -> str:
+        return frame_name(self.contents.color.first.header.frame_id)
+
+    def _make_frames(
+        self, cursor: MessageCursor, depth_factor: float
+    ) -> tuple[RecordedFrames, int]:
+        """Make the frames; also return the number of images whose stamps do not rise."""
+        factory = ImageFactory(cursor, _file_of(self.path), depth_factor)
+        stamps = self.contents.frame_stamps
+        if stamps:
+            colors = factory.make(self.contents.color, exact_stamps([s.color for s in stamps]))
+            depths = factory.make(self.contents.depth, exact_stamps([s.depth for s in stamps]))
+            color_of = {image.stamp: image for image in colors}
+            depth_of = {image.stamp: image for image in depths}
+            pairs = [
+                FramePair(color_of[each.color], depth_of[each.depth])
+                for each in stamps
+                if each.color in color_of and each.depth in depth_of
+            ]
+            return self._check_pairs(RecordedFrames(pairs)), 0
+        colors = factory.make(self.contents.color, {})
+        depths = factory.make(self.contents.depth, {})
+        rising = [_rising(colors), _rising(depths)]
+        skipped = len(colors) + len(depths) - sum(map(len, rising))
+        if 2 * skipped > len(colors) + len(depths):
+            raise InputError(
+                f"{self.path}: the stamps of most images are before earlier ones, because the "
+                "clock jumped; record again with a steady clock"
+            )
+        return self._check_pairs(pair_images(*rising)), skipped
+
+    def _check_pairs(self, frames: RecordedFrames) -> RecordedFrames:
+        if frames.pairs:
+            return frames
+        raise InputError(
+            f"{self.path}: no images of {self.topics.color} and {self.topics.depth} within "
+            f"{MAX_PAIR_SKEW_US // 1000} ms of each other; name other topics with --topics"
+        )
+
+    def _find_calibration(self) -> tuple[CameraCalibration, str]:
+        """Return the color camera, and where it comes from."""
+        if self.camera_file is not None:
+            return read_calibration(self.camera_file), str(self.camera_file)
+        if self.contents.camera_file:
+            name = f"{self.path}: {self.topics.camera_file}"
+            text = self.contents.camera_file
+            return parse_toml(text, name, CameraCalibration), self.topics.camera_file
+        model = self._camera_model(self.topics.color_info, self.topics.color)
+        tum = find_tum_calibration(self.path)
+        if tum is not None and model.intrinsics[0] == DEFAULT_FOCAL_LENGTH_PX:
+            return tum, "of the TUM benchmark, by the file's name"
+        in_meters = is_depth_in_meters(self.contents.depth.first)
+        factor = METER_DEPTH_FACTOR if in_meters else MILLIMETER_DEPTH_FACTOR
+        return model.color_calibration(factor), self.topics.color_info
+
+    def _camera_model(self, info_topic: str, image_topic: str) -> CameraModel:
+        info = self.contents.infos.get(info_topic)
+        if info is None:
+            raise InputError(
+                f"{self.path}: no camera_info beside {image_topic}; give the camera file with "
+                "--camera"
+            )
+        return camera_from_message(info, is_rectified(image_topic), f"{self.path}: {info_topic}")
+
+    def _find_depth_camera(self, calibration: CameraCalibration) -> DepthCameraCalibration | None:
+        """Return the depth camera, if depth is not registered to color."""
+        depth_frame = frame_name(self.contents.depth.first.header.frame_id)
+        is_registered = depth_frame in ("", self.color_frame)
+        if is_registered or is_named_registered(self.topics.depth):
+            return None
+        if calibration.depth is not None:
+            return calibration.depth
+        T_color_depth = self.contents.transforms.constant_transform(self.color_frame, depth_frame)
+        if T_color_depth is None:
+            raise InputError(
+                f"{self.path}: {self.topics.depth} (frame {depth_frame}) is not registered to "
+                f"{self.topics.color} (frame {self.color_frame}), and no transform between them is "
+                "recorded; record registered depth, or give a camera file with [depth]"
+            )
+        model = self._camera_model(self.topics.depth_info, self.topics.depth)
+        return model.depth_calibration(T_color_depth)
+
+    def _find_ground_truth(self) -> tuple[Trajectory | None, str]:
+        """Return the true poses of the color camera, and where they come from."""
+        poses = self._poses_of_topic()
+        if poses is not None:
+            return poses, self.topics.pose
+        found = self.contents.transforms.trajectory(self.color_frame)
+        if found is None:
+            return None, ""
+        return found[0], f"/tf ({found[1]} to {self.color_frame})"
+
+    def _poses_of_topic(self) -> Trajectory | None:
+        poses: dict[float, Array] = {}
+        for stamp_ns, message in self.contents.poses:
+            pose = getattr(message, "pose", None) or message.transform
+            pose = getattr(pose, "pose", pose)  # with covariance
+            position = getattr(pose, "position", None) or pose.translation
+            T = matrix_from_message(position, getattr(pose, "orientation", None) or pose.rotation)
+            if T is not None:
+                poses[float(Decimal(stamp_ns).scaleb(-9))] = T @ self._T_body_camera(message)
+        stamps_s = sorted(poses)
+        return (
+            Trajectory(np.array(stamps_s), np.array([poses[s] for s in stamps_s]))
+            if poses
+            else None
+        )
+
+    def _T_body_camera(self, message: Any) -> Array:
+        """Return the camera in the frame of a pose, which is the camera's if it is not known."""
+        body = getattr(message, "child_frame_id", "")
+        T = self.contents.transforms.constant_transform(body, self.color_frame) if body else None
+        return np.eye(4) if T is None else T
+
+    def _find_accelerometer(self) -> AccelerometerSeries:
+        """Convert the accelerometer with the most readings that gravity alone explains."""
+        series = [self._make_series(each) for each in self.contents.accelerations.values()]
+        empty = AccelerometerSeries(np.empty(0), np.empty((0, 3)))
+        return max(series, key=lambda each: each.gravity_count, default=empty)
+
+    def _find_gravity(self) -> AccelerometerSeries | None:
+        rows = [(stamp, -v.x, -v.y, -v.z) for stamp, v in self.contents.gravity]
+        return self._sort_rows(rows) if rows else None
+
+    def _make_series(self, readings: list[tuple[int, Any]]) -> AccelerometerSeries:
+        rows = []
+        rotations: dict[str, Array | None] = {}
+        for stamp_ns, message in readings:
+            frame = frame_name(message.header.frame_id)
+            if frame not in rotations:
+                rotations[frame] = self.contents.transforms.constant_transform(
+                    self.color_frame, frame
+                )
+            T_color_imu = rotations[frame]
+            if T_color_imu is None:
+                continue
+            a = message.linear_acceleration
+            if np.isfinite([a.x, a.y, a.z]).all():
+                rows.append((stamp_ns, *(T_color_imu[:3, :3] @ [a.x, a.y, a.z]).tolist()))
+        return self._sort_rows(rows)
+
+    def _sort_rows(self, rows: list[tuple[int, float, float, float]]) -> AccelerometerSeries:
+        """Make a series of stamps in ns and accelerations, with exact stamps of frames."""
+        exact = exact_stamps([each.color for each in self.contents.frame_stamps])
+        seconds = [(float(exact.get(ns) or Decimal(ns).scaleb(-9)), *a) for ns, *a in sorted(rows)]
+        table = np.array(seconds).reshape(-1, 4)
+        return AccelerometerSeries(table[:, 0], table[:, 1:])
+
+
+def _rising(images: list[ImageMessage]) -> list[ImageMessage]:
+    """Leave out images whose stamp is not after the previous one, to the microsecond."""
+    rising: list[ImageMessage] = []
+    for image in images:
+        if not rising or to_ns(image.stamp) - to_ns(rising[-1].stamp) >= 1000:
+            rising.append(image)
+    return rising
+
+
+def _file_of(path: Path) -> Path:
+    """Return the file that changes whenever the bag does."""
+    if not path.is_dir():
+        return path
+    return min(each for each in path.iterdir() if each.suffix in STORAGE_SUFFIXES)

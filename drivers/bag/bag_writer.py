@@ -15,15 +15,21 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2LibraryWriter
 from rosbags.typesys.store import Typestore
 
-from drivers.bag.bag_contents import format_frame_stamps, to_ns
+from drivers.bag.bag_contents import (
+    CAMERA_INFO,
+    IMU,
+    STRING,
+    VECTOR_STAMPED,
+    format_frame_stamps,
+    to_ns,
+)
 from drivers.bag.bag_file import ros1_typestore, ros2_typestore
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, COMPRESSED_IMAGE, IMAGE
-from drivers.bag.topics import CAMERA_INFO, IMU, STRING, VECTOR_STAMPED
 from drivers.calibration import CameraCalibration, format_calibration
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, Vector, quaternion_from_rotation
+from drivers.recording import JPEG_START, BgrImage, DepthImage, decode_depth
 from drivers.recording.frames import FrameStamps
-from drivers.recording.images import JPEG_START, BgrImage, DepthImage, decode_depth
 
 ROS2_BAG_VERSION: Literal[9] = 9
 

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from drivers.bag.bag_file import BagFile, Message, open_bag_file
 from drivers.bag.rvl import decode_rvl
 from drivers.core.errors import InputError
-from drivers.recording.images import (
+from drivers.recording import (
     BgrImage,
     DepthImage,
+    RecordedImage,
     UnreadableFrameError,
     decode_color,
     decode_depth,
     decode_image,
 )
-from drivers.recording.recording import RecordedImage
 
 MAX_RECENT_MESSAGES = 16
 # A message farther ahead than this is looked up by the file's index.

@@ -9,7 +9,6 @@ from decimal import Decimal
 from functools import partial
 from io import FileIO
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Self, cast
 
 from drivers.bag.bag_writer import MILLIMETER_DEPTH_FACTOR, EncodedMessage, FrameWriter, McapWriter
@@ -18,8 +17,8 @@ from drivers.camera import NewReadings, RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import free_disk_bytes, is_disk_full
 from drivers.core.geometry import Trajectory
+from drivers.recording import BgrImage, ColorFormat, DepthImage, encode_image
 from drivers.recording.frames import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
-from drivers.recording.images import BgrImage, ColorFormat, DepthImage, encode_image
 
 _log = logging.getLogger(__name__)
 
@@ -124,12 +123,7 @@ class McapRecorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_exc: object) -> None:
         self.close()
 
     def _raise_failure(self) -> None:

@@ -19,17 +19,17 @@ from drivers.camera import (
 )
 from drivers.core.errors import CameraError, CameraNotFoundError
 from drivers.freenect import device_hung_error, packet_loss_message
-from drivers.freenect.factory_calibration import (
+from drivers.freenect.image_buffers import ImagePair
+from drivers.freenect.rectify import (
     DepthFilter,
     FactoryCalibration,
+    KinectRectifier,
     ValidDepthMask,
     all_depths_to_10_m,
 )
-from drivers.freenect.image_buffers import ImagePair
-from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.session import CaptureSession, NullSession
 from drivers.freenect.sources import DeviceSource, FakenectSource, KinectSource
-from drivers.kinect_usb.motor_unit import MotorUnit, NullMotorUnit
+from drivers.kinect_usb.motor_unit import MotorUnit
 
 # Longer than a supervisor waits before it kills the process.
 RELEASE_TIMEOUT_S = 10.0
@@ -67,7 +67,7 @@ class FreenectCamera(RgbdCamera):
         self._settings, self._wait_for_device = settings, wait_for_device
         self._session: CaptureSession | NullSession = NullSession()
         self._depth_filter: DepthFilter = ValidDepthMask(all_depths_to_10_m())
-        self._stamp_converter = source.make_stamp_converter()
+        self._to_host_s = source.make_stamp_converter()
         self._last_lost_packets = 0
         self._factory_problem = ""
         self._serial = ""
@@ -149,7 +149,7 @@ class FreenectCamera(RgbdCamera):
         started = self._session.start()
         self._depth_filter = started.calibration.depth_filter
         self._use_factory_calibration(started.calibration.factory)
-        self._stamp_converter = self._source.make_stamp_converter()
+        self._to_host_s = self._source.make_stamp_converter()
         self._serial = started.serial if is_serial(started.serial) else ""
         self._motor_unit.open(started.serial)
         self._motor_unit.apply(self._settings)
@@ -183,7 +183,7 @@ class FreenectCamera(RgbdCamera):
         newly_lost, self._last_lost_packets = lost_packets - self._last_lost_packets, lost_packets
         return RgbdFrame(
             seq=color.seq,
-            stamp_s=self._stamp_converter.to_host_s(pair.color_s, color.receive_time_s),
+            stamp_s=self._to_host_s(pair.color_s, color.receive_time_s),
             receive_time_s=max(color.receive_time_s, pair.depth.receive_time_s),
             color_bgr=rectifier.rectify_color(color.pixels),
             depth_raw=rectifier.rectify_depth(pair.depth.pixels, self._depth_filter),
@@ -226,5 +226,5 @@ def make_fakenect_camera(
     """
     rectifier = KinectRectifier(camera_file, is_mirrored=False)
     return FreenectCamera(
-        FakenectSource(folder, playback_mode), rectifier, NullMotorUnit(), SensorConfig()
+        FakenectSource(folder, playback_mode), rectifier, MotorUnit(), SensorConfig()
     )

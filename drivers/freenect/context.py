@@ -28,7 +28,7 @@ from drivers.freenect import (
     TimeValue,
     start_failed_error,
 )
-from drivers.freenect.factory_calibration import FactoryCalibration
+from drivers.freenect.rectify import FactoryCalibration
 
 _log = logging.getLogger(__name__)
 # Rows and columns of the registration that are read: some of the middle half of the image.

@@ -5,12 +5,11 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -32,14 +31,14 @@ from drivers.freenect import (
     unplugged_error,
 )
 from drivers.freenect.context import FreenectContext, FreenectDevice
-from drivers.freenect.factory_calibration import (
+from drivers.freenect.image_buffers import ImagePair
+from drivers.freenect.rectify import (
     DepthFilter,
     FactoryCalibration,
     ValidDepthMask,
     all_depths_to_10_m,
     find_valid_depths_mm,
 )
-from drivers.freenect.image_buffers import ImagePair
 from drivers.time_sync import MIN_IMAGE_PERIOD_S, HostClockSync
 
 
@@ -59,54 +58,8 @@ class DeviceCalibration:
     factory: FactoryCalibration | None = None
 
 
-class StampConverter(Protocol):
-    """Converts a stream's device stamps to the camera's clock."""
-
-    def to_host_s(self, device_s: float, receive_time_s: float) -> float:
-        """Convert a frame's device stamp; call it for frames in order."""
-        ...
-
-
-class DeviceSource(Protocol):
-    """The differences between a real device and a dump.
-
-    Attributes:
-        min_period_s: The shortest period between color images.
-    """
-
-    name: str
-    clock: Clock
-    timeouts: StreamTimeouts
-    min_period_s: float
-
-    def load(self) -> ctypes.CDLL:
-        """Load the library. Raises UserFacingError without it, InputError for an invalid dump."""
-        ...
-
-    def open(self, context: FreenectContext) -> AbstractContextManager[FreenectDevice]:
-        """Find the device and open it. Raises CameraNotFoundError, CameraError."""
-        ...
-
-    def depth_format(self, wanted: DepthFormat) -> DepthFormat:
-        """Return the depth format to set in the library."""
-        ...
-
-    def configure(self, device: FreenectDevice) -> DeviceCalibration:
-        """Apply the settings and read the calibration while both streams run."""
-        ...
-
-    def make_end_exception(self) -> Exception:
-        """Make the exception for the end of libfreenect's events."""
-        ...
-
-    def make_queue(self) -> BoundedQueue[ImagePair]:
-        """Make the queue that passes image pairs to the reader."""
-        ...
-
-    def make_stamp_converter(self) -> StampConverter:
-        """Make the converter for the color stream, which starts with the first image."""
-        ...
-
+# Converts a stream's device stamp and its receive time to the camera's clock, for frames in order.
+StampConverter = Callable[[float, float], float]
 
 # The shortest time from a stamp until the host has the whole color image: 162 packets, one every
 # 125 us. It is assumed that the stamp marks the first packet.
@@ -125,16 +78,19 @@ class KinectSource:
         self._serial, self._settings, self._library = serial, settings, library
 
     def load(self) -> ctypes.CDLL:
+        """Load the library. Raises UserFacingError without it."""
         return load_library(self._library)
 
     @contextmanager
     def open(self, context: FreenectContext) -> Iterator[FreenectDevice]:
+        """Find the device and open it. Raises CameraNotFoundError, CameraError."""
         with context.open_device(find_serial(context, self._serial)) as device:
             if device is None:
                 raise open_failed_error(context.log)
             yield device
 
     def depth_format(self, wanted: DepthFormat) -> DepthFormat:
+        """Return the depth format to set in the library."""
         return wanted
 
     def configure(self, device: FreenectDevice) -> DeviceCalibration:
@@ -151,14 +107,16 @@ class KinectSource:
         return DeviceCalibration(ValidDepthMask(find_valid_depths_mm(raw_to_mm)), factory)
 
     def make_end_exception(self) -> Exception:
+        """Make the exception for the end of libfreenect's events."""
         return unplugged_error()
 
     def make_queue(self) -> BoundedQueue[ImagePair]:
         """Make a queue that keeps the newest pair."""
         return DropOldestQueue(1)
 
-    def make_stamp_converter(self) -> HostClockSync:
-        return HostClockSync(COLOR_READOUT_S)
+    def make_stamp_converter(self) -> StampConverter:
+        """Make the converter for the color stream, which starts with the first image."""
+        return HostClockSync(COLOR_READOUT_S).to_host_s
 
 
 def find_serial(context: FreenectContext, serial: str) -> str:
@@ -188,13 +146,6 @@ def list_kinects(library: str = SONAME) -> list[str]:
 PATH_VARIABLE = "FAKENECT_PATH"
 SYSTEM_LIBRARY_FOLDER = Path("/usr/lib")
 LIBRARY_PATTERN = "fakenect/libfreenect.so.0.5"
-
-
-class RecordedStampConverter:
-    """Keeps the stamps of the recorded device."""
-
-    def to_host_s(self, device_s: float, receive_time_s: float) -> float:
-        return device_s
 
 
 class FakenectSource:
@@ -249,8 +200,12 @@ class FakenectSource:
         is_lockstep = self._playback_mode is PlaybackMode.LOCKSTEP
         return BlockingQueue(1) if is_lockstep else DropOldestQueue(1)
 
-    def make_stamp_converter(self) -> RecordedStampConverter:
-        return RecordedStampConverter()
+    def make_stamp_converter(self) -> StampConverter:
+        """Return the converter that keeps the stamps of the recorded device."""
+        return lambda device_s, receive_time_s: device_s
+
+
+DeviceSource = KinectSource | FakenectSource
 
 
 def _find_system_library() -> Path:

@@ -24,6 +24,7 @@ from drivers.kinect_usb.motor_unit import (
     TIMEOUT_MS,
     GravityFilter,
     MotorDevice,
+    MotorUnit,
     MotorUnitReading,
     clamp_tilt_deg,
     gravity_from_counts,
@@ -107,8 +108,8 @@ def open_motor_device(serial: str) -> MotorDevice:
     return motor_class(kinect.motor_device.handle, f"{kinect.model} {kinect.motor_device.id.role}")
 
 
-class KinectMotorUnit:
-    """A `MotorUnit` that a thread of its own reads, and opens again after it was unplugged."""
+class KinectMotorUnit(MotorUnit):
+    """The motor unit of a Kinect; a thread reads it, and opens it again after it was unplugged."""
 
     is_present = True
 

@@ -66,32 +66,33 @@ class GravityFilter:
         return mean[1] if mean is not None and now_s - mean[0] <= AVERAGING_WINDOW_S else None
 
 
-class MotorUnit(Protocol):
-    """The Kinect's motor, LED and accelerometer.
+class MotorUnit:
+    """The motor, LED and accelerometer of a camera; this one has none of them.
 
     Faults are logged once; only methods that say so raise. Settings persist until `close`: they are
     applied again when the motor unit is connected again.
+
+    Attributes:
+        is_present: False for a camera without motor unit.
     """
 
-    is_present: bool  # False for a camera without motor unit
+    is_present = False
 
     @property
     def gravity_m_s2(self) -> Vector | None:
         """Gravity in camera axes over the last second; None while it is unknown."""
-        ...
+        return None
 
     @property
     def accelerometer(self) -> tuple[AccelerometerReading, ...]:
         """The newest readings, oldest first, with stamps of CLOCK_MONOTONIC; see `RgbdFrame`."""
-        ...
+        return ()
 
     def open(self, serial: str) -> None:
         """Find the motor unit of the camera `serial` ("" for the only one); measure gravity."""
-        ...
 
     def apply(self, settings: SensorConfig) -> None:
         """Set the LED and the tilt, now and after each new connection."""
-        ...
 
     def set_led(self, led: Led) -> None:
         """Set the LED.
@@ -99,40 +100,14 @@ class MotorUnit(Protocol):
         Raises:
             CameraError: If that is not possible now.
         """
-        ...
-
-    def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Start tilting the head, at most +-31 degrees. Raises CameraError as `set_led` does."""
-        ...
-
-    def close(self) -> None:
-        """Switch the LED off and close. Safe to call twice; `open` may follow."""
-        ...
-
-
-class NullMotorUnit:
-    """The motor unit of a camera without motor, LED and accelerometer."""
-
-    is_present = False
-    gravity_m_s2: Vector | None = None
-    accelerometer: tuple[AccelerometerReading, ...] = ()
-
-    def open(self, serial: str) -> None:
-        pass
-
-    def apply(self, settings: SensorConfig) -> None:
-        pass
-
-    def set_led(self, led: Led) -> None:
-        """Raise CameraError."""
         raise CameraError("it has no LED")
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Raise CameraError."""
+        """Start tilting the head, at most +-31 degrees. Raises CameraError as `set_led` does."""
         raise CameraError("it has no motor")
 
     def close(self) -> None:
-        pass
+        """Switch the LED off and close. Safe to call twice; `open` may follow."""
 
 
 TIMEOUT_MS = 500

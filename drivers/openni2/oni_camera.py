@@ -222,7 +222,6 @@ class OniCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """See `RgbdCamera`."""
         return self._playback.counters if self._playback else CameraCounters()
 
     @property

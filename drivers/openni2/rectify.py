@@ -10,11 +10,11 @@ The rule of registration, for devices and recordings:
   its format does not store this, and unregistered depth taken for registered distorts every pose.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from math import tan
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ from drivers.calibration import (
 )
 from drivers.camera import PinholeCamera, TimingPrior
 from drivers.core.errors import InputError
-from drivers.rectify import SoftwareRegistration, Undistorter, make_undistorter
+from drivers.rectify import SoftwareRegistration, Undistorter
 
 # The usual values of these sensors, for an image 640 pixels wide.
 DEFAULT_FOCAL_PX, DEFAULT_WIDTH_PX = 525.0, 640
@@ -82,12 +82,8 @@ class CalibrationFile:
         return self.calibration is not None and self.calibration.depth is not None
 
 
-class DepthRectifier(Protocol):
-    """Maps delivered depth to the undistorted color camera."""
-
-    def __call__(self, image: NDArray[np.uint16], /) -> NDArray[np.uint16]:
-        """Map (height, width) uint16; the unit stays the same."""
-        ...
+# Maps delivered depth, (height, width) uint16, to the undistorted color camera in the same unit.
+DepthRectifier = Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
 
 
 @dataclass(frozen=True)
@@ -133,7 +129,7 @@ def make_rectifier(source: SourceProperties, calibration_file: CalibrationFile) 
     file_name = f"camera file {calibration_file.path}"
     _check_calibration(source, calibration, file_name)
     camera, depth = calibration.pinhole, calibration.depth
-    undistorter = make_undistorter(camera, calibration.distortion)
+    undistorter = Undistorter(camera, calibration.distortion)
     depth_rectifier: DepthRectifier
     if depth is None:
         depth_rectifier, factor = undistorter.undistort_depth, calibration.depth_factor
@@ -158,7 +154,7 @@ def _make_uncalibrated_rectifier(source: SourceProperties) -> OpenNI2Rectifier:
         raise _unregistered_error(source)
     _check_same_size(source)
     camera, intrinsics_source = _source_intrinsics(source)
-    undistorter = make_undistorter(camera, NO_DISTORTION)
+    undistorter = Undistorter(camera, NO_DISTORTION)
     return OpenNI2Rectifier(
         camera,
         source.depth_factor,

@@ -1,1 +1,350 @@
-"""Recordings of any format: their contents, decoding of images, buffers for playback."""
+"""Recordings of any format: their pairs of images, how images are decoded, and gravity."""
+
+import struct
+import zlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Context, Decimal
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.calibration import CameraCalibration, DepthCameraCalibration
+from drivers.camera import MAX_ACCELEROMETER_READINGS, AccelerometerReading
+from drivers.core.geometry import Array, Trajectory, Vector, is_gravity
+from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+JPEG_START = b"\xff\xd8"
+JPEG_END = b"\xff\xd9"
+JPEG_SCAN = 0xDA
+
+BgrImage = NDArray[np.uint8]
+DepthImage = NDArray[np.uint16]
+
+
+class UnreadableFrameError(Exception):
+    """An image of a frame is missing, broken or of the wrong kind: ``IMAGE: reason; action``."""
+
+
+def decode_color(data: bytes, name: str) -> BgrImage:
+    """Decode (height, width, 3) BGR uint8 from a PNG or JPEG.
+
+    Args:
+        data: The image file.
+        name: Its name in error messages.
+
+    Raises:
+        UnreadableFrameError: The image is incomplete or not a color image.
+    """
+    image = decode_image(data, name)
+    if image.dtype != np.uint8:
+        raise UnreadableFrameError(
+            f"{name}: color does not have 8 bits per channel; give the color image here "
+            "(in associations.txt color comes before depth)"
+        )
+    if image.ndim == 2:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)  # type: ignore[return-value]
+    if image.shape[2] == 4:
+        return cv2.cvtColor(image, cv2.COLOR_BGRA2BGR)  # type: ignore[return-value]
+    return image
+
+
+def decode_depth(data: bytes, name: str) -> DepthImage:
+    """Decode (height, width) uint16 from a PNG; arguments and errors as `decode_color`."""
+    image = decode_image(data, name)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise UnreadableFrameError(
+            f"{name}: depth has {image.dtype.itemsize * 8} bits and "
+            f"{1 if image.ndim == 2 else image.shape[2]} channel(s), where 16 bits and 1 channel "
+            "are needed; export the sensor's raw depth, not a visualization"
+        )
+    return image
+
+
+def decode_image(data: bytes, name: str) -> NDArray[Any]:
+    """Decode a PNG or JPEG as it is stored, channels in BGR order; errors as `decode_color`."""
+    fault = _find_fault(data)
+    if fault:
+        raise UnreadableFrameError(f"{name}: {fault}; restore it or remove it from the list")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise UnreadableFrameError(f"{name}: cannot be decoded: {error.err}; replace it") from error
+    if image is None:
+        raise UnreadableFrameError(f"{name}: cannot be decoded; replace it")
+    return image
+
+
+def _find_fault(data: bytes) -> str:
+    """Return why an image file is incomplete; "" if it is complete.
+
+    OpenCV would fill missing parts with gray, or print to standard error.
+    """
+    if not data:
+        return "is empty (0 bytes)"
+    if data.startswith(PNG_SIGNATURE):
+        return _find_png_fault(data)
+    if data.startswith(JPEG_START):
+        return _find_jpeg_fault(data)
+    return "is not an image (neither PNG nor JPEG)"
+
+
+def _find_png_fault(data: bytes) -> str:
+    """Check the chunks (length, type, data, CRC) up to IEND: PNG specification, section 5."""
+    position = len(PNG_SIGNATURE)
+    while position + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, position)
+        end = position + 12 + length
+        if end > len(data):
+            break
+        (crc,) = struct.unpack_from(">I", data, end - 4)
+        if zlib.crc32(memoryview(data)[position + 4 : end - 4]) != crc:
+            return "is damaged (a checksum of the PNG does not match)"
+        if data[position + 4 : position + 8] == b"IEND":
+            return ""
+        position = end
+    return f"is truncated (the PNG ends after {len(data)} bytes)"
+
+
+def _find_jpeg_fault(data: bytes) -> str:
+    """Check the segments up to the scan, then search the end marker: ITU-T T.81, annex B.
+
+    In a scan 0xFF is always escaped, so an end marker there is not that of an embedded preview.
+    """
+    position = len(JPEG_START)
+    while position + 4 <= len(data) and data[position] == 0xFF:
+        if data[position + 1] == JPEG_SCAN:
+            is_complete = data.find(JPEG_END, position) >= 0
+            return "" if is_complete else f"is truncated (the JPEG ends after {len(data)} bytes)"
+        (length,) = struct.unpack_from(">H", data, position + 2)
+        position += 2 + length
+    return "is truncated or damaged (the JPEG contains no image)"
+
+
+class ColorFormat(StrEnum):
+    """The file format of color images; depth is always PNG."""
+
+    PNG = "png"  # lossless
+    JPEG = "jpg"  # far smaller and faster, but lossy
+
+
+def encode_image(image: NDArray[Any], kind: ColorFormat) -> bytes:
+    """Encode a color or depth image as a file."""
+    # OpenCV's own PNG settings (run lengths, horizontal differences) beat level 1 in time and size.
+    options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind is ColorFormat.JPEG else []
+    return cv2.imencode(f".{kind}", image, options)[1].tobytes()
+
+
+# Stamps are kept as decimals: 17 digits of seconds do not fit a float, and differences are exact.
+# The precision holds the sum of any two printed floats.
+EXACT_CONTEXT = Context(prec=100)
+AVERAGING_WINDOW_S = 1.0
+ImageSize = tuple[int, int]  # (width, height)
+ImageTopics = tuple[str, str]  # of color and depth, in a bag
+
+
+@dataclass(frozen=True)
+class RecordedImage(ABC):
+    """One image of a recording, not read yet.
+
+    Attributes:
+        stamp: Stamp in seconds.
+        file: The file that holds it.
+        location: Where it is listed, for error messages.
+    """
+
+    stamp: Decimal
+    file: Path
+    location: str
+
+    @property
+    def stamp_s(self) -> float:
+        """The stamp as a float."""
+        return float(self.stamp)
+
+    @property
+    def name(self) -> str:
+        """The image's name in error messages."""
+        return str(self.file)
+
+    @abstractmethod
+    def read_color(self) -> BgrImage:
+        """Read (height, width, 3) BGR uint8. Raises UnreadableFrameError."""
+
+    @abstractmethod
+    def read_depth(self) -> DepthImage:
+        """Read (height, width) uint16. Raises UnreadableFrameError."""
+
+    @abstractmethod
+    def read_stored_color(self) -> bytes | BgrImage:
+        """Read the PNG or JPEG as it is stored; raw images as `read_color`."""
+
+    @abstractmethod
+    def read_stored_depth(self) -> bytes | DepthImage:
+        """Read the PNG as it is stored; other images as `read_depth`."""
+
+
+@dataclass(frozen=True)
+class FramePair:
+    """The color and the depth image of one frame."""
+
+    color: RecordedImage
+    depth: RecordedImage
+
+    @property
+    def skew_s(self) -> float:
+        """Stamp of depth minus stamp of color."""
+        return float(EXACT_CONTEXT.subtract(self.depth.stamp, self.color.stamp))
+
+    def load(self, size: ImageSize, depth_size: ImageSize) -> tuple[BgrImage, DepthImage]:
+        """Read both images.
+
+        Args:
+            size: (width, height) of the camera.
+            depth_size: (width, height) of the depth image.
+
+        Returns:
+            Color (height, width, 3) BGR uint8 and depth (height, width) uint16.
+
+        Raises:
+            UnreadableFrameError: An image cannot be read or has the wrong size.
+        """
+        color, depth = self.color.read_color(), self.depth.read_depth()
+        if size == depth_size and color.shape[:2] != depth.shape:
+            raise UnreadableFrameError(
+                f"{self.color.name}: color is {_size_text(color)} but depth ({self.depth.name}) is "
+                f"{_size_text(depth)}; register the depth to the color image"
+            )
+        for image, expected, of in ((color, size, self.color), (depth, depth_size, self.depth)):
+            if image.shape[:2] != expected[::-1]:
+                raise UnreadableFrameError(
+                    f"{of.name}: the image is {_size_text(image)} but the camera is "
+                    f"{expected[0]}x{expected[1]}; give the camera file of these images"
+                )
+        return color, depth
+
+
+def _size_text(image: NDArray[Any]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]}"
+
+
+@dataclass(frozen=True)
+class RecordedFrames:
+    """The frames of a recording, and the number of images without a partner."""
+
+    pairs: list[FramePair]
+    unpaired: int = 0
+
+    @property
+    def stamps_s(self) -> Array:
+        """(N,) stamps of the frames."""
+        return np.array([pair.color.stamp_s for pair in self.pairs])
+
+
+def pair_images(color: Sequence[RecordedImage], depth: Sequence[RecordedImage]) -> RecordedFrames:
+    """Pair images by the nearest stamps, at most `MAX_PAIR_SKEW_US` apart."""
+    indices = pair_nearest(_stamps_us(color), _stamps_us(depth), MAX_PAIR_SKEW_US)
+    pairs = [FramePair(color[i], depth[j]) for i, j in indices]
+    return RecordedFrames(pairs, len(color) + len(depth) - 2 * len(pairs))
+
+
+def _stamps_us(images: Sequence[RecordedImage]) -> StampsUs:
+    return np.array([int(image.stamp.scaleb(6).to_integral_value()) for image in images], np.int64)
+
+
+@dataclass(frozen=True)
+class AccelerometerSeries:
+    """Readings of an accelerometer: (N, 3) m/s^2 in camera axes, at rising stamps (N,)."""
+
+    stamps_s: Array
+    acceleration_m_s2: Array
+
+    def gravity_at(self, stamp_s: float) -> Vector | None:
+        """Return gravity by the reading with this stamp, else by the mean of the second before.
+
+        Readings of other lengths than gravity's are left out; None without any. This program's
+        recordings have one reading per frame, which is already smoothed.
+        """
+        stamps_s, gravity_m_s2 = self._gravity
+        end = int(np.searchsorted(stamps_s, stamp_s, side="right"))
+        begin = int(np.searchsorted(stamps_s, stamp_s - AVERAGING_WINDOW_S))
+        if end == begin:
+            return None
+        if stamps_s[end - 1] == stamp_s:
+            begin = end - 1
+        x, y, z = gravity_m_s2[begin:end].mean(axis=0).tolist()
+        return (x, y, z)
+
+    def newest_at(self, stamp_s: float) -> tuple[AccelerometerReading, ...]:
+        """Return the newest readings up to a frame's stamp, see `RgbdFrame.accelerometer`."""
+        end = int(np.searchsorted(self.stamps_s, stamp_s, side="right"))
+        rows = slice(max(0, end - MAX_ACCELEROMETER_READINGS), end)
+        numbers = zip(
+            self.stamps_s[rows].tolist(), self.acceleration_m_s2[rows].tolist(), strict=True
+        )
+        return tuple(AccelerometerReading(stamp_s, (x, y, z)) for stamp_s, (x, y, z) in numbers)
+
+    @property
+    def gravity_count(self) -> int:
+        """The number of readings that gravity alone explains."""
+        return len(self._gravity[0])
+
+    @cached_property
+    def _gravity(self) -> tuple[Array, Array]:
+        """Stamps and gravity of the readings that gravity alone explains."""
+        gravity_m_s2 = -self.acceleration_m_s2
+        kept = np.array([is_gravity((x, y, z)) for x, y, z in gravity_m_s2.tolist()], bool)
+        return self.stamps_s[kept], gravity_m_s2[kept]
+
+
+def _nothing_to_close() -> None:
+    """Close nothing: the recording's images are files of their own."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A checked recording that can be replayed.
+
+    Attributes:
+        path: The folder or file.
+        frames: The frames, not read yet.
+        calibration: The camera.
+        ground_truth: True poses of the color camera; None without.
+        accelerometer: Readings of the accelerometer.
+        gravity: Smoothed gravity with each frame, if it is recorded beside the readings.
+        depth_camera: The depth camera, if depth is not registered to color.
+        summary: What was found in a file that does not say which images to use; "" if it is clear.
+        close: Closes the file that the images are read from. Reading opens it again.
+    """
+
+    path: Path
+    frames: RecordedFrames
+    calibration: CameraCalibration
+    ground_truth: Trajectory | None
+    accelerometer: AccelerometerSeries
+    gravity: AccelerometerSeries | None = None
+    depth_camera: DepthCameraCalibration | None = None
+    summary: str = ""
+    close: Callable[[], None] = _nothing_to_close
+
+    def gravity_at(self, stamp_s: float) -> Vector | None:
+        """Return gravity in camera axes at a frame's stamp, if it is known."""
+        return (self.gravity or self.accelerometer).gravity_at(stamp_s)
+
+    @property
+    def image_size(self) -> ImageSize:
+        """(width, height) of the color images."""
+        return self.calibration.width, self.calibration.height
+
+    @property
+    def depth_size(self) -> ImageSize:
+        """(width, height) of the depth images."""
+        depth = self.depth_camera
+        return self.image_size if depth is None else (depth.width, depth.height)

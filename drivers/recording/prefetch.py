@@ -1,4 +1,4 @@
-"""Buffers of decoded frames between the decoding thread and the reader, for both playback modes."""
+"""Decoding ahead of the reader: frames of a recording, and their buffers in both playback modes."""
 
 import math
 import threading
@@ -11,6 +11,8 @@ from dataclasses import replace
 
 from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame
 from drivers.core.errors import CameraError
+from drivers.recording import DepthImage, FramePair, Recording
+from drivers.rectify import SoftwareRegistration, Undistorter
 
 MAX_BUFFERED_FRAMES = 4
 NOT_OPEN = "the recording is not open; use `with`, or call open()"
@@ -186,3 +188,47 @@ class RealtimeBuffer(FrameBuffer):
     def _seconds_until_due(self, frame: RgbdFrame) -> float:
         """Return the seconds until a frame is due; before the start, the longest timeout."""
         return min(max(0.0, self._due_s(frame) - self._clock()), threading.TIMEOUT_MAX)
+
+
+class FrameReader:
+    """Reads the frames of one recording, in any order; in their order is fastest.
+
+    Raises:
+        InputError: The depth camera does not look where the color camera does.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        camera = recording.calibration
+        self._pinhole, self._depth_factor = camera.pinhole, camera.depth_factor
+        self._undistorter = Undistorter(self._pinhole, camera.distortion)
+        self._register: Callable[[DepthImage], DepthImage] = self._undistorter.undistort_depth
+        if recording.depth_camera is not None:
+            registration = SoftwareRegistration(
+                self._pinhole, recording.depth_camera, camera.depth_factor
+            )
+            self._register = registration.register
+            self._depth_factor = registration.depth_factor
+
+    def read(self, pair: FramePair, seq: int) -> RgbdFrame:
+        """Load one pair and make its frame.
+
+        Raises:
+            UnreadableFrameError: If an image cannot be read.
+        """
+        recording, camera = self._recording, self._recording.calibration
+        color, depth = pair.load(recording.image_size, recording.depth_size)
+        return RgbdFrame(
+            seq=seq,
+            stamp_s=pair.color.stamp_s,
+            receive_time_s=time.monotonic(),
+            color_bgr=self._undistorter.undistort_color(color),
+            depth_raw=self._register(depth),
+            depth_factor=self._depth_factor,
+            camera=self._pinhole,
+            skew_s=pair.skew_s + camera.depth_offset_s,
+            gravity_m_s2=recording.gravity_at(pair.color.stamp_s),
+            accelerometer=recording.accelerometer.newest_at(pair.color.stamp_s),
+            readout_s=camera.readout_s,
+            timing_prior=camera.timing_prior,
+        )

@@ -26,7 +26,7 @@ from drivers.synthetic.frame_provider import (
     FrameProvider,
     OnDemandFrameProvider,
 )
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.pacing import HostClock, make_pacer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 from drivers.synthetic.sensors import ImageSource, RenderedImages
@@ -180,7 +180,6 @@ class SyntheticCamera(RgbdCamera):
         self._is_open, self._is_disconnected = True, False
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """See `RgbdCamera`."""
         if not self._is_open:
             raise CameraLostError("synthetic camera: not open; use `with`, or call open()")
         self._wait_for_start(timeout_s)
@@ -209,13 +208,11 @@ class SyntheticCamera(RgbdCamera):
             self._add_to_counters(skipped=1)
 
     def close(self) -> None:
-        """See `RgbdCamera`."""
         self._is_open = False
         self._frame_provider.close()
 
     @property
     def status(self) -> CameraStatus:
-        """See `RgbdCamera`."""
         if self._is_open and not self._has_started:
             return CameraStatus(CameraState.OPENING, "preparing its room")
         return CameraStatus(CameraState.STREAMING)

@@ -6,18 +6,20 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from drivers.core.errors import CameraLostError
 from drivers.core.process import WorkerFailed, WorkerProcess, WorkerSpec
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.render_messages import (
+from drivers.synthetic.rendered_sequence import (
     ReaderPosition,
+    RenderedSequence,
     RenderingComplete,
     RenderJob,
     RenderRequest,
+    create_sequence,
+    files_for_config,
 )
-from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequence, files_for_config
 from drivers.synthetic.sensors import RenderedImages
 
 if TYPE_CHECKING:  # its kernels are slow to load; the renderer's process loads them
@@ -31,20 +33,27 @@ MAX_FRAME_S = 120.0
 RenderProgress = Callable[[int, int], None]  # frames rendered, total frames
 
 
-class FrameProvider(Protocol):
-    """Provides the frames of a configuration in a loop: frame 0 follows the last."""
+class OnDemandFrameProvider:
+    """Renders each frame when it is read, and stores none. Frame 0 follows the last."""
+
+    def __init__(self, config: SyntheticConfig, threads: int) -> None:
+        self._config = config
+        self._threads = threads or os.cpu_count() or 1
+        self._renderers: list[Renderer] = []
 
     def prepare(self) -> None:
         """Start work that can be done in the background. Raises as `start`."""
-        ...
 
     def start(self) -> None:
         """Start providing frames. Raises InputError or CameraError if that fails."""
-        ...
+        from drivers.synthetic.renderer import make_renderer
+
+        if not self._renderers:
+            self._renderers.append(make_renderer(self._config, self._threads))
 
     def wait_until_started(self, timeout_s: float) -> bool:
         """Wait until the first frame is rendered. Raises as `wait_for_newest`."""
-        ...
+        return True
 
     def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
         """Wait for the newest rendered frame from `first` to `last`.
@@ -60,49 +69,14 @@ class FrameProvider(Protocol):
         Raises:
             InputError, CameraError: Rendering failed.
         """
-        ...
-
-    def read(self, seq: int) -> RenderedImages:
-        """Read a frame; wait if it is not rendered yet. Raises as `wait_for_newest`."""
-        ...
-
-    def close(self) -> None:
-        """Stop. Safe to call twice."""
-        ...
-
-
-class OnDemandFrameProvider:
-    """Renders each frame when it is read, and stores none."""
-
-    def __init__(self, config: SyntheticConfig, threads: int) -> None:
-        self._config = config
-        self._threads = threads or os.cpu_count() or 1
-        self._renderers: list[Renderer] = []
-
-    def prepare(self) -> None:
-        """Do nothing: there is no background work."""
-
-    def start(self) -> None:
-        """Paint the room, the first time."""
-        from drivers.synthetic.renderer import make_renderer
-
-        if not self._renderers:
-            self._renderers.append(make_renderer(self._config, self._threads))
-
-    def wait_until_started(self, timeout_s: float) -> bool:
-        """See `FrameProvider`."""
-        return True
-
-    def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
-        """See `FrameProvider`."""
         return last
 
     def read(self, seq: int) -> RenderedImages:
-        """See `FrameProvider`."""
+        """Read a frame; wait if it is not rendered yet. Raises as `wait_for_newest`."""
         return self._renderers[0].render(seq % self._config.frame_count)
 
     def close(self) -> None:
-        """See `FrameProvider`."""
+        """Stop. Safe to call twice."""
 
 
 class BackgroundFrameProvider:
@@ -124,11 +98,10 @@ class BackgroundFrameProvider:
         self._process: WorkerProcess | None = None
 
     def prepare(self) -> None:
-        """See `FrameProvider`."""
         self.start()
 
     def start(self) -> None:
-        """See `FrameProvider`. Returns at once; a running process continues."""
+        """Start providing frames. Returns at once; a running process continues."""
         if self._process is not None:
             return
         self.close()
@@ -140,18 +113,15 @@ class BackgroundFrameProvider:
             self._ensure_process()
 
     def wait_until_started(self, timeout_s: float) -> bool:
-        """See `FrameProvider`."""
         return self._wait_for(0, 0, timeout_s) is not None
 
     def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
-        """See `FrameProvider`."""
         if self._process is not None:
             self._process.send(ReaderPosition(last % self._files.count))
             self._receive(0.0)
         return self._wait_for(first, last, timeout_s)
 
     def read(self, seq: int) -> RenderedImages:
-        """See `FrameProvider`."""
         index = seq % self._files.count
         deadline_s = time.monotonic() + MAX_FRAME_S
         while (images := self._open_sequence.read(index)) is None:
@@ -168,7 +138,6 @@ class BackgroundFrameProvider:
             self._receive(0.1)
 
     def close(self) -> None:
-        """See `FrameProvider`."""
         self._stop_process()
         self._resources.close()
         self._sequence = None
@@ -248,3 +217,7 @@ def render_all(
     finally:
         provider.close()
     return create_sequence(files_for_config(config, folder))
+
+
+# Provides the frames of a configuration in a loop.
+FrameProvider = OnDemandFrameProvider | BackgroundFrameProvider

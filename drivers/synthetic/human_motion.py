@@ -112,7 +112,6 @@ class HandheldMotion(CameraMotion):
         self._sweep_scale, self._tremor_scale = sweep_scale, tremor_scale
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         sweep = self._sweep_scale * self._sweep(times_s)
         tremor = self._tremor_scale * self._tremor(times_s)
         height_m, down_rad = self._profile.camera_height_m, self._profile.pitch_down_rad
@@ -140,7 +139,6 @@ class FloorMotion(CameraMotion):
         self._duration_s = duration_s
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         looks = round(self._duration_s / LOOK_UP_PERIOD_S)
         # It begins and ends at the floor; looking up takes a fifth of the period.
         up = LOOK_UP_RAD * np.sin(np.pi * looks * times_s / self._duration_s) ** 12
@@ -190,7 +188,6 @@ class OrbitMotion(CameraMotion):
         self._duration_s = duration_s
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         sway, tremor = self._sway(times_s), self._tremor(times_s)
         along, aside = (
             self._orbit_angle_rad(times_s),
@@ -265,7 +262,6 @@ class TourMotion(CameraMotion):
         self._laps = int(self._forward_s / TOUR_LAP_S + 0.25)
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         sway, tremor = self._sway(times_s), self._tremor(times_s)
         along = self._tour_angle_rad(times_s) + sway[:, 1]
         out = np.stack([np.cos(along), np.sin(along)], axis=1)

@@ -15,13 +15,13 @@ from concurrent.futures import ThreadPoolExecutor
 from drivers.core.errors import CameraError
 from drivers.core.jit import release_memory
 from drivers.core.process.service_connection import ServiceConnection
-from drivers.synthetic.render_messages import (
+from drivers.synthetic.rendered_sequence import (
     ReaderPosition,
+    RenderedSequence,
     RenderingComplete,
     RenderJob,
     RenderRequest,
 )
-from drivers.synthetic.rendered_sequence import RenderedSequence
 from drivers.synthetic.renderer import make_renderer
 
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
-from drivers.rectify import make_undistorter
+from drivers.rectify import Undistorter
 from drivers.synthetic import SyntheticConfig, sensors
 from drivers.synthetic.camera_motion import CameraMotion
 from drivers.synthetic.dynamic_objects import DynamicObject, make_dynamic_objects
 from drivers.synthetic.lighting import make_lights
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.raycast import RaycastScene, RayGrid, cast_rays, prepare_scene
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room, symmetrize_lights
 from drivers.synthetic.sensors import RenderedImages
@@ -134,7 +134,7 @@ class Renderer:
         self._room = room
         camera, sensor = config.camera, config.depth
         self._distortion = np.array(config.color.distortion)
-        self._undistort = make_undistorter(camera, config.color.distortion)
+        self._undistort = Undistorter(camera, config.color.distortion)
         self._color_grid = RayGrid.from_rays(pixel_rays(camera, self._distortion))
         self._infrared = sensors.infrared_camera(sensor, camera)
         self._depth_grid, offset_m = self._color_grid, 0.0

@@ -17,19 +17,17 @@ from drivers.core.geometry import (
     gravity_from_accelerometer,
     read_trajectory,
 )
-from drivers.recording.images import (
+from drivers.recording import (
+    AccelerometerSeries,
     BgrImage,
     DepthImage,
-    UnreadableFrameError,
-    decode_color,
-    decode_depth,
-)
-from drivers.recording.recording import (
-    AccelerometerSeries,
     FramePair,
     RecordedFrames,
     RecordedImage,
     Recording,
+    UnreadableFrameError,
+    decode_color,
+    decode_depth,
     pair_images,
 )
 from drivers.time_sync import MAX_PAIR_SKEW_US

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from decimal import Decimal
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from drivers.calibration import (
@@ -18,6 +17,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
 from drivers.core.geometry import Trajectory, Vector, format_pose_line
+from drivers.recording import ColorFormat
 from drivers.recording.frames import (
     EARLIEST_STAMPS,
     EncodedFrame,
@@ -27,7 +27,6 @@ from drivers.recording.frames import (
     format_stamp,
     round_to_microseconds,
 )
-from drivers.recording.images import ColorFormat
 from drivers.tum import AccelerometerWriter
 
 _log = logging.getLogger(__name__)
@@ -120,12 +119,7 @@ class TumWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_exc: object) -> None:
         self.close()
 
     def set_calibration(self, calibration: CameraCalibration) -> None:

@@ -3,7 +3,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.rectify import make_undistorter
+from drivers.rectify import Undistorter
 
 CAMERA = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)
 FREIBURG1 = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
@@ -29,7 +29,7 @@ def far_from_ties(pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def test_without_distortion_images_pass_untouched() -> None:
-    lens = make_undistorter(CAMERA, (0.0,) * 5)
+    lens = Undistorter(CAMERA, (0.0,) * 5)
     color, depth = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.uint16)
     assert lens.undistort_color(color) is color
     assert lens.undistort_depth(depth) is depth
@@ -38,7 +38,7 @@ def test_without_distortion_images_pass_untouched() -> None:
 def test_depth_is_the_reading_of_the_nearest_pixel_or_none() -> None:
     depth = np.random.default_rng(0).integers(1, 65536, (480, 640), dtype=np.uint16)
     for distortion in (FREIBURG1, PINCUSHION):
-        undistorted = make_undistorter(CAMERA, distortion).undistort_depth(depth)
+        undistorted = Undistorter(CAMERA, distortion).undistort_depth(depth)
         pixels = source_pixels(distortion)
         u, v = np.rint(pixels).astype(int).transpose(2, 0, 1)
         inside = (u >= 0) & (u < 640) & (v >= 0) & (v < 480)
@@ -51,14 +51,14 @@ def test_depth_is_never_blended_across_an_edge() -> None:
     depth = np.full((480, 640), 5000, np.uint16)
     depth[:, 320:] = 20000
     depth[200:280, 100:200] = 0
-    undistorted = make_undistorter(CAMERA, FREIBURG1).undistort_depth(depth)
+    undistorted = Undistorter(CAMERA, FREIBURG1).undistort_depth(depth)
     assert set(np.unique(undistorted)) == {0, 5000, 20000}
 
 
 def test_color_is_bilinear() -> None:
     v, u = np.mgrid[0:480, 0:640]
     ramp = np.dstack([u / 4, v / 4, (u + v) / 8]).round().astype(np.uint8)
-    undistorted = make_undistorter(CAMERA, FREIBURG1).undistort_color(ramp)
+    undistorted = Undistorter(CAMERA, FREIBURG1).undistort_color(ramp)
     pixels = source_pixels(FREIBURG1)
     u, v = pixels.transpose(2, 0, 1)
     inside = (u > 1) & (u < 638) & (v > 1) & (v < 478)
@@ -67,7 +67,7 @@ def test_color_is_bilinear() -> None:
 
 
 def test_pixels_from_outside_are_black_and_without_reading() -> None:
-    lens = make_undistorter(CAMERA, PINCUSHION)
+    lens = Undistorter(CAMERA, PINCUSHION)
     assert not lens.undistort_color(np.full((480, 640, 3), 255, np.uint8))[0, 0].any()
     assert lens.undistort_depth(np.full((480, 640), 5000, np.uint16))[0, 0] == 0
 
@@ -81,7 +81,7 @@ def test_a_straight_line_seen_through_the_lens_is_straight_again() -> None:
     image = np.zeros((480, 640, 3), np.uint8)
     for u, v in seen.reshape(-1, 2):
         cv2.circle(image, (round(u * 16), round(v * 16)), 48, (255, 255, 255), -1, cv2.LINE_AA, 4)
-    undistorted = make_undistorter(CAMERA, BARREL).undistort_color(image)[..., 0].astype(float)
+    undistorted = Undistorter(CAMERA, BARREL).undistort_color(image)[..., 0].astype(float)
     rows = (undistorted * np.arange(480)[:, None]).sum(axis=0)[20:621:20] / undistorted.sum(axis=0)[
         20:621:20
     ]

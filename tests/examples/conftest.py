@@ -16,7 +16,7 @@ from tests.conftest import FRAMES
 from tests.forked_process import ForkedProcess
 from tests.vo_service.client.fake_service import find_free_endpoint
 from tests.vo_service.service_process import KINECT_VO_WITH_LONG_TIMEOUT, NO_MAP_CONFIG
-from vo_service.client import PoseClient
+from vo_service import PoseClient
 
 # Slow, so that the service leaves the processors to the examples.
 RATE_HZ = 10

@@ -29,7 +29,7 @@ from tests.ports import free_port
 from tests.simulators.fixtures import SimulateKinect
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
-from vo_service.client import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
+from vo_service import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
 from vo_service.types.commands import LedCommand, PauseCommand, ResumeCommand
 
 pytestmark = pytest.mark.subprocess

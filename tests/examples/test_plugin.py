@@ -14,7 +14,7 @@ from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
 from vo_service.app import OutputsConfig, open_outputs, run_replay
 from vo_service.config import read_config
-from vo_service.frame_source import SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.signals import stop_on_signals
 
 ROOT = Path(__file__).parents[2]
@@ -78,7 +78,7 @@ def test_the_service_uses_the_camera_and_the_output_of_a_plugin(
         open_outputs(request) as opened,
         stop_on_signals() as stop,
     ):
-        run_replay(config, camera, SinglePassSource(camera), opened.outputs, stop)
+        run_replay(config, camera, FrameSource(camera), opened.outputs, stop)
     assert float((tmp_path / "way.txt").read_text().split()[0]) == pytest.approx(0.07, abs=0.01)
 
 

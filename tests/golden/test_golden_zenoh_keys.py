@@ -7,7 +7,7 @@ import zenoh
 
 from vo_service.config_tables import CommandConfig, Ros2Config, ZenohConfig
 from vo_service.control import CommandQueue
-from vo_service.outputs.zenoh.messages import FrameIds
+from vo_service.outputs.zenoh import FrameIds
 from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables, make_command_endpoint
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints

@@ -30,7 +30,7 @@ from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from vo_service.app import run_replay
 from vo_service.config import Config, OdometryConfig
-from vo_service.frame_source import SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import StopSignal
 from vo_service.types import OdometryUpdate
@@ -97,7 +97,7 @@ def compute_digest(case: str, rendered: Path | None = None) -> dict[str, Any]:
     config = replace(Config(), odometry=OdometryConfig(method=method))
     digest = PoseDigest(StopSignal())
     with _camera(source, rendered) as camera:
-        run_replay(config, camera, SinglePassSource(camera), [digest], digest.stop)
+        run_replay(config, camera, FrameSource(camera), [digest], digest.stop)
     return digest.result
 
 

@@ -12,12 +12,11 @@ from tests.vo_service.fakes import (
 )
 from vo_service.clock import PublishClock, RecordedClock
 from vo_service.control import CommandQueue, Control
-from vo_service.frame_source import FrameSource, SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.odom_frame import OdomFrame
-from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry import CpuStageTimer
 from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.types import Estimate
-from vo_service.types.commands import Command
 from vo_service.types.outputs import LoopClosure, NullLoopClosure, Output
 
 
@@ -27,7 +26,7 @@ def make_service(
     estimates: Sequence[Estimate] = (),
     stamps: PublishClock | None = None,
     camera: ScriptedCamera | None = None,
-    inbox: CommandQueue[Command] | None = None,
+    inbox: CommandQueue | None = None,
     odometry: ScriptedOdometry | None = None,
     loops: LoopClosure | None = None,
     method: str = "surf",
@@ -52,7 +51,5 @@ def run_loop(
     """Run the loop over one pass of a camera."""
     camera, collector = ScriptedCamera(events, clock=clock), CollectingOutput()
     with camera:
-        make_service(SinglePassSource(camera), [collector], estimates, stamps).run(
-            threading.Event()
-        )
+        make_service(FrameSource(camera), [collector], estimates, stamps).run(threading.Event())
     return collector

@@ -13,7 +13,7 @@ import numpy as np
 import zenoh
 
 from drivers.core.geometry import Array
-from vo_service.ros_messages.navigation import OdometryMessage, decode_odometry
+from vo_service.ros_messages import OdometryMessage, decode_odometry
 
 StatusContent = Mapping[str, Any]
 

@@ -15,7 +15,7 @@ from vo_service.types.commands import (
 
 
 def test_pending_commands_are_processed_in_order() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     commands: list[Command] = [PauseCommand(), ResumeCommand(), ResetCommand()]
     for command in commands:
         inbox.submit(command)
@@ -24,14 +24,14 @@ def test_pending_commands_are_processed_in_order() -> None:
 
 
 def test_a_reply_reaches_the_sender_of_the_command() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     ticket = inbox.submit(ResetCommand())
     inbox.take_pending()[0].set_result(EpochReply(3))
     assert ticket.result(1.0) == EpochReply(3)
 
 
 def test_an_error_reaches_the_sender_of_the_command() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     ticket = inbox.submit(ResetCommand())
     inbox.take_pending()[0].set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "no motor"))
     with pytest.raises(CommandError, match="no motor"):
@@ -39,14 +39,14 @@ def test_an_error_reaches_the_sender_of_the_command() -> None:
 
 
 def test_a_blocked_loop_times_out() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     with pytest.raises(CommandError, match="no answer") as raised:
         inbox.submit(ResetCommand()).result(0.01)
     assert raised.value.code is ErrorCode.TIMED_OUT
 
 
 def test_a_full_queue_refuses_commands() -> None:
-    inbox: CommandQueue[Command] = CommandQueue(max_pending=2)
+    inbox = CommandQueue(max_pending=2)
     inbox.submit(PauseCommand())
     inbox.submit(PauseCommand())
     with pytest.raises(CommandError) as raised:
@@ -55,7 +55,7 @@ def test_a_full_queue_refuses_commands() -> None:
 
 
 def test_a_closed_queue_refuses_pending_and_new_commands() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     waiting = inbox.submit(PauseCommand())
     inbox.close()
     with pytest.raises(CommandError, match="ending"):
@@ -65,7 +65,7 @@ def test_a_closed_queue_refuses_pending_and_new_commands() -> None:
 
 
 def test_internal_commands_are_accepted_with_a_full_queue() -> None:
-    inbox: CommandQueue[Command] = CommandQueue(max_pending=1)
+    inbox = CommandQueue(max_pending=1)
     inbox.submit(PauseCommand())
     inbox.submit_internal(ResetCommand())
     assert [ticket.command for ticket in inbox.take_pending()] == [PauseCommand(), ResetCommand()]

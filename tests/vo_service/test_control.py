@@ -86,14 +86,14 @@ class RecordingMapper(NullMapper):
         return self.state
 
 
-def carry_out(command: Command, control: Control, inbox: CommandQueue[Command]) -> object:
+def carry_out(command: Command, control: Control, inbox: CommandQueue) -> object:
     ticket = inbox.submit(command)
     control.process_pending()
     return ticket.result(0.0)
 
 
 def test_tilt_and_led_commands_reach_the_camera() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     camera = ScriptedMotorCamera()
     control = Control(OdomFrame(), camera, inbox)
     assert carry_out(TiltCommand(12.0), control, inbox) == TiltReply(12.0)
@@ -113,7 +113,7 @@ def test_tilt_and_led_commands_reach_the_camera() -> None:
     ],
 )
 def test_impossible_commands_are_refused_with_a_reason(command: Command, words: str) -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox)
     with pytest.raises(CommandError, match=words) as raised:
         carry_out(command, control, inbox)
@@ -121,7 +121,7 @@ def test_impossible_commands_are_refused_with_a_reason(command: Command, words: 
 
 
 def test_recording_commands_reach_the_recorder() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     deck = RecordingRecorder()
     control = Control(OdomFrame(), ScriptedCamera(), inbox, deck)
     assert carry_out(StartRecordingCommand("desk"), control, inbox) == FolderReply(
@@ -133,7 +133,7 @@ def test_recording_commands_reach_the_recorder() -> None:
 
 
 def test_map_commands_reach_the_mapper() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox, mapper=RecordingMapper())
     expected = SavedMapReply("maps/kitchen.ply", 12)
     assert carry_out(SaveMapCommand("kitchen"), control, inbox) == expected
@@ -141,7 +141,7 @@ def test_map_commands_reach_the_mapper() -> None:
 
 
 def test_a_reset_returns_the_new_epoch_and_a_pause_the_state() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     control = Control(OdomFrame(), ScriptedCamera(), inbox)
     assert carry_out(ResetCommand(), control, inbox) == EpochReply(1)
     assert carry_out(PauseCommand(), control, inbox) == PausedReply(True)
@@ -151,7 +151,7 @@ def test_a_reset_returns_the_new_epoch_and_a_pause_the_state() -> None:
 def test_configuration_changes_are_applied_and_refusals_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     camera, bare = ScriptedMotorCamera(), ScriptedCamera()
     appliers: ConfigHandlers = {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),

@@ -26,7 +26,7 @@ from vo_service import app as session
 from vo_service.clock import LiveClock
 from vo_service.config import Config
 from vo_service.config_tables import ZenohConfig
-from vo_service.frame_source import SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.signals import StopSignal
@@ -79,7 +79,7 @@ def shown(sequence: FaultyCamera, collector: CollectingOutput) -> ReceivedSequen
         ours.declare_subscriber("kinect/odom", result.received.on_pose)
         assert output.wait_for_subscriber(10)
         session.run_replay(
-            Config(), sequence, SinglePassSource(sequence), [output, collector], StopSignal()
+            Config(), sequence, FrameSource(sequence), [output, collector], StopSignal()
         )
         output.close()
         last = collector.poses[-1].seq

@@ -9,19 +9,19 @@ from drivers.camera import CameraState, CameraStatus, FrameTimeout
 from drivers.core.errors import CameraLostError, InputError
 from tests.vo_service.fakes import Delay, Event, FakeClock, InstantStop, ScriptedCamera, make_frame
 from vo_service import frame_source
-from vo_service.frame_source import TICK_S, LiveSource, PacedSource, SinglePassSource
+from vo_service.frame_source import TICK_S, FrameSource, LiveSource, PacedSource
 
 LOST = CameraLostError("unplugged; plug it in again")
 
 
-def seqs(stop: threading.Event, source: SinglePassSource | LiveSource) -> list[int | None]:
+def seqs(stop: threading.Event, source: FrameSource | LiveSource) -> list[int | None]:
     return [None if each is None else each.seq for each in source.frames(stop)]
 
 
 def test_one_pass_gives_every_frame_and_ends() -> None:
     camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
     camera.open()
-    plain = SinglePassSource(camera)
+    plain = FrameSource(camera)
     assert seqs(threading.Event(), plain) == [1, 2, 3]
     assert (plain.reason, camera.counters.delivered) == ("", 3)
 
@@ -30,7 +30,7 @@ def test_one_pass_lets_a_lost_camera_reach_the_caller() -> None:
     camera = ScriptedCamera([make_frame(1), LOST])
     camera.open()
     with pytest.raises(CameraLostError, match="unplugged"):
-        seqs(threading.Event(), SinglePassSource(camera))
+        seqs(threading.Event(), FrameSource(camera))
 
 
 class ClockStop(threading.Event):
@@ -68,7 +68,7 @@ def test_a_short_pause_has_no_reason_and_a_second_without_frames_has(
     pauses = [Delay(0.4, FrameTimeout()) for _ in range(3)]
     camera = ScriptedCamera([make_frame(1), *pauses, Delay(0.1, make_frame(2))], clock=clock)
     camera.open()
-    plain = SinglePassSource(camera)
+    plain = FrameSource(camera)
     reasons = [plain.reason for _ in plain.frames(threading.Event())]
     assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
 
@@ -81,7 +81,7 @@ def test_the_cameras_reason_for_missing_frames_is_used_once_none_comes(
     torn = CameraStatus(CameraState.STREAMING, "losing USB packets: 30 of 30 frames torn")
     camera = ScriptedCamera([make_frame(1), *(Delay(0.4, torn) for _ in range(3))], clock=clock)
     camera.open()
-    plain = SinglePassSource(camera)
+    plain = FrameSource(camera)
     assert [plain.reason for _ in plain.frames(threading.Event())] == ["", "", "", torn.reason]
 
 
@@ -126,12 +126,12 @@ def test_an_input_error_reaches_the_caller_and_the_camera_is_closed() -> None:
     assert camera.closed == 1
 
 
-@pytest.mark.parametrize("kind", [SinglePassSource, LiveSource])
+@pytest.mark.parametrize("kind", [FrameSource, LiveSource])
 def test_a_stop_ends_the_source_at_the_next_frame(
-    kind: type[SinglePassSource] | type[LiveSource],
+    kind: type[FrameSource] | type[LiveSource],
 ) -> None:
     camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
-    camera.open() if kind is SinglePassSource else None
+    camera.open() if kind is FrameSource else None
     stop = threading.Event()
     taken = []
     for each in kind(camera).frames(stop):

@@ -27,7 +27,7 @@ from tests.vo_service.sample_map import FixedLoopClosure, make_map
 from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
 from vo_service.clock import LiveClock, RecordedClock
-from vo_service.frame_source import LiveSource, SinglePassSource
+from vo_service.frame_source import FrameSource, LiveSource
 from vo_service.odometry.registry import STAGE_BUDGETS_MS
 from vo_service.types import Estimate, TrackingState
 
@@ -46,7 +46,7 @@ def test_every_frame_goes_to_every_output_in_order() -> None:
         [CollectingOutput(), CollectingOutput()],
     )
     with camera:
-        make_service(SinglePassSource(camera), outputs).run(threading.Event())
+        make_service(FrameSource(camera), outputs).run(threading.Event())
     for output in outputs:
         assert [pose.frame.seq for pose in output.poses] == [0, 1, 2, 3, 4]
         assert [pose.seq for pose in output.poses] == [0, 1, 2, 3, 4]
@@ -112,7 +112,7 @@ def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: Fak
 def test_the_status_has_the_stage_budgets(method: str, budget_ms: Mapping[str, float]) -> None:
     camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
     with camera:
-        make_service(SinglePassSource(camera), [collector], method=method).run(threading.Event())
+        make_service(FrameSource(camera), [collector], method=method).run(threading.Event())
     assert collector.statuses[-1].timing.stage_budget_ms == budget_ms
 
 
@@ -124,7 +124,7 @@ def test_every_pose_and_status_has_the_map() -> None:
     )
     with camera:
         loops = FixedLoopClosure(the_map)
-        make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
+        make_service(FrameSource(camera), [collector], loops=loops).run(threading.Event())
     last = collector.statuses[-1].map
     assert collector.poses[0].map is the_map
     assert (last.keyframes, last.loop_closures, last.is_localized) == (4, 1, False)
@@ -135,7 +135,7 @@ def test_a_map_of_an_earlier_epoch_is_not_localized() -> None:
         camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
         with camera:
             loops = FixedLoopClosure(make_map(epoch=epoch))
-            make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
+            make_service(FrameSource(camera), [collector], loops=loops).run(threading.Event())
         assert collector.poses[0].is_localized == (epoch == 0)
         assert collector.statuses[-1].map.is_localized == (epoch == 0)
 
@@ -194,7 +194,7 @@ def test_a_step_of_the_wall_clock_starts_an_epoch() -> None:
             return super().estimate(given)  # type: ignore[arg-type]
 
     camera, collector = ScriptedCamera([make_frame(k) for k in range(4)]), CollectingOutput()
-    service = make_service(SinglePassSource(camera), [collector], (), stamps, odometry=Stepping())
+    service = make_service(FrameSource(camera), [collector], (), stamps, odometry=Stepping())
     with camera:
         service.run(threading.Event())
     assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
@@ -220,7 +220,7 @@ def test_a_stop_ends_the_loop_after_the_current_frame() -> None:
 
     camera, output = ScriptedCamera([make_frame(k) for k in range(5)]), Stopping()
     with camera:
-        make_service(SinglePassSource(camera), [output]).run(stop)
+        make_service(FrameSource(camera), [output]).run(stop)
     assert len(output.poses) == 1
 
 
@@ -264,7 +264,7 @@ class LosingCamera(ScriptedCamera):
 def test_lost_packets_are_reported_while_tracking() -> None:
     camera, collector = LosingCamera([make_frame(0), make_frame(1)]), CollectingOutput()
     with camera:
-        make_service(SinglePassSource(camera), [collector], camera=camera).run(threading.Event())
+        make_service(FrameSource(camera), [collector], camera=camera).run(threading.Event())
     status = collector.statuses[-1]
     assert (status.state, status.reason) == (TrackingState.TRACKING, camera.status.reason)
 
@@ -273,7 +273,7 @@ def test_warnings_of_outputs_are_in_the_status() -> None:
     camera, faulty_output = ScriptedCamera([make_frame(0)]), CollectingOutput()
     faulty_output.warning = "the disk is full"
     with camera:
-        make_service(SinglePassSource(camera), [CollectingOutput(), faulty_output]).run(
+        make_service(FrameSource(camera), [CollectingOutput(), faulty_output]).run(
             threading.Event()
         )
     assert faulty_output.statuses[-1].warnings == ("the disk is full",)

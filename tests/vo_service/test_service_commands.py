@@ -15,7 +15,7 @@ from tests.vo_service.fakes import (
 from tests.vo_service.service_loop import make_service
 from vo_service import service as service_module
 from vo_service.control import CommandQueue
-from vo_service.frame_source import SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.types import OdometryUpdate
 from vo_service.types.commands import Command, PauseCommand, ResetCommand, ResumeCommand
 
@@ -31,7 +31,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
 class Commander(CollectingOutput):
     """Sends a command after each pose of a script."""
 
-    def __init__(self, inbox: CommandQueue[Command], script: Mapping[int, Command]) -> None:
+    def __init__(self, inbox: CommandQueue, script: Mapping[int, Command]) -> None:
         super().__init__()
         self._inbox, self._script = inbox, script
 
@@ -43,21 +43,21 @@ class Commander(CollectingOutput):
 
 
 def test_a_reset_applies_to_the_next_frame() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     collector = Commander(inbox, {1: ResetCommand()})
     camera = ScriptedCamera([make_frame(k) for k in range(4)])
     with camera:
-        make_service(SinglePassSource(camera), [collector], inbox=inbox).run(threading.Event())
+        make_service(FrameSource(camera), [collector], inbox=inbox).run(threading.Event())
     assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
     assert [pose.reason for pose in collector.poses] == ["", "", "reset", ""]
 
 
 def test_a_pause_is_a_reason_for_missing_poses(clock: FakeClock) -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     collector = Commander(inbox, {1: PauseCommand()})
     camera = ScriptedCamera([Delay(0.2, make_frame(k)) for k in range(20)], clock=clock)
     with camera:
-        make_service(SinglePassSource(camera), [collector], inbox=inbox).run(threading.Event())
+        make_service(FrameSource(camera), [collector], inbox=inbox).run(threading.Event())
     assert [pose.frame.seq for pose in collector.poses] == [0, 1]
     paused = [status for status in collector.statuses if status.paused]
     assert {(status.state.value, status.reason) for status in paused} == {("lost", "paused")}
@@ -65,11 +65,11 @@ def test_a_pause_is_a_reason_for_missing_poses(clock: FakeClock) -> None:
 
 
 def test_after_a_pause_poses_continue() -> None:
-    inbox: CommandQueue[Command] = CommandQueue()
+    inbox = CommandQueue()
     inbox.submit(PauseCommand())
     inbox.submit(ResumeCommand())
     camera, collector = ScriptedCamera([make_frame(k) for k in range(3)]), CollectingOutput()
     with camera:
-        make_service(SinglePassSource(camera), [collector], inbox=inbox).run(threading.Event())
+        make_service(FrameSource(camera), [collector], inbox=inbox).run(threading.Event())
     assert len(collector.poses) == 3
     assert not collector.statuses[-1].paused

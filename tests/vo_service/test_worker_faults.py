@@ -21,13 +21,13 @@ from tests.forked_process import forked_workers
 from tests.resource_leaks import child_pids, is_alive, resources_in_use
 from tests.waiting import wait_until
 from vo_service.config_tables import MapConfig
-from vo_service.outputs.recorder import client as recorder_client
-from vo_service.outputs.recorder.messages import RecorderWorkerConfig
+from vo_service.outputs import recorder
+from vo_service.outputs.recorder import RecorderWorkerConfig
+from vo_service.outputs.rerun import InitialState, RerunWorkerConfig
 from vo_service.outputs.rerun import output as viewer_client
-from vo_service.outputs.rerun.messages import InitialState, RerunWorkerConfig
 from vo_service.outputs.rerun.sinks import RrdFileSink
+from vo_service.slam import mapper
 from vo_service.slam.mapper import MapperWorkerConfig
-from vo_service.slam.mapper import client as mapper_client
 
 pytestmark = pytest.mark.subprocess
 
@@ -67,14 +67,14 @@ def open_viewer(folder: Path) -> OpenWorker:
 def open_recorder(folder: Path) -> OpenWorker:
     ring = RecordRingWriter("frames", 1.0, 1 << 20)
     config = RecorderWorkerConfig(ring.memory, ring.memory, 1.0, folder, 1 << 20, folder, "{}")
-    client = recorder_client.RecorderClient(config)
+    client = recorder.RecorderClient(config)
     return OpenWorker(lambda: client.warning, lambda: _close(client, ring))
 
 
 def open_mapper(folder: Path) -> OpenWorker:
     ring = RecordRingWriter("frames", 1.0, 1 << 20)
     config = MapperWorkerConfig(ring.memory, 0, folder, MapConfig())
-    client = mapper_client.MapperClient(config, lambda message: None, lambda: None, lambda: 0)
+    client = mapper.MapperClient(config, lambda message: None, lambda: None, lambda: 0)
     return OpenWorker(lambda: client.warning, lambda: _close(client, ring))
 
 
@@ -87,8 +87,8 @@ def _close(*parts: HasClose) -> None:
 WORKERS: dict[str, tuple[Callable[[Path], OpenWorker], ModuleType, str]] = {
     "camera": (open_camera, camera_client, "CAMERA_WORKER"),
     "viewer": (open_viewer, viewer_client, "RERUN_WORKER"),
-    "recorder": (open_recorder, recorder_client, "WORKER_SPEC"),
-    "mapper": (open_mapper, mapper_client, "WORKER_SPEC"),
+    "recorder": (open_recorder, recorder, "WORKER_SPEC"),
+    "mapper": (open_mapper, mapper, "WORKER_SPEC"),
 }
 MakeFaulty = Callable[[str], OpenWorker]
 

@@ -23,6 +23,7 @@ from vo_service.tools.benchmark.methods import (
 )
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
 from vo_service.tools.benchmark.recordings import BenchmarkRecording, open_recordings
+from vo_service.tools.benchmark.report import ComparisonMetadata
 from vo_service.tools.benchmark.report.comparison_report import (
     ComparisonReport,
     write_comparison_report,
@@ -32,7 +33,6 @@ from vo_service.tools.benchmark.report.comparison_tables import (
     loop_closure_table,
     time_table,
 )
-from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
 from vo_service.tools.benchmark.results import SequenceResults, collect_results
 
 EPILOG = """\

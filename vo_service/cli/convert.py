@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from drivers.recording.recording import Recording
+from drivers.recording import Recording
 from vo_service.cli.options import add_topics_option
 from vo_service.cli.recordings import RECORDING_HELP, open_and_announce
 from vo_service.signals import stop_on_signals

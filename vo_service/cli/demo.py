@@ -21,7 +21,7 @@ from vo_service.cli.options import (
 )
 from vo_service.cli.warm_up import prepare_kernels
 from vo_service.frame_source import PacedSource
-from vo_service.outputs.state_log import ProgressOutput
+from vo_service.outputs.status import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.connection import ConnectOnFreePort
 from vo_service.signals import stop_on_signals

@@ -8,7 +8,7 @@ import sys
 from contextlib import closing
 from functools import partial
 from queue import Empty, SimpleQueue
-from typing import Any, Protocol
+from typing import Any
 
 import zenoh
 
@@ -16,7 +16,7 @@ from vo_service.cli.options import add_connection_options
 from vo_service.client.connection import BackgroundConnection
 from vo_service.config_tables import ZenohConfig, check_prefix
 from vo_service.outputs.zenoh.session import check_endpoint
-from vo_service.ros_messages.navigation import (
+from vo_service.ros_messages import (
     OdometryMessage,
     TransformMessage,
     decode_odometry,
@@ -41,19 +41,6 @@ _STARTUP_WAIT_S = 1.0
 def print_notice(text: str) -> None:
     """Print a notice to stderr; poses go to stdout."""
     print(f"listen: {text}", file=sys.stderr, flush=True)
-
-
-class PosePrinter(Protocol):
-    """Prints poses and changes of the status and of the map."""
-
-    def print_pose(self, message: OdometryMessage, attachment: dict[str, Any]) -> None:
-        """Print one pose, with fields of the sample's attachment."""
-
-    def print_status(self, content: dict[str, Any]) -> None:
-        """Print a status whose state or reason has changed."""
-
-    def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
-        """Print a changed map->odom transform, with fields of the sample's attachment."""
 
 
 class TextPosePrinter:
@@ -133,6 +120,9 @@ class JsonPosePrinter:
 
     def _print(self, **content: Any) -> None:
         print(json.dumps(content), flush=True)
+
+
+PosePrinter = TextPosePrinter | JsonPosePrinter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

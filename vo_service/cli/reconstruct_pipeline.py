@@ -18,7 +18,7 @@ from drivers.core.geometry import (
     has_match,
     read_trajectory,
 )
-from drivers.recording.recording import Recording
+from drivers.recording import Recording
 from drivers.recording_camera import RecordingCamera
 from vo_service.app import run_replay
 from vo_service.cli.loop_closure_options import make_loop_closure
@@ -26,9 +26,9 @@ from vo_service.cli.options import load_config, requested_topics
 from vo_service.cli.recordings import open_requested
 from vo_service.cli.warm_up import prepare_kernels, run_warm_up
 from vo_service.config import Config
-from vo_service.frame_source import SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
-from vo_service.outputs.state_log import ProgressOutput
+from vo_service.outputs.status import ProgressOutput
 from vo_service.reconstruction import warm_up_reconstruction
 from vo_service.reconstruction.reconstructor import (
     FramePoses,
@@ -84,7 +84,7 @@ def track_recording(
         progress = ProgressOutput(terminal, "tracking", camera.frame_count)
         own: list[Output] = [*([loop_closure] if loop_closure else []), recorder, progress]
         run_replay(
-            config, camera, SinglePassSource(camera), own, stop, loop_closure or NullLoopClosure()
+            config, camera, FrameSource(camera), own, stop, loop_closure or NullLoopClosure()
         )
     for output in own:
         output.close()

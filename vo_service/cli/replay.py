@@ -24,8 +24,8 @@ from vo_service.cli.options import (
 )
 from vo_service.cli.recordings import RECORDING_HELP, replayed_recording
 from vo_service.cli.warm_up import prepare_kernels
-from vo_service.frame_source import SinglePassSource
-from vo_service.outputs.state_log import ProgressOutput
+from vo_service.frame_source import FrameSource
+from vo_service.outputs.status import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort
 from vo_service.signals import stop_on_signals
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
         own: list[Output] = [recorder, *([loop_closure] if loop_closure else []), progress]
         with open_outputs(request) as opened, stop_on_signals() as stop:
             outputs = [*opened.outputs, *own]
-            frame_source = SinglePassSource(camera)
+            frame_source = FrameSource(camera)
             result = run_replay(
                 config, camera, frame_source, outputs, stop, loop_closure or NullLoopClosure()
             )

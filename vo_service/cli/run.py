@@ -37,8 +37,7 @@ from vo_service.cli.warm_up import loops_are_prepared, prepare_kernels, prepare_
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level
-from vo_service.outputs.state_log import ProgressOutput, StateLogOutput
-from vo_service.outputs.systemd import SystemdOutput
+from vo_service.outputs.status import ProgressOutput, StateLogOutput, SystemdOutput
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
 from vo_service.outputs.zenoh.output import ExtraEndpoints
 from vo_service.outputs.zenoh.queryables import CommandEndpoint, make_command_endpoint
@@ -51,7 +50,6 @@ from vo_service.signals import (
     stop_on_signals,
 )
 from vo_service.terminal import Terminal
-from vo_service.types.commands import Command
 from vo_service.types.outputs import Output
 
 EPILOG = """\
@@ -118,7 +116,7 @@ def _serve(
 ) -> None:
     """Open the parts, run the loop, and close the parts in reverse order."""
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
-    command_queue: CommandQueue[Command] = CommandQueue()
+    command_queue = CommandQueue()
     commands = make_command_endpoint(config.commands, command_queue)
     reloader = ConfigReloader(config, lambda: load_config(args))
     systemd = SystemdOutput()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior, TimingSource
 from drivers.core.errors import InputError
 from drivers.core.plugins import PluginGroup
-from vo_service.odometry.profiling import NullStageTimer, StageTimer
+from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.types import Odometry
 
 DEFAULT_METHOD = "direct"

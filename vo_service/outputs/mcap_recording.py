@@ -14,18 +14,19 @@ from drivers.core.files import rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MIN_FREE_BYTES
-from vo_service.outputs.frames.topics import timing_payload
-from vo_service.outputs.zenoh.messages import (
+from vo_service.outputs.frames import timing_payload
+from vo_service.outputs.zenoh import (
     FrameIds,
     pose_attachment,
     pose_payload,
     pose_transforms,
 )
-from vo_service.ros_messages import STRING_SCHEMA, encode_string
-from vo_service.ros_messages.navigation import (
+from vo_service.ros_messages import (
     ODOMETRY_SCHEMA,
+    STRING_SCHEMA,
     TRANSFORMS_SCHEMA,
     TransformMessage,
+    encode_string,
     encode_transforms,
 )
 from vo_service.types import OdometryUpdate

@@ -12,7 +12,7 @@ from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory, nea
 from vo_service.reconstruction.mesh import Mesh, UpDirectionEstimator
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.types import OdometryUpdate, TrackingState
-from vo_service.types.messages import Status
+from vo_service.types.outputs import OutputBase
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,11 @@ class FramePoses:
         return self._poses.T_world_camera[index] if is_near else None
 
 
-class TrackedPoseRecorder:
+class TrackedPoseRecorder(OutputBase):
     """Output that stores the poses for a map: those in state `tracking`.
 
     Each epoch has its own list, as poses before and after a loss are not in one world frame.
     """
-
-    warning = ""
 
     def __init__(self) -> None:
         self._poses_by_epoch: dict[int, list[tuple[float, Array]]] = {}
@@ -73,12 +71,6 @@ class TrackedPoseRecorder:
         if update.state is TrackingState.TRACKING:
             poses = self._poses_by_epoch.setdefault(update.epoch, [])
             poses.append((update.frame.stamp_s, update.T_world_camera))
-
-    def on_status(self, status: Status) -> None:
-        """Do nothing: only poses are stored."""
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
 
     def apply_correction(
         self, corrected: Trajectory, are_connected: Callable[[int, int], bool]

@@ -1,20 +1,21 @@
-"""ROS 2 messages in plain CDR: a writer and a reader of single fields. Needs only numpy.
+"""ROS 2 messages in plain CDR, and those of poses and transforms. Needs only numpy.
 
 Layout: 4 bytes of header (``00 01 00 00``, little endian), then the fields in order. Each field is
 aligned to its own size, counted from the end of the header (OMG DDS-XTypes, "plain CDR").
-`navigation` and `sensors` have the messages.
+`sensors` has the messages of a camera.
 """
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array
+from drivers.core.geometry import Array, quaternion_from_rotation, transform_from_pose
 
 CDR_HEADER = b"\x00\x01\x00\x00"
 _STAMP = struct.Struct("<iI")
@@ -177,3 +178,175 @@ def split_stamp(stamp_s: float) -> tuple[int, int]:
     if not -(2**31) <= sec < 2**31:
         raise ValueError(f"stamp {stamp_s} s does not fit ROS 2's 32 bits for seconds")
     return sec, nanosec
+
+
+ODOMETRY_SCHEMA = "nav_msgs/msg/Odometry"
+TRANSFORM_SCHEMA = "geometry_msgs/msg/TransformStamped"
+TRANSFORMS_SCHEMA = "tf2_msgs/msg/TFMessage"
+# position 3, quaternion 4, covariance 36, twist 6, covariance 36
+_ODOMETRY_NUMBERS = 85
+# translation 3, quaternion 4
+_TRANSFORM_NUMBERS = 7
+
+
+@dataclass(frozen=True)
+class OdometryMessage:
+    """One odometry message.
+
+    Attributes:
+        stamp_s: Stamp of the pose, Unix seconds.
+        frame_id: Parent frame of the pose.
+        child_frame_id: Frame that moves; the twist is in its axes.
+        T_frame_child: 4x4 pose, meters.
+        pose_covariance: 6x6, order x y z rx ry rz, axes of `frame_id`.
+        twist: (6,) m/s and rad/s.
+        twist_covariance: 6x6.
+    """
+
+    stamp_s: float
+    frame_id: str
+    child_frame_id: str
+    T_frame_child: Array
+    pose_covariance: Array
+    twist: Array
+    twist_covariance: Array
+
+    @property
+    def position_m(self) -> Array:
+        """(3,) position of the child frame, meters."""
+        position: Array = self.T_frame_child[:3, 3]
+        return position
+
+    @property
+    def quaternion_xyzw(self) -> Array:
+        """(4,) orientation of the child frame."""
+        return quaternion_from_rotation(self.T_frame_child[:3, :3])
+
+
+def encode_odometry(message: OdometryMessage) -> bytes:
+    """Encode a message as CDR.
+
+    Raises:
+        ValueError: A number is not finite, or the stamp does not fit.
+    """
+    numbers = np.concatenate(
+        [
+            message.position_m,
+            message.quaternion_xyzw,
+            message.pose_covariance.ravel(),
+            message.twist,
+            message.twist_covariance.ravel(),
+        ]
+    )
+    if not np.all(np.isfinite(numbers)):
+        raise ValueError(f"odometry at {message.stamp_s} s has a number that is not finite")
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.string(message.child_frame_id)
+    writer.float64s(numbers)
+    return writer.to_bytes()
+
+
+def decode_odometry(payload: BytesLike) -> OdometryMessage:
+    """Decode a message from `encode_odometry` or any ROS 2 node.
+
+    Raises:
+        ValueError: The bytes are not a little-endian Odometry message.
+    """
+    with reading(payload, ODOMETRY_SCHEMA) as reader:
+        stamp_s, frame_id = reader.header()
+        child_frame_id = reader.string()
+        numbers = reader.float64s(_ODOMETRY_NUMBERS)
+    return OdometryMessage(
+        stamp_s=stamp_s,
+        frame_id=frame_id,
+        child_frame_id=child_frame_id,
+        T_frame_child=transform_from_pose(numbers[:3], numbers[3:7]),
+        pose_covariance=numbers[7:43].reshape(6, 6),
+        twist=numbers[43:49],
+        twist_covariance=numbers[49:85].reshape(6, 6),
+    )
+
+
+@dataclass(frozen=True)
+class TransformMessage:
+    """Transform between two frames.
+
+    Attributes:
+        stamp_s: Stamp of the transform, Unix seconds.
+        frame_id: Parent frame.
+        child_frame_id: Child frame.
+        T_frame_child: 4x4, meters.
+    """
+
+    stamp_s: float
+    frame_id: str
+    child_frame_id: str
+    T_frame_child: Array
+
+    @property
+    def translation_m(self) -> Array:
+        """(3,) position of the child frame, meters."""
+        translation: Array = self.T_frame_child[:3, 3]
+        return translation
+
+    @property
+    def quaternion_xyzw(self) -> Array:
+        """(4,) orientation of the child frame."""
+        return quaternion_from_rotation(self.T_frame_child[:3, :3])
+
+
+def encode_transform(message: TransformMessage) -> bytes:
+    """Encode a ``TransformStamped`` as CDR.
+
+    Raises:
+        ValueError: A number is not finite, or the stamp does not fit.
+    """
+    writer = CdrWriter()
+    _write_transform(writer, message)
+    return writer.to_bytes()
+
+
+def encode_transforms(messages: Sequence[TransformMessage]) -> bytes:
+    """Encode transforms as one ``TFMessage``. Raises as `encode_transform`."""
+    writer = CdrWriter()
+    writer.uint32(len(messages))
+    for message in messages:
+        _write_transform(writer, message)
+    return writer.to_bytes()
+
+
+def decode_transform(payload: BytesLike) -> TransformMessage:
+    """Decode a message from `encode_transform` or any ROS 2 node.
+
+    Raises:
+        ValueError: The bytes are not a little-endian TransformStamped message.
+    """
+    with reading(payload, TRANSFORM_SCHEMA) as reader:
+        return _read_transform(reader)
+
+
+def decode_transforms(payload: BytesLike) -> list[TransformMessage]:
+    """Decode a ``TFMessage``.
+
+    Raises:
+        ValueError: The bytes are not a little-endian TFMessage.
+    """
+    with reading(payload, TRANSFORMS_SCHEMA) as reader:
+        return [_read_transform(reader) for _ in range(reader.uint32())]
+
+
+def _write_transform(writer: CdrWriter, message: TransformMessage) -> None:
+    if not np.all(np.isfinite(message.T_frame_child)):
+        raise ValueError(f"transform at {message.stamp_s} s has a number that is not finite")
+    writer.header(message.stamp_s, message.frame_id)
+    writer.string(message.child_frame_id)
+    writer.float64s(np.concatenate([message.translation_m, message.quaternion_xyzw]))
+
+
+def _read_transform(reader: CdrReader) -> TransformMessage:
+    stamp_s, frame_id = reader.header()
+    child_frame_id = reader.string()
+    numbers = reader.float64s(_TRANSFORM_NUMBERS)
+    T_frame_child = transform_from_pose(numbers[:3], numbers[3:])
+    return TransformMessage(stamp_s, frame_id, child_frame_id, T_frame_child)

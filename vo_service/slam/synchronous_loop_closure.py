@@ -18,16 +18,14 @@ from vo_service.slam.map_file import MapContents
 from vo_service.slam.place_recognizer import PlaceRecognizer
 from vo_service.slam.pose_graph import OptimizedTrajectory, PoseGraph
 from vo_service.types import Estimate, Odometry, OdometryUpdate
-from vo_service.types.messages import Status
+from vo_service.types.outputs import OutputBase
 
 
-class SynchronousLoopClosure:
+class SynchronousLoopClosure(OutputBase):
     """Output that makes keyframes of the frames, and relocalizer of a `RelocalizingOdometry`.
 
     The world frame of its keyframes is `odom`, as that of the published poses.
     """
-
-    warning = ""
 
     def __init__(self, loop_closer: LoopCloser) -> None:
         self.loop_closer = loop_closer
@@ -59,9 +57,6 @@ class SynchronousLoopClosure:
             self._T_world_odom = update.T_world_camera @ inverse(T_odom_camera)
             T_keyframe_camera = inverse(keyframe.T_world_keyframe) @ T_odom_camera
             self._optimized_trajectory.add(update.frame.stamp_s, keyframe.number, T_keyframe_camera)
-
-    def on_status(self, status: Status) -> None:
-        """Do nothing."""
 
     def close(self) -> None:
         """Optimize the last loops."""

@@ -15,16 +15,18 @@ from drivers.calibration import CameraCalibration
 from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import is_disk_full
 from drivers.core.geometry import Array, Trajectory, Vector
-from drivers.recording.frames import EncodedFrame, FrameReader, FrameStamps, calibration_of_frame
-from drivers.recording.images import (
+from drivers.recording import (
     JPEG_START,
+    AccelerometerSeries,
     BgrImage,
     ColorFormat,
     DepthImage,
+    Recording,
     UnreadableFrameError,
     encode_image,
 )
-from drivers.recording.recording import AccelerometerSeries, Recording
+from drivers.recording.frames import EncodedFrame, FrameStamps, calibration_of_frame
+from drivers.recording.prefetch import FrameReader
 from drivers.recording_camera import check_bag_packages
 from drivers.tum.writer import TumWriter
 

@@ -79,6 +79,13 @@ class CommandError(Exception):
         self.code = code
 
 
+class NotPossibleError(CommandError):
+    """A command that cannot be done with this camera or this configuration, or not now."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(ErrorCode.NOT_POSSIBLE, reason)
+
+
 class TypedCommand(Generic[Reply]):
     """Base of the commands: frozen dataclasses whose fields are the arguments.
 

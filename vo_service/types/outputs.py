@@ -7,7 +7,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Trajectory
 from vo_service.config_tables import MapConfig, RecorderConfig
 from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
-from vo_service.types.commands import CommandError, ErrorCode
+from vo_service.types.commands import NotPossibleError
 from vo_service.types.messages import MapState, Status
 
 # Returns the ground truth, or None. Called after the first frame: before it, a live camera's ground
@@ -51,6 +51,25 @@ class Output(HasWarning, Protocol):
             UserFacingError: On the first call, if data was lost.
         """
         ...
+
+
+class OutputBase:
+    """Base of outputs that need only some methods of `Output`; the others do nothing.
+
+    Attributes:
+        warning: Fault for the status; "" = none.
+    """
+
+    warning = ""
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Ignore the update."""
+
+    def on_status(self, status: Status) -> None:
+        """Ignore the status."""
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
 
 
 class PausableViewer(Protocol):
@@ -113,12 +132,8 @@ class Recorder(Output, Protocol):
         ...
 
 
-class NullRecorder:
-    """Null recorder: commands fail with the given reason.
-
-    Attributes:
-        warning: Fault for the status; "" = none.
-    """
+class NullRecorder(OutputBase):
+    """Null recorder: commands fail with the given reason."""
 
     recording = ""
 
@@ -126,29 +141,20 @@ class NullRecorder:
         self._reason = reason
         self.warning = warning
 
-    def on_update(self, update: OdometryUpdate) -> None:
-        """Ignore the update."""
-
-    def on_status(self, status: Status) -> None:
-        """Ignore the status."""
-
     def save(self, reason: str) -> str:
         """Raise CommandError with the given reason."""
-        raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
+        raise NotPossibleError(self._reason)
 
     def start_recording(self, name: str) -> str:
         """Raise CommandError with the given reason."""
-        raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
+        raise NotPossibleError(self._reason)
 
     def stop_recording(self) -> str:
         """Raise CommandError with the given reason."""
-        raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
+        raise NotPossibleError(self._reason)
 
     def configure(self, settings: RecorderConfig) -> None:
         """Ignore the settings."""
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
 
 
 class LoopClosure(Protocol):
@@ -224,12 +230,8 @@ class Mapper(Output, Protocol):
         ...
 
 
-class NullMapper:
-    """Null mapper: commands fail with the given reason.
-
-    Attributes:
-        warning: Fault for the status; "" = none.
-    """
+class NullMapper(OutputBase):
+    """Null mapper: commands fail with the given reason."""
 
     state = MapState()
     loop_closure: LoopClosure = NullLoopClosure()
@@ -238,25 +240,16 @@ class NullMapper:
         self._reason = reason
         self.warning = warning
 
-    def on_update(self, update: OdometryUpdate) -> None:
-        """Ignore the update."""
-
-    def on_status(self, status: Status) -> None:
-        """Ignore the status."""
-
     def save(self, name: str) -> MapState:
         """Raise CommandError with the given reason."""
-        raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
+        raise NotPossibleError(self._reason)
 
     def load(self, name: str) -> MapState:
         """Raise CommandError with the given reason."""
-        raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
+        raise NotPossibleError(self._reason)
 
     def configure(self, settings: MapConfig) -> None:
         """Ignore the settings."""
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
 
 
 class SensorMemory(Output, Protocol):
@@ -267,12 +260,8 @@ class SensorMemory(Output, Protocol):
         ...
 
 
-class NullSensorMemory:
-    """Null memory: nothing is used or saved.
-
-    Attributes:
-        warning: Fault for the status; "" = none.
-    """
+class NullSensorMemory(OutputBase):
+    """Null memory: nothing is used or saved."""
 
     def __init__(self, warning: str = "") -> None:
         self.warning = warning
@@ -280,12 +269,3 @@ class NullSensorMemory:
     def apply(self, frame: RgbdFrame) -> RgbdFrame:
         """Return the frame unchanged."""
         return frame
-
-    def on_update(self, update: OdometryUpdate) -> None:
-        """Ignore the update."""
-
-    def on_status(self, status: Status) -> None:
-        """Ignore the status."""
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""

@@ -12,7 +12,7 @@ from drivers.freenect import PACKAGE, SONAME
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.sources import KinectSource
-from drivers.kinect_usb.motor_unit import MotorUnit, NullMotorUnit
+from drivers.kinect_usb.motor_unit import MotorUnit
 from tests.simulators.fixtures import SimulateKinect
 from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator
 from tests.simulators.requirements import require_library
@@ -35,7 +35,7 @@ def make_camera() -> Iterator[MakeCamera]:
             serial: str = "",
             settings: SensorConfig = SensorConfig(),  # noqa: B008 (frozen)
             camera_file: Path | None = None,
-            motor_unit: MotorUnit = NullMotorUnit(),  # noqa: B008 (nothing in it)
+            motor_unit: MotorUnit = MotorUnit(),  # noqa: B008 (nothing in it)
         ) -> FreenectCamera:
             images = KinectRectifier(camera_file, settings.mirror)
             camera = FreenectCamera(KinectSource(serial, settings), images, motor_unit, settings)

@@ -14,14 +14,14 @@ from drivers.freenect import session
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.sources import KinectSource
-from drivers.kinect_usb.motor_unit import NullMotorUnit
+from drivers.kinect_usb.motor_unit import MotorUnit
 
 session.START_TIMEOUT_S = camera_module.RELEASE_TIMEOUT_S = 0.5
 session.STOP_TIMEOUT_S = 0.2
 
 settings = SensorConfig()
 camera = FreenectCamera(
-    KinectSource("", settings), KinectRectifier(None, False), NullMotorUnit(), settings
+    KinectSource("", settings), KinectRectifier(None, False), MotorUnit(), settings
 )
 if sys.argv[1] == "close":
     camera.open()

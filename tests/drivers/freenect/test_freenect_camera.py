@@ -11,7 +11,7 @@ from drivers.camera import CameraState, RgbdFrame, SensorConfig
 from drivers.core.errors import CameraLostError, CameraNotFoundError
 from drivers.freenect.rectify import DEFAULT_CALIBRATION
 from drivers.freenect.sources import list_kinects
-from drivers.rectify import make_undistorter
+from drivers.rectify import Undistorter
 from tests.drivers.freenect.conftest import MakeCamera, plug_in
 from tests.simulators.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
 from tests.simulators.kinect_registration import quantize_mm
@@ -136,7 +136,7 @@ def test_the_camera_file_gives_distortion_intrinsics_and_depth_scale(
     file.write_text(format_calibration(bent))
     with make_camera(camera_file=file) as camera:
         frame = camera.read(3.0)
-    lens = make_undistorter(bent.pinhole, bent.distortion)
+    lens = Undistorter(bent.pinhole, bent.distortion)
     expected = [
         lens.undistort_depth(quantize_mm(pattern_frame(seq)[1])) for seq in range(FRAME_COUNT)
     ]

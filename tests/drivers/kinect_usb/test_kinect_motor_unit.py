@@ -11,7 +11,7 @@ from drivers.camera import MAX_ACCELEROMETER_READINGS, Led, SensorConfig
 from drivers.core.errors import CameraError, UserFacingError
 from drivers.kinect_usb import kinect_motor_unit
 from drivers.kinect_usb.kinect_motor_unit import Kinect1414Motor, KinectMotorUnit
-from drivers.kinect_usb.motor_unit import MotorDevice, MotorUnit, MotorUnitReading, NullMotorUnit
+from drivers.kinect_usb.motor_unit import MotorDevice, MotorUnit, MotorUnitReading
 from tests.resource_leaks import resources_in_use
 from tests.simulators.kinect_simulator import KinectLed as SimulatedLed
 from tests.simulators.kinect_simulator import KinectModel, KinectSimulator
@@ -260,7 +260,7 @@ def test_without_libusb_there_is_no_motor_unit(
 
 
 def test_a_camera_without_a_motor_unit_has_no_gravity() -> None:
-    motor_unit: MotorUnit = NullMotorUnit()
+    motor_unit = MotorUnit()
     motor_unit.open("A1")
     motor_unit.apply(SensorConfig())
     motor_unit.close()

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.recording.images import PNG_SIGNATURE, UnreadableFrameError
-from drivers.recording.recording import FramePair
+from drivers.recording import PNG_SIGNATURE, FramePair, UnreadableFrameError
 from drivers.tum import ListedImage
 
 SIZE = (64, 48)

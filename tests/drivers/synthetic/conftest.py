@@ -7,7 +7,7 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.room import ROOM_HEIGHT_M
 from tests.drivers.synthetic.cached_cameras import CachedCameras, RendererFactory

@@ -20,7 +20,7 @@ from drivers.core.geometry import (
 )
 from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CubicSpline
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import make_renderer, pixel_rays
 from drivers.synthetic.room import ROOM_HEIGHT_M
 

@@ -18,7 +18,7 @@ from drivers.synthetic import (
     SyntheticConfig,
 )
 from drivers.synthetic.dynamic_objects import make_dynamic_objects
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel, make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 

@@ -8,9 +8,8 @@ import pytest
 
 from drivers.core.geometry import Array, rotation_angle_rad
 from drivers.synthetic import MotionKind, SyntheticConfig
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import CREEP_SPEED_M_S, make_motion
 from drivers.synthetic.renderer import make_renderer
-from drivers.synthetic.scripted_motion import CREEP_SPEED_M_S
 
 CONFIG = SyntheticConfig(duration_s=20.0)
 TIMES_S = np.linspace(0.0, 20.0, 2001)

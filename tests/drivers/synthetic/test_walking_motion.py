@@ -12,7 +12,7 @@ from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations
 from drivers.synthetic.furniture import Solids
 from drivers.synthetic.human_motion import TourMotion
-from drivers.synthetic.motion_factory import make_motion
+from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.room import HALF_TURN, ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid

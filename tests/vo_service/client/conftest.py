@@ -10,7 +10,8 @@ from tests.vo_service.client.fake_service import (
     running_fake_service,
 )
 from tests.waiting import wait_until
-from vo_service.client import PoseClient, subscription
+from vo_service import PoseClient
+from vo_service.client import subscription
 
 
 @pytest.fixture(scope="module")

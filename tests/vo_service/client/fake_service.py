@@ -11,10 +11,10 @@ import zenoh
 from drivers.core.geometry import rigid_transform
 from tests.ports import free_port
 from tests.waiting import wait_until
-from vo_service.client import Pose, PoseClient
+from vo_service import Pose, PoseClient
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.ros_messages.navigation import (
+from vo_service.ros_messages import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,

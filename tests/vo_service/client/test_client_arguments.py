@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from tests.vo_service.client.fake_service import find_free_endpoint
-from vo_service.client import InputError, PoseClient, ServiceUnavailable
+from vo_service import InputError, PoseClient, ServiceUnavailable
 from vo_service.types.commands import PauseCommand, TiltCommand
 
 NAN = float("nan")

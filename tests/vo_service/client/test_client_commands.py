@@ -16,7 +16,7 @@ from tests.vo_service.client.fake_service import (
     running_fake_service,
 )
 from tests.waiting import wait_until
-from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
+from vo_service import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.types.commands import (
     COMMANDS,
     Command,

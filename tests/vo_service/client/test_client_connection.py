@@ -10,7 +10,7 @@ import pytest
 from drivers.core.errors import InputError
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
-from vo_service.client import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
+from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
 
 pytestmark = pytest.mark.zenoh
 

@@ -10,7 +10,7 @@ from tests.vo_service.client.fake_service import (
     running_fake_service,
 )
 from tests.waiting import wait_until
-from vo_service.client import CommandRefused, MapOdom, PoseClient
+from vo_service import CommandRefused, MapOdom, PoseClient
 
 pytestmark = pytest.mark.zenoh
 

@@ -11,13 +11,8 @@ from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.security.conftest import keys, network, robot
 from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot
 from tests.waiting import wait_until
-from vo_service.client import (
-    PoseClient,
-    PoseUnavailable,
-    PoseUnavailableReason,
-    ServiceUnavailable,
-    connection,
-)
+from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
+from vo_service.client import connection
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.types import OdometryUpdate

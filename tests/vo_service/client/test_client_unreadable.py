@@ -4,7 +4,7 @@ import pytest
 
 from tests.vo_service.client.fake_service import ServiceAndClient, publish_and_receive
 from tests.waiting import wait_until
-from vo_service.client import PoseUnavailable, PoseUnavailableReason
+from vo_service import PoseUnavailable, PoseUnavailableReason
 
 pytestmark = pytest.mark.zenoh
 

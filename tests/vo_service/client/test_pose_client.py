@@ -12,7 +12,7 @@ from tests.vo_service.client.fake_service import (
     wait_for_pose,
 )
 from tests.waiting import wait_until
-from vo_service.client import Pose, PoseUnavailable, PoseUnavailableReason
+from vo_service import Pose, PoseUnavailable, PoseUnavailableReason
 
 pytestmark = pytest.mark.zenoh
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from vo_service.odometry import profiling
-from vo_service.odometry.profiling import CpuStageTimer
+from vo_service import odometry
+from vo_service.odometry import CpuStageTimer
 
 
 class TickingClock:
@@ -19,7 +19,7 @@ class TickingClock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> CpuStageTimer:
-    monkeypatch.setattr(profiling, "time", TickingClock())
+    monkeypatch.setattr(odometry, "time", TickingClock())
     return CpuStageTimer()
 
 

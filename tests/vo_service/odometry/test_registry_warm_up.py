@@ -4,8 +4,7 @@ import numpy as np
 
 from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry import features, ransac
-from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry import NullStageTimer, features, ransac
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 from vo_service.odometry.surf import descriptor, detector, recovery
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.ros_messages import split_stamp
-from vo_service.ros_messages.navigation import (
+from vo_service.ros_messages import (
     OdometryMessage,
     TransformMessage,
     decode_odometry,
@@ -20,6 +19,7 @@ from vo_service.ros_messages.navigation import (
     encode_odometry,
     encode_transform,
     encode_transforms,
+    split_stamp,
 )
 
 ROS = get_typestore(Stores.ROS2_JAZZY)

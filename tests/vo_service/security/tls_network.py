@@ -96,7 +96,7 @@ class TlsRobot:
         self.stop = threading.Event()
         self.executed: list[Command] = []
         self._make_update = make_update
-        self._command_queue: CommandQueue[Command] = CommandQueue()
+        self._command_queue = CommandQueue()
         commands = make_command_endpoint(CommandConfig(), self._command_queue)
         config = ZenohConfig(config_file=file)
         self._output = ZenohOutput(config, extra_endpoints=ExtraEndpoints(commands))

@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
+from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.direct.alignment import (
     IDENTITY_BRIGHTNESS,
     STATIC_PRIOR,
@@ -50,7 +51,6 @@ from vo_service.odometry.direct.recovery import (
     rejection_reason_after,
     retry_without_half,
 )
-from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.types import Estimate, TrackingDebug
 

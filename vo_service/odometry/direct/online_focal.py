@@ -20,6 +20,7 @@ import numpy as np
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.direct.gauss_newton import add_residual, fill_jacobian, marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
@@ -60,7 +61,6 @@ from vo_service.odometry.direct.residuals import (
     student_curvature,
     student_weight,
 )
-from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Estimate, OnlineFocalLength
 
 # Pose (6), gain, offset, focal length.

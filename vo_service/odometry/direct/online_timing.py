@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, adjoint, inverse
+from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.direct.gauss_newton import marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
@@ -50,7 +51,6 @@ from vo_service.odometry.direct.timing_search import (
     TimingSearchResult,
     needs_search,
 )
-from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.types import Estimate, OnlineTiming
 
 

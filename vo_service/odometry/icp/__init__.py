@@ -2,5 +2,5 @@
 
 Reading order: `depth_pyramid` (the depth image in three sizes), `planes` (planes of the reference),
 `residuals` (distances of a frame's surfaces from them), `alignment` (the motion that minimizes
-them), `track` (validity and covariance; the reference and the last good frame), and `odometry`.
+them), and `odometry` (validity and covariance; the reference and the last good frame).
 """

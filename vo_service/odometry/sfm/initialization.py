@@ -6,10 +6,10 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform
+from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import UnscaledMotion, triangulate
 from vo_service.odometry.sfm.keyframe import SfmPoints, pair_rays
 from vo_service.odometry.sfm.mono_frame import RayPairs, ShutterMotion
-from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.registered_view import MatchedView, RegisteredView, RegistrationFailure
 from vo_service.odometry.sfm.scale import InitialPair, ScaleSource
 from vo_service.odometry.sfm.two_view_refinement import TwoViewEstimate, refine_two_view

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
+from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.features import MatchVerifier, match_features
-from vo_service.odometry.profiling import NullStageTimer, StageTimer
+from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import find_unscaled_motion
 from vo_service.odometry.sfm.initialization import SfmInitializer
 from vo_service.odometry.sfm.keyframe import SfmKeyframe
 from vo_service.odometry.sfm.mono_frame import MonoFrame
-from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.registered_view import MatchedView, RegisteredView, RegistrationFailure
 from vo_service.odometry.sfm.scale import FirstDepthScale, ScaleSource, propose_scaled_motions
 from vo_service.odometry.sfm.trajectory_state import TrajectoryState, TrajectoryStep

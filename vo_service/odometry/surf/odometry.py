@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
+from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.features import (
     FeatureView,
     SurfParameters,
@@ -19,7 +20,6 @@ from vo_service.odometry.features import (
     pair_points,
     select_pairs_with_depth,
 )
-from vo_service.odometry.profiling import NullStageTimer, StageTimer
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import Features, SurfExtractor
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery

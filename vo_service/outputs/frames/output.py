@@ -2,29 +2,27 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import zenoh
 import zenoh.shm
 
 from drivers.core.flow_control import DropOldestQueue, Throttle, WorkerThread
-from drivers.core.geometry import Array
-from vo_service.config_tables import FramesConfig, Ros2Config, ZenohConfig
-from vo_service.outputs.frames.topics import FrameTopic, frame_attachment, make_topics
-from vo_service.outputs.zenoh.ros2 import (
-    RosNode,
-    RosTopic,
-    StaticTransformPublisher,
-    encode_attachment,
-    node_name,
-    publisher_gid,
-    ros_type,
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.frames import (
+    FrameKeyPublisher,
+    FrameOutputConfig,
+    FrameTopic,
+    frame_attachment,
+    make_topics,
 )
 from vo_service.outputs.zenoh.session_check import endpoints_without_roles
-from vo_service.ros_messages.navigation import TransformMessage
 from vo_service.types import OdometryUpdate
-from vo_service.types.messages import Status
+from vo_service.types.outputs import OutputBase
+
+if TYPE_CHECKING:  # loaded only if it is enabled
+    from vo_service.outputs.frames.ros2 import RosFrames
 
 logger = logging.getLogger(__name__)
 
@@ -75,41 +73,6 @@ class SharedPayloads:
         return [pool]
 
 
-# Makes the attachment of a sample from the frame's own one.
-AttachmentMaker = Callable[[bytes], bytes]
-
-
-class FrameKeyPublisher:
-    """Publisher of one key that knows whether somebody subscribes.
-
-    Frames give way to everything else on a link, and a reader that is too slow loses them.
-    """
-
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key: str,
-        encoding: zenoh.Encoding,
-        make_attachment: AttachmentMaker,
-    ) -> None:
-        self.is_wanted = False
-        self._make_attachment = make_attachment
-        self._publisher = session.declare_publisher(
-            key,
-            encoding=encoding,
-            congestion_control=zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.BACKGROUND,
-        )
-        self._listener = self._publisher.declare_matching_listener(self._on_match)
-
-    def put(self, payload: zenoh.ZBytes, attachment: bytes) -> None:
-        """Publish one sample."""
-        self._publisher.put(payload, attachment=self._make_attachment(attachment))
-
-    def _on_match(self, status: zenoh.MatchingStatus) -> None:
-        self.is_wanted = status.matching
-
-
 class FrameTopicPublisher:
     """Encodes one topic once for all its keys, if any of them is wanted."""
 
@@ -153,53 +116,12 @@ def plain_key(session: zenoh.Session, topic: FrameTopic, prefix: str) -> FrameKe
     return FrameKeyPublisher(session, f"{prefix}/{topic.name}", encoding, lambda own: own)
 
 
-class RosKeys:
-    """The keys of a topic for ROS 2, and the token by which nodes discover it."""
-
-    def __init__(self, session: zenoh.Session, node: RosNode, number: int, topic: RosTopic) -> None:
-        token = node.publisher_token(number, topic)
-        self._gid = publisher_gid(token)
-        self._count = 0
-        encoding = zenoh.Encoding.APPLICATION_CDR
-        self.publishers = [
-            FrameKeyPublisher(session, topic.bridge_key, encoding, lambda own: own),
-            FrameKeyPublisher(session, topic.rmw_key(node.domain_id), encoding, self._attachment),
-        ]
-        self._token = session.liveliness().declare_token(token)
-
-    def _attachment(self, own: bytes) -> bytes:
-        self._count += 1
-        return encode_attachment(self._count, time.time_ns(), self._gid)
-
-
 CLOSE_TIMEOUT_S = 2.0
 # A pose reaches its readers first: copying images would compete with them for a processor.
 POSE_LEAD_S = 0.002
-# Numbers of the publishers in the ROS node; those of the poses and of /tf come before.
-FIRST_ROS_NUMBER = 10
-ROS_DEPTH = 1
 
 
-@dataclass(frozen=True)
-class FrameOutputConfig:
-    """Configuration of the output.
-
-    Attributes:
-        prefix: Prefix of the keys.
-        frames: Rate, coding and frame of the camera.
-        T_base_camera: 4x4 pose of the optical camera in the base.
-        base_frame_id: Frame of the base, for ROS 2.
-        ros2: Topics for ROS 2.
-    """
-
-    prefix: str
-    frames: FramesConfig
-    T_base_camera: Array
-    base_frame_id: str = "base_link"
-    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
-
-
-class FrameOutput:
+class FrameOutput(OutputBase):
     """Publishes frames on the session of the poses; `docs/reference/messages.md` has the keys.
 
     `ZenohOutput` calls `declare` and `queue`. Without a subscriber, an update costs a microsecond.
@@ -210,8 +132,7 @@ class FrameOutput:
         self._config = config
         self._topics = make_topics(config.frames)
         self._publishers: list[FrameTopicPublisher] = []
-        self._ros_topics: list[RosKeys] = []  # keep their tokens declared
-        self._static_transforms: list[StaticTransformPublisher] = []
+        self._ros2: RosFrames | None = None
         self._shared_payloads = SharedPayloads()
         self._throttle = Throttle(1.0 / config.frames.max_hz)
         self.warning = ""
@@ -222,49 +143,32 @@ class FrameOutput:
 
     def declare(self, session: zenoh.Session) -> None:
         """Publish on this session from now on."""
-        ros2, self._ros_topics = self._config.ros2, []
-        node = RosNode(ros2.domain_id, str(session.zid()), node_name(self._config.prefix))
+        prefix = self._config.prefix
+        self._ros2 = self._open_ros2(session)
         self._publishers = [
             FrameTopicPublisher(
                 topic,
                 [
-                    plain_key(session, topic, self._config.prefix),
-                    *self._ros_keys(session, node, number, topic),
+                    plain_key(session, topic, prefix),
+                    *(() if self._ros2 is None else self._ros2.declare_topic(topic)),
                 ],
             )
-            for number, topic in enumerate(self._topics, FIRST_ROS_NUMBER)
+            for topic in self._topics
         ]
-        if ros2.enabled and ros2.tf:
-            number = FIRST_ROS_NUMBER + len(self._topics)
-            self._static_transforms = [
-                StaticTransformPublisher(session, node, number, self._camera_transform())
-            ]
+        if self._ros2 is not None:
+            self._ros2.declare_transform()
 
-    def _ros_keys(
-        self, session: zenoh.Session, node: RosNode, number: int, topic: FrameTopic
-    ) -> list[FrameKeyPublisher]:
-        ros2 = self._config.ros2
-        if not ros2.enabled or not topic.ros_name:
-            return []
-        name = f"{ros2.namespace}/{topic.ros_name}"
-        ros_topic = RosTopic(name, ros_type(topic.schema), ROS_DEPTH)
-        keys = RosKeys(session, node, number, ros_topic)
-        self._ros_topics.append(keys)
-        return keys.publishers
+    def _open_ros2(self, session: zenoh.Session) -> "RosFrames | None":
+        if not self._config.ros2.enabled:
+            return None
+        from vo_service.outputs.frames.ros2 import RosFrames
 
-    def _camera_transform(self) -> TransformMessage:
-        config = self._config
-        return TransformMessage(
-            time.time(), config.base_frame_id, config.frames.frame_id, config.T_base_camera
-        )
+        return RosFrames(session, self._config)
 
     @property
     def dropped(self) -> int:
         """Number of frames that newer ones replaced before they were encoded."""
         return self._worker.dropped
-
-    def on_update(self, update: OdometryUpdate) -> None:
-        """Ignore the update: its frame is queued once its pose is sent."""
 
     def queue(self, update: OdometryUpdate) -> None:
         """Queue the frame if somebody subscribes.
@@ -274,9 +178,6 @@ class FrameOutput:
         is_wanted = any(publisher.is_wanted for publisher in self._publishers)
         if is_wanted and self._throttle.allow(update.stamp_s):
             self._worker.put(update)
-
-    def on_status(self, status: Status) -> None:
-        """Ignore the status."""
 
     def close(self) -> None:
         """Send the frame that waits."""

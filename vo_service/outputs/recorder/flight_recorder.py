@@ -18,10 +18,9 @@ from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from drivers.core.record_ring import RecordRingWriter
 from vo_service.config_tables import MEGABYTE, RecorderConfig
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
-from vo_service.outputs.recorder.client import RecorderClient
-from vo_service.outputs.recorder.messages import RecorderWorkerConfig
+from vo_service.outputs.recorder import RecorderClient, RecorderWorkerConfig
 from vo_service.types import OdometryUpdate, TrackingState
-from vo_service.types.commands import CommandError, ErrorCode
+from vo_service.types.commands import CommandError, NotPossibleError
 from vo_service.types.messages import Status, versions
 from vo_service.types.outputs import NullRecorder, Recorder
 
@@ -243,7 +242,7 @@ class FlightRecorder:
             CommandError: If that is not possible.
         """
         if not self._history.frames.record_count:
-            raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has arrived yet")
+            raise NotPossibleError("no frame has arrived yet")
         return self._client.save(reason)
 
     def start_recording(self, name: str) -> str:

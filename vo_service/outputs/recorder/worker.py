@@ -16,12 +16,11 @@ from drivers.core.errors import UserFacingError
 from drivers.core.files import check_writable, free_disk_bytes
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.record_ring import RecordRingReader, RingRecord
-from drivers.recording.images import ColorFormat
+from drivers.recording import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.frame_record import decode_frame, decode_metadata
-from vo_service.outputs.recorder.incidents import IncidentStore, IncidentWriter, select_last_frames
-from vo_service.outputs.recorder.messages import (
+from vo_service.outputs.recorder import (
     IncidentResult,
     RecorderMessage,
     RecorderRequest,
@@ -34,6 +33,7 @@ from vo_service.outputs.recorder.messages import (
     StopRecordingRequest,
     incident_name,
 )
+from vo_service.outputs.recorder.incidents import IncidentStore, IncidentWriter, select_last_frames
 
 _POLL_PERIOD_S = 0.03
 # JPEG takes a third of PNG's time and size; two slow cores cannot encode PNG fast enough.

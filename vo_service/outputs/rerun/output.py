@@ -16,7 +16,7 @@ from drivers.core.flow_control import WorkerThread
 from drivers.core.process import Shutdown, WorkerFailed, WorkerSpec
 from drivers.core.process.supervisor import ExponentialBackoff, WorkerSupervisor
 from vo_service.config_tables import RerunConfig
-from vo_service.outputs.rerun.messages import (
+from vo_service.outputs.rerun import (
     InitialState,
     RerunHealth,
     RerunMessage,

@@ -6,8 +6,7 @@ from dataclasses import replace
 import rerun as rr
 
 from drivers.core.errors import UserFacingError
-from vo_service.outputs.rerun.blueprint import make_blueprint
-from vo_service.outputs.rerun.messages import (
+from vo_service.outputs.rerun import (
     FrameScalars,
     GroundTruth,
     InitialState,
@@ -16,6 +15,7 @@ from vo_service.outputs.rerun.messages import (
     RerunWorkerConfig,
     TrajectoryPoint,
 )
+from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.scene import RerunScene
 from vo_service.outputs.rerun.sinks import APPLICATION, DiskFullError, Sink, ViewerGoneError
 

@@ -3,9 +3,10 @@
 import re
 import socket
 import time
+from abc import ABC, abstractmethod
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from drivers.camera import PlaybackMode
 from drivers.core.errors import InputError, UserFacingError
@@ -25,7 +26,7 @@ PRESENCE_TIMEOUT_S = 0.7
 FLUSH_TIMEOUT_S = 5.0
 
 
-class Sink(Protocol):
+class Sink(ABC):
     """Destination of Rerun's data. It is sent to the viewer's process and opened there.
 
     Attributes:
@@ -38,22 +39,28 @@ class Sink(Protocol):
     is_persistent: bool
     flush_interval_s: float
 
+    @abstractmethod
     def make_queue(self, playback_mode: PlaybackMode) -> BoundedQueue[Any]:
         """Make the queue of results; when full, it drops the oldest or makes a replay wait."""
 
+    @abstractmethod
     def rate_clock_s(self, stamp_s: float) -> float:
         """Return the time, for a frame with this stamp, that limits the rate of images."""
 
     @property
     def absence_text(self) -> str:
         """What is wrong while the sink is not there."""
+        return ""
 
     def is_present(self) -> bool:
         """Return whether the sink is there; may take a second."""
+        return True
 
+    @abstractmethod
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Send the stream to this sink. Raises UserFacingError, DiskFullError."""
 
+    @abstractmethod
     def check(self, stream: "rr.RecordingStream") -> None:
         """Check that the logged data has arrived.
 
@@ -61,10 +68,11 @@ class Sink(Protocol):
             DiskFullError, BrokenFileError, ViewerGoneError: It has not.
         """
 
+    @abstractmethod
     def is_full(self) -> bool:
         """Return whether the stream should be closed and attached again."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 (few hold anything)
         """Release everything but the stream. Must not block."""
 
 
@@ -94,7 +102,7 @@ class PortTakenError(UserFacingError):
         )
 
 
-class LiveSink:
+class LiveSink(Sink):
     """Common part of the sinks that show data live."""
 
     is_persistent = False
@@ -108,24 +116,12 @@ class LiveSink:
         """Return this computer's clock: a viewer draws in real time."""
         return time.monotonic()
 
-    @property
-    def absence_text(self) -> str:
-        """Nothing: it is always there."""
-        return ""
-
-    def is_present(self) -> bool:
-        """Return True: the sink is in this computer."""
-        return True
-
     def check(self, stream: "rr.RecordingStream") -> None:
         """Do nothing: no data is stored."""
 
     def is_full(self) -> bool:
         """Return False: new data replaces old."""
         return False
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
 
 
 class RunningViewerSink(LiveSink):
@@ -180,7 +176,7 @@ QUEUE_CAPACITY = 8
 RESERVE_BYTES = 16 * MEGABYTE
 
 
-class RrdFileSink:
+class RrdFileSink(Sink):
     """Writes FILE.rrd; full files and files of earlier runs are renamed.
 
     They become FILE-0001.rrd, FILE-0002.rrd and so on; the highest number is the newest. The rate
@@ -193,7 +189,6 @@ class RrdFileSink:
     """
 
     is_persistent = True
-    absence_text = ""
     # Rerun keeps 3 kB in memory for every batch of a file until its end.
     flush_interval_s = 2.0
 
@@ -216,10 +211,6 @@ class RrdFileSink:
     def rate_clock_s(self, stamp_s: float) -> float:
         """Return the frame's stamp."""
         return stamp_s
-
-    def is_present(self) -> bool:
-        """Return True: `attach` creates the file."""
-        return True
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Create the file. Raises InputError if that fails, DiskFullError."""
@@ -253,9 +244,6 @@ class RrdFileSink:
     def is_full(self) -> bool:
         """Return whether the file has reached its greatest size."""
         return self._path.stat().st_size >= self._max_file_bytes
-
-    def close(self) -> None:
-        """Do nothing: the stream closes the file."""
 
     def _serialize_blueprint(self, blueprint: "rrb.Blueprint") -> bytes:
         """Return the bytes of Rerun's .rbl file."""

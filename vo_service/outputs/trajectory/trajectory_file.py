@@ -14,6 +14,7 @@ from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQue
 from drivers.core.geometry import Array, Trajectory, format_pose_line
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.outputs import OutputBase
 
 logger = logging.getLogger(__name__)
 
@@ -111,14 +112,12 @@ class TrajectoryFileOutput:
             logger.error("%s", self._error)
 
 
-class TrajectoryRecorder:
+class TrajectoryRecorder(OutputBase):
     """Stores the pose of every tracked frame with the camera's stamp.
 
     Attributes:
         publish_offset_s: Published stamp minus the frame's stamp, s.
     """
-
-    warning = ""
 
     def __init__(self) -> None:
         self._stamps_s: list[float] = []
@@ -131,12 +130,6 @@ class TrajectoryRecorder:
             self._stamps_s.append(update.frame.stamp_s)
             self._poses.append(update.T_world_camera)
             self.publish_offset_s = update.stamp_s - update.frame.stamp_s
-
-    def on_status(self, status: Status) -> None:
-        """Do nothing: only poses are stored."""
-
-    def close(self) -> None:
-        """Do nothing: the trajectory stays available."""
 
     @property
     def trajectory(self) -> Trajectory:

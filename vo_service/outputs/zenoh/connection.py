@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Protocol
 
 import zenoh
 
@@ -30,28 +29,6 @@ ROUTER_GRACE_S = 3.0
 # Another program may take a free port before Zenoh opens it.
 MAX_PORT_ATTEMPTS = 5
 _MAX_NAME_CHARS = 64
-
-
-class ZenohConnection(Protocol):
-    """Source of the session. After construction, one thread makes all calls."""
-
-    @property
-    def warning(self) -> str:
-        """The fault in one clause; "" if there is none."""
-        ...
-
-    @property
-    def description(self) -> str:
-        """The session's endpoints and how to listen to them, for people."""
-        ...
-
-    def sessions(self) -> list[zenoh.Session]:
-        """Return the open session, if any; may block for two seconds to open it."""
-        ...
-
-
-# Raises InputError if the configuration is invalid, so that retrying cannot help.
-ConnectPolicy = Callable[[ZenohConfig], ZenohConnection]
 
 
 class ConnectOnce:
@@ -144,6 +121,10 @@ class ConnectWithRetry:
             return
         self.warning = warning
         logger.warning("%s", warning or "zenoh: connected again")
+
+
+# Makes a connection. Raises InputError if the configuration is invalid: retrying cannot help.
+ConnectPolicy = Callable[[ZenohConfig], ConnectOnce | ConnectOnFreePort | ConnectWithRetry]
 
 
 def _open_logged_session(config: ZenohConfig) -> zenoh.Session:

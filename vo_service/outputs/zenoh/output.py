@@ -9,14 +9,14 @@ import zenoh
 
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
-from vo_service.outputs.zenoh.messages import (
+from vo_service.outputs.zenoh import (
     FrameIds,
     map_odom_attachment,
     map_odom_payload,
     pose_attachment,
     pose_payload,
 )
+from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.queryables import (
     CommandEndpoint,
     LatestMessages,

@@ -8,19 +8,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
 
 import zenoh
 
 from drivers.core.flow_control import BlockingQueue, TokenBucket, WorkerThread
 from vo_service.config_tables import CommandConfig
-from vo_service.control import CommandFuture, CommandSink
-from vo_service.ros_messages.navigation import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
+from vo_service.control import CommandFuture, CommandQueue
+from vo_service.ros_messages import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
 from vo_service.types.commands import (
     MAX_PAYLOAD_BYTES,
-    Command,
     CommandError,
     ErrorCode,
+    NotPossibleError,
     parse_command,
 )
 from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, encode_message
@@ -139,21 +138,21 @@ class Queryables:
 
     def _reply_latest(self, query: zenoh.Query) -> None:
         if self.latest.pose is None:
-            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no pose yet"))
+            reply_error(query, NotPossibleError("there is no pose yet"))
             return
         payload, attachment = self.latest.pose
         reply(query, f"{self.prefix}/latest", payload, CDR, attachment)
 
     def _reply_map_odom(self, query: zenoh.Query) -> None:
         if self.latest.map_odom is None:
-            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no map yet"))
+            reply_error(query, NotPossibleError("there is no map yet"))
             return
         payload, attachment = self.latest.map_odom
         reply(query, f"{self.prefix}/map_odom", payload, CDR_TRANSFORM, attachment)
 
     def _reply_status(self, query: zenoh.Query) -> None:
         if self.latest.status is None:
-            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no status yet"))
+            reply_error(query, NotPossibleError("there is no status yet"))
             return
         reply(query, f"{self.prefix}/status", self.latest.status)
 
@@ -169,22 +168,6 @@ class Queryables:
 RESULT_TIMEOUT_S = 5.0
 LOG_PERIOD_S = 60.0
 CLOSE_TIMEOUT_S = 0.5
-
-
-class CommandEndpoint(Protocol):
-    """Endpoint that receives commands."""
-
-    def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
-        """Start to reply on a new session; return the threads."""
-        ...
-
-    def configure(self, settings: CommandConfig) -> None:
-        """Set a new rate limit; `enabled` is ignored."""
-        ...
-
-    def close(self) -> None:
-        """Stop replying."""
-        ...
 
 
 class NullCommandEndpoint:
@@ -207,7 +190,7 @@ class _PendingCommand:
 
     query: zenoh.Query
     key: str
-    future: CommandFuture[Any]
+    future: CommandFuture
 
 
 class CommandServer:
@@ -217,7 +200,7 @@ class CommandServer:
     refuses; another waits for the loop's results and sends the replies in order.
     """
 
-    def __init__(self, command_queue: CommandSink[Command], per_second: float) -> None:
+    def __init__(self, command_queue: CommandQueue, per_second: float) -> None:
         self._command_queue = command_queue
         self._rate_limit = CommandRateLimit(per_second)
         self._replies: WorkerThread[_PendingCommand] = WorkerThread(
@@ -250,6 +233,10 @@ class CommandServer:
             reply_error(query, error)
 
 
+# Receives commands, or refuses them all.
+CommandEndpoint = CommandServer | NullCommandEndpoint
+
+
 def _send_reply(pending: _PendingCommand) -> None:
     try:
         payload = encode_message(pending.future.result(RESULT_TIMEOUT_S))
@@ -265,9 +252,7 @@ def _send_reply(pending: _PendingCommand) -> None:
         reply(pending.query, pending.key, payload)
 
 
-def make_command_endpoint(
-    settings: CommandConfig, command_queue: CommandSink[Command]
-) -> CommandEndpoint:
+def make_command_endpoint(settings: CommandConfig, command_queue: CommandQueue) -> CommandEndpoint:
     """Make the configured command endpoint."""
     return (
         CommandServer(command_queue, settings.per_second)

@@ -10,15 +10,14 @@ import re
 import struct
 import time
 from dataclasses import dataclass
-from typing import Protocol
 
 import zenoh
 import zenoh.ext
 
 from drivers.core.errors import InputError
 from vo_service.config_tables import Ros2Config
-from vo_service.outputs.zenoh.messages import FrameIds, pose_transforms
-from vo_service.ros_messages.navigation import (
+from vo_service.outputs.zenoh import FrameIds, pose_transforms
+from vo_service.ros_messages import (
     ODOMETRY_SCHEMA,
     TRANSFORMS_SCHEMA,
     TransformMessage,
@@ -174,32 +173,6 @@ def _mangle(name: str) -> str:
     return name.replace("/", _EMPTY_PART)
 
 
-class Ros2Output(Protocol):
-    """Output to ROS 2 nodes."""
-
-    def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
-        """Publish one pose; `odometry` is its CDR.
-
-        Raises:
-            ValueError: If it is not finite.
-        """
-        ...
-
-    def close(self) -> None:
-        """Withdraw the publishers."""
-        ...
-
-
-class NullRos2Output:
-    """Output that publishes nothing."""
-
-    def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
-        """Do nothing."""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
 class Ros2Publisher:
     """Publishes on an open session, for zenoh-bridge-ros2dds and for rmw_zenoh at once.
 
@@ -322,16 +295,3 @@ class _TopicPublisher:
         self._token.undeclare()  # type: ignore[no-untyped-call]
         for publisher in (self._bridge, self._rmw):
             publisher.undeclare()  # type: ignore[no-untyped-call]
-
-
-def make_ros2_output(
-    session: zenoh.Session,
-    settings: Ros2Config,
-    prefix: str,
-    frame_ids: FrameIds,
-    congestion: zenoh.CongestionControl,
-) -> Ros2Output:
-    """Make the configured ROS 2 output. Raises as `Ros2Publisher`."""
-    if not settings.enabled:
-        return NullRos2Output()
-    return Ros2Publisher(session, settings, prefix, frame_ids, congestion)

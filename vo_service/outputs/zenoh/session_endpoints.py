@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import zenoh
 
 from vo_service.config_tables import Ros2Config
-from vo_service.outputs.zenoh.messages import FrameIds
+from vo_service.outputs.zenoh import FrameIds
 from vo_service.outputs.zenoh.queryables import (
     CDR,
     CDR_TRANSFORM,
@@ -17,8 +18,10 @@ from vo_service.outputs.zenoh.queryables import (
     CommandEndpoint,
     Queryables,
 )
-from vo_service.outputs.zenoh.ros2 import make_ros2_output
 from vo_service.types import OdometryUpdate
+
+if TYPE_CHECKING:  # loaded only if it is enabled
+    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
 
 PROC_TCP_TABLES = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
 
@@ -97,9 +100,7 @@ class SessionEndpoints:
         self._status = session.declare_publisher(
             f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
         )
-        self._ros2 = make_ros2_output(
-            session, config.ros2, prefix, config.frame_ids, config.congestion
-        )
+        self._ros2 = _open_ros2(session, config)
         self._threads = config.queryables.declare(session)
         self._threads += config.commands.declare(session, prefix)
         config.on_session(session)
@@ -108,7 +109,8 @@ class SessionEndpoints:
     def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:
         """Publish one pose; `payload` is its CDR."""
         self._odom.put(payload, attachment=attachment)
-        self._ros2.publish(update, payload)
+        if self._ros2 is not None:
+            self._ros2.publish(update, payload)
 
     def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
         """Publish the map->odom transform."""
@@ -139,12 +141,24 @@ class SessionEndpoints:
 
     def close(self) -> None:
         """Withdraw the token and close the session."""
-        for close in (self._alive.undeclare, self._ros2.close, self.session.close):
+        parts: list[Callable[[], object]] = [self._alive.undeclare, self.session.close]
+        if self._ros2 is not None:
+            parts.insert(1, self._ros2.close)
+        for close in parts:
             with suppress(zenoh.ZError):  # a broken link
                 close()
         # A thread that is still inside Zenoh when Python exits crashes the process.
         for thread in self._threads:
             thread.join(THREAD_JOIN_TIMEOUT_S)
+
+
+def _open_ros2(session: zenoh.Session, config: EndpointConfig) -> "Ros2Publisher | None":
+    """Publish for ROS 2 if it is enabled."""
+    if not config.ros2.enabled:
+        return None
+    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
+
+    return Ros2Publisher(session, config.ros2, config.prefix, config.frame_ids, config.congestion)
 
 
 def _has_subscriber(publisher: zenoh.Publisher) -> bool:

@@ -23,8 +23,7 @@ from vo_service.slam.keyframe_selection import (
     NullConstraintAccumulator,
     OdometryConstraint,
 )
-from vo_service.slam.mapper import MapperWorkerConfig, RelocalizationQuery
-from vo_service.slam.mapper.client import MapperClient
+from vo_service.slam.mapper import MapperClient, MapperWorkerConfig, RelocalizationQuery
 from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 from vo_service.types.messages import MapState, Status
 from vo_service.types.outputs import LoopClosure, Mapper, NullLoopClosure, NullMapper

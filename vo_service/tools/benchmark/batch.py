@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drivers.core.errors import UserFacingError
 from drivers.core.process import WorkerProcess, WorkerSpec
-from drivers.recording.recording import ImageTopics
+from drivers.recording import ImageTopics
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark import RunOutcome, RunState, collect_versions
 from vo_service.tools.benchmark.methods import MethodFactory

@@ -10,9 +10,9 @@ import numpy as np
 
 from drivers.core.errors import InputError
 from drivers.core.geometry import Trajectory, has_match
-from drivers.recording.recording import Recording
+from drivers.recording import Recording
 from vo_service.config import OdometryConfig
-from vo_service.odometry.profiling import StageTimer
+from vo_service.odometry import StageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 from vo_service.tools.benchmark.baselines import (
     BASELINE_NAMES,

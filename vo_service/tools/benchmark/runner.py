@@ -18,11 +18,10 @@ from numba.core.event import install_recorder
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
 from drivers.core.geometry import Trajectory
-from drivers.recording.frames import FrameReader
-from drivers.recording.images import UnreadableFrameError
-from drivers.recording.recording import Recording
+from drivers.recording import Recording, UnreadableFrameError
+from drivers.recording.prefetch import FrameReader
 from drivers.recording_camera import open_recording
-from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry import CpuStageTimer
 from vo_service.tools.benchmark import CompletedRun, FrameLog, LoopClosureRun
 from vo_service.tools.benchmark.batch import RunPreparing, RunProgress, RunRequest
 from vo_service.tools.benchmark.methods import MethodFactory

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.core.errors import InputError
-from drivers.recording.images import UnreadableFrameError
-from drivers.recording.recording import RecordedImage
+from drivers.recording import RecordedImage, UnreadableFrameError
 from drivers.tum import ListedImage, read_frame_pairs, read_image_list
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration import NO_DEPTH, Board, BoardView, Snapshot

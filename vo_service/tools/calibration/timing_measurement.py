@@ -16,7 +16,7 @@ from drivers.calibration import (
 )
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core.errors import InputError
-from drivers.recording.recording import ImageTopics
+from drivers.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
 from drivers.registry import open_camera
 from vo_service.odometry.direct.odometry import DirectOdometry

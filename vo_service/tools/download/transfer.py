@@ -13,7 +13,6 @@ from contextlib import suppress
 from email.message import Message
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Protocol, Self
 
 from drivers.core.errors import InputError, UserFacingError
@@ -116,12 +115,7 @@ class PartialFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_exc: object) -> None:
         if self.size == 0:
             self.discard()
         self._file.close()

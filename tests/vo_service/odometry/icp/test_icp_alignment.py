@@ -17,8 +17,8 @@ from tests.vo_service.odometry.icp.depth_views import (
 )
 from vo_service.odometry.icp.alignment import COARSE_TO_FINE, align, evaluate_alignment
 from vo_service.odometry.icp.depth_pyramid import DepthLevel, build_depth_pyramid
+from vo_service.odometry.icp.odometry import start_track
 from vo_service.odometry.icp.residuals import compute_residuals
-from vo_service.odometry.icp.track import start_track
 from vo_service.odometry.uncertainty import (
     DegeneracyAnalysis,
     analyze_degeneracy,

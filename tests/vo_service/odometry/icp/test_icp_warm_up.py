@@ -3,8 +3,8 @@
 import numpy as np
 
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
+from vo_service.odometry import NullStageTimer
 from vo_service.odometry.icp import depth_pyramid, planes, residuals
-from vo_service.odometry.profiling import NullStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 
 KERNELS = [

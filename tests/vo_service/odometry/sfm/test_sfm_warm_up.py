@@ -2,8 +2,7 @@
 
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
-from vo_service.odometry import depth, features
-from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry import NullStageTimer, depth, features
 from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
 from vo_service.odometry.sfm import bundle_adjustment
 

@@ -21,8 +21,7 @@ from tests.vo_service.outputs.zenoh.ros_node import ROS, RosReader, receive_toke
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.ros2 import TF_MESSAGE, ros_type
-from vo_service.ros_messages import split_stamp
-from vo_service.ros_messages.navigation import decode_transforms
+from vo_service.ros_messages import decode_transforms, split_stamp
 
 __all__ = ["make_update"]
 

@@ -25,7 +25,7 @@ from tests.waiting import wait_until
 from vo_service.app import run_replay
 from vo_service.config import Config
 from vo_service.config_tables import RecorderConfig
-from vo_service.frame_source import SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.outputs.recorder.flight_recorder import FlightRecorder
 from vo_service.signals import StopSignal
 from vo_service.types import OdometryUpdate
@@ -61,7 +61,7 @@ def test_a_tracking_loss_replays_to_the_published_poses(
         run_replay(
             Config(),
             camera,
-            SinglePassSource(camera),
+            FrameSource(camera),
             [recorder, LockstepOutput(recorder)],
             StopSignal(),
         )

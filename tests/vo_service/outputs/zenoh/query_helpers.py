@@ -14,7 +14,6 @@ from vo_service.control import CommandFuture, CommandQueue
 from vo_service.outputs.zenoh.output import LIVE_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.outputs.zenoh.queryables import CommandServer
 from vo_service.outputs.zenoh.session import open_session
-from vo_service.types.commands import Command
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:
@@ -33,9 +32,9 @@ def connected_session(port: int) -> Iterator[zenoh.Session]:
 @contextmanager
 def output_with_commands(
     port: int, per_second: float = 1000.0
-) -> Iterator[tuple[ZenohOutput, CommandQueue[Command], zenoh.Session]]:
+) -> Iterator[tuple[ZenohOutput, CommandQueue, zenoh.Session]]:
     """Run an output with commands; yield it, its command queue and a session to send from."""
-    command_queue: CommandQueue[Command] = CommandQueue()
+    command_queue = CommandQueue()
     extras = ExtraEndpoints(commands=CommandServer(command_queue, per_second))
     with (
         closing(ZenohOutput(config(port), LIVE_QOS, extra_endpoints=extras)) as output,
@@ -70,9 +69,9 @@ def reply_error(reply: zenoh.Reply) -> zenoh.ReplyError:
     return reply.err
 
 
-def next_command(command_queue: CommandQueue[Command]) -> CommandFuture[Command]:
+def next_command(command_queue: CommandQueue) -> CommandFuture:
     """Wait for the next command."""
-    pending: list[CommandFuture[Command]] = []
+    pending: list[CommandFuture] = []
 
     def has_arrived() -> bool:
         pending.extend(command_queue.take_pending())
@@ -82,7 +81,7 @@ def next_command(command_queue: CommandQueue[Command]) -> CommandFuture[Command]
     return pending[0]
 
 
-def answer_next_command(command_queue: CommandQueue[Command], reply: object) -> None:
+def answer_next_command(command_queue: CommandQueue, reply: object) -> None:
     """Complete the next command, on a thread, as the loop would."""
     threading.Thread(
         target=lambda: next_command(command_queue).set_result(reply), daemon=True

@@ -3,16 +3,15 @@
 import struct
 import time
 from collections.abc import Callable
+from contextlib import closing
 from typing import Any
 
 import numpy as np
 import pytest
-import zenoh
 
 from drivers.core.errors import InputError
 from tests import ports
 from tests.vo_service.outputs.zenoh.ros_node import (
-    FRAMES,
     ODOMETRY_KEY,
     ROS,
     ROS_ROUTER,
@@ -24,9 +23,9 @@ from tests.vo_service.outputs.zenoh.ros_node import (
     ros_node,
     running_session,
 )
-from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh.ros2 import ODOMETRY, TF_MESSAGE, make_ros2_output
-from vo_service.outputs.zenoh.session import open_session
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.outputs.zenoh.ros2 import ODOMETRY, TF_MESSAGE
 from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
@@ -122,10 +121,7 @@ def test_a_key_in_use_is_rejected(free_port: int) -> None:
 
 
 def test_nothing_is_declared_unless_enabled(free_port: int, make_update: MakeUpdate) -> None:
-    congestion = zenoh.CongestionControl.DROP
-    with open_session(ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))) as ours:
-        output = make_ros2_output(ours, Ros2Config(), "kinect", FRAMES, congestion)
-        output.publish(make_update(0), b"")
-        with ros_node(free_port) as node:
-            assert receive_tokens(node, 0, count=0) == set()
-        output.close()
+    config = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))
+    with closing(ZenohOutput(config)) as output, ros_node(free_port) as node:
+        output.on_update(make_update(0))
+        assert receive_tokens(node, 0, count=0) == set()

@@ -32,7 +32,6 @@ from vo_service.outputs.zenoh.session import open_session
 from vo_service.types import OdometryUpdate
 from vo_service.types.commands import (
     COMMANDS,
-    Command,
     CommandError,
     EpochReply,
     ErrorCode,
@@ -51,13 +50,13 @@ MakeUpdate = Callable[..., OdometryUpdate]
 
 
 @pytest.fixture(scope="module")
-def queue_and_session() -> Iterator[tuple[CommandQueue[Command], zenoh.Session]]:
+def queue_and_session() -> Iterator[tuple[CommandQueue, zenoh.Session]]:
     """A command queue without a rate limit, and a session to send from."""
     with output_with_commands(ports.free_port()) as (_, command_queue, session):
         yield command_queue, session
 
 
-QueueAndSession = tuple[CommandQueue[Command], zenoh.Session]
+QueueAndSession = tuple[CommandQueue, zenoh.Session]
 
 
 def test_a_command_reaches_the_queue_and_its_reply_the_client(
@@ -190,7 +189,7 @@ def test_closing_does_not_wait_for_a_command_in_the_loop(free_port: int) -> None
 
 
 def test_a_second_session_serves_commands_too(free_port: int) -> None:
-    command_queue: CommandQueue[Command] = CommandQueue()
+    command_queue = CommandQueue()
     commands = CommandServer(command_queue, 100.0)
     for _ in range(2):
         with session_with_commands(commands, free_port) as session:

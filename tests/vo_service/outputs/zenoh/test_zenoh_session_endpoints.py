@@ -4,7 +4,7 @@ import pytest
 import zenoh
 
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh.messages import FrameIds
+from vo_service.outputs.zenoh import FrameIds
 from vo_service.outputs.zenoh.queryables import LatestMessages, NullCommandEndpoint, Queryables
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints

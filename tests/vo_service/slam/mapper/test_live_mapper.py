@@ -26,7 +26,7 @@ from tests.waiting import wait_until
 from vo_service import app
 from vo_service.config import Config
 from vo_service.config_tables import MapConfig
-from vo_service.slam.mapper import client
+from vo_service.slam import mapper as mapper_package
 from vo_service.slam.mapper.live_mapper import LiveMapper, open_mapper
 from vo_service.types.outputs import NullMapper
 
@@ -82,7 +82,9 @@ def test_keyframes_are_those_of_this_epoch_up_to_the_current_limit(tmp_path: Pat
 def endless_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Meshes that are still being computed when the test kills their process."""
     function = "tests.vo_service.slam.mapper.endless_mesh_process:run"
-    monkeypatch.setattr(client, "WORKER_SPEC", replace(client.WORKER_SPEC, function=function))
+    monkeypatch.setattr(
+        mapper_package, "WORKER_SPEC", replace(mapper_package.WORKER_SPEC, function=function)
+    )
 
 
 @pytest.mark.usefixtures("endless_meshes")

@@ -9,14 +9,14 @@ import pytest
 from drivers.core.process import WorkerSpec
 from drivers.core.record_ring import RecordRingMemory
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
+from vo_service.slam import mapper
 from vo_service.slam.mapper import (
     LoadMapResult,
+    MapperClient,
     MapperMessage,
     MapperStatus,
     MapperWorkerConfig,
-    client,
 )
-from vo_service.slam.mapper.client import MapperClient
 
 FIRST_AFTER = 77
 
@@ -56,7 +56,7 @@ def fixture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ClientFixture:
         supervisors.append(FakeSupervisor(*given))  # type: ignore[arg-type]
         return supervisors[0]
 
-    monkeypatch.setattr(client, "WorkerSupervisor", make_supervisor)
+    monkeypatch.setattr(mapper, "WorkerSupervisor", make_supervisor)
     loaded_events: list[None] = []
     job = MapperWorkerConfig(RecordRingMemory(0, 0), 0, tmp_path, COARSE)
     made = MapperClient(

@@ -12,8 +12,8 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.errors import UserFacingError
-from drivers.recording.recording import Recording
-from vo_service.odometry.profiling import StageTimer
+from drivers.recording import Recording
+from vo_service.odometry import StageTimer
 from vo_service.tools.benchmark.methods import MethodFactory
 from vo_service.types import Estimate
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.calibration import TUM_CALIBRATIONS
 from drivers.core.geometry import Array, Trajectory, rigid_transform
-from drivers.recording.recording import FramePair, RecordedFrames, Recording
+from drivers.recording import FramePair, RecordedFrames, Recording
 from drivers.tum import ListedImage, read_accelerometer
 from vo_service.tools.benchmark import (
     CompletedRun,

@@ -12,7 +12,7 @@ from tests.vo_service.tools.benchmark.sample_runs import make_recording
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
 from vo_service.cli.compare import make_method_factories as make_comparison_factories
 from vo_service.config import Config, OdometryConfig
-from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry import NullStageTimer
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf.odometry import SurfOdometry

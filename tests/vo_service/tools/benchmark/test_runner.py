@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.recording.recording import Recording
+from drivers.recording import Recording
 from tests.conftest import FRAMES
-from vo_service.odometry.profiling import StageTimer
+from vo_service.odometry import StageTimer
 from vo_service.tools.benchmark import CompletedRun
 from vo_service.tools.benchmark.batch import RunPreparing, RunRequest
 from vo_service.tools.benchmark.recordings import FrameSelection

@@ -16,7 +16,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError
-from drivers.rectify import SoftwareRegistration, make_undistorter
+from drivers.rectify import SoftwareRegistration, Undistorter
 from vo_service.tools.calibration import collect_live
 from vo_service.tools.calibration.collect_live import read_frames, write_raw_camera_file
 
@@ -52,7 +52,7 @@ def test_with_the_raw_camera_file_color_is_not_undistorted() -> None:
     with write_raw_camera_file(with_depth=False) as path:
         camera = read_calibration(path)
     image = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
-    assert make_undistorter(camera.pinhole, camera.distortion).undistort_color(image) is image
+    assert Undistorter(camera.pinhole, camera.distortion).undistort_color(image) is image
     assert camera.depth is None
 
 

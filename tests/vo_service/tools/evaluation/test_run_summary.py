@@ -16,7 +16,7 @@ from tests.vo_service.fakes import (
     make_frame,
 )
 from tests.vo_service.service_loop import make_service
-from vo_service.frame_source import SinglePassSource
+from vo_service.frame_source import FrameSource
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.tools.evaluation.run_summary import (
     LoopClosureSummary,
@@ -83,7 +83,7 @@ def test_skipped_counts_unreadable_and_stale_frames_failed_the_lost_ones() -> No
     camera = ScriptedCamera([make_frame(0, 1.0), make_frame(1, 1.0), make_frame(2, 2.0)])
     with camera:
         service = make_service(
-            SinglePassSource(camera), [], [good_estimate(np.eye(4)), failed_estimate()]
+            FrameSource(camera), [], [good_estimate(np.eye(4)), failed_estimate()]
         )
         service.run(threading.Event())
     metrics = RunSummary(service.statistics, CameraCounters(skipped=3, dropped=5), None).as_json()

@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from platform import machine
 from types import ModuleType
 
-from drivers.recording.recording import Recording
-from vo_service.odometry.profiling import StageTimer
+from drivers.recording import Recording
+from vo_service.odometry import StageTimer
 from vo_service.odometry.registry import MethodConfig, StageReporter, run_warm_up_frames
 from vo_service.types import Odometry
 

@@ -16,10 +16,9 @@ from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array, inverse
-from drivers.recording.frames import FrameReader
-from drivers.recording.images import UnreadableFrameError
-from drivers.recording.recording import Recording
-from vo_service.odometry.profiling import StageTimer
+from drivers.recording import Recording, UnreadableFrameError
+from drivers.recording.prefetch import FrameReader
+from vo_service.odometry import StageTimer
 from vo_service.tools.benchmark.baselines import ORB_SLAM3, PYORBSLAM3
 from vo_service.tools.benchmark.baselines.orb_vocabulary import (
     BRANCHES,

@@ -20,6 +20,7 @@ from vo_service.tools.benchmark.report import (
     MetricColumn,
     Table,
     TableCell,
+    format_effective_config,
     from_evaluation,
     from_loop_closure,
     from_optimized_evaluation,
@@ -27,7 +28,6 @@ from vo_service.tools.benchmark.report import (
     number_cell,
     text_cell,
 )
-from vo_service.tools.benchmark.report.metadata import format_effective_config
 from vo_service.tools.benchmark.results import RunEvaluation, SequenceResults
 from vo_service.tools.benchmark.run_cache import write_file
 

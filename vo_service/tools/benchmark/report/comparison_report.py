@@ -12,7 +12,7 @@ from urllib.parse import quote
 from drivers.core.files import create_output_folder
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark import collect_versions
-from vo_service.tools.benchmark.report import Table, number_cell, text_cell
+from vo_service.tools.benchmark.report import ComparisonMetadata, Table, number_cell, text_cell
 from vo_service.tools.benchmark.report.comparison_tables import (
     MIN_FULL_COVERAGE,
     describe_method,
@@ -28,7 +28,6 @@ from vo_service.tools.benchmark.report.figures import (
     make_error_figures,
     make_trajectory_figures,
 )
-from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
 from vo_service.tools.benchmark.results import MIN_RANKED_COVERAGE, RunEvaluation, SequenceResults
 from vo_service.tools.benchmark.run_cache import write_file
 

@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry import NullStageTimer
 from vo_service.odometry.registry import MethodConfig
 from vo_service.tools.benchmark.baselines import BASELINES, BaselineFactory
 

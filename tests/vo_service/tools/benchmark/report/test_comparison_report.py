@@ -22,9 +22,9 @@ from vo_service.terminal import Terminal
 from vo_service.tools.benchmark import RunOutcome, RunState
 from vo_service.tools.benchmark.methods import SfmScale
 from vo_service.tools.benchmark.observers import LoopClosureObserverFactory
+from vo_service.tools.benchmark.report import ComparisonMetadata
 from vo_service.tools.benchmark.report.comparison_report import write_comparison_report
 from vo_service.tools.benchmark.report.comparison_tables import metrics_table
-from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
 
 pytestmark = pytest.mark.slow
 

@@ -1,4 +1,4 @@
-"""Motions by a script for one purpose, and motions along a recorded track."""
+"""Camera motions by name; here also those by a script and those along a recorded track."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from drivers.core.geometry import (
     read_trajectory,
     so3_exp,
 )
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import (
     CameraMotion,
     CubicSpline,
@@ -21,7 +21,14 @@ from drivers.synthetic.camera_motion import (
     rotations_from_vectors,
     smootherstep,
 )
-from drivers.synthetic.human_motion import ROOM_SWEEP, HandheldMotion, HandheldProfile
+from drivers.synthetic.human_motion import (
+    ROOM_SWEEP,
+    FloorMotion,
+    HandheldMotion,
+    HandheldProfile,
+    OrbitMotion,
+    TourMotion,
+)
 
 # A hand that holds the camera level, two meters from the wall at +y.
 LEVEL_AT_WALL = HandheldProfile(
@@ -56,7 +63,6 @@ class WallMotion(CameraMotion):
         self._period_s = duration_s / looks
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / self._period_s)
         T = _rotate_yaw(
             self._handheld.poses(times_s),
@@ -75,7 +81,6 @@ class FastTurnMotion(CameraMotion):
         self._period_s = duration_s / self._turn_pairs
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         yaw_rad = np.zeros_like(times_s)
         for pair in range(self._turn_pairs):
             since_s = times_s - pair * self._period_s
@@ -97,7 +102,6 @@ class CreepMotion(CameraMotion):
         self._round_trip_s = round_trip_s
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         along_m = CREEP_SPEED_M_S * np.minimum(times_s, self._round_trip_s - times_s)
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         T[:, :3, :3] = self._R
@@ -161,7 +165,6 @@ class RecordedMotion(CameraMotion):
         return motion
 
     def poses(self, times_s: Array) -> Array:
-        """See `CameraMotion`."""
         values = self._spline(self._start_s + self._playback_time(times_s))
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         T[:, :3, 3] = values[:, :3] + self._shift_m
@@ -194,3 +197,33 @@ def _rotations_from_quaternions(quaternions: Array) -> Array:
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), 2, 0)
+
+
+def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
+    """Make the motion of `config`.
+
+    Raises:
+        InputError: If the track cannot be used.
+    """
+    if config.track is not None:
+        return RecordedMotion.read(config.track, config, room_height_m)
+    rng, duration_s = np.random.default_rng([config.seed, 1]), config.duration_s
+    match config.motion:
+        case MotionKind.HAND_HELD:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP)
+        case MotionKind.SMOOTH:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP, tremor_scale=0.0)
+        case MotionKind.STILL:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.0, tremor_scale=0.0)
+        case MotionKind.FLOOR:
+            return FloorMotion(rng, duration_s)
+        case MotionKind.ORBIT:
+            return OrbitMotion(rng, duration_s)
+        case MotionKind.TOUR:
+            return TourMotion(rng, duration_s)
+        case MotionKind.WALL:
+            return WallMotion(rng, duration_s)
+        case MotionKind.FAST_TURN:
+            return FastTurnMotion(rng, duration_s)
+        case MotionKind.CREEP:
+            return CreepMotion(rng, duration_s if config.loop else np.inf)

@@ -91,7 +91,6 @@ class RecordingCamera(RgbdCamera):
         path: The recording, see `open_recording`.
         camera_file: Camera file; None to find one, see `find_calibration`.
         playback_mode: Lockstep or realtime.
-        every: Use only every n-th pair; `seq` counts the used pairs.
         topics: See `open_recording`.
     """
 
@@ -102,14 +101,11 @@ class RecordingCamera(RgbdCamera):
         path: Path,
         camera_file: Path | None = None,
         playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
-        every: int = 1,
         topics: ImageTopics | None = None,
     ) -> None:
-        if every < 1:
-            raise InputError(f"every {every}: must be 1 (each frame) or more")
         self.name = f"{recording_format(path)}:{path}"
         self._path, self._camera_file, self._topics = path, camera_file, topics
-        self._playback_mode, self._every = playback_mode, every
+        self._playback_mode = playback_mode
         self._opened: Recording | None = None
         self._pairs: Sequence[FramePair] = ()
         self._thread = threading.Thread()
@@ -126,7 +122,7 @@ class RecordingCamera(RgbdCamera):
         self._opened = open_recording(self._path, self._camera_file, self._topics)
         if self._opened.summary:
             _log.info("%s", self._opened.summary)
-        self._pairs = self._opened.frames.pairs[:: self._every]
+        self._pairs = self._opened.frames.pairs
         self._buffer = _make_buffer(self._playback_mode, self._pairs, self.counters)
         self._thread = threading.Thread(
             target=_decode_ahead,
@@ -155,7 +151,7 @@ class RecordingCamera(RgbdCamera):
 
     @property
     def frame_count(self) -> int | None:
-        """The number of used pairs; None before `open`."""
+        """The number of pairs; None before `open`."""
         return len(self._pairs) if self._opened else None
 
     @property

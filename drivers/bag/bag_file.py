@@ -151,50 +151,49 @@ def ros2_typestore() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-class Ros1File(BagFile):
-    """A ROS 1 bag."""
+class RosbagsFile(BagFile):
+    """A bag that rosbags reads."""
 
-    def __init__(self, path: Path) -> None:
-        self._reader = Ros1Reader(path)
-        self._reader.open()
-        self._store = ros1_typestore()
-        super().__init__(path, {each.topic: each.msgtype for each in self._reader.connections})
+    def __init__(self, path: Path, reader: Ros1Reader | Ros2Reader, store: Typestore) -> None:
+        self._reader, self._store = reader, store
+        reader.open()
+        super().__init__(path, {each.topic: each.msgtype for each in reader.connections})
 
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
         connections = [each for each in self._reader.connections if each.topic in topics]
         if connections:  # an empty list would mean all
             for connection, log_ns, data in self._reader.messages(connections, start_ns):
-                yield Message(connection.topic, log_ns, data)
+                yield Message(connection.topic, log_ns, bytes(data))
+
+
+class Ros1File(RosbagsFile):
+    """A ROS 1 bag."""
+
+    def __init__(self, path: Path) -> None:
+        self._bag = Ros1Reader(path)
+        super().__init__(path, self._bag, ros1_typestore())
 
     def _decode(self, data: bytes, message_type: str) -> Any:
         return self._store.deserialize_ros1(data, message_type)
 
     def close(self) -> None:
-        if self._reader.bio is not None:
-            self._reader.close()
+        if self._bag.bio is not None:
+            self._bag.close()
 
 
-class Ros2File(BagFile):
+class Ros2File(RosbagsFile):
     """A ROS 2 bag: its folder, or one file of SQLite."""
 
     def __init__(self, path: Path) -> None:
-        self._reader = Ros2Reader(path)
-        self._reader.open()
-        self._store = ros2_typestore()
-        super().__init__(path, {each.topic: each.msgtype for each in self._reader.connections})
-
-    def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
-        connections = [each for each in self._reader.connections if each.topic in topics]
-        if connections:
-            for connection, log_ns, data in self._reader.messages(connections, start_ns):
-                yield Message(connection.topic, log_ns, bytes(data))
+        self._bag = Ros2Reader(path)
+        super().__init__(path, self._bag, ros2_typestore())
 
     def _decode(self, data: bytes, message_type: str) -> Any:
         return self._store.deserialize_cdr(data, message_type)
 
     def close(self) -> None:
-        if self._reader.is_open:
-            self._reader.close()
+        if self._bag.is_open:
+            self._bag.close()
 
 
 class McapFile(BagFile):

@@ -127,7 +127,26 @@ class McapWriter(BagWriter):
         self._file.flush()
 
 
-class Ros1Writer(BagWriter):
+class RosbagsWriter(BagWriter):
+    """Writes a bag with the writers of rosbags."""
+
+    _writer: Ros1LibraryWriter | Ros2LibraryWriter
+
+    def _add_channel(self, topic: str, message_type: str) -> Any:
+        return self._writer.add_connection(topic, message_type, typestore=self.store)
+
+    def _write(self, channel: Any, log_ns: int, data: bytes) -> None:
+        self._writer.write(channel, log_ns, data)
+
+    def close(self) -> None:
+        self._writer.close()
+
+    def abort(self) -> None:
+        """Close the file without completing it."""
+        self._writer.abort()
+
+
+class Ros1Writer(RosbagsWriter):
     """Writes a ROS 1 bag."""
 
     is_ros1 = True
@@ -138,21 +157,8 @@ class Ros1Writer(BagWriter):
         self._writer.set_compression(Ros1LibraryWriter.CompressionFormat.LZ4)
         self._writer.open()
 
-    def _add_channel(self, topic: str, message_type: str) -> Any:
-        return self._writer.add_connection(topic, message_type, typestore=self.store)
 
-    def _write(self, channel: Any, log_ns: int, data: bytes) -> None:
-        self._writer.write(channel, log_ns, data)
-
-    def close(self) -> None:
-        self._writer.close()
-
-    def abort(self) -> None:
-        """Close the file without completing it."""
-        self._writer.abort()
-
-
-class Ros2Writer(BagWriter):
+class Ros2Writer(RosbagsWriter):
     """Writes a ROS 2 bag with SQLite into a new folder."""
 
     def __init__(self, path: Path) -> None:
@@ -161,19 +167,6 @@ class Ros2Writer(BagWriter):
             path, version=ROS2_BAG_VERSION, storage_plugin=StoragePlugin.SQLITE3
         )
         self._writer.open()
-
-    def _add_channel(self, topic: str, message_type: str) -> Any:
-        return self._writer.add_connection(topic, message_type, typestore=self.store)
-
-    def _write(self, channel: Any, log_ns: int, data: bytes) -> None:
-        self._writer.write(channel, log_ns, data)
-
-    def close(self) -> None:
-        self._writer.close()
-
-    def abort(self) -> None:
-        """Close the file without completing it."""
-        self._writer.abort()
 
 
 NS_PER_S = 1_000_000_000

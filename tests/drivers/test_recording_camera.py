@@ -68,16 +68,6 @@ def test_the_camera_file_gives_the_sensor_timing(make_folder: FolderMaker) -> No
     assert [frame.skew_s for frame in read] == pytest.approx([0.005 - 0.012] * 3)
 
 
-def test_only_every_nth_frame_can_be_used(make_folder: FolderMaker) -> None:
-    with RecordingCamera(make_folder(count=7), every=3) as camera:
-        read = list(frames(camera))
-        assert camera.frame_count == 3
-    assert [frame.seq for frame in read] == [0, 1, 2]
-    assert read[1].stamp_s - read[0].stamp_s == pytest.approx(0.12, abs=1e-6)
-    with pytest.raises(InputError, match="must be 1"):
-        RecordingCamera(Path(), every=0)
-
-
 def test_frames_are_undistorted(make_folder: FolderMaker, tmp_path: Path) -> None:
     folder = make_folder()
     straight, bent = (folder / "camera.toml").read_text(), tmp_path / "bent.toml"

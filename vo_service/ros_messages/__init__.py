@@ -326,16 +326,6 @@ def decode_transform(payload: BytesLike) -> TransformMessage:
         return _read_transform(reader)
 
 
-def decode_transforms(payload: BytesLike) -> list[TransformMessage]:
-    """Decode a ``TFMessage``.
-
-    Raises:
-        ValueError: The bytes are not a little-endian TFMessage.
-    """
-    with reading(payload, TRANSFORMS_SCHEMA) as reader:
-        return [_read_transform(reader) for _ in range(reader.uint32())]
-
-
 def _write_transform(writer: CdrWriter, message: TransformMessage) -> None:
     if not np.all(np.isfinite(message.T_frame_child)):
         raise ValueError(f"transform at {message.stamp_s} s has a number that is not finite")

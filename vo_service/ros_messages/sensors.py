@@ -279,15 +279,3 @@ def encode_imu(message: ImuMessage) -> bytes:
     writer.float64s(np.concatenate([np.zeros(3), absent]))
     writer.float64s(np.concatenate([message.acceleration_m_s2, np.zeros(9)]))
     return writer.to_bytes()
-
-
-def decode_imu(payload: BytesLike) -> ImuMessage:
-    """Decode the acceleration of a measurement.
-
-    Raises:
-        ValueError: The bytes are not such a message.
-    """
-    with reading(payload, IMU_SCHEMA) as reader:
-        stamp_s, frame_id = reader.header()
-        reader.float64s(4 + 9 + 3 + 9)
-        return ImuMessage(stamp_s, frame_id, reader.float64s(3))

@@ -102,7 +102,6 @@ class ViewSelector:
         corners: Corners of the last snapshot.
         views: Accepted views.
         board_poses: Approximate pose of the board in each view.
-        snapshot_count: Number of processed snapshots.
         board_count: Number of snapshots that showed the board.
     """
 
@@ -112,11 +111,10 @@ class ViewSelector:
         self.corners = NO_CORNERS
         self.views: list[BoardView] = []
         self.board_poses: list[BoardPose] = []
-        self.snapshot_count = self.board_count = 0
+        self.board_count = 0
 
     def process(self, snapshot: Snapshot) -> ViewDecision:
         """Find the board, and accept the view if it is still and new."""
-        self.snapshot_count += 1
         corners = self.board.find_corners(snapshot.gray)
         is_still = self._is_still(snapshot.stamp_s, corners)
         self._last_stamp_s, self.corners = snapshot.stamp_s, corners

@@ -116,7 +116,6 @@ _OPEN_ERRORS = {
 class UsbPart:
     """One USB device of a sensor."""
 
-    id_text: str  # "045e:02ae"
     role: UsbRole
     bus: int
     address: int
@@ -190,8 +189,7 @@ _NOT_TRIED = (None, OpenError.NONE, "")
 
 
 def _make_part(part: UsbDevice) -> UsbPart:
-    product = int(part.handle.idProduct)
-    return UsbPart(f"{part.id.vendor:04x}:{product:04x}", part.id.role, part.bus, part.address)
+    return UsbPart(part.id.role, part.bus, part.address)
 
 
 def _try_open(camera: UsbDevice) -> tuple[bool | None, OpenError, str]:

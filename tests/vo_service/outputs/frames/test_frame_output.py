@@ -23,7 +23,7 @@ from vo_service.outputs.frames import FrameOutputConfig
 from vo_service.outputs.frames.output import open_frame_outputs
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.ros_messages import decode_odometry
-from vo_service.ros_messages.sensors import decode_compressed_image, decode_imu, decode_point_cloud
+from vo_service.ros_messages.sensors import IMU_SCHEMA, decode_compressed_image, decode_point_cloud
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
 
@@ -200,10 +200,13 @@ def test_each_reading_of_the_accelerometer_is_sent_once_with_its_own_stamp(
             updates.append(robot.publish())
             wait_until(lambda count=count: len(subscriber.samples["odom"]) == count)  # type: ignore[misc]
         subscriber.wait(3)
-        messages = [decode_imu(each.payload.to_bytes()) for each in subscriber.samples["imu"]]
+        payloads = [each.payload.to_bytes() for each in subscriber.samples["imu"]]
+    messages: list[Any] = [ROS.deserialize_cdr(payload, IMU_SCHEMA) for payload in payloads]
     stamps_s = [updates[seq].stamp_s for seq in (0, 3, 6)]
-    assert [each.stamp_s for each in messages] == pytest.approx(stamps_s, abs=1e-6)
-    assert messages[0].acceleration_m_s2.tolist() == [0.0, -9.81, 0.0]
+    sent_s = [each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for each in messages]
+    assert sent_s == pytest.approx(stamps_s, abs=1e-6)
+    measured = messages[0].linear_acceleration
+    assert (measured.x, measured.y, measured.z) == (0.0, -9.81, 0.0)
 
 
 def test_fifty_subscribers_all_get_the_frame(robot: Robot, free_port: int) -> None:

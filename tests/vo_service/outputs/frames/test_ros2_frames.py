@@ -13,7 +13,7 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from drivers.core.geometry import T_BODY_CAMERA
+from drivers.core.geometry import T_BODY_CAMERA, transform_from_pose
 from tests.ports import free_port
 from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot, running_robot
@@ -21,7 +21,7 @@ from tests.vo_service.outputs.zenoh.ros_node import ROS, RosReader, receive_toke
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.ros2 import TF_MESSAGE, ros_type
-from vo_service.ros_messages import decode_transforms, split_stamp
+from vo_service.ros_messages import TRANSFORMS_SCHEMA, split_stamp
 
 __all__ = ["make_update"]
 
@@ -142,12 +142,13 @@ def test_a_late_node_gets_the_static_transform(robot: Robot, node: zenoh.Session
     bridge = RosReader(node, "tf_static")
     wait_until(lambda: bool(payloads))
     for payload in (payloads[0], bridge.first(1)[0].payload.to_bytes()):
-        (transform,) = decode_transforms(payload)
-        assert (transform.frame_id, transform.child_frame_id) == (
-            "base_link",
-            "camera_rgb_optical_frame",
-        )
-        np.testing.assert_allclose(transform.T_frame_child, T_BODY_CAMERA, atol=1e-12)
+        message: Any = ROS.deserialize_cdr(payload, TRANSFORMS_SCHEMA)
+        (stamped,) = message.transforms
+        assert stamped.header.frame_id == "base_link"
+        assert stamped.child_frame_id == "camera_rgb_optical_frame"
+        q, t = stamped.transform.rotation, stamped.transform.translation
+        T_base_camera = transform_from_pose((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
+        np.testing.assert_allclose(T_base_camera, T_BODY_CAMERA, atol=1e-12)
     subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 

@@ -13,9 +13,9 @@ from tests import ports
 from tests.resource_leaks import child_pids, is_alive
 from vo_service.outputs.rerun import targets
 from vo_service.outputs.rerun.blueprint import make_blueprint
-from vo_service.outputs.rerun.browser_sink import BrowserSink
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import PortTakenError
+from vo_service.outputs.rerun.targets import BrowserSink
 from vo_service.outputs.rerun.web_viewer_server import pick_free_port as any_port
 from vo_service.types import OdometryUpdate
 

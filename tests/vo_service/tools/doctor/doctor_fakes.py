@@ -21,8 +21,8 @@ def make_sensor(
     """Make a sensor on bus 1 without faults, except for `facts`."""
     defaults: dict[str, Any] = {
         "is_supported": True,
-        "camera": UsbPart("045e:02ae", UsbRole.CAMERA, 1, address),
-        "others": (UsbPart("045e:02ad", UsbRole.AUDIO, 1, address + 1),),
+        "camera": UsbPart(UsbRole.CAMERA, 1, address),
+        "others": (UsbPart(UsbRole.AUDIO, 1, address + 1),),
         "where": "bus 1 port 2.1",
         "speed_mbit_s": 480.0,
         "has_kernel_driver": False,

@@ -16,16 +16,13 @@ from vo_service.odometry.surf.descriptor import (
     make_templates,
 )
 from vo_service.odometry.surf.detector import (
-    NUM_COLUMNS,
     RESPONSE,
     SCALE,
     SIGN,
-    LayerTriple,
+    Layer,
     X,
     Y,
-    fill_responses,
     find_maxima,
-    max_num_maxima,
 )
 
 # Below this response (gray levels^2) a maximum is sensor noise.
@@ -57,50 +54,24 @@ OCTAVES = (
 )
 
 
-class ScaleSpace:
-    """Layers of Hessian responses of one image; its buffers are reused for the next image."""
+# In the order of the keypoint table.
+LAYERS = tuple(
+    Layer(lobes, octave.step)
+    for octave in OCTAVES
+    for lobes in zip(octave.lobes, octave.lobes[1:], octave.lobes[2:], strict=False)
+)
 
-    def __init__(self, height: int, width: int) -> None:
-        self._integral = np.zeros((height + 1, width + 1), np.int32)
-        self._layers = {
-            (octave.step, lobe): np.zeros(
-                (-(-height // octave.step), -(-width // octave.step)), np.float32
-            )
-            for octave in OCTAVES
-            for lobe in octave.lobes
-        }
-        max_keypoints = sum(
-            max_num_maxima(*self._layers[octave.step, lobe].shape)
-            for octave in OCTAVES
-            for lobe in octave.lobes[1:-1]
-        )
-        # Sized for the worst image; memory that is never written is not allocated.
-        self._table = np.empty((max_keypoints, NUM_COLUMNS), np.float32)
 
-    def compute_responses(self, integral: NDArray[np.int32]) -> None:
-        """Compute all layers of an image from its integral image, (H+1, W+1) int32."""
-        self._integral = integral
-        for (step, lobe), layer in self._layers.items():
-            finer = self._layers.get((1, lobe))
-            if step == 1 or finer is None:
-                fill_responses(integral, lobe, step, layer)
-            else:
-                layer[:] = finer[::step, ::step]
+def detect_keypoints(integral: NDArray[np.int32], threshold: float) -> NDArray[np.float32]:
+    """Detect the maxima above a threshold: keypoint table (N, 5).
 
-    def find_maxima(self, threshold: float) -> NDArray[np.float32]:
-        """Keypoint table (N, 5) of the maxima above the threshold, valid until the next search.
+    Order: octave, layer, row, column.
 
-        Order: octave, layer, row, column.
-        """
-        count = 0
-        for octave in OCTAVES:
-            for lobes in zip(octave.lobes, octave.lobes[1:], octave.lobes[2:], strict=False):
-                below, middle, above = (self._layers[octave.step, lobe] for lobe in lobes)
-                layers = LayerTriple(below, middle, above, lobes, octave.step)
-                count = find_maxima(
-                    self._integral, layers, np.float32(threshold), self._table, count
-                )
-        return self._table[:count]
+    Args:
+        integral: (H+1, W+1) integral image.
+        threshold: Smallest response, gray levels^2.
+    """
+    return np.concatenate([find_maxima(integral, layer, np.float32(threshold)) for layer in LAYERS])
 
 
 @dataclass(frozen=True)
@@ -130,8 +101,7 @@ class Features:
 class SurfExtractor:
     """Extractor of the strongest SURF features of an image.
 
-    The result depends on the image only: the state between images (buffers, initial threshold) only
-    saves time.
+    The result depends on the image only: the initial threshold is kept between images to save time.
 
     Args:
         count: Largest number of features; may be changed between images.
@@ -142,13 +112,11 @@ class SurfExtractor:
         self.count = count
         self._upright = upright
         self._threshold = MIN_THRESHOLD
-        self._scale_space = ScaleSpace(0, 0)
-        self._shape = (0, 0)
         self._templates = make_templates()
 
     def extract(self, gray: NDArray[np.uint8]) -> Features:
         """Extract the features of a (H, W) uint8 image, at least 16x16."""
-        keypoints = self._select_strongest(self.detect(gray))
+        keypoints = self.select_strongest(self.detect(gray))
         directions = np.empty((len(keypoints), 2), np.float32)
         descriptors = np.empty((len(keypoints), DESCRIPTOR_SIZE), np.float32)
         describe(
@@ -165,17 +133,15 @@ class SurfExtractor:
 
     def detect(self, gray: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Detect keypoints (N, 5) in image order, at least the `count` strongest if possible."""
-        if gray.shape != self._shape:
-            self._shape = (gray.shape[0], gray.shape[1])
-            self._scale_space = ScaleSpace(*self._shape)
-        self._scale_space.compute_responses(cv2.integral(gray))  # type: ignore[arg-type]
-        keypoints = self._scale_space.find_maxima(self._threshold)
+        integral: NDArray[np.int32] = cv2.integral(gray)  # type: ignore[assignment]
+        keypoints = detect_keypoints(integral, self._threshold)
         while len(keypoints) < self.count and self._threshold > MIN_THRESHOLD:
             self._threshold = max(RETRY_THRESHOLD_RATIO * self._threshold, MIN_THRESHOLD)
-            keypoints = self._scale_space.find_maxima(self._threshold)
+            keypoints = detect_keypoints(integral, self._threshold)
         return keypoints
 
-    def _select_strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
+    def select_strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Select the strongest, strongest first; they set the threshold of the next image."""
         order = np.argsort(-keypoints[:, RESPONSE], kind="stable")[: self.count]
         strongest: NDArray[np.float32] = keypoints[order]
         if len(strongest) == self.count:

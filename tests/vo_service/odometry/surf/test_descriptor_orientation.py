@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
 from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.descriptor import GRID_SIDE, disc_weights, dominant_direction
+from vo_service.odometry.surf.descriptor import (
+    GRID_SIDE,
+    SUMS_SIZE,
+    disc_weights,
+    dominant_direction,
+)
 
 ANGLE_DEG = st.floats(0.0, 360.0)
 HEIGHT, WIDTH = 400, 480
@@ -21,9 +26,9 @@ def direction_deg(gray: Array) -> float:
     weights = disc_weights()
     dxs, dys = np.empty_like(weights), np.empty_like(weights)
     bins = np.empty(len(weights), np.int32)
-    c, s = dominant_direction(
-        gray.astype(np.float32).ravel(), weights, np.flatnonzero(weights), dxs, dys, bins
-    )
+    sum_x, sum_y = np.empty(SUMS_SIZE, np.float32), np.empty(SUMS_SIZE, np.float32)
+    samples, inside = gray.astype(np.float32).ravel(), np.flatnonzero(weights)
+    c, s = dominant_direction(samples, weights, inside, dxs, dys, bins, sum_x, sum_y)
     return float(np.degrees(np.arctan2(s, c)))
 
 

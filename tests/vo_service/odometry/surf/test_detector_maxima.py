@@ -6,79 +6,97 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
+from tests.vo_service.odometry.surf.response_layers import response_layer
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_blob_image
 from vo_service.odometry.surf.detector import (
     NUM_COLUMNS,
     RESPONSE,
     SCALE,
     SIGN,
-    LayerTriple,
+    Layer,
     find_maxima,
-    max_num_maxima,
+    interpolate,
+    is_first_of_equals,
 )
 
 LOBES = (3, 5, 7)
-FIRST = 11  # of the 21x21 filter's border, and one neighbor
-SIZE = 40
+FINE, COARSE = Layer(LOBES, 1), Layer((9, 17, 25), 4)
+FIRST = {1: 11, 4: 11}  # samples: half of the filter above, and one neighbor
 OFFSET = st.floats(-0.4, 0.4)  # further out, the mixed terms can lift a neighbor above
 
 
-def maxima(layers: Array, threshold: float, step: int = 1) -> NDArray[np.float32]:
-    """Keypoints of three layers (3, H, W); the image itself is flat."""
-    rows, columns = layers.shape[1:]
-    below, middle, above = layers.astype(np.float32)
-    flat = np.zeros((rows * step + 1, columns * step + 1), np.int32)
-    table = np.empty((max_num_maxima(rows, columns), NUM_COLUMNS), np.float32)
-    found = find_maxima(
-        flat, LayerTriple(below, middle, above, LOBES, step), np.float32(threshold), table, 0
-    )
-    return table[:found]
+def maxima(
+    image: NDArray[np.uint8], layer: Layer = FINE, threshold: float = 10.0
+) -> NDArray[np.float32]:
+    """Keypoints of one layer."""
+    integral: NDArray[np.int32] = cv2.integral(image)  # type: ignore[assignment]
+    return find_maxima(integral, layer, np.float32(threshold))
 
 
-def hill(x: float, y: float, layer: float) -> Array:
-    """A quadratic of 100 at its top, with all its mixed terms."""
-    ds, dy, dx = np.mgrid[-1:2, :SIZE, :SIZE] - np.array([layer, y, x])[:, None, None, None]
+def noise(height: int, width: int, seed: int) -> NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, (height, width), dtype=np.uint8)
+
+
+def hill(x: float, y: float, layer: float) -> NDArray[np.float32]:
+    """3x3x3 values of a quadratic of 100 at its top, with all its mixed terms."""
+    ds, dy, dx = np.mgrid[-1:2, -1:2, -1:2] - np.array([layer, y, x])[:, None, None, None]
     squares = 2.0 * dx**2 + 3.0 * dy**2 + 4.0 * ds**2
-    layers: Array = 100.0 - squares - 0.5 * dx * dy - 0.3 * dx * ds + 0.7 * dy * ds
-    return layers
+    values: Array = 100.0 - squares - 0.5 * dx * dy - 0.3 * dx * ds + 0.7 * dy * ds
+    return values.astype(np.float32)
 
 
 @FIRST_CALL_COMPILES
 @given(OFFSET, OFFSET, OFFSET)
 def test_the_maximum_of_a_quadratic_is_interpolated(dx: float, dy: float, ds: float) -> None:
-    found = maxima(hill(20 + dx, 18 + dy, ds), 50.0)
-    assert len(found) == 1
-    assert found[0, :3] == pytest.approx([20 + dx, 18 + dy, 0.4 * (5 + 2 * ds)], abs=1e-3)
+    entry = np.empty(NUM_COLUMNS, np.float32)
+    cube = hill(dx, dy, ds)
+    assert interpolate(cube, FINE, 18, 20, entry)
+    assert entry[:3] == pytest.approx([20 + dx, 18 + dy, 0.4 * (5 + 2 * ds)], abs=1e-3)
+    assert entry[RESPONSE] == cube[1, 1, 1]
 
 
 def test_positions_on_a_coarser_grid_are_those_of_the_full_image() -> None:
-    x, y = maxima(hill(20.25, 18.5, 0.0), 50.0, step=4)[0, :2]
-    assert (x, y) == pytest.approx((81.0, 74.0), abs=1e-3)
+    entry = np.empty(NUM_COLUMNS, np.float32)
+    assert interpolate(hill(0.25, 0.5, 0.0), COARSE, 72, 80, entry)
+    assert entry[:3] == pytest.approx([81.0, 74.0, 0.4 * 17], abs=1e-3)
 
 
-def test_the_response_is_that_of_the_highest_sample() -> None:
-    layers = hill(20.25, 18.0, 0.1)
-    assert maxima(layers, 50.0)[0, RESPONSE] == np.float32(layers.max())
+def test_a_top_more_than_a_sample_away_is_no_blob() -> None:
+    entry = np.empty(NUM_COLUMNS, np.float32)
+    assert interpolate(hill(0.95, 0.0, 0.0), FINE, 18, 20, entry)
+    assert not interpolate(hill(1.05, 0.0, 0.0), FINE, 18, 20, entry)
+
+
+@pytest.mark.parametrize("neighbor", list(np.ndindex(3, 3, 3)))
+def test_of_two_equal_neighbors_the_first_is_the_maximum(neighbor: tuple[int, int, int]) -> None:
+    cube = hill(0.0, 0.0, 0.0)
+    cube[neighbor] = cube[1, 1, 1]
+    # In order of layer, row, column; of the layer below, all are first.
+    assert is_first_of_equals(cube) == (neighbor >= (1, 1, 1))
 
 
 def test_only_maxima_above_the_threshold_are_found() -> None:
-    top = np.float32(hill(20.2, 18.1, 0.1).max())
-    assert len(maxima(hill(20.2, 18.1, 0.1), float(np.nextafter(top, np.float32(0))))) == 1
-    assert len(maxima(hill(20.2, 18.1, 0.1), float(top))) == 0
+    image = noise(60, 70, 1)
+    top = maxima(image)[:, RESPONSE].max()
+    assert len(maxima(image, threshold=float(np.nextafter(top, np.float32(0))))) == 1
+    assert len(maxima(image, threshold=float(top))) == 0
 
 
-def brute_force(layers: Array, threshold: float) -> list[list[float]]:
+def brute_force(image: NDArray[np.uint8], layer: Layer, threshold: float) -> list[list[float]]:
     """Every sample above all 26 others whose quadratic has its top no further than a sample."""
+    lobes, step = layer
+    layers = np.stack([response_layer(image, lobe, step) for lobe in lobes]).astype(np.float64)
     found = []
-    for r in range(FIRST, layers.shape[1] - FIRST):
-        for c in range(FIRST, layers.shape[2] - FIRST):
+    for r in range(FIRST[step], layers.shape[1] - FIRST[step]):
+        for c in range(FIRST[step], layers.shape[2] - FIRST[step]):
             cube = layers[:, r - 1 : r + 2, c - 1 : c + 2]
             v = cube[1, 1, 1]
             if v <= threshold or np.count_nonzero(cube >= v) > 1:
                 continue
             ds, dy, dx = np.linalg.solve(*quadratic(cube))
             if max(abs(dx), abs(dy), abs(ds)) <= 1.0:
-                found.append([c + dx, r + dy, 0.4 * (5 + 2 * ds), v])
+                scale = 0.4 * (lobes[1] + ds * (lobes[2] - lobes[1]))
+                found.append([(c + dx) * step, (r + dy) * step, scale, v])
     return found
 
 
@@ -96,62 +114,54 @@ def quadratic(cube: Array) -> tuple[Array, Array]:
 
 
 @settings(FIRST_CALL_COMPILES, max_examples=25)
-@given(st.integers(0, 2**32 - 1), st.integers(33, 47), st.integers(33, 47))
+@given(st.integers(0, 2**32 - 1), st.integers(33, 61), st.integers(33, 61))
 def test_the_maxima_of_noise_are_those_of_a_brute_force_search(
     seed: int, height: int, width: int
 ) -> None:
-    layers = np.random.default_rng(seed).random((3, height, width), dtype=np.float32)
-    expected = np.reshape(brute_force(layers.astype(np.float64), 0.7), (-1, 4))
-    found = maxima(layers.astype(np.float64), 0.7)
+    image = noise(height, width, seed)
+    expected = np.reshape(brute_force(image, FINE, 10.0), (-1, 4))
+    found = maxima(image)
     assert found.shape[0] == len(expected)
-    assert found[:, :SIGN] == pytest.approx(expected, abs=2e-3)
+    assert found[:, :SIGN] == pytest.approx(expected, rel=1e-4, abs=2e-3)
 
 
-@pytest.mark.parametrize(
-    "cells", [[(1, 0, 1)], [(1, 1, 0)], [(1, 1, 1)], [(1, 1, -1)], [(2, 0, 0)]]
-)
-def test_of_two_equal_neighbors_one_is_the_maximum(cells: list[tuple[int, int, int]]) -> None:
-    layers = hill(20.0, 18.0, 0.0) - 20.0
-    layers[1, 18, 20] = 99.0
-    for layer, row, column in cells:
-        layers[layer, 18 + row, 20 + column] = 99.0
-    assert len(maxima(layers, 50.0)) == 1
-
-
-def test_of_two_equal_layers_the_lower_one_has_the_maximum() -> None:
-    layers = hill(20.0, 18.0, 0.0) - 20.0
-    layers[1, 18, 20] = layers[0, 17, 21] = 99.0
-    assert len(maxima(layers, 50.0)) == 0
-
-
-def test_no_maximum_where_the_filter_of_the_next_layer_does_not_fit() -> None:
-    assert len(maxima(hill(FIRST, 18.0, 0.0), 50.0)) == 1
-    assert len(maxima(hill(FIRST - 1, 18.0, 0.0), 50.0)) == 0
-    assert len(maxima(hill(20.0, SIZE - 1 - FIRST, 0.0), 50.0)) == 1
-    assert len(maxima(hill(20.0, SIZE - FIRST, 0.0), 50.0)) == 0
+@pytest.mark.parametrize("shape", [(240, 320), (233, 307), (230, 294)])
+def test_coarse_maxima_are_those_of_a_brute_force_search(shape: tuple[int, int]) -> None:
+    smooth = cv2.GaussianBlur(noise(*shape, 3), (0, 0), 3.0).astype(float)
+    bright = ((smooth - smooth.min()) * (255 / np.ptp(smooth))).astype(np.uint8)
+    expected = np.reshape(brute_force(bright, COARSE, 10.0), (-1, 4))
+    found = maxima(bright, COARSE)
+    assert len(expected) > 5
+    assert found.shape[0] == len(expected)
+    assert found[:, :SIGN] == pytest.approx(expected, rel=1e-4, abs=2e-3)
 
 
 @FIRST_CALL_COMPILES
-@given(st.integers(1, 21), st.integers(1, 21))
-def test_layers_too_small_for_a_maximum_have_none(height: int, width: int) -> None:
-    assert len(maxima(np.random.default_rng(0).random((3, height, width)), 0.0)) == 0
+@given(st.integers(1, 22), st.integers(1, 60), st.booleans())
+def test_images_too_small_for_a_maximum_have_none(small: int, other: int, wide: bool) -> None:
+    shape = (small, other) if wide else (other, small)
+    assert len(maxima(noise(*shape, 0), threshold=0.0)) == 0
 
 
-def test_the_table_has_room_for_a_maximum_in_every_2x2_square() -> None:
-    layers = np.zeros((3, 61, 63))
-    layers[1, FIRST:-FIRST:2, FIRST:-FIRST:2] = 1.0
-    found = maxima(layers, 0.5)
-    assert len(found) == 20 * 21
-    assert max_num_maxima(61, 63) >= len(found)
+def test_maxima_may_lie_next_to_the_margin() -> None:
+    found = np.rint(maxima(noise(40, 2000, 5))[:, 1])
+    assert (found.min(), found.max()) == (FIRST[1], 40 - 1 - FIRST[1])
+
+
+@pytest.mark.parametrize("spacing", [3, 7])
+def test_no_maximum_of_a_raster_is_left_out(spacing: int) -> None:
+    image = np.full((100, 120), 60, np.uint8) + noise(100, 120, 2) // np.uint8(16)
+    image[::spacing, ::spacing] = 230
+    expected = np.reshape(brute_force(image, FINE, 10.0), (-1, 4))
+    found = maxima(image)
+    assert len(expected) > 100
+    assert found[:, :SIGN] == pytest.approx(expected, rel=1e-4, abs=2e-3)
 
 
 @pytest.mark.parametrize(("dark", "sign"), [(True, 1.0), (False, -1.0)])
 def test_the_sign_distinguishes_dark_from_bright_blobs(dark: bool, sign: float) -> None:
-    image = make_blob_image(SIZE, SIZE, (20.0, 18.0), 3.0, dark)
-    table = np.empty((max_num_maxima(SIZE, SIZE), NUM_COLUMNS), np.float32)
-    below, middle, above = hill(20.0, 18.0, 0.0).astype(np.float32)
-    integral = cv2.integral(image)
-    layers = LayerTriple(below, middle, above, LOBES, 1)
-    find_maxima(integral, layers, np.float32(50), table, 0)  # type: ignore[arg-type]
-    assert table[0, SIGN] == sign
-    assert table[0, SCALE] == pytest.approx(2.0)
+    found = maxima(make_blob_image(60, 60, (30.0, 28.0), 3.0, dark))
+    strongest = found[found[:, RESPONSE].argmax()]
+    assert strongest[:2] == pytest.approx([30.0, 28.0], abs=0.1)
+    assert strongest[SIGN] == sign
+    assert strongest[SCALE] == pytest.approx(2.0, abs=0.4)

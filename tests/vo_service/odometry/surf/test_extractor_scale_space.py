@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from tests.vo_service.odometry.surf.box_filters import cross_filter, vertical_filter
 from tests.vo_service.odometry.synthetic_views import make_blob_image
 from vo_service.odometry.surf.detector import RESPONSE, SCALE, SIGN
-from vo_service.odometry.surf.extractor import ScaleSpace
+from vo_service.odometry.surf.extractor import detect_keypoints
 
 SIZE = 201
 CENTRES_PX = [(100.0, 100.0), (100.3, 99.6), (99.55, 100.45), (98.8, 101.1)]
@@ -15,10 +15,8 @@ LOBES = np.arange(3, 49, 2)
 
 
 def strongest(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    scale_space = ScaleSpace(*image.shape)
-    scale_space.compute_responses(cv2.integral(image))  # type: ignore[arg-type]
-    found = scale_space.find_maxima(10.0)
-    keypoint: NDArray[np.float32] = found[found[:, RESPONSE].argmax()].copy()
+    found = detect_keypoints(cv2.integral(image), 10.0)  # type: ignore[arg-type]
+    keypoint: NDArray[np.float32] = found[found[:, RESPONSE].argmax()]
     return keypoint
 
 
@@ -84,7 +82,5 @@ def test_the_maxima_come_octave_by_octave_and_row_by_row() -> None:
     image = np.full((SIZE, SIZE), 40, np.uint8)
     for y, x, sigma_px in ((150, 60, 3.0), (60, 150, 3.0), (60, 60, 9.0)):
         np.maximum(image, make_blob_image(SIZE, SIZE, (x, y), sigma_px), out=image)
-    scale_space = ScaleSpace(SIZE, SIZE)
-    scale_space.compute_responses(cv2.integral(image))  # type: ignore[arg-type]
-    found = scale_space.find_maxima(5000.0)
+    found = detect_keypoints(cv2.integral(image), 5000.0)  # type: ignore[arg-type]
     assert np.rint(found[:, :2]).tolist() == [[150, 60], [60, 150], [60, 60]]

@@ -20,7 +20,9 @@ from vo_service.odometry.direct.motion import change_frame, constant_velocity_mo
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
 from vo_service.odometry.direct.quality import occlusion_reason, rejection_reason
 from vo_service.odometry.direct.recovery import FEATURE_MATCH_VERIFIER
-from vo_service.odometry.direct.residuals import IN_IMAGE
+from vo_service.odometry.direct.residuals import (
+    IN_IMAGE,
+)
 from vo_service.odometry.features import SurfParameters, match_features, pair_points
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import SurfExtractor

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +37,13 @@ from vo_service.odometry.direct.residuals import (
     SIGMA_DEPTH,
     WEIGHT_BRIGHTNESS,
     count_residuals,
-    empty_samples,
     fit_affine_brightness,
-    warp_and_sample,
     weigh_regions,
     weigh_samples,
+)
+from vo_service.odometry.direct.samples import (
+    empty_samples,
+    warp_and_sample,
 )
 
 PointPyramid = Sequence[Array]
@@ -63,7 +66,7 @@ class DirectAlignment:
         motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
         residual_model: (5,) gain, offset, both sigmas and the brightness weight, see `residuals`.
         counts: (8,) of the finest level, see `residuals`.
-        samples: (N, COLUMNS) of the finest level's points, see `warping`.
+        samples: (N, COLUMNS) of the finest level's points, see `samples`.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
 
@@ -74,7 +77,7 @@ class DirectAlignment:
     samples: Array
     cell_weights: Array
 
-    @property
+    @cached_property
     def camera_motion(self) -> Array:
         """(9,) motion of the camera in its own axes, see `motion`."""
         return body_motion(self.T_camera_keyframe, self.motion)

@@ -18,7 +18,7 @@ import numpy as np
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.gauss_newton import fill_jacobian
+from vo_service.odometry.direct.gauss_newton import jacobian
 from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.keyframe_points import (
@@ -42,13 +42,15 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
+    SIGMA_BRIGHTNESS,
+    student_weight,
+)
+from vo_service.odometry.direct.samples import (
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_U,
     SAMPLE_V,
-    SIGMA_BRIGHTNESS,
     squared_radius_change,
-    student_weight,
 )
 
 # Added to the diagonal of a matrix before a system is solved, relative to its trace or diagonal.
@@ -102,7 +104,7 @@ def _accumulate_scores(
 ) -> tuple[Array, Array, int]:
     """(CELLS, 6) sums of the scores w r J, (6, 6) sum of their outer products, and their number."""
     scores, products = np.zeros((NUM_CELLS, 6)), np.zeros((6, 6))
-    J, count = np.empty(6), 0
+    count = 0
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
     for i in range(len(points)):
         brightness = samples[i, SAMPLE_BRIGHTNESS]
@@ -112,7 +114,7 @@ def _accumulate_scores(
         residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
         variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
         weighted = student_weight(residual, variance) * cell_weights[0, cell] * residual
-        fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, weighted, J)
+        J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, weighted)
         count += weighted != 0.0
         for a in range(6):
             scores[cell, a] += J[a]

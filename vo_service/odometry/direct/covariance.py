@@ -15,12 +15,13 @@ from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
 from vo_service.odometry.direct.gauss_newton import (
     TRIANGLE_SIZE,
     UPPER_TRIANGLE,
+    Jacobian,
     MotionPrior,
     accumulate,
     band_times,
     expand_rolling_shutter,
-    fill_jacobian,
     invert_cholesky,
+    jacobian,
 )
 from vo_service.odometry.direct.image_pyramid import (
     NUM_CELLS,
@@ -48,17 +49,19 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    NUM_ROW_BANDS,
     OFFSET,
+    WEIGHT_BRIGHTNESS,
+    residual_variances,
+    student_weight,
+    weigh_samples,
+)
+from vo_service.odometry.direct.samples import (
+    NUM_ROW_BANDS,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_COLOR_BAND,
     SAMPLE_DEPTH_BAND,
     SAMPLE_DEPTH_RESIDUAL,
-    WEIGHT_BRIGHTNESS,
-    residual_variances,
-    student_weight,
-    weigh_samples,
 )
 from vo_service.odometry.uncertainty import (
     DegeneracyAnalysis,
@@ -257,7 +260,6 @@ def accumulate_scores(
         images: The frame at the level.
     """
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
-    J, q = np.empty(6), np.ones(4)
     gain, offset = residual_model[GAIN], residual_model[OFFSET]
     variance, variance_depth = residual_variances(residual_model)
     readout_s, skew_s = images.readout_s, images.skew_s
@@ -272,18 +274,18 @@ def accumulate_scores(
             w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
-            fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
+            J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
             row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s, w * residual)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth)
             w *= cell_weights[1, cell]
             noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
-            fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J)
+            J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
             row = (samples[i, SAMPLE_DEPTH_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s + skew_s, w * depth)
         if noise > 0.0:
-            q[:3] = points[i, :3]
+            q = points[i, 0], points[i, 1], points[i, 2], 1.0
             for a in range(4):
                 for b in range(4):
                     moments[a, b] += noise * q[a] * q[b]
@@ -291,7 +293,7 @@ def accumulate_scores(
 
 
 @inline_kernel
-def _add_score(scores: Array, J: Array, delay_s: float, weighted_residual: float) -> None:
+def _add_score(scores: Array, J: Jacobian, delay_s: float, weighted_residual: float) -> None:
     """Add the score of a sample at a time after the frame's stamp."""
     for k in range(6):
         scores[k] += weighted_residual * J[k]

@@ -37,19 +37,21 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    NUM_ROW_BANDS,
     OFFSET,
-    SAMPLE_COLOR_BAND,
-    SAMPLE_DEPTH_BAND,
     WEIGHT_BRIGHTNESS,
     WeightedSamples,
-    empty_samples,
     fit_affine_brightness,
     residual_variances,
     student_weight,
-    warp_and_sample,
     weigh_regions,
     weigh_samples,
+)
+from vo_service.odometry.direct.samples import (
+    NUM_ROW_BANDS,
+    SAMPLE_COLOR_BAND,
+    SAMPLE_DEPTH_BAND,
+    empty_samples,
+    warp_and_sample,
 )
 
 # Number of elements in the upper triangle of a symmetric 6x6 matrix; sums of the normal equations

@@ -252,7 +252,7 @@ def project_rolling_shutter(
     fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     height = images.inverse_depth.shape[0]
     middle, row_s, skew_s = 0.5 * (height - 1), images.readout_s / height, images.skew_s
-    xs, ys, zs = points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
+    xs, ys, zs = points[:, 0], points[:, 1], points[:, 2]
     for n in range(count):
         px, py, pz = xs[n], ys[n], zs[n]
         x = t00 * px + t01 * py + t02 * pz + t03

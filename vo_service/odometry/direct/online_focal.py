@@ -51,15 +51,17 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
+    WEIGHT_BRIGHTNESS,
+    residual_variances,
+    student_curvature,
+    student_weight,
+)
+from vo_service.odometry.direct.samples import (
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_DEPTH_RESIDUAL,
     SAMPLE_U,
     SAMPLE_V,
-    WEIGHT_BRIGHTNESS,
-    residual_variances,
-    student_curvature,
-    student_weight,
 )
 from vo_service.types import Estimate, OnlineFocalLength
 

@@ -5,6 +5,7 @@ Also the result of the tracking, with its debug data for a viewer.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import sqrt
 
 import numpy as np
@@ -41,15 +42,17 @@ from vo_service.odometry.direct.residuals import (
     GAIN,
     IN_IMAGE,
     NUM_OCCLUDED,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_U,
-    SAMPLE_V,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
     WITH_BRIGHTNESS,
     WITH_DEPTH,
     find_inliers,
+)
+from vo_service.odometry.direct.samples import (
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_U,
+    SAMPLE_V,
 )
 from vo_service.types import TrackingDebug
 
@@ -271,7 +274,7 @@ class TrackingResult:
     prior: MotionPrior
     degradation: str = ""
 
-    @property
+    @cached_property
     def T_world_camera(self) -> Array:
         """4x4 pose of the camera."""
         return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)

@@ -39,14 +39,16 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_V,
     WEIGHT_BRIGHTNESS,
     residual_variances,
     student_curvature,
     student_weight,
+)
+from vo_service.odometry.direct.samples import (
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_V,
 )
 
 # Pose (6), gain, offset, turn of the depth camera (2), readout, delay.

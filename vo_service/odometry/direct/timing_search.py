@@ -35,7 +35,10 @@ from vo_service.odometry.direct.parameters import (
     SUFFICIENT_SEARCH_SCORE_GAIN,
 )
 from vo_service.odometry.direct.quality import TrackingResult, rejection_reason
-from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS, SIGMA_DEPTH
+from vo_service.odometry.direct.residuals import (
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+)
 from vo_service.odometry.direct.timing_equations import TimedFrame, TrackedView
 
 # A quarter of the cells, spread over the image: a tracker of the search takes its points from them.

@@ -29,7 +29,9 @@ from vo_service.odometry.direct.keyframe_selection import TrackedFrame
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import MAX_VIGNETTING
-from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS
+from vo_service.odometry.direct.residuals import (
+    SIGMA_BRIGHTNESS,
+)
 
 # 9 degrees to the right and 4 down in a second.
 TURN = MovingCamera(np.array([0.05, 0.0, 0.0, -0.07, 0.16, 0.02]))

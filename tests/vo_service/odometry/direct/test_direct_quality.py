@@ -8,6 +8,7 @@ import pytest
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from vo_service.odometry.direct import residuals as columns
+from vo_service.odometry.direct import samples as sampled
 from vo_service.odometry.direct.alignment import (
     STATIC_PRIOR,
     DirectAlignment,
@@ -123,19 +124,19 @@ def count_of(readings: Array) -> Array:
 
 def test_samples_are_counted_by_their_state() -> None:
     counts = count_of(GOOD.samples)
-    assert counts[columns.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, columns.SAMPLE_CELL] >= 0)
+    assert counts[columns.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, sampled.SAMPLE_CELL] >= 0)
     assert 0.9 * counts[columns.WITH_DEPTH] < counts[columns.DEPTH_AGREES]
     assert 0.9 * counts[columns.WITH_BRIGHTNESS] < counts[columns.BRIGHTNESS_AGREES]
     assert counts[columns.DISREGARDED] == 0
 
 
 def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> None:
-    before, within = count_of(GOOD.samples), GOOD.samples[:, columns.SAMPLE_CELL] < 16
+    before, within = count_of(GOOD.samples), GOOD.samples[:, sampled.SAMPLE_CELL] < 16
     hidden, through = GOOD.samples.copy(), GOOD.samples.copy()
-    for readings, sign in ((hidden, columns.OCCLUDED), (through, -columns.OCCLUDED)):
-        readings[within, columns.SAMPLE_OCCLUSION] = sign
-        readings[within, columns.SAMPLE_BRIGHTNESS] = readings[
-            within, columns.SAMPLE_DEPTH_RESIDUAL
+    for readings, sign in ((hidden, sampled.OCCLUDED), (through, -sampled.OCCLUDED)):
+        readings[within, sampled.SAMPLE_OCCLUSION] = sign
+        readings[within, sampled.SAMPLE_BRIGHTNESS] = readings[
+            within, sampled.SAMPLE_DEPTH_RESIDUAL
         ] = np.nan
     assert count_of(hidden)[columns.NUM_OCCLUDED] == np.count_nonzero(within)
     assert count_of(hidden)[columns.IN_IMAGE] < before[columns.IN_IMAGE]
@@ -149,7 +150,7 @@ def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> No
 def test_points_agree_if_both_brightness_and_depth_do() -> None:
     agreeing = columns.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
     assert agreeing.mean() > 0.85
-    for column, by in ((columns.SAMPLE_BRIGHTNESS, 200.0), (columns.SAMPLE_DEPTH_RESIDUAL, 0.05)):
+    for column, by in ((sampled.SAMPLE_BRIGHTNESS, 200.0), (sampled.SAMPLE_DEPTH_RESIDUAL, 0.05)):
         wrong = GOOD.samples.copy()
         wrong[::2, column] += by
         now = columns.find_inliers(POINTS[0], wrong, GOOD.residual_model)
@@ -159,7 +160,7 @@ def test_points_agree_if_both_brightness_and_depth_do() -> None:
 
 def occluded(share: float) -> DirectAlignment:
     readings = GOOD.samples.copy()
-    readings[: int(share * len(readings)), columns.SAMPLE_OCCLUSION] = columns.OCCLUDED
+    readings[: int(share * len(readings)), sampled.SAMPLE_OCCLUSION] = sampled.OCCLUDED
     return replace(GOOD, samples=readings, counts=count_of(readings))
 
 

@@ -34,7 +34,11 @@ from vo_service.odometry.direct.quality import (
     rejection_reason,
 )
 from vo_service.odometry.direct.recovery import DirectRecovery, FeatureSearch, KeyframeMatch
-from vo_service.odometry.direct.residuals import SIGMA_BRIGHTNESS, SIGMA_DEPTH, WEIGHT_BRIGHTNESS
+from vo_service.odometry.direct.residuals import (
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    WEIGHT_BRIGHTNESS,
+)
 from vo_service.odometry.surf import SurfExtractor
 
 

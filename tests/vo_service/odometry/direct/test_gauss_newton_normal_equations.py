@@ -19,7 +19,7 @@ from vo_service.odometry.direct.alignment import (
 from vo_service.odometry.direct.gauss_newton import (
     accumulate,
     expand_rolling_shutter,
-    fill_jacobian,
+    jacobian,
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe_points import (
@@ -33,12 +33,14 @@ from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_DEPTH_RESIDUAL,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
     fit_affine_brightness,
     weigh_samples,
+)
+from vo_service.odometry.direct.samples import (
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_DEPTH_RESIDUAL,
 )
 
 READOUT_S, SKEW_S = 0.03, 0.012
@@ -52,7 +54,7 @@ def jacobians(first: int, has: int) -> tuple[Array, NDArray[np.bool_]]:
     """(N, 6) Jacobians, and which points have them."""
     rows, counts = np.empty((len(POINTS[0]), 6)), POINTS[0][:, has] > 0
     for point, row in zip(POINTS[0], rows, strict=True):
-        fill_jacobian(point, first, 1.0, row)
+        row[:] = jacobian(point, first, 1.0)
     return rows, counts
 
 

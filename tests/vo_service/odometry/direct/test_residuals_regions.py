@@ -32,14 +32,16 @@ from vo_service.odometry.direct.image_pyramid import (
 from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.residuals import (
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    weigh_regions,
+)
+from vo_service.odometry.direct.samples import (
     OCCLUDED,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_DEPTH_RESIDUAL,
     SAMPLE_OCCLUSION,
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    weigh_regions,
 )
 
 FRAME = add_noise(render_view(), 0)

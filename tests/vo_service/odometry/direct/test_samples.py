@@ -25,7 +25,7 @@ from vo_service.odometry.direct.image_pyramid import (
 from vo_service.odometry.direct.keyframe_points import POINT_BRIGHTNESS as POINT_BRIGHTNESS
 from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.residuals import (
+from vo_service.odometry.direct.samples import (
     OCCLUDED,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,

@@ -82,7 +82,7 @@ class Frame(Located):
         """
         if isinstance(self._color, RawImageMessage):
             return self._color.pixels.astype(np.uint8, copy=False)
-        from vo_service.frame_messages import decode_color_jpeg  # loads OpenCV
+        from vo_service.outputs.frames import decode_color_jpeg  # loads OpenCV
 
         return decode_color_jpeg(self._color)
 
@@ -108,7 +108,7 @@ class Frame(Located):
             raise ValueError("this frame has no depth; ask for frames(depth=True)")
         if isinstance(self._depth, RawImageMessage):
             return self._depth.pixels.astype(np.uint16, copy=False)
-        from vo_service.frame_messages import decode_depth_png  # loads OpenCV
+        from vo_service.outputs.frames import decode_depth_png  # loads OpenCV
 
         return decode_depth_png(self._depth)
 

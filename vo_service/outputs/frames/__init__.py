@@ -1,20 +1,33 @@
-"""Output of frames. Here: the keys of a frame, their message types, and how each is encoded."""
+"""Output of frames. Here: the keys of a frame, their message types, and how each is encoded.
 
+All messages of a frame have the same stamp, except those of the accelerometer, and the same frame
+of the camera, with optical axes: x right, y down, z forward. Depth is registered to color, so one
+set of intrinsics belongs to both.
+"""
+
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
+import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
-from drivers.camera import NewReadings
+from drivers.camera import AccelerometerReading, NewReadings, RgbdFrame
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.config_tables import FramesConfig, Ros2Config
-from vo_service.frame_messages import FrameMessages
 from vo_service.ros_messages.sensors import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
     IMAGE_SCHEMA,
     IMU_SCHEMA,
     POINT_CLOUD_SCHEMA,
+    CameraInfoMessage,
+    CompressedImageMessage,
+    ImuMessage,
+    PointCloudMessage,
+    RawImageMessage,
     encode_camera_info,
     encode_compressed_image,
     encode_image,
@@ -23,6 +36,115 @@ from vo_service.ros_messages.sensors import (
 )
 from vo_service.types import OdometryUpdate, OnlineFocalLength, OnlineTiming
 from vo_service.types.messages import FrameAttachment, TimingMessage, encode_message
+
+# Formats as ROS's image_transport_plugins write them.
+JPEG_FORMAT = "bgr8; jpeg compressed bgr8"
+DEPTH_PNG_FORMAT = "16UC1; compressedDepth png"
+# Before the PNG: coding 0 (inverse depth), and its two parameters, which 16UC1 does not use.
+_DEPTH_PNG_HEADER = struct.pack("<iff", 0, 0.0, 0.0)
+# Level 1 without a filter takes 40 % of the time of OpenCV's defaults, for 4 % more bytes.
+_PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
+_MAX_DEPTH_MM = np.iinfo(np.uint16).max
+
+
+@dataclass(frozen=True)
+class FrameMessages:
+    """Makes the messages of one frame; each call makes a new one.
+
+    Attributes:
+        frame: The frame.
+        stamp_s: Stamp of the frame, Unix seconds.
+        frame_id: Frame of the camera.
+    """
+
+    frame: RgbdFrame
+    stamp_s: float
+    frame_id: str
+
+    def color(self) -> RawImageMessage:
+        """The color image, ``bgr8``."""
+        return RawImageMessage(self.stamp_s, self.frame_id, "bgr8", self.frame.color_bgr)
+
+    def depth(self) -> RawImageMessage:
+        """The depth image, ``16UC1``: millimeters, 0 = no reading."""
+        return RawImageMessage(self.stamp_s, self.frame_id, "16UC1", depth_in_mm(self.frame))
+
+    def color_jpeg(self, quality: int) -> CompressedImageMessage:
+        """The color image as a JPEG of quality 1 to 100."""
+        data = _encode(".jpg", self.frame.color_bgr, (cv2.IMWRITE_JPEG_QUALITY, quality))
+        return CompressedImageMessage(self.stamp_s, self.frame_id, JPEG_FORMAT, data)
+
+    def depth_png(self) -> CompressedImageMessage:
+        """The depth image as a PNG, in the form of ROS's compressedDepth."""
+        data = _DEPTH_PNG_HEADER + _encode(".png", depth_in_mm(self.frame), _PNG_OPTIONS)
+        return CompressedImageMessage(self.stamp_s, self.frame_id, DEPTH_PNG_FORMAT, data)
+
+    def camera_info(self) -> CameraInfoMessage:
+        """The intrinsics of both images."""
+        camera = self.frame.camera
+        return CameraInfoMessage(self.stamp_s, self.frame_id, camera.width, camera.height, camera.K)
+
+    def points(self, stride: int) -> PointCloudMessage:
+        """The colored points of the pixels with depth, in the camera's axes.
+
+        Args:
+            stride: Use every n-th pixel of every n-th row.
+        """
+        camera = self.frame.camera
+        depth_m = self.frame.depth_m[::stride, ::stride]
+        rows, columns = np.nonzero(depth_m)
+        z = depth_m[rows, columns]
+        x = (columns * stride - camera.cx).astype(np.float32) * z / np.float32(camera.fx)
+        y = (rows * stride - camera.cy).astype(np.float32) * z / np.float32(camera.fy)
+        bgr = self.frame.color_bgr[::stride, ::stride][rows, columns]
+        return PointCloudMessage(self.stamp_s, self.frame_id, np.column_stack([x, y, z]), bgr)
+
+    def imu(self, reading: AccelerometerReading) -> ImuMessage:
+        """A reading of the accelerometer, with its own stamp."""
+        stamp_s = self.stamp_s + (reading.stamp_s - self.frame.stamp_s)
+        return ImuMessage(stamp_s, self.frame_id, np.array(reading.acceleration_m_s2))
+
+
+def depth_in_mm(frame: RgbdFrame) -> NDArray[np.uint16]:
+    """Return the frame's depth in millimeters, 0 = no reading (and from 65.536 m on)."""
+    if frame.depth_factor == 1000.0:
+        return frame.depth_raw
+    depth_mm = np.rint(frame.depth_raw * (1000.0 / frame.depth_factor))
+    return np.where(depth_mm <= _MAX_DEPTH_MM, depth_mm, 0).astype(np.uint16)
+
+
+def decode_color_jpeg(message: CompressedImageMessage) -> NDArray[np.uint8]:
+    """Decode a compressed color image to (height, width, 3) uint8, BGR.
+
+    Raises:
+        ValueError: It cannot be decoded.
+    """
+    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError(f"an image in the format {message.format!r} cannot be decoded")
+    return image.astype(np.uint8, copy=False)
+
+
+def decode_depth_png(message: CompressedImageMessage) -> NDArray[np.uint16]:
+    """Decode compressedDepth of 16UC1 to (height, width) uint16, millimeters.
+
+    Raises:
+        ValueError: It cannot be decoded.
+    """
+    data = np.frombuffer(message.data, np.uint8)[len(_DEPTH_PNG_HEADER) :]
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    if image is None or image.dtype != np.uint16 or image.ndim != 2:
+        raise ValueError(f"depth in the format {message.format!r} cannot be decoded")
+    return image.astype(np.uint16, copy=False)
+
+
+def _encode(
+    suffix: str, image: NDArray[np.uint8] | NDArray[np.uint16], options: tuple[int, ...]
+) -> bytes:
+    is_encoded, data = cv2.imencode(suffix, image, options)
+    if not is_encoded:
+        raise ValueError(f"OpenCV cannot write {image.shape} {image.dtype} as {suffix}")
+    return data.tobytes()
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import AccelerometerReading, PinholeCamera, RgbdFrame
-from vo_service.frame_messages import (
+from vo_service.outputs.frames import (
     FrameMessages,
     decode_color_jpeg,
     decode_depth_png,

@@ -1,7 +1,7 @@
 """The rigid motion between two sets of points, by singular value decomposition.
 
 Sorkine-Hornung and Rabinovich, "Least-Squares Rigid Motion Using SVD" (2017): the five steps of
-its Section 4, one function each. Points are rows: P, Q (N, 3); weights w (N,).
+its Section 4. Points are rows.
 """
 
 import numpy as np
@@ -17,55 +17,19 @@ def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:
         Q: (N, 3) points q_i.
         w: (N,) weights.
     """
-    p_mean, q_mean = weighted_centroid(P, w), weighted_centroid(Q, w)
-    X, Y = center_points(P, p_mean), center_points(Q, q_mean)
-    S = cross_covariance(X, Y, w)
-    R = rotation_from_covariance(S)
-    t = translation_between(p_mean, q_mean, R)
-    return rigid_transform(R, t)
-
-
-def weighted_centroid(P: Array, w: Array) -> Array:
-    """Step 1: the weighted centroid, sum w_i p_i / sum w_i."""
-    centroid: Array = w @ P / w.sum()
-    return centroid
-
-
-def center_points(P: Array, centroid: Array) -> Array:
-    """Step 2: the centered vectors, x_i = p_i - centroid."""
-    return P - centroid
-
-
-def cross_covariance(X: Array, Y: Array, w: Array) -> Array:
-    """Step 3: the 3x3 covariance matrix S = X W Y^T (with points as columns).
-
-    Args:
-        X: (N, 3) centered points.
-        Y: (N, 3) centered points that they are mapped to.
-        w: (N,) weights.
-    """
-    S: Array = (X * w[:, None]).T @ Y
-    return S
-
-
-def rotation_from_covariance(S: Array) -> Array:
-    """Step 4: with S = U D V^T, R = V diag(1, 1, det(V U^T)) U^T, which is no reflection."""
+    # Step 1: the weighted centroids.
+    p_mean, q_mean = w @ P / w.sum(), w @ Q / w.sum()
+    # Step 2: the centered vectors.
+    X, Y = P - p_mean, Q - q_mean
+    # Step 3: the 3x3 covariance matrix S = X W Y^T, with points as columns.
+    S = (X * w[:, None]).T @ Y
+    # Step 4: with S = U D V^T, R = V diag(1, 1, det(V U^T)) U^T, which is no reflection.
     U, _, Vt = np.linalg.svd(S)
     V = Vt.T
     sign = 1.0 if np.linalg.det(V @ U.T) >= 0 else -1.0
-    R: Array = V @ np.diag([1.0, 1.0, sign]) @ U.T
-    return R
-
-
-def translation_between(p_mean: Array, q_mean: Array, R: Array) -> Array:
-    """Step 5: t = q_mean - R p_mean.
-
-    Args:
-        p_mean: (3,) centroid of the points.
-        q_mean: (3,) centroid of the points that they are mapped to.
-        R: 3x3 rotation.
-    """
-    return q_mean - R @ p_mean
+    R = V @ np.diag([1.0, 1.0, sign]) @ U.T
+    # Step 5: the translation.
+    return rigid_transform(R, q_mean - R @ p_mean)
 
 
 def motion_covariance(P: Array, w: Array, sigma_m: Array) -> Array:

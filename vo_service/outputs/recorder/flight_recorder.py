@@ -154,7 +154,7 @@ class NullLossTrigger:
 
 
 class FlightRecorder:
-    """Keeps the last seconds in shared memory that survives a crash of this process.
+    """A `Recorder` that keeps the last seconds in shared memory, which survives a crash.
 
     A thread packs the frames. A second process writes them to disk: when tracking is lost, on
     command, or when this process ends without `close`.
@@ -195,12 +195,10 @@ class FlightRecorder:
 
     @property
     def warning(self) -> str:
-        """The recorder's fault in one clause; "" if there is none."""
         return self._memory_fault or self._client.warning
 
     @property
     def recording(self) -> str:
-        """Folder of the current recording; "" = none."""
         return self._client.recording
 
     @property
@@ -236,33 +234,17 @@ class FlightRecorder:
         self._save_incident_if(self._loss_trigger.is_due(time.monotonic()))
 
     def save(self, reason: str) -> str:
-        """Write an incident; return its folder.
-
-        Raises:
-            CommandError: If that is not possible.
-        """
         if not self._history.frames.record_count:
             raise NotPossibleError("no frame has arrived yet")
         return self._client.save(reason)
 
     def start_recording(self, name: str) -> str:
-        """Start a recording; return its folder.
-
-        Raises:
-            CommandError: If that is not possible.
-        """
         return self._client.start_recording(name, self._history.frames.record_count)
 
     def stop_recording(self) -> str:
-        """End the recording; return its folder.
-
-        Raises:
-            CommandError: If there is none.
-        """
         return self._client.stop_recording(self._history.frames.record_count)
 
     def configure(self, settings: RecorderConfig) -> None:
-        """Apply new settings that need no restart."""
         # An unchanged setting keeps the trigger, so a pending loss is still written.
         if settings.save_on_loss != self._should_save_on_loss:
             self._should_save_on_loss = settings.save_on_loss

@@ -101,7 +101,7 @@ _QueueItem = tuple[OdometryUpdate, OdometryConstraint | RelocalizationQuery | No
 
 
 class LiveMapper:
-    """Mapper whose frames go through shared memory to a process.
+    """A `Mapper` whose frames go through shared memory to a process.
 
     The main loop only compares two poses; a thread copies the images of a frame.
 
@@ -140,12 +140,10 @@ class LiveMapper:
 
     @property
     def warning(self) -> str:
-        """Current faults as one clause; "" for none."""
         return self._memory_fault or self._client.warning
 
     @property
     def state(self) -> MapState:
-        """State of the map."""
         return self._client.state
 
     @property
@@ -164,23 +162,12 @@ class LiveMapper:
         """Do nothing."""
 
     def save(self, name: str) -> MapState:
-        """Start saving the map.
-
-        Raises:
-            CommandError: If that is not possible.
-        """
         return self._client.save(name)
 
     def load(self, name: str) -> MapState:
-        """Start loading a map.
-
-        Raises:
-            CommandError: If that is not possible.
-        """
         return self._client.load(name)
 
     def configure(self, settings: MapConfig) -> None:
-        """Apply settings to later keyframes and the next map."""
         self._client.configure(settings)
 
     def close(self) -> None:

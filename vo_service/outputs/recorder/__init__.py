@@ -9,7 +9,6 @@ import threading
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from re import fullmatch
 
 from drivers.core.process import Heartbeat, WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
@@ -209,7 +208,7 @@ class RecorderClient:
         Raises:
             CommandError: The name is invalid or taken, or a recording is running.
         """
-        if not fullmatch(NAME_PATTERN, name):
+        if not re.fullmatch(NAME_PATTERN, name):
             raise CommandError(
                 ErrorCode.BAD_REQUEST,
                 "a recording's name is up to 64 letters, digits, dots, dashes and underscores",

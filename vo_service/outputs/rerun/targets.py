@@ -1,25 +1,31 @@
 """Targets of Rerun as users write them: serve, connect, connect:HOST:PORT or FILE.rrd."""
 
+import os
 import socket
+from collections.abc import Sequence
 from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from vo_service.outputs.rerun.sinks import DATA_PORT, LOOPBACK, LiveSink, PortTakenError
+from drivers.core.errors import InputError
+from vo_service.config_tables import RerunConfig
+from vo_service.outputs.rerun.sinks import (
+    DATA_PORT,
+    LOOPBACK,
+    LiveSink,
+    PortTakenError,
+    RrdFileSink,
+    RunningViewerSink,
+    Sink,
+)
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
     from vo_service.outputs.rerun.web_viewer_server import WebViewerServer
-import os
-from collections.abc import Sequence
-from importlib.util import find_spec
-from pathlib import Path
-
-from drivers.core.errors import InputError
-from vo_service.config_tables import RerunConfig
-from vo_service.outputs.rerun.sinks import RrdFileSink, RunningViewerSink, Sink
 
 WEB_PORT = 9090
 

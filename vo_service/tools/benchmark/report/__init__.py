@@ -2,29 +2,24 @@
 
 import csv
 import io
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TextIO
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
+from drivers.core.config import SCHEMA_VERSION
+from vo_service.config import Config, OdometryConfig
 from vo_service.terminal import make_console
-from vo_service.tools.benchmark import CompletedRun, LoopClosureRun
+from vo_service.tools.benchmark import CompletedRun, LoopClosureRun, collect_versions
+from vo_service.tools.benchmark.methods import SfmScale
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.results import RunEvaluation
 
 if TYPE_CHECKING:
     from rich.text import Text
-import json
-import os
-from collections.abc import Mapping
-from dataclasses import asdict, field
-from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
-
-from drivers.core.config import SCHEMA_VERSION
-from vo_service.config import Config, OdometryConfig
-from vo_service.tools.benchmark import collect_versions
-from vo_service.tools.benchmark.methods import SfmScale
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 
 # A table that is wider than the terminal is not cut.
 MAX_WIDTH = 1000

@@ -54,6 +54,32 @@ def transform_points(T: Array, points: Array) -> Array:
     return points @ T[:3, :3].T + T[:3, 3]
 
 
+def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:
+    """4x4 transform T that minimizes sum w_i |T p_i - q_i|^2; 3 points or more, not on a line.
+
+    The five steps of Section 4 of Sorkine-Hornung and Rabinovich, "Least-Squares Rigid Motion Using
+    SVD" (2017).
+
+    Args:
+        P: (N, 3) points p_i.
+        Q: (N, 3) points q_i.
+        w: (N,) weights.
+    """
+    # Step 1: the weighted centroids.
+    p_mean, q_mean = w @ P / w.sum(), w @ Q / w.sum()
+    # Step 2: the centered vectors.
+    X, Y = P - p_mean, Q - q_mean
+    # Step 3: the 3x3 covariance matrix S = X W Y^T, with points as columns.
+    S = (X * w[:, None]).T @ Y
+    # Step 4: with S = U D V^T, R = V diag(1, 1, det(V U^T)) U^T, which is no reflection.
+    U, _, Vt = np.linalg.svd(S)
+    V = Vt.T
+    sign = 1.0 if np.linalg.det(V @ U.T) >= 0 else -1.0
+    R = V @ np.diag([1.0, 1.0, sign]) @ U.T
+    # Step 5: the translation.
+    return rigid_transform(R, q_mean - R @ p_mean)
+
+
 def rotation_angle_rad(R: Array) -> float:
     """Return the angle of a 3x3 rotation, 0 to pi.
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array, transform_points
+from drivers.core.geometry import Array, fit_rigid_motion, transform_points
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.features import PointPairs
-from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
 
 # A pair agrees if its distance, in standard deviations of the two points, is below this.
 GATE_SIGMAS = 3.0
@@ -276,6 +275,37 @@ def refine_rigid_motion(consensus: Consensus, pairs: PointPairs) -> RigidMotionE
         inlier = find_inliers(T, pairs, gate)
     covariance = motion_covariance(pairs.P_camera[fitted], w[fitted], _sigma_m(pairs)[fitted])
     return RigidMotionEstimate(T, inlier, covariance)
+
+
+def motion_covariance(P: Array, w: Array, sigma_m: Array) -> Array:
+    """6x6 covariance of a fitted motion, (translation m, rotation rad) in the axes of P.
+
+    First order: the fit solves H xi = sum w_i J_i^T r_i with H = sum w_i J_i^T J_i, so
+    cov(xi) = H^-1 M H^-1 with M = sum w_i^2 J_i^T diag(sigma_i^2) J_i.
+    An unconstrained direction (all points on a line) gets a meter and a radian, not infinity.
+
+    Args:
+        P: (N, 3) as given to the fit.
+        w: (N,) as given to the fit.
+        sigma_m: (N, 3) standard deviations of T p_i - q_i in the axes of P.
+    """
+    J = _motion_jacobian(P)
+    weighted = (J * np.sqrt(w)[:, None, None]).reshape(-1, 6)
+    noise = (J * (w[:, None] * sigma_m)[:, :, None]).reshape(-1, 6)
+    H_inverse = np.linalg.inv(weighted.T @ weighted + np.eye(6))
+    covariance: Array = H_inverse @ (noise.T @ noise + np.eye(6)) @ H_inverse
+    return 0.5 * (covariance + covariance.T)
+
+
+def _motion_jacobian(P: Array) -> Array:
+    """(N, 3, 6) Jacobian of a point by a small motion (rho, phi): rho + phi x p."""
+    x, y, z = P.T
+    J = np.zeros((len(P), 3, 6))
+    J[:, :, :3] = np.eye(3)
+    J[:, 0, 4], J[:, 0, 5] = z, -y
+    J[:, 1, 3], J[:, 1, 5] = -z, x
+    J[:, 2, 3], J[:, 2, 4] = y, -x
+    return J
 
 
 def pair_weights(pairs: PointPairs) -> Array:

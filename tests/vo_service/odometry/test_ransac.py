@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from drivers.core.geometry import (
     Array,
+    fit_rigid_motion,
     inverse,
     is_rigid,
     rigid_transform,
@@ -26,7 +27,6 @@ from vo_service.odometry.ransac import (
     find_inliers,
     inverse_gate,
 )
-from vo_service.odometry.rigid_motion import fit_rigid_motion
 
 SEED = st.integers(0, 2**31 - 1)
 COORDINATE = st.floats(-4.0, 4.0)

@@ -6,13 +6,14 @@ from scipy.spatial.transform import Rotation
 
 from drivers.core.geometry import (
     Array,
+    fit_rigid_motion,
     inverse,
     is_rigid,
     rigid_transform,
     so3_exp,
     transform_points,
 )
-from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
+from vo_service.odometry.ransac import motion_covariance
 
 SEED = st.integers(0, 2**32 - 1)
 VECTOR = st.tuples(*[st.floats(-3.0, 3.0)] * 3)

@@ -233,7 +233,14 @@ def jacobian(point: Array, gradient_column: int, scale: float) -> Jacobian:
 
 @inline_kernel
 def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) -> None:
-    """Fill in the first 6 elements of J, see `jacobian`."""
+    """Fill in the first 6 elements of J, see `jacobian`.
+
+    Args:
+        point: As for `jacobian`.
+        gradient_column: As for `jacobian`.
+        scale: As for `jacobian`.
+        J: (6,) or more, in and out.
+    """
     for k, element in enumerate(jacobian(point, gradient_column, scale)):
         J[k] = element
 

@@ -56,7 +56,13 @@ class BoxRows(NamedTuple):
 
 @inline_kernel
 def box_rows(integral: NDArray[np.int32], lobe: int, r: int) -> BoxRows:
-    """The bounds of a filter's boxes at image row `r`; the filter must fit there."""
+    """The bounds of a filter's boxes at image row `r`; the filter must fit there.
+
+    Args:
+        integral: (H + 1, W + 1) integral image.
+        lobe: Length of a lobe of the filter, pixels.
+        r: Row of the image.
+    """
     half, center = lobe_margin(lobe), lobe // 2
     return BoxRows(
         integral[r - lobe + 1],
@@ -164,7 +170,13 @@ def _determinant(xx: np.int32, yy: np.int32, xy: np.int32, scale: np.float32) ->
 
 @inline_kernel
 def response_at(rows: BoxRows, lobe: int, c: int) -> np.float32:
-    """det(H) of one pixel, to the bit that of `fill_row`."""
+    """det(H) of one pixel, to the bit that of `fill_row`.
+
+    Args:
+        rows: Of `box_rows`, at the pixel's row.
+        lobe: Length of a lobe of the filter, pixels.
+        c: Column of the pixel.
+    """
     xx, yy = straight_sums(rows, lobe, c)
     above = _box(rows.above_start, rows.above_end, c + 1, c + lobe + 1) - _box(
         rows.above_start, rows.above_end, c - lobe, c
@@ -177,7 +189,13 @@ def response_at(rows: BoxRows, lobe: int, c: int) -> np.float32:
 
 @inline_kernel
 def straight_sums(rows: BoxRows, lobe: int, c: int) -> tuple[np.int32, np.int32]:
-    """Dxx and Dyy of one pixel, not normalized."""
+    """Dxx and Dyy of one pixel, not normalized.
+
+    Args:
+        rows: Of `box_rows`, at the pixel's row.
+        lobe: Length of a lobe of the filter, pixels.
+        c: Column of the pixel.
+    """
     half, center = lobe_margin(lobe), lobe // 2
     start, end = c - lobe + 1, c + lobe
     wide = _box(rows.x_start, rows.x_end, c - half, c + half + 1)
@@ -197,7 +215,13 @@ def _box(upper: NDArray[np.int32], lower: NDArray[np.int32], start: int, end: in
 
 @inline_kernel
 def is_laplacian_positive(rows: BoxRows, lobe: int, c: int) -> bool:
-    """Sign of Dxx + Dyy at one pixel: dark blobs on bright ground are positive (Section 4.3)."""
+    """Sign of Dxx + Dyy at one pixel: dark blobs on bright ground are positive (Section 4.3).
+
+    Args:
+        rows: Of `box_rows`, at the pixel's row.
+        lobe: Length of a lobe of the filter, pixels.
+        c: Column of the pixel.
+    """
     xx, yy = straight_sums(rows, lobe, c)
     return bool(xx + yy > 0)
 

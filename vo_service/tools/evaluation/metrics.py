@@ -15,6 +15,7 @@ from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Array,
     Trajectory,
+    fit_rigid_motion,
     has_match,
     inverse,
     nearest_indices,
@@ -22,7 +23,6 @@ from drivers.core.geometry import (
     so3_log,
     transform_points,
 )
-from vo_service.odometry.rigid_motion import fit_rigid_motion
 
 # Two stamps closer than this are the same stamp, rounded differently.
 STAMP_ROUNDING_S = 0.001

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.image_pyramid import DepthImage, ImagePyramid, inverse_depth
+from vo_service.odometry.direct.image_pyramid import ImagePyramid, inverse_depth
 from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import project, transform_point
 from vo_service.odometry.direct.parameters import (
@@ -31,7 +31,6 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.features import GrayFrame
 
 BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
-BLOCK_CENTERS = slice(BLOCK_CENTER_PX, None, DYNAMIC_BLOCK_PX)
 # State of a block by the views of other keyframes.
 UNKNOWN, OBSERVED, FREE_SPACE = 0, 1, 2
 BlockStates = NDArray[np.uint8]
@@ -158,8 +157,9 @@ def remove_dynamic_points(
     If the others have observed too little of the view, the keyframe is returned unchanged.
     """
     images = keyframe.images
-    blocks = _invert_depth_of_blocks(images.depth)
-    block_points = _backproject_blocks(blocks, images.intrinsics[0])
+    blocks, block_points = _backproject_blocks(
+        images.depth.raw, images.depth.factor, images.intrinsics[0]
+    )
     states = np.zeros(blocks.shape, np.uint8)
     for other in others:
         T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
@@ -182,18 +182,34 @@ def remove_dynamic_points(
     return replace(keyframe, points=points)
 
 
-def _invert_depth_of_blocks(depth: DepthImage) -> DepthBlocks:
-    """(rows, columns) inverse depth at the centers of the blocks, 1/m; 0 = no reading."""
-    raw = depth.raw[BLOCK_CENTERS, BLOCK_CENTERS].astype(np.float32)
-    return np.divide(np.float32(depth.factor), raw, out=np.zeros_like(raw), where=raw > 0.0)
+@kernel
+def _backproject_blocks(
+    depth_raw: NDArray[np.uint16], depth_factor: float, intrinsics: Array
+) -> tuple[DepthBlocks, Array]:
+    """Inverse depth and position of the pixels in the centers of the blocks.
 
+    Args:
+        depth_raw: (H, W), 0 = no reading.
+        depth_factor: Value of `depth_raw` per meter.
+        intrinsics: (4,) of the whole image.
 
-def _backproject_blocks(blocks: DepthBlocks, intrinsics: Array) -> Array:
-    """(rows, columns, 3) positions of the blocks in their camera's axes, m; 0 without depth."""
+    Returns:
+        (rows, columns) in 1/m, and (rows, columns, 3) in the camera's axes, m; 0 without a reading.
+    """
+    raw = depth_raw[BLOCK_CENTER_PX::DYNAMIC_BLOCK_PX, BLOCK_CENTER_PX::DYNAMIC_BLOCK_PX]
+    rows, columns = raw.shape
     fx, fy, cx, cy = intrinsics
-    rows, columns = np.indices(blocks.shape) * DYNAMIC_BLOCK_PX + BLOCK_CENTER_PX
-    z = np.divide(1.0, blocks, out=np.zeros(blocks.shape), where=blocks > 0.0)
-    return np.stack([(columns - cx) / fx * z, (rows - cy) / fy * z, z], axis=-1)
+    blocks, points = np.zeros((rows, columns), np.float32), np.zeros((rows, columns, 3))
+    for i in range(rows):
+        for j in range(columns):
+            if raw[i, j] == 0:
+                continue
+            blocks[i, j] = inverse_depth(raw[i, j], depth_factor)
+            z = float(np.float32(1.0) / blocks[i, j])
+            u, v = j * DYNAMIC_BLOCK_PX + BLOCK_CENTER_PX, i * DYNAMIC_BLOCK_PX + BLOCK_CENTER_PX
+            points[i, j, 0], points[i, j, 1] = (u - cx) / fx * z, (v - cy) / fy * z
+            points[i, j, 2] = z
+    return blocks, points
 
 
 @kernel

@@ -44,6 +44,8 @@ from vo_service.odometry.direct.parameters import (
 NUM_POINT_COLUMNS = 13
 # Depth pixels that a plane is fitted to, to either side.
 PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
+# The smallest gradient of texture, as the squared change over two pixels.
+MIN_SQUARED_CHANGE = np.int32(np.ceil((2.0 * MIN_TEXTURE_GRADIENT) ** 2))
 
 
 def select_points(
@@ -76,11 +78,11 @@ def _select_level(
     height, width = gray.shape
     scale = depth_intrinsics[0] / intrinsics[0]
     rows, columns = height // block, width // block
-    points = np.empty((rows * columns, NUM_POINT_COLUMNS))
-    count = 0
+    points, count = np.empty((rows * columns, NUM_POINT_COLUMNS)), 0
+    squared = _squared_gradients(gray)
     for i in range(rows):
         for j in range(columns):
-            u, v, gu, gv = _find_steepest_pixel(gray, j * block, i * block, block)
+            u, v, gu, gv = _find_steepest_pixel(gray, squared, j * block, i * block, block)
             if u < 0 or not is_static[cell_index(u / width, v / height)]:
                 continue
             point = points[count]
@@ -116,26 +118,41 @@ def _describe_texture(
     point[POINT_BRIGHTNESS_GRADIENT + 2] = -(gu * fx * x + gv * fy * y) / z
 
 
+@kernel
+def _squared_gradients(gray: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """(h, w) squared change of the brightness over two pixels; 0 at the border."""
+    height, width = gray.shape
+    squared = np.zeros((height, width), np.int32)
+    for v in range(1, height - 1):
+        above, here, below = gray[v - 1], gray[v], gray[v + 1]
+        for u in range(1, width - 1):
+            du = np.int32(here[u + 1]) - np.int32(here[u - 1])
+            dv = np.int32(below[u]) - np.int32(above[u])
+            squared[v, u] = du * du + dv * dv
+    return squared
+
+
 @inline_kernel
 def _find_steepest_pixel(
-    gray: NDArray[np.uint8], left: int, top: int, block: int
+    gray: NDArray[np.uint8], squared: NDArray[np.int32], left: int, top: int, block: int
 ) -> tuple[int, int, float, float]:
     """Pixel u, v of a block, and its gradient; the center without texture, -1 at the border."""
     height, width = gray.shape
     center = block // 2
-    best_u, best_v, best_gu, best_gv = left + center, top + center, 0.0, 0.0
+    best_u, best_v = left + center, top + center
     if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
         return -1, -1, 0.0, 0.0
-    max_squared = MIN_TEXTURE_GRADIENT * MIN_TEXTURE_GRADIENT
+    has_texture, largest = False, MIN_SQUARED_CHANGE
     for v in range(max(top, 1), min(top + block, height - 1)):
         for u in range(max(left, 1), min(left + block, width - 1)):
-            gu = 0.5 * (float(gray[v, u + 1]) - float(gray[v, u - 1]))
-            gv = 0.5 * (float(gray[v + 1, u]) - float(gray[v - 1, u]))
-            squared = gu * gu + gv * gv
-            if squared >= max_squared:
-                max_squared = squared
-                best_u, best_v, best_gu, best_gv = u, v, gu, gv
-    return best_u, best_v, best_gu, best_gv
+            if squared[v, u] >= largest:
+                has_texture, largest = True, squared[v, u]
+                best_u, best_v = u, v
+    if not has_texture:
+        return best_u, best_v, 0.0, 0.0
+    gu = 0.5 * (float(gray[best_v, best_u + 1]) - float(gray[best_v, best_u - 1]))
+    gv = 0.5 * (float(gray[best_v + 1, best_u]) - float(gray[best_v - 1, best_u]))
+    return best_u, best_v, gu, gv
 
 
 @inline_kernel

@@ -155,17 +155,16 @@ def body_motion(T_camera_keyframe: Array, motion: Array) -> Array:
 
 
 @inline_kernel
-def propagate_motion(motion: Array, delay_s: float) -> Array:
-    """(9,) motion after a delay, by which the acceleration has changed it."""
-    then = motion.copy()
-    for i in range(3):
-        then[3 + i] += delay_s * motion[ACCELERATION_START + i]
-    return then
+def propagate_motion(motion: Array, delay_s: float) -> tuple[float, ...]:
+    """Motion, 9 numbers, after a delay, by which the acceleration has changed it."""
+    vx, vy, vz, bx, by, bz = motion[0], motion[1], motion[2], motion[6], motion[7], motion[8]
+    wx, wy, wz = motion[3] + delay_s * bx, motion[4] + delay_s * by, motion[5] + delay_s * bz
+    return vx, vy, vz, wx, wy, wz, bx, by, bz
 
 
 @inline_kernel
 def propagate_point(
-    motion: Array, x: float, y: float, z: float, delay_s: float
+    motion: Array | tuple[float, ...], x: float, y: float, z: float, delay_s: float
 ) -> tuple[float, float, float]:
     """Position of a static point in the camera's axes after a delay, to second order.
 

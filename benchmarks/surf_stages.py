@@ -77,7 +77,7 @@ def measure_stages(extractor: SurfExtractor, image: Gray) -> dict[str, float]:
     threshold = np.float32(NEXT_THRESHOLD_RATIO * weakest)
     integral = np.empty((image.shape[0] + 1, image.shape[1] + 1), np.int32)
     stages: dict[str, Callable[[], object]] = {
-        "integral image": partial(cv2.integral, image, integral)  # in place: stays in the cache
+        "integral image": partial(cv2.integral, image, integral)
     }
     for layer in LAYERS:
         name = f"lobe {layer.lobes[1]}, every {layer.step} px"
@@ -88,7 +88,7 @@ def measure_stages(extractor: SurfExtractor, image: Gray) -> dict[str, float]:
     pyramid, templates = build_pyramid(image), make_templates()
     directions = np.empty((len(strongest), 2), np.float32)
     descriptors = np.empty((len(strongest), DESCRIPTOR_SIZE), np.float32)
-    stages["image pyramid"] = lambda: build_pyramid(image)
+    stages["image pyramid"] = partial(build_pyramid, image, pyramid.packed)
     stages["descriptors"] = lambda: describe(
         pyramid, strongest, False, templates, directions, descriptors
     )

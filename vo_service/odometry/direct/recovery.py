@@ -342,6 +342,7 @@ class FeatureSearch:
 
     def _make_view(self, frame: RgbdFrame | GrayFrame) -> FeatureView:
         features = self.extractor.extract(frame.gray)
+        self.extractor.release_buffers()  # it is used rarely
         return FeatureView(
             features, backproject_features(features, frame), frame.camera, frame.stamp_s
         )

@@ -40,17 +40,29 @@ class PackedLevel(NamedTuple):
     width: int
 
 
-def build_pyramid(gray: NDArray[np.uint8]) -> PackedPyramid:
-    """Smooth an image (H, W), at least 16x16, halve it LEVELS - 1 times by area, and pack it."""
+def packed_size(height: int, width: int) -> int:
+    """Length of the packed table of an image."""
+    return sum((height >> level) * (width >> level) for level in range(NUM_LEVELS))
+
+
+def build_pyramid(
+    gray: NDArray[np.uint8], packed: NDArray[np.uint32] | None = None
+) -> PackedPyramid:
+    """Smooth an image, halve it NUM_LEVELS - 1 times by area, and pack it.
+
+    Args:
+        gray: (H, W), at least 16x16.
+        packed: The table, (`packed_size`,), overwritten; a new one if None.
+    """
+    if packed is None:
+        packed = np.empty(packed_size(*gray.shape), np.uint32)
     images = [_smooth(gray)]
     for _ in range(1, NUM_LEVELS):
         images.append(_halve(images[-1]))
-    sizes = [image.size for image in images]
-    offsets = np.concatenate(([0], np.cumsum(sizes)[:-1]))
+    offsets = np.concatenate(([0], np.cumsum([image.size for image in images])[:-1]))
     level_table = np.array(
         [(offset, *image.shape) for offset, image in zip(offsets, images, strict=True)], np.int64
     )
-    packed = np.empty(sum(sizes), np.uint32)
     for offset, image in zip(offsets, images, strict=True):
         _pack(image, packed[offset : offset + image.size])
     return PackedPyramid(packed, level_table)
@@ -63,8 +75,9 @@ def _smooth(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def _halve(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = image.shape
-    size = (max(width // 2, 1), max(height // 2, 1))
-    half: NDArray[np.uint8] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
+    half: NDArray[np.uint8] = cv2.resize(
+        image, (width // 2, height // 2), interpolation=cv2.INTER_AREA
+    )  # type: ignore[assignment]
     return half
 
 

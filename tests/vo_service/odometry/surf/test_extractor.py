@@ -44,6 +44,13 @@ def test_the_size_of_the_image_may_change() -> None:
     assert [bits(extractor.extract(image)) for image in images] == expected
 
 
+def test_released_buffers_are_made_again() -> None:
+    extractor, image = SurfExtractor(), make_textured_image(*SHAPE)
+    first = bits(extractor.extract(image))
+    extractor.release_buffers()
+    assert bits(extractor.extract(image)) == first
+
+
 def test_the_next_image_does_not_overwrite_returned_features() -> None:
     extractor = SurfExtractor()
     first = extractor.extract(make_textured_image(*SHAPE))

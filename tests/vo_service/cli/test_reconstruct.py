@@ -32,9 +32,11 @@ def names(folder: Path) -> list[str]:
 
 
 def assert_one_line(outcome: CommandResult, message: str) -> None:
-    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1), outcome
-    assert outcome.err.startswith("kinect-vo: error: ")
-    assert message in outcome.err
+    *progress, error = outcome.err.splitlines()
+    assert (outcome.code, outcome.out) == (2, "")
+    assert all("tracking: " in line for line in progress), progress  # on a slow machine
+    assert error.startswith("kinect-vo: error: ")
+    assert message in error
 
 
 def off_corner_m(points_m: Array) -> Array:

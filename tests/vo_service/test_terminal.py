@@ -5,13 +5,14 @@ import math
 import os
 import pty
 import re
+import select
 from contextlib import suppress
 
 import pytest
 
 from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.fakes import FakeClock
-from tests.waiting import wait_until
+from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service import terminal as terminal_module
 from vo_service.logs import log_to_stderr
 from vo_service.terminal import Terminal, announce_if_slow, clear_line
@@ -120,7 +121,10 @@ def test_progress_is_drawn_on_a_real_terminal() -> None:
         pytest.skip(f"no pseudo-terminal to be had here (is /dev/pts mounted?): {error}")
     with os.fdopen(theirs, "w") as stream:
         Terminal(stream).show("busy")
-        assert b"busy" in os.read(ours, 1000)
+        seen = b""
+        while b"busy" not in seen and select.select([ours], [], [], DEFAULT_TIMEOUT_S)[0]:
+            seen += os.read(ours, 1000)
+        assert b"busy" in seen
     os.close(ours)
 
 

@@ -12,7 +12,6 @@ from typing import NoReturn
 
 from drivers.core.errors import UserFacingError
 from drivers.core.files import kernel_folder
-from drivers.core.jit import limit_freed_memory
 from vo_service.logs import log_to_stderr
 from vo_service.signals import EXIT_CODE_SIGINT
 from vo_service.terminal import clear_line
@@ -199,7 +198,6 @@ def _add_command(commands: "argparse._SubParsersAction[_OneLineErrorParser]", na
 
 def _set_library_environment() -> None:
     """Set the variables that numeric libraries read at import."""
-    limit_freed_memory()
     # One thread each: a frame is too small for more, and idle threads spin on the other core.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")

@@ -12,7 +12,7 @@ import zenoh
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.errors import InputError
 from drivers.core.files import rotate_file
-from drivers.core.jit import release_memory
+from drivers.core.jit import limit_freed_memory, release_memory
 from drivers.registry import open_camera
 from vo_service.app import (
     OutputsConfig,
@@ -87,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         UserFacingError: If the configuration is not valid, or if an output cannot be opened.
     """
+    limit_freed_memory()  # it costs time, so other commands go without
     config = load_config(args)
     set_log_level(config.log.level)
     _rotate_trajectory(args.trajectory)

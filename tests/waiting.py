@@ -10,13 +10,16 @@ POLL_PERIOD_S = 0.01
 
 
 def wait_until(
-    condition: Callable[[], object], what: str = "", *, timeout_s: float = DEFAULT_TIMEOUT_S
+    condition: Callable[[], object],
+    what: str | Callable[[], str] = "",
+    *,
+    timeout_s: float = DEFAULT_TIMEOUT_S,
 ) -> None:
     """Wait until a condition is true.
 
     Args:
         condition: Called every `POLL_PERIOD_S`; it should have no side effects.
-        what: Description for the error; the condition's source if empty.
+        what: Description for the error, or makes it; the condition's source if empty.
         timeout_s: Longest time to wait.
 
     Raises:
@@ -25,7 +28,8 @@ def wait_until(
     deadline_s = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline_s:
-            raise AssertionError(f"waited {timeout_s:g} s in vain for {what or _source(condition)}")
+            told = what() if callable(what) else what or _source(condition)
+            raise AssertionError(f"waited {timeout_s:g} s in vain for {told}")
         time.sleep(POLL_PERIOD_S)  # the only place where tests poll
 
 

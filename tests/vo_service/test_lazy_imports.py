@@ -17,11 +17,12 @@ pytestmark = pytest.mark.subprocess
 EXAMPLE = Path(__file__).parents[2] / "config" / "kinect.toml"
 HEAVY = ("numba", "matplotlib", "rerun", "scipy")
 PROGRAM = f"""
-import sys
+import os, sys
 from vo_service.cli import main
 try:
     main()
 except SystemExit as end:
+    assert "MALLOC_ARENA_MAX" not in os.environ  # limits of memory cost other commands time
     print([name for name in {HEAVY} if name in sys.modules], end.code)
 """
 
@@ -87,6 +88,7 @@ try:
 except SystemExit as end:
     assert end.code == 0
 assert "scipy.linalg" not in sys.modules  # it takes 13 MB
+assert "MALLOC_ARENA_MAX" in os.environ  # a service returns the memory of its images
 print([name for name in sys.modules if name.partition(".")[0] in ("drivers", "vo_service")])
 """
 

@@ -38,7 +38,8 @@ def test_repeated_replugging_leaks_nothing_in_either_process(
             replug(camera, kinect)
         # What comes and goes by itself may be there at one instant; what leaked stays.
         wait_until(
-            lambda: holds_no_more(count_resources(kinect), first), f"to hold no more than {first}"
+            lambda: holds_no_more(count_resources(kinect), first),
+            lambda: f"{count_resources(kinect)} to be no more than {first}",
         )
     assert resources_in_use() <= before
     assert (kinect.open_handles, kinect.submitted_transfers) == (0, (0, 0))

@@ -25,6 +25,7 @@ from vo_service.odometry.direct.keyframe import (
     LocalMap,
     compute_overlap,
     make_keyframe,
+    remove_dynamic_points,
 )
 from vo_service.odometry.direct.keyframe_selection import (
     TrackedFrame,
@@ -79,6 +80,14 @@ def tracked_at(angle_rad: float) -> TrackedFrame:
     frame = add_noise(render_view(MovingCamera(T_world_start=turned(angle_rad))), 5)
     way = replace(MOTION, stamp_s=images.stamp_s - 1 / 30)
     return TrackedFrame(frame, images, found, way, is_well_constrained=True)
+
+
+def test_a_kept_keyframe_holds_no_inverse_depth() -> None:
+    kept, new = keyframe_at(0.0), keyframe_at(0.1)
+    remove_dynamic_points(new, [kept])
+    assert "inverse" not in vars(kept.images.depth)
+    assert "inverse" not in vars(new.images.depth)
+    assert "levels" not in vars(kept.images)  # they contain it
 
 
 def test_an_unmoved_camera_sees_all_of_its_keyframe() -> None:

@@ -44,10 +44,15 @@ def test_the_size_of_the_image_may_change() -> None:
     assert [bits(extractor.extract(image)) for image in images] == expected
 
 
-def test_released_buffers_are_made_again() -> None:
+def held_bytes(extractor: SurfExtractor) -> int:
+    return sum(value.nbytes for value in vars(extractor).values() if isinstance(value, np.ndarray))
+
+
+def test_released_buffers_take_no_memory_and_are_made_again() -> None:
     extractor, image = SurfExtractor(), make_textured_image(*SHAPE)
-    first = bits(extractor.extract(image))
+    first, used_bytes = bits(extractor.extract(image)), held_bytes(extractor)
     extractor.release_buffers()
+    assert held_bytes(extractor) < 0.01 * used_bytes
     assert bits(extractor.extract(image)) == first
 
 

@@ -23,7 +23,9 @@ from vo_service.ros_messages.sensors import (
     PointCloudMessage,
     RawImageMessage,
     decode_camera_info,
+    decode_color_jpeg,
     decode_compressed_image,
+    decode_depth_png,
     decode_image,
     decode_point_cloud,
 )
@@ -82,8 +84,6 @@ class Frame(Located):
         """
         if isinstance(self._color, RawImageMessage):
             return self._color.pixels.astype(np.uint8, copy=False)
-        from vo_service.outputs.frames import decode_color_jpeg  # loads OpenCV
-
         return decode_color_jpeg(self._color)
 
     @property
@@ -108,8 +108,6 @@ class Frame(Located):
             raise ValueError("this frame has no depth; ask for frames(depth=True)")
         if isinstance(self._depth, RawImageMessage):
             return self._depth.pixels.astype(np.uint16, copy=False)
-        from vo_service.outputs.frames import decode_depth_png  # loads OpenCV
-
         return decode_depth_png(self._depth)
 
     @property

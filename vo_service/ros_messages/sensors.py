@@ -1,5 +1,6 @@
 """The messages of ``sensor_msgs`` that an RGB-D camera needs."""
 
+import struct
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,9 @@ IMU_SCHEMA = "sensor_msgs/msg/Imu"
 
 # Array type and number of channels by encoding (sensor_msgs/image_encodings.hpp).
 _ENCODINGS = {"bgr8": (np.uint8, 3), "16UC1": (np.uint16, 1)}
+# Before the PNG of compressedDepth: coding 0 (inverse depth), and its two parameters, which 16UC1
+# does not use.
+DEPTH_PNG_HEADER = struct.pack("<iff", 0, 0.0, 0.0)
 # sensor_msgs/msg/PointField.FLOAT32
 _FLOAT32 = 7
 _POINT_FIELDS = {"x": 0, "y": 4, "z": 8, "rgb": 12}
@@ -279,3 +283,32 @@ def encode_imu(message: ImuMessage) -> bytes:
     writer.float64s(np.concatenate([np.zeros(3), absent]))
     writer.float64s(np.concatenate([message.acceleration_m_s2, np.zeros(9)]))
     return writer.to_bytes()
+
+
+def decode_color_jpeg(message: CompressedImageMessage) -> NDArray[np.uint8]:
+    """Decode a compressed color image to (height, width, 3) uint8, BGR.
+
+    Raises:
+        ValueError: It cannot be decoded.
+    """
+    import cv2  # a client without compressed images needs no OpenCV
+
+    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError(f"an image in the format {message.format!r} cannot be decoded")
+    return image.astype(np.uint8, copy=False)
+
+
+def decode_depth_png(message: CompressedImageMessage) -> NDArray[np.uint16]:
+    """Decode compressedDepth of 16UC1 to (height, width) uint16, millimeters.
+
+    Raises:
+        ValueError: It cannot be decoded.
+    """
+    import cv2
+
+    data = np.frombuffer(message.data, np.uint8)[len(DEPTH_PNG_HEADER) :]
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    if image is None or image.dtype != np.uint16 or image.ndim != 2:
+        raise ValueError(f"depth in the format {message.format!r} cannot be decoded")
+    return image.astype(np.uint16, copy=False)

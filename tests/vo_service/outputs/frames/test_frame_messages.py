@@ -8,11 +8,13 @@ import pytest
 from drivers.camera import AccelerometerReading, PinholeCamera, RgbdFrame
 from vo_service.outputs.frames import (
     FrameMessages,
-    decode_color_jpeg,
-    decode_depth_png,
     depth_in_mm,
 )
-from vo_service.ros_messages.sensors import CompressedImageMessage
+from vo_service.ros_messages.sensors import (
+    CompressedImageMessage,
+    decode_color_jpeg,
+    decode_depth_png,
+)
 
 CAMERA = PinholeCamera(64, 48, 50.0, 52.0, 31.5, 23.5)
 

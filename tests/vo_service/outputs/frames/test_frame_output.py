@@ -18,11 +18,17 @@ from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
 from vo_service.config_tables import FramesConfig, ZenohConfig
-from vo_service.outputs.frames import FrameOutputConfig, decode_color_jpeg, decode_depth_png
+from vo_service.outputs.frames import FrameOutputConfig
 from vo_service.outputs.frames.output import open_frame_outputs
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.ros_messages import decode_odometry
-from vo_service.ros_messages.sensors import IMU_SCHEMA, decode_compressed_image, decode_point_cloud
+from vo_service.ros_messages.sensors import (
+    IMU_SCHEMA,
+    decode_color_jpeg,
+    decode_compressed_image,
+    decode_depth_png,
+    decode_point_cloud,
+)
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
 

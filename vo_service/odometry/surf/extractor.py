@@ -122,6 +122,11 @@ class SurfExtractor:
         self._integral = np.empty((0, 0), np.int32)
         self._packed = np.empty(0, np.uint32)
 
+    @property
+    def kept_bytes(self) -> int:
+        """Size of what is kept for the next image."""
+        return self._integral.nbytes + self._packed.nbytes
+
     def extract(self, gray: NDArray[np.uint8]) -> Features:
         """Extract the features of a (H, W) uint8 image, at least 16x16."""
         keypoints = self.select_strongest(self.detect(gray))

@@ -110,6 +110,12 @@ def test_features_match_the_keyframes_in_view() -> None:
         assert_close(T_world_camera, turned(0.1), 0.02, 0.5)
 
 
+def test_between_searches_the_extractor_keeps_no_images() -> None:
+    search = FeatureSearch(SurfExtractor())
+    assert list(search.find_matches(looking(0.1), [AHEAD]))
+    assert search.extractor.kept_bytes == 0
+
+
 def test_features_match_nothing_in_an_unseen_view() -> None:
     random = np.random.default_rng(1)
     frame = looking(0.0)

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from drivers.camera import RgbdCamera, RgbdFrame
-from vo_service.clock import PublishClock, TimestampFilter
 from vo_service.control import Control
-from vo_service.frame_source import FrameSource
-from vo_service.load_shedding import LoadShedder
+from vo_service.frame_source import FrameSource, PublishClock, TimestampFilter
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry import CpuStageTimer
 from vo_service.odometry.registry import STAGE_BUDGETS_MS
-from vo_service.service_statistics import ServiceStatistics
+from vo_service.service_statistics import LoadShedder, ServiceStatistics
 from vo_service.types import Estimate, Odometry, OdometryUpdate, TrackingState
 from vo_service.types.messages import (
     CameraReport,

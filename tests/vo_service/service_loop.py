@@ -10,9 +10,8 @@ from tests.vo_service.fakes import (
     ScriptedCamera,
     ScriptedOdometry,
 )
-from vo_service.clock import PublishClock, RecordedClock
 from vo_service.control import CommandQueue, Control
-from vo_service.frame_source import FrameSource
+from vo_service.frame_source import FrameSource, PublishClock, RecordedClock
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry import CpuStageTimer
 from vo_service.service import Estimator, Service, ServiceInput

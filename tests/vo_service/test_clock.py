@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from drivers.camera import Clock
 from tests.vo_service.fakes import FakeClock
-from vo_service.clock import (
+from vo_service.frame_source import (
     MAX_STALE_FRAMES,
     LiveClock,
     RecordedClock,

@@ -23,10 +23,9 @@ from tests.vo_service.frame_faults import (
 from tests.vo_service.received_checks import check_received
 from tests.vo_service.subscriber import RecordingSubscriber, SubscribedPose
 from vo_service import app as session
-from vo_service.clock import LiveClock
 from vo_service.config import Config
 from vo_service.config_tables import ZenohConfig
-from vo_service.frame_source import FrameSource
+from vo_service.frame_source import FrameSource, LiveClock
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh.session import open_session
 from vo_service.signals import StopSignal

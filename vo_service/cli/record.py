@@ -26,8 +26,8 @@ from drivers.registry import open_camera
 from drivers.synthetic import SyntheticConfig
 from drivers.tum.writer import TumWriter
 from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics
-from vo_service.clock import make_publish_clock
 from vo_service.config import read_config
+from vo_service.frame_source import make_publish_clock
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 

@@ -11,8 +11,8 @@ from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.odometry.registry import run_warm_up_frames
 from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry
+from vo_service.slam import ConstraintAccumulator, OdometryConstraint
 from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe
-from vo_service.slam.keyframe_selection import ConstraintAccumulator, OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation, LoopCloser
 from vo_service.slam.map_file import MapContents
 from vo_service.slam.place_recognizer import PlaceRecognizer

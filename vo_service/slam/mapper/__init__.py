@@ -15,10 +15,13 @@ from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
 from drivers.core.record_ring import RecordRingMemory
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
-from vo_service.slam.map_store import MapStore
 from vo_service.types import MapSnapshot
 from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, NotPossibleError
 from vo_service.types.messages import MapState
+
+# Suffixes of a saved map's files: the mesh, and the keyframes with their pose graph.
+MESH_SUFFIX = ".ply"
+MAP_SUFFIX = ".keyframes"
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,6 @@ class MapperClient:
         on_map_loaded: Callable[[], None],
         on_worker_died: Callable[[], int],
     ) -> None:
-        self._store = MapStore(config.maps_folder)
         self._on_map_message = on_map_message
         self._on_map_loaded, self._on_worker_died = on_map_loaded, on_worker_died
         self._lock = threading.Lock()
@@ -203,7 +205,8 @@ class MapperClient:
             if not self.state.mesh_keyframes:
                 raise NotPossibleError("the map is empty: no frame has been tracked yet")
             self._save_faults.set("")
-            self.state = replace(self.state, saving=str(self._store.mesh_file(name)))
+            file = self._config.maps_folder / f"{name}{MESH_SUFFIX}"
+            self.state = replace(self.state, saving=str(file))
             self._supervisor.send(SaveMapRequest(name))
             return self.state
 
@@ -222,7 +225,8 @@ class MapperClient:
                 available = ", ".join(sorted(self._loadable_names)) or "none"
                 raise NotPossibleError(f"there is no map {name!r} to load; available: {available}")
             self._load_faults.set("")
-            self.state = replace(self.state, loading=str(self._store.map_file(name)))
+            file = self._config.maps_folder / f"{name}{MAP_SUFFIX}"
+            self.state = replace(self.state, loading=str(file))
             self._supervisor.send(LoadMapRequest(name))
             return self.state
 

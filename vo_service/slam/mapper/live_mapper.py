@@ -17,7 +17,7 @@ from drivers.core.record_ring import RecordRingWriter
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
 from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry
-from vo_service.slam.keyframe_selection import (
+from vo_service.slam import (
     ConstraintAccumulator,
     KeyframeSelector,
     NullConstraintAccumulator,

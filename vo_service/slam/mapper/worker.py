@@ -21,7 +21,6 @@ from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.record_ring import RecordRingReader, RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_metadata
-from vo_service.slam.map_store import MapStore
 from vo_service.slam.mapper import (
     LoadMapRequest,
     LoadMapResult,
@@ -31,6 +30,7 @@ from vo_service.slam.mapper import (
     SaveMapResult,
     SendMapperMessage,
 )
+from vo_service.slam.mapper.map_store import MapStore
 from vo_service.slam.mapper.mesh_job import (
     FuseKeyframes,
     MeshJob,

@@ -20,7 +20,7 @@ from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import pack_depth, write_frame
 from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
-from vo_service.slam.keyframe_selection import OdometryConstraint
+from vo_service.slam import OdometryConstraint
 from vo_service.slam.map_file import write_map
 from vo_service.slam.mapper import (
     MapperMessage,

@@ -8,9 +8,7 @@ from pathlib import Path
 from drivers.core.errors import UserFacingError
 from drivers.core.files import PARTIAL_SUFFIX, describe_write_error, folder_size_bytes, lock_folder
 from vo_service.config_tables import MEGABYTE
-
-MESH_SUFFIX = ".ply"
-MAP_SUFFIX = ".keyframes"
+from vo_service.slam.mapper import MAP_SUFFIX, MESH_SUFFIX
 
 
 class MapStore:

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.core.errors import UserFacingError
 from tests.full_disk import limit_file_size
-from vo_service.slam.map_store import MapStore
+from vo_service.slam.mapper.map_store import MapStore
 
 TOTAL = 10_000
 

@@ -75,7 +75,7 @@ CASES = {
 READER = """
 import resource, struct, sys
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.session import MAX_FRAME_MESSAGE_BYTES, open_session
+from vo_service.outputs.zenoh import MAX_FRAME_MESSAGE_BYTES, open_session
 stamps_s = []
 def on_sample(sample):
     seconds, nanoseconds = struct.unpack_from("<iI", sample.payload.to_bytes(), 4)

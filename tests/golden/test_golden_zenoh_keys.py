@@ -7,10 +7,10 @@ import zenoh
 
 from vo_service.config_tables import CommandConfig, Ros2Config, ZenohConfig
 from vo_service.control import CommandQueue
-from vo_service.outputs.zenoh import FrameIds
+from vo_service.outputs import FrameIds
+from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.output import EndpointConfig, ExtraEndpoints, SessionEndpoints
 from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables, make_command_endpoint
-from vo_service.outputs.zenoh.session import open_session
-from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
 
 pytestmark = pytest.mark.zenoh
 
@@ -59,8 +59,7 @@ def declared(ros2: Ros2Config) -> Declared:
         FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
         Queryables("kinect", LatestMessages()),
-        make_command_endpoint(CommandConfig(), CommandQueue()),
-        ros2,
+        ExtraEndpoints(make_command_endpoint(CommandConfig(), CommandQueue()), ros2),
     )
     with open_session(ZenohConfig(listen=())) as session:
         spy = Declared(session)

@@ -8,8 +8,8 @@ import zenoh
 from drivers.core.errors import InputError
 from vo_service.cli.options import print_message
 from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh import build_zenoh_config, configured_endpoints, open_session
 from vo_service.outputs.zenoh.connection import log_connections
-from vo_service.outputs.zenoh.session import build_zenoh_config, configured_endpoints, open_session
 from vo_service.signals import stop_on_signals
 
 EPILOG = """\

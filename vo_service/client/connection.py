@@ -13,7 +13,7 @@ import zenoh
 from drivers.core.errors import InputError, UserFacingError
 from vo_service.client.pose import Pose
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.session import (
+from vo_service.outputs.zenoh import (
     MAX_MESSAGE_BYTES,
     ZenohUnavailableError,
     open_session,

@@ -17,7 +17,7 @@ from vo_service.client.connection import FrameUnavailable, check_timeout
 from vo_service.client.pose import Pose, PoseReader, ReceivedPose, parse_pose_sample
 from vo_service.client.subscription import ServiceClient
 from vo_service.config_tables import DEFAULT_ENDPOINT
-from vo_service.outputs.zenoh.session import MAX_FRAME_MESSAGE_BYTES
+from vo_service.outputs.zenoh import MAX_FRAME_MESSAGE_BYTES
 from vo_service.ros_messages.sensors import (
     CompressedImageMessage,
     PointCloudMessage,

@@ -14,13 +14,13 @@ from drivers.core.files import rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MIN_FREE_BYTES
-from vo_service.outputs.frames import timing_payload
-from vo_service.outputs.zenoh import (
+from vo_service.outputs import (
     FrameIds,
     pose_attachment,
     pose_payload,
     pose_transforms,
 )
+from vo_service.outputs.frames import timing_payload
 from vo_service.ros_messages import (
     ODOMETRY_SCHEMA,
     STRING_SCHEMA,

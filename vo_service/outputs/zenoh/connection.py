@@ -1,17 +1,18 @@
-"""Policies to open a Zenoh session: once, on a free port, or with retries."""
+"""Connections of a Zenoh session: policies to open it, and how much its readers have not read."""
 
 import logging
 import socket
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import zenoh
 
 from drivers.core.errors import UserFacingError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
-from vo_service.outputs.zenoh.session import (
+from vo_service.outputs.zenoh import (
     ZenohPortInUseError,
     ZenohUnavailableError,
     connect_endpoints,
@@ -183,3 +184,49 @@ class _RouterMonitor:
             return ""
         routers = " or ".join(self._endpoints)
         return f"no connection to {routers}: it is down or denies access; trying again"
+
+
+PROC_TCP_TABLES = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+
+PortPair = tuple[int, int]
+
+
+def queued_bytes(connections: Iterable[PortPair]) -> int:
+    """Count the unread bytes of connections, given as (local port, remote port).
+
+    These are unacknowledged bytes and, if the peer runs on this host, bytes in its receive queue.
+    """
+    pairs = set(connections)
+    total = 0
+    for local, remote, send_queue, receive_queue in _sockets():
+        if (local, remote) in pairs:
+            total += send_queue
+        elif (remote, local) in pairs:
+            total += receive_queue
+    return total
+
+
+def _sockets() -> Iterator[tuple[int, int, int, int]]:
+    """Yield local port, remote port, bytes in the send queue, bytes in the receive queue."""
+    for table in PROC_TCP_TABLES:
+        lines = table.read_text().splitlines()[1:] if table.exists() else []
+        for line in lines:
+            _, local, remote, _, queues = line.split()[:5]
+            sending, received = queues.split(":")
+            yield _port_of(local), _port_of(remote), int(sending, 16), int(received, 16)
+
+
+def _port_of(address: str) -> int:
+    return int(address.rsplit(":", 1)[1], 16)
+
+
+def unread_bytes(session: zenoh.Session) -> int:
+    """Return how many sent bytes of a session have not been read yet."""
+    links = session.info.links()
+    return queued_bytes((_port(link.src), _port(link.dst)) for link in links)
+
+
+def _port(locator: str) -> int:
+    """Return the port of a locator, such as tcp/127.0.0.1:7450; 0 if it has none."""
+    port = locator.rsplit(":", 1)[-1]
+    return int(port) if port.isdigit() else 0

@@ -1,33 +1,43 @@
-"""Output of poses and status over Zenoh, published on a separate thread."""
+"""Output of poses and status over Zenoh: what it declares on a session, and its own thread."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import zenoh
 
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh import (
+from vo_service.outputs import (
     FrameIds,
     map_odom_attachment,
     map_odom_payload,
     pose_attachment,
     pose_payload,
 )
-from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
+from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy, unread_bytes
 from vo_service.outputs.zenoh.queryables import (
+    CDR,
+    CDR_TRANSFORM,
+    JSON,
     CommandEndpoint,
     LatestMessages,
     NullCommandEndpoint,
     Queryables,
 )
-from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
 from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
 from vo_service.types.messages import Status, encode_message, versions
 
+if TYPE_CHECKING:  # loaded only if it is enabled
+    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
+
 logger = logging.getLogger(__name__)
+
+THREAD_JOIN_TIMEOUT_S = 0.5
 
 ZenohItem = OdometryUpdate | Status
 
@@ -86,6 +96,109 @@ class ExtraEndpoints:
     on_pose: Callable[[OdometryUpdate], None] = lambda _: None
 
 
+@dataclass(frozen=True)
+class EndpointConfig:
+    """Configuration of the endpoints on one session."""
+
+    prefix: str
+    frame_ids: FrameIds
+    congestion: zenoh.CongestionControl
+    queryables: Queryables
+    extra: ExtraEndpoints
+
+
+class SessionEndpoints:
+    """Publishers, queryables, commands and the liveliness token `alive` of one session.
+
+    The token is declared last: a client that sees it finds everything else.
+
+    Raises:
+        InputError: The ROS 2 topic is invalid.
+    """
+
+    def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:
+        self.session = session
+        prefix = config.prefix
+        self._odom = session.declare_publisher(
+            f"{prefix}/odom",
+            encoding=CDR,
+            congestion_control=config.congestion,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._map_odom = session.declare_publisher(
+            f"{prefix}/map_odom",
+            encoding=CDR_TRANSFORM,
+            congestion_control=config.congestion,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._status = session.declare_publisher(
+            f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
+        )
+        self._ros2 = _open_ros2(session, config)
+        self._threads = config.queryables.declare(session)
+        self._threads += config.extra.commands.declare(session, prefix)
+        config.extra.on_session(session)
+        self._alive = session.liveliness().declare_token(f"{prefix}/alive")
+
+    def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:
+        """Publish one pose; `payload` is its CDR."""
+        self._odom.put(payload, attachment=attachment)
+        if self._ros2 is not None:
+            self._ros2.publish(update, payload)
+
+    def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
+        """Publish the map->odom transform."""
+        self._map_odom.put(payload, attachment=attachment)
+
+    def publish_status(self, payload: bytes) -> None:
+        """Publish a status."""
+        self._status.put(payload)
+
+    def wait_for_subscriber(self, timeout_s: float) -> bool:
+        """Wait until there is a subscriber to the poses; return False on timeout."""
+        is_matched = threading.Event()
+
+        def on_change(status: zenoh.MatchingStatus) -> None:
+            if status.matching:
+                is_matched.set()
+
+        listener = self._odom.declare_matching_listener(on_change)
+        try:
+            return _has_subscriber(self._odom) or is_matched.wait(timeout_s)
+        finally:
+            listener.undeclare()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Withdraw the token and close the session."""
+        parts: list[Callable[[], object]] = [self._alive.undeclare, self.session.close]
+        if self._ros2 is not None:
+            parts.insert(1, self._ros2.close)
+        for close in parts:
+            with suppress(zenoh.ZError):  # a broken link
+                close()
+        # A thread that is still inside Zenoh when Python exits crashes the process.
+        for thread in self._threads:
+            thread.join(THREAD_JOIN_TIMEOUT_S)
+
+
+def _open_ros2(session: zenoh.Session, config: EndpointConfig) -> "Ros2Publisher | None":
+    """Publish for ROS 2 if it is enabled."""
+    settings = config.extra.ros2
+    if not settings.enabled:
+        return None
+    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
+
+    return Ros2Publisher(session, settings, config.prefix, config.frame_ids, config.congestion)
+
+
+def _has_subscriber(publisher: zenoh.Publisher) -> bool:
+    # Zenoh's stub declares bool, but the value is an object that is always true.
+    status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
+    return status.matching
+
+
 class ZenohOutput:
     """Publishes poses, the map->odom transform and the status; replies to queries.
 
@@ -115,20 +228,16 @@ class ZenohOutput:
         connect_policy: ConnectPolicy = ConnectOnce,
         extra_endpoints: ExtraEndpoints | None = None,
     ) -> None:
-        extra_endpoints = extra_endpoints or ExtraEndpoints()
+        self._extra = extra_endpoints or ExtraEndpoints()
         self._qos = qos
         self._versions = versions()
         self._latest = LatestMessages()
-        self._commands = extra_endpoints.commands
-        self._on_pose = extra_endpoints.on_pose
         self._endpoint_config = EndpointConfig(
             prefix=config.prefix,
             frame_ids=FrameIds(config.odom_frame_id, config.child_frame_id, config.map_frame_id),
             congestion=qos.congestion,
             queryables=Queryables(config.prefix, self._latest),
-            commands=extra_endpoints.commands,
-            ros2=extra_endpoints.ros2,
-            on_session=extra_endpoints.on_session,
+            extra=self._extra,
         )
         # The map that was last published, and its epoch.
         self._published_map: tuple[MapSnapshot, int] = (NO_MAP, 0)
@@ -192,7 +301,7 @@ class ZenohOutput:
             endpoints.publish_pose(update, payload, attachment)
         if update.map is not NO_MAP:
             self._publish_map(update)
-        self._on_pose(update)
+        self._extra.on_pose(update)
 
     def _publish_map(self, update: OdometryUpdate) -> None:
         """Store the transform with the newest stamp; publish it if the map or epoch changed."""
@@ -225,7 +334,7 @@ class ZenohOutput:
         self._endpoints = current
 
     def _finish(self) -> None:
-        self._commands.close()
+        self._extra.commands.close()
         for endpoints in self._endpoints:
             if not self._drain(endpoints):
                 logger.warning("zenoh: a subscriber does not read; its last poses are lost")
@@ -242,6 +351,6 @@ class ZenohOutput:
         while idle_checks < self._qos.min_idle_checks:
             if time.monotonic() > deadline_s:
                 return False
-            idle_checks = 0 if endpoints.queued_bytes() else idle_checks + 1
+            idle_checks = 0 if unread_bytes(endpoints.session) else idle_checks + 1
             time.sleep(0.01)
         return True

@@ -16,7 +16,7 @@ import zenoh.ext
 
 from drivers.core.errors import InputError
 from vo_service.config_tables import Ros2Config
-from vo_service.outputs.zenoh import FrameIds, pose_transforms
+from vo_service.outputs import FrameIds, pose_transforms
 from vo_service.ros_messages import (
     ODOMETRY_SCHEMA,
     TRANSFORMS_SCHEMA,

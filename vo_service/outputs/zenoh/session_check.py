@@ -9,7 +9,7 @@ import zenoh
 
 from drivers.core.errors import InputError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
-from vo_service.outputs.zenoh.session import (
+from vo_service.outputs.zenoh import (
     Endpoint,
     build_zenoh_config,
     configured_endpoints,

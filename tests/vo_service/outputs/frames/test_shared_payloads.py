@@ -12,7 +12,7 @@ from tests.ports import free_port
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service.outputs.frames.output import MIN_SHARED_BYTES, SharedPayloads
-from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh import open_session
 
 pytestmark = pytest.mark.zenoh
 

@@ -21,14 +21,13 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 )
 from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandQueue
-from vo_service.outputs.zenoh import queryables
+from vo_service.outputs.zenoh import open_session, queryables
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.queryables import (
     CommandServer,
     NullCommandEndpoint,
     make_command_endpoint,
 )
-from vo_service.outputs.zenoh.session import open_session
 from vo_service.types import OdometryUpdate
 from vo_service.types.commands import (
     COMMANDS,

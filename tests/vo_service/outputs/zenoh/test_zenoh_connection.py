@@ -15,10 +15,9 @@ from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session, query_json
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import connection
+from vo_service.outputs.zenoh import ZenohPortInUseError, connection, open_session
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort, ConnectWithRetry
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
-from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
 

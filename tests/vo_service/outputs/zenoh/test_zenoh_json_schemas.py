@@ -14,7 +14,7 @@ from drivers.camera import Led
 from scripts.write_reference import SCHEMA_FOLDER, make_files
 from tests.json_schema import schema_errors
 from tests.vo_service.sample_map import make_map
-from vo_service.outputs.zenoh import (
+from vo_service.outputs import (
     map_odom_attachment,
     pose_attachment,
 )

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.core.errors import InputError, UserFacingError
 from vo_service.config_tables import ZenohConfig, check_prefix
-from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh import open_session
 
 
 @pytest.mark.zenoh
@@ -40,7 +40,7 @@ def test_a_second_session_on_the_same_port_is_refused(free_port: int) -> None:
 @pytest.mark.subprocess
 def test_zenoh_itself_prints_nothing(free_port: int) -> None:
     script = (
-        "from vo_service.outputs.zenoh.session import *\n"
+        "from vo_service.outputs.zenoh import *\n"
         f"config = ZenohConfig(listen=('tcp/127.0.0.1:{free_port}',))\n"
         "session = open_session(config)\n"
         "try: open_session(config)\n"

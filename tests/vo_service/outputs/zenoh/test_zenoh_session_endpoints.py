@@ -4,10 +4,10 @@ import pytest
 import zenoh
 
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh import FrameIds
-from vo_service.outputs.zenoh.queryables import LatestMessages, NullCommandEndpoint, Queryables
-from vo_service.outputs.zenoh.session import open_session
-from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
+from vo_service.outputs import FrameIds
+from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.output import EndpointConfig, ExtraEndpoints, SessionEndpoints
+from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables
 
 pytestmark = pytest.mark.zenoh
 
@@ -18,8 +18,7 @@ def test_a_token_that_cannot_be_undeclared_keeps_nothing_else_open() -> None:
         FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
         Queryables("kinect", LatestMessages()),
-        NullCommandEndpoint(),
-        Ros2Config(enabled=True),
+        ExtraEndpoints(ros2=Ros2Config(enabled=True)),
     )
     with open_session(ZenohConfig(listen=())) as session:
         endpoints = SessionEndpoints(session, config)

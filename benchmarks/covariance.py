@@ -23,7 +23,7 @@ from benchmarks.harness import add_json_option, make_printer, print_json
 from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
 from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig

@@ -32,7 +32,7 @@ import numpy as np
 from benchmarks.harness import Json, ResultCache
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Trajectory
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.direct import parameters

@@ -29,7 +29,7 @@ from benchmarks.feature_scores import (
     score_features,
 )
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.tum import read_frame_pairs

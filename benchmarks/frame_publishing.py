@@ -30,7 +30,7 @@ from benchmarks.harness import format_table
 from benchmarks.network_link import HOST_ADDRESS, network_link
 from benchmarks.service_load import running_recorder
 from drivers.camera import RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
 from drivers.recording_camera import RecordingCamera
 from tests.ports import free_port

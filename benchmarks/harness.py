@@ -14,7 +14,7 @@ from typing import Any
 
 import cv2
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
 
 Json = dict[str, Any]

@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.icp.alignment import FINE_ONLY, align

@@ -36,7 +36,7 @@ from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import Accuracy, TrackedSequence, track_changed
 from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array
 from drivers.synthetic import ShutterTiming, SyntheticConfig
 from drivers.tum import open_tum_folder

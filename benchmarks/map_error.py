@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.files import cache_folder
 from drivers.core.geometry import Array, Trajectory, inverse, read_trajectory, transform_points
 from drivers.synthetic import KINECT_COLOR, SyntheticConfig

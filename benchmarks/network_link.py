@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 HOST_ADDRESS, READER_ADDRESS = "10.213.77.1", "10.213.77.2"
 NAMESPACE = "kinect-vo-link"

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from benchmarks.rendered_views import THREADS, make_frame, prefetch
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import read_trajectory
 from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera

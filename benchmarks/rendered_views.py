@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, inverse, rigid_transform, transform_points
 from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import MotionKind, SyntheticConfig

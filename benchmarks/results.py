@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.files import atomic_write
 from vo_service.terminal import Terminal
 

@@ -14,7 +14,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
 from tests.vo_service.sensor_faults import (

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.harness import add_json_option, make_printer, print_json
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry import CpuStageTimer
 from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, MethodConfig, warm_up

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import Clock, FrameTimeout, Led, PlaybackMode, RgbdFrame, SensorConfig
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import Array
 from drivers.freenect.camera import make_kinect_camera
 from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.feature_scores import Gray
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.tum import read_frame_pairs
 from vo_service.odometry.surf.descriptor import (
     DESCRIPTOR_SIZE,

@@ -35,7 +35,7 @@ from benchmarks.tour_record import (
     save_plot,
 )
 from drivers.camera import RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, poses_close
 from drivers.synthetic import SyntheticConfig
 from vo_service.odometry.registry import METHODS, warm_up

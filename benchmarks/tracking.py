@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
 from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import SyntheticConfig

@@ -40,18 +40,18 @@ if TYPE_CHECKING:
         RgbdFrame,
         SensorConfig,
     )
-    from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+    from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
     from drivers.registry import open_camera
     from drivers.synthetic import SyntheticConfig
 
 # Where each name is; mypy and editors see the imports above instead.
 _MODULES = {
-    "CameraError": "drivers.core.errors",
-    "CameraLostError": "drivers.core.errors",
-    "CameraNotFoundError": "drivers.core.errors",
+    "CameraError": "drivers.core",
+    "CameraLostError": "drivers.core",
+    "CameraNotFoundError": "drivers.core",
     "EndOfStream": "drivers.camera",
     "FrameTimeout": "drivers.camera",
-    "InputError": "drivers.core.errors",
+    "InputError": "drivers.core",
     "Led": "drivers.camera",
     "PinholeCamera": "drivers.camera",
     "PlaybackMode": "drivers.camera",

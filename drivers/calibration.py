@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 from drivers.camera import PinholeCamera, TimingPrior, TimingSource
+from drivers.core import InputError
 from drivers.core.config import SCHEMA_VERSION, Field, read_toml
-from drivers.core.errors import InputError
 from drivers.core.geometry import Array, transform_from_pose
 
 CAMERA_FILE_NAME = "camera.toml"

@@ -16,8 +16,8 @@ from typing import Annotated, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.core import CameraError
 from drivers.core.config import Field
-from drivers.core.errors import CameraError
 from drivers.core.geometry import Array, Trajectory
 
 
@@ -148,6 +148,10 @@ class NewReadings:
         if new:
             self._last_stamp_s = new[-1].stamp_s
         return new
+
+
+# The two images of a frame are at most this far apart.
+MAX_PAIR_SKEW_US = 20_000
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError
 from drivers.core.geometry import Trajectory
 from drivers.core.process.supervisor import ExponentialBackoff
 

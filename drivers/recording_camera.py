@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.core.errors import CameraError, InputError
+from drivers.core import CameraError, InputError
 from drivers.core.geometry import Trajectory
 from drivers.recording import FramePair, ImageTopics, Recording, UnreadableFrameError
 from drivers.recording.prefetch import (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import DepthCameraCalibration
 from drivers.camera import PinholeCamera
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array
 
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers.camera import CameraFactory, Clock, PlaybackMode, RgbdCamera, SensorConfig
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.files import cache_folder
 from drivers.core.plugins import PluginGroup
 from drivers.synthetic import SyntheticConfig

@@ -5,8 +5,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+from drivers.camera import MAX_PAIR_SKEW_US
 
 # The largest drift between two good crystals; an older minimum loses weight by it.
 MAX_CLOCK_DRIFT = 20e-6
@@ -93,8 +92,6 @@ class HostClockSync:
             self._min_delays.popleft()
 
 
-# Images farther apart than this are not paired.
-MAX_PAIR_SKEW_US = 20_000
 MAX_PAIR_SKEW_S = MAX_PAIR_SKEW_US / 1e6
 # The streams have at most 30 images per second; the period leaves some room for jitter.
 MIN_IMAGE_PERIOD_S = 0.030
@@ -185,32 +182,3 @@ class NearestFramePairing(Generic[C, D]):
 
     def _count_unpaired(self, depth_s: float) -> None:
         self.unpaired += depth_s >= self._first_color_s
-
-
-StampsUs = NDArray[np.int64]
-
-
-def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> list[tuple[int, int]]:
-    """Pair two rising lists of stamps (microseconds), at most `max_skew_us` apart, one to one.
-
-    Greedy over all candidates, closest first, as in the TUM RGB-D benchmark's ``associate.py``;
-    of two equally close ones the earlier is taken first. Only stamps within `max_skew_us` are
-    candidates, so time and memory are linear in the length of the lists.
-
-    Returns:
-        Pairs (index in color, index in depth), in order of time.
-    """
-    first = np.searchsorted(depth_us, color_us - max_skew_us, side="left")
-    last = np.searchsorted(depth_us, color_us + max_skew_us, side="right")
-    candidates = sorted(
-        (abs(int(color_us[i] - depth_us[j])), i, j)
-        for i in range(len(color_us))
-        for j in range(first[i], last[i])
-    )
-    depth_of_color: dict[int, int] = {}
-    paired_depths: set[int] = set()
-    for _, i, j in candidates:
-        if i not in depth_of_color and j not in paired_depths:
-            depth_of_color[i] = j
-            paired_depths.add(j)
-    return sorted(depth_of_color.items())

@@ -18,7 +18,6 @@ MAX_GAPS = {
     "drivers/recording": 1,
     "drivers/subprocess_camera": 1,
     "drivers/synthetic": 4,
-    "drivers/time_sync.py": 1,
     "vo_service/cli": 1,
     "vo_service/outputs": 4,
     "vo_service/slam": 3,

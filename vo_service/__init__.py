@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from drivers.core.errors import InputError
+    from drivers.core import InputError
     from vo_service.client import PoseClient
     from vo_service.client.connection import (
         CommandRefused,
@@ -64,7 +64,7 @@ _MODULES = {
     "METHODS": "vo_service.odometry.registry",
     "CommandRefused": "vo_service.client.connection",
     "Estimate": "vo_service.types",
-    "InputError": "drivers.core.errors",
+    "InputError": "drivers.core",
     "Frame": "vo_service.client.frame_client",
     "FrameClient": "vo_service.client.frame_client",
     "FrameUnavailable": "vo_service.client.connection",

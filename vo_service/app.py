@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.core.jit import release_memory
 from drivers.reconnect import ReconnectingCamera
 from vo_service.config import Config, ConfigChanges

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from drivers.camera import PlaybackMode, SensorConfig
+from drivers.core import UserFacingError
 from drivers.core.config import Field, FieldError, read_toml, suggest_name, typed_fields
-from drivers.core.errors import UserFacingError
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
 from drivers.core.plugins import PluginGroup
 from drivers.registry import CAMERA_USAGES, CAMERAS

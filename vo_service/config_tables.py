@@ -6,8 +6,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
+from drivers.core import InputError
 from drivers.core.config import Field
-from drivers.core.errors import InputError
 
 # Unit of the settings whose names end in _mb, bytes.
 MEGABYTE = 1_000_000

@@ -4,7 +4,7 @@ import threading
 from collections import deque
 
 from drivers.camera import RgbdCamera
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from vo_service.odom_frame import OdomFrame
 from vo_service.types.commands import (
     Command,

@@ -10,8 +10,8 @@ from typing import Annotated
 from urllib.parse import quote
 
 from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
+from drivers.core import InputError, UserFacingError
 from drivers.core.config import SCHEMA_VERSION, Field, read_toml
-from drivers.core.errors import InputError, UserFacingError
 from drivers.core.files import atomic_write, describe_write_error, state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from vo_service.odometry.registry import FIXED_TIMING_MODE

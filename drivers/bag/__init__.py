@@ -32,8 +32,9 @@ from drivers.calibration import (
     find_tum_calibration,
     read_calibration,
 )
+from drivers.camera import MAX_PAIR_SKEW_US
+from drivers.core import InputError
 from drivers.core.config import parse_toml
-from drivers.core.errors import InputError
 from drivers.core.geometry import Array, Trajectory
 from drivers.recording import (
     AccelerometerSeries,
@@ -44,7 +45,6 @@ from drivers.recording import (
     UnreadableFrameError,
     pair_images,
 )
-from drivers.time_sync import MAX_PAIR_SKEW_US
 
 MILLIMETER_DEPTH_FACTOR = 1000.0
 # Depth in meters is rounded to 0.2 mm, as the TUM benchmark does.

@@ -17,7 +17,7 @@ from drivers.bag.image_messages import (
     number_messages,
     stamp_ns_of,
 )
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.recording import ImageTopics
 from drivers.recording.frames import FrameStamps
 

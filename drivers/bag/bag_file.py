@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 STORAGE_SUFFIXES = (".db3", ".mcap")
 TF_MESSAGE_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")

@@ -26,7 +26,7 @@ from drivers.bag.bag_contents import (
 from drivers.bag.bag_file import ros1_typestore, ros2_typestore
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, COMPRESSED_IMAGE, IMAGE
 from drivers.calibration import CameraCalibration, format_calibration
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Vector, quaternion_from_rotation
 from drivers.recording import JPEG_START, BgrImage, DepthImage, decode_depth
 from drivers.recording.frames import FrameStamps

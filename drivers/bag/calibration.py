@@ -14,7 +14,7 @@ from drivers.calibration import (
     Distortion,
     RigidTransform,
 )
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import (
     Array,
     Trajectory,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.bag.bag_file import BagFile, Message, open_bag_file
 from drivers.bag.rvl import decode_rvl
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.recording import (
     BgrImage,
     DepthImage,

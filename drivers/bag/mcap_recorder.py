@@ -14,11 +14,17 @@ from typing import IO, Any, Self, cast
 from drivers.bag.bag_writer import MILLIMETER_DEPTH_FACTOR, EncodedMessage, FrameWriter, McapWriter
 from drivers.calibration import CameraCalibration
 from drivers.camera import NewReadings, RgbdFrame
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import free_disk_bytes, is_disk_full
 from drivers.core.geometry import Trajectory
-from drivers.recording import BgrImage, ColorFormat, DepthImage, encode_image
-from drivers.recording.frames import EARLIEST_STAMPS, FrameStamps, calibration_of_frame
+from drivers.recording import BgrImage, DepthImage
+from drivers.recording.frames import (
+    EARLIEST_STAMPS,
+    ColorFormat,
+    FrameStamps,
+    calibration_of_frame,
+    encode_image,
+)
 
 _log = logging.getLogger(__name__)
 

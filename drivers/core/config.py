@@ -17,7 +17,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 KeyPath = tuple[str, ...]
 T = TypeVar("T")

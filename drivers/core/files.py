@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 
 SOURCE_PACKAGES = ("drivers", "vo_service")
 # The files of compiled kernels, and those that they import: a change elsewhere compiles nothing.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 Array = NDArray[np.float64]
 # Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).

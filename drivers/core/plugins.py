@@ -6,7 +6,7 @@ The names are found without importing anything: a part is imported when it is ta
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint

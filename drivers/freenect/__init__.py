@@ -27,7 +27,7 @@ from ctypes import (
 from enum import IntEnum
 from typing import Any
 
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, UserFacingError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError, UserFacingError
 
 SONAME = "libfreenect.so.0.5"
 PACKAGE = "libfreenect0.5"

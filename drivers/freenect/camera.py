@@ -17,9 +17,9 @@ from drivers.camera import (
     SensorConfig,
     is_serial,
 )
-from drivers.core.errors import CameraError, CameraNotFoundError
+from drivers.core import CameraError, CameraNotFoundError
 from drivers.freenect import device_hung_error, packet_loss_message
-from drivers.freenect.image_buffers import ImagePair
+from drivers.freenect.context import ImagePair
 from drivers.freenect.rectify import (
     DepthFilter,
     FactoryCalibration,

@@ -22,7 +22,7 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.camera import PinholeCamera
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.freenect import DepthFormat
 from drivers.rectify import SoftwareRegistration, Undistorter
 

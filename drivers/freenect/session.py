@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.camera import CameraCounters, FrameTimeout
-from drivers.core.errors import CameraLostError
+from drivers.core import CameraLostError
 from drivers.freenect import (
     DepthFormat,
     LibfreenectLog,
@@ -21,8 +21,14 @@ from drivers.freenect import (
     stream_not_started_error,
     stream_stalled_error,
 )
-from drivers.freenect.context import FreenectContext, RawFrameCallback
-from drivers.freenect.image_buffers import BufferPool, FrameCallback, ImagePair, PooledImage
+from drivers.freenect.context import (
+    BufferPool,
+    FrameCallback,
+    FreenectContext,
+    ImagePair,
+    PooledImage,
+    RawFrameCallback,
+)
 from drivers.freenect.sources import DeviceCalibration, DeviceSource, StreamTimeouts
 from drivers.time_sync import NearestFramePairing, StampUnwrapper
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import Clock, EndOfStream, PlaybackMode, SensorConfig
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.freenect import (
     NO_BANDWIDTH_LINE,
@@ -30,8 +30,7 @@ from drivers.freenect import (
     open_failed_error,
     unplugged_error,
 )
-from drivers.freenect.context import FreenectContext, FreenectDevice
-from drivers.freenect.image_buffers import ImagePair
+from drivers.freenect.context import FreenectContext, FreenectDevice, ImagePair
 from drivers.freenect.rectify import (
     DepthFilter,
     FactoryCalibration,

@@ -12,7 +12,7 @@ import usb.core
 import usb.util
 
 from drivers.camera import Led
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.kinect_usb.motor_unit import (
     TIMEOUT_MS,
     MotorUnitReading,

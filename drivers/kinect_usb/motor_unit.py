@@ -7,7 +7,7 @@ from statistics import fmean
 from typing import Protocol
 
 from drivers.camera import AccelerometerReading, Led, SensorConfig
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.core.geometry import (
     STANDARD_GRAVITY_M_S2,
     Vector,

@@ -11,9 +11,8 @@ import usb.core
 import usb.util
 
 from drivers.camera import is_serial
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, UserFacingError
-from drivers.kinect_usb.motor_unit import TIMEOUT_MS
-from drivers.kinect_usb.usb_ids import (
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError, UserFacingError
+from drivers.kinect_usb import (
     REVISION_1414,
     SensorModel,
     UsbId,
@@ -22,6 +21,7 @@ from drivers.kinect_usb.usb_ids import (
     is_kinect,
     is_supported,
 )
+from drivers.kinect_usb.motor_unit import TIMEOUT_MS
 
 
 @contextmanager

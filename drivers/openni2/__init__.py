@@ -11,7 +11,7 @@ from enum import IntEnum
 from functools import partial
 from typing import Any
 
-from drivers.core.errors import CameraError, UserFacingError
+from drivers.core import CameraError, UserFacingError
 
 SONAME = "libOpenNI2.so.0"
 API_VERSION = 2002

@@ -21,7 +21,7 @@ from drivers.camera import (
     SensorConfig,
     is_serial,
 )
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError
 from drivers.openni2 import OniFrame, OpenNI2, OpenNI2Error, SensorType
 from drivers.openni2.configure import configure_device, start_streams
 from drivers.openni2.device import open_device

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.core.errors import CameraError, CameraNotFoundError
+from drivers.core import CameraError, CameraNotFoundError
 from drivers.openni2 import (
     DEVICE_CALLBACK,
     MAX_TEXT_BYTES,

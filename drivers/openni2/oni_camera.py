@@ -18,7 +18,7 @@ from drivers.camera import (
     RgbdFrame,
     SensorConfig,
 )
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.openni2 import OpenNI2, SensorType
 from drivers.openni2.oni_index import OniIndex, read_oni_index
 from drivers.openni2.oni_player import OniPlayer, make_playback_scheduler

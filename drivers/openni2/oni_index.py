@@ -14,9 +14,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from drivers.core.errors import InputError
+from drivers.camera import MAX_PAIR_SKEW_US
+from drivers.core import InputError
 from drivers.openni2 import SensorType
-from drivers.time_sync import MAX_PAIR_SKEW_US, pair_nearest
+from drivers.recording import pair_nearest
 
 FILE_HEADER = struct.Struct("<4sBBHIQI")
 RECORD_HEADER = struct.Struct("<5IQ")

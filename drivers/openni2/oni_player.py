@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from drivers.camera import FrameTimeout, PlaybackMode
-from drivers.core.errors import CameraError, InputError
+from drivers.core import CameraError, InputError
 from drivers.openni2 import (
     DeviceProperty,
     OniFrame,

@@ -27,7 +27,7 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.camera import PinholeCamera, TimingPrior
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.rectify import SoftwareRegistration, Undistorter
 
 # The usual values of these sensors, for an image 640 pixels wide.

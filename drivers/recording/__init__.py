@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
-from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration
-from drivers.camera import MAX_ACCELEROMETER_READINGS, AccelerometerReading
+from drivers.camera import MAX_ACCELEROMETER_READINGS, MAX_PAIR_SKEW_US, AccelerometerReading
 from drivers.core.geometry import Array, Trajectory, Vector, is_gravity
-from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8"
@@ -128,20 +126,6 @@ def _find_jpeg_fault(data: bytes) -> str:
     return "is truncated or damaged (the JPEG contains no image)"
 
 
-class ColorFormat(StrEnum):
-    """The file format of color images; depth is always PNG."""
-
-    PNG = "png"  # lossless
-    JPEG = "jpg"  # far smaller and faster, but lossy
-
-
-def encode_image(image: NDArray[Any], kind: ColorFormat) -> bytes:
-    """Encode a color or depth image as a file."""
-    # OpenCV's own PNG settings (run lengths, horizontal differences) beat level 1 in time and size.
-    options = [cv2.IMWRITE_JPEG_QUALITY, 95] if kind is ColorFormat.JPEG else []
-    return cv2.imencode(f".{kind}", image, options)[1].tobytes()
-
-
 # Stamps are kept as decimals: 17 digits of seconds do not fit a float, and differences are exact.
 # The precision holds the sum of any two printed floats.
 EXACT_CONTEXT = Context(prec=100)
@@ -246,6 +230,40 @@ class RecordedFrames:
     def stamps_s(self) -> Array:
         """(N,) stamps of the frames."""
         return np.array([pair.color.stamp_s for pair in self.pairs])
+
+
+StampsUs = NDArray[np.int64]
+
+
+def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> list[tuple[int, int]]:
+    """Pair two rising lists of stamps one to one.
+
+    Greedy over all candidates, closest first, as in the TUM RGB-D benchmark's ``associate.py``;
+    of two equally close ones the earlier is taken first. Only stamps within `max_skew_us` are
+    candidates, so time and memory are linear in the length of the lists.
+
+    Args:
+        color_us: (N,) stamps of the color images, microseconds.
+        depth_us: (M,) stamps of the depth images, microseconds.
+        max_skew_us: Largest difference of two paired stamps, microseconds.
+
+    Returns:
+        Pairs (index in color, index in depth), in order of time.
+    """
+    first = np.searchsorted(depth_us, color_us - max_skew_us, side="left")
+    last = np.searchsorted(depth_us, color_us + max_skew_us, side="right")
+    candidates = sorted(
+        (abs(int(color_us[i] - depth_us[j])), i, j)
+        for i in range(len(color_us))
+        for j in range(first[i], last[i])
+    )
+    depth_of_color: dict[int, int] = {}
+    paired_depths: set[int] = set()
+    for _, i, j in candidates:
+        if i not in depth_of_color and j not in paired_depths:
+            depth_of_color[i] = j
+            paired_depths.add(j)
+    return sorted(depth_of_color.items())
 
 
 def pair_images(color: Sequence[RecordedImage], depth: Sequence[RecordedImage]) -> RecordedFrames:

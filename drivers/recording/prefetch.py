@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.recording import DepthImage, FramePair, Recording
 from drivers.rectify import SoftwareRegistration, Undistorter
 

@@ -18,7 +18,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraError, CameraLostError
+from drivers.core import CameraError, CameraLostError
 from drivers.core.geometry import Trajectory
 from drivers.core.process import WorkerFailed, WorkerSpec
 from drivers.core.process.supervisor import ExponentialBackoff, WorkerSupervisor

@@ -29,7 +29,7 @@ from drivers.camera import (
     TimingPrior,
     TimingSource,
 )
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.record_ring import create_shared_memory
 
 SLOT_COUNT = 4

@@ -7,7 +7,7 @@ from contextlib import suppress
 from queue import SimpleQueue
 
 from drivers.camera import EndOfStream, FrameTimeout, RgbdCamera
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.process.supervisor import ExponentialBackoff
 from drivers.reconnect import ConnectionPhase, ReconnectingCamera

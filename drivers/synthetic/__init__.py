@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated, Self
 
 from drivers.camera import PinholeCamera
+from drivers.core import InputError
 from drivers.core.config import Field
-from drivers.core.errors import InputError
 
 KINECT_COLOR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)

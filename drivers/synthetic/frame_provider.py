@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.core.errors import CameraLostError
+from drivers.core import CameraLostError
 from drivers.core.process import WorkerFailed, WorkerProcess, WorkerSpec
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.rendered_sequence import (

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import (
     Array,
     Trajectory,

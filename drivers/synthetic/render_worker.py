@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.core.jit import release_memory
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.synthetic.rendered_sequence import (

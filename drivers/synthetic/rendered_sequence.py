@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.errors import CameraError, InputError
+from drivers.core import CameraError, InputError
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 

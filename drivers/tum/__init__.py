@@ -9,7 +9,8 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from drivers.calibration import find_calibration
-from drivers.core.errors import InputError
+from drivers.camera import MAX_PAIR_SKEW_US
+from drivers.core import InputError
 from drivers.core.files import AppendOnlyFile
 from drivers.core.geometry import (
     Vector,
@@ -30,7 +31,6 @@ from drivers.recording import (
     decode_depth,
     pair_images,
 )
-from drivers.time_sync import MAX_PAIR_SKEW_US
 
 _MAX_STAMP_S = Decimal(10**11)
 ACCELEROMETER_FILE = "accelerometer.txt"

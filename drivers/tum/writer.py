@@ -14,12 +14,12 @@ from drivers.calibration import (
     format_calibration,
 )
 from drivers.camera import RgbdFrame
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
 from drivers.core.geometry import Trajectory, Vector, format_pose_line
-from drivers.recording import ColorFormat
 from drivers.recording.frames import (
     EARLIEST_STAMPS,
+    ColorFormat,
     EncodedFrame,
     FrameStamps,
     calibration_of_frame,

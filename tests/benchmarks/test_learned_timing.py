@@ -23,7 +23,7 @@ from benchmarks.learned_timing import (
 )
 from benchmarks.tracking import Accuracy, TrackedSequence
 from drivers.camera import PinholeCamera, TimingSource
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.vo_service.fakes import good_estimate, make_frame
 from vo_service.types import OnlineTiming, TrackingState
 

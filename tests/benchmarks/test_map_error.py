@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.map_error import MapError, measure
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import (
     Array,
     Trajectory,

@@ -9,7 +9,7 @@ from benchmarks.rendered_views import (
     poses_around,
     views_of_recording,
 )
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import inverse, rigid_transform, rotation_angle_rad
 
 

@@ -15,7 +15,7 @@ from benchmarks.rendered_sequences import (
     render_all,
 )
 from drivers.camera import PinholeCamera
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig
 from drivers.tum import open_tum_folder
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.results import CommandResult, find_commands, run_commands, write_outputs
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 PAGE = """# Speed
 

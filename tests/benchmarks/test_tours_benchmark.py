@@ -21,7 +21,7 @@ from benchmarks.rendered_views import (
 from benchmarks.tour_record import LoopClosureRecord, OdometryRunner, TourRecord, save_plot
 from benchmarks.tours import run_tour, summarize
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.renderer import make_renderer

@@ -16,8 +16,8 @@ from drivers.calibration import (
     format_calibration,
     read_calibration,
 )
+from drivers.core import InputError
 from drivers.core.config import parse_toml
-from drivers.core.errors import InputError
 from drivers.core.geometry import is_rigid
 
 TEXT = format_calibration(TUM_CALIBRATIONS["1"])

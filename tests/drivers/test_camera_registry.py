@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import Clock, PlaybackMode
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.registry import (
     CAMERA_USAGES,
     CAMERAS,

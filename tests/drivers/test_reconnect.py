@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.camera import CameraState, CameraStatus, EndOfStream, FrameTimeout
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.reconnect import MAX_RETRY_S, ConnectionPhase, ReconnectingCamera
 from tests.vo_service.fakes import Delay, FakeClock, ScriptedCamera, make_frame
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.registry import CAMERAS, open_camera
 from tests.simulators.requirements import skip_or_fail
 from tests.vo_service.cli.cli_runner import run_in_process

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.simulators.kinect_simulator import KinectSimulator, KinectStream
 
 DEFAULT_LOSS_INTERVAL = 100

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.openni2 import SONAME as LIBOPENNI2
 from tests.simulators.freenect_probe import SONAME as LIBFREENECT
 from tests.simulators.kinect_simulator import KinectSimulator

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import cache_folder
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera

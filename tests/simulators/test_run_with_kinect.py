@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.simulators.fault_script import (
     FAULT_NAMES,
     TimedFault,

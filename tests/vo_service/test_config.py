@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import R_BODY_OPTICAL, rigid_transform
 from vo_service.config import Config, read_config
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.ports import is_listening
 from tests.resource_leaks import count_open_files
 from tests.vo_service.security.tls_network import HOST, ZENOH_FILES, make_keys, make_network

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout
-from drivers.core.errors import CameraLostError, InputError
+from drivers.core import CameraLostError, InputError
 from tests.vo_service.fakes import Delay, Event, FakeClock, InstantStop, ScriptedCamera, make_frame
 from vo_service import frame_source
 from vo_service.frame_source import TICK_S, FrameSource, LiveSource, PacedSource

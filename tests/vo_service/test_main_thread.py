@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service import signals
 from vo_service.signals import (
     ReloadSignal,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import Led
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.config import RELOADABLE_KEYS, Config, ConfigReloader, diff_configs, read_config
 
 RED_LIGHT = replace(Config(), sensor=replace(Config().sensor, led=Led.RED))

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.calibration import KINECT_TIMING_PRIOR
 from drivers.camera import FocalPrior, TimingPrior, TimingSource
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.full_disk import limit_file_size
 from tests.vo_service.fakes import FakeClock
 from tests.vo_service.learned_updates import (

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout
-from drivers.core.errors import CameraLostError
+from drivers.core import CameraLostError
 from drivers.reconnect import ReconnectingCamera
 from tests.vo_service.fakes import (
     CollectingOutput,

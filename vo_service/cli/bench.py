@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.files import create_output_folder
 from vo_service.cli.options import add_benchmark_options, load_config, parse_count, requested_topics
 from vo_service.signals import StopSignal, stop_on_signals

@@ -6,7 +6,7 @@ import logging
 from datetime import date
 from pathlib import Path
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.registry import CAMERA_USAGES
 from vo_service.cli.calibrate_timing import calibrate_timing, save_learnt
 from vo_service.cli.options import add_topics_option
@@ -24,8 +24,7 @@ from vo_service.tools.calibration.collect_live import (
 )
 from vo_service.tools.calibration.output_files import check_writable, save_camera_file
 from vo_service.tools.calibration.plot import check_plot_format, write_plot
-from vo_service.tools.calibration.result import CalibrationResult
-from vo_service.tools.calibration.solver import solve_calibration
+from vo_service.tools.calibration.solver import CalibrationResult, solve_calibration
 
 EPILOG = """\
 examples:

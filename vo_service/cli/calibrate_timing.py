@@ -15,7 +15,7 @@ from drivers.calibration import (
     CameraCalibration,
     read_calibration,
 )
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.options import requested_topics

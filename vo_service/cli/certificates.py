@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.tools.certificates import AUTHORITY_DAYS, CertificateAuthority
 
 EPILOG = f"""\

@@ -4,8 +4,8 @@ import argparse
 import inspect
 import json
 
+from drivers.core import InputError, UserFacingError
 from drivers.core.config import typed_fields
-from drivers.core.errors import InputError, UserFacingError
 from vo_service.cli.options import add_connection_options, parse_seconds
 from vo_service.client import REPLY_TIMEOUT_S, PoseClient
 from vo_service.client.connection import CommandRefused, ServiceUnavailable

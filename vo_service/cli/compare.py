@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.files import create_output_folder
 from vo_service.cli.options import add_benchmark_options, load_config, requested_topics
 from vo_service.config import Config

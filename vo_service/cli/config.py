@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from drivers.core import InputError
 from drivers.core.config import SCHEMA_VERSION, Field, TypedField, typed_fields
-from drivers.core.errors import InputError
 from vo_service.config import CameraConfig, Config, read_config
 from vo_service.config_tables import RecorderConfig, RerunConfig
 

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from types import ModuleType
 from typing import NoReturn
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import kernel_folder
 from vo_service.logs import log_to_stderr
 from vo_service.signals import EXIT_CODE_SIGINT

@@ -5,7 +5,7 @@ import re
 import urllib.parse
 from pathlib import Path
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.cli.options import print_message
 from vo_service.signals import InterruptedBySignal, raise_on_signals
 from vo_service.terminal import Terminal

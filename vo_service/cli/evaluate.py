@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, read_trajectory
 from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.tum import read_frame_pairs

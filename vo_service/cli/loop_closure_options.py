@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array, Trajectory, format_pose_line
 from vo_service.cli.warm_up import prepare_loop_closure

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.camera import RgbdCamera
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.files import atomic_write, create_output_folder
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,

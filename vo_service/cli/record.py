@@ -18,9 +18,9 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import Trajectory
-from drivers.recording import ColorFormat
+from drivers.recording.frames import ColorFormat
 from drivers.recording_camera import BAG_SUFFIXES, check_bag_packages
 from drivers.registry import open_camera
 from drivers.synthetic import SyntheticConfig

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.app import OutputsConfig, frames_config, open_outputs, run_replay
 from vo_service.cli.loop_closure_options import (
     add_loop_closure_options,

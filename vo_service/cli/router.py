@@ -5,7 +5,7 @@ from pathlib import Path
 
 import zenoh
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.cli.options import print_message
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh import build_zenoh_config, configured_endpoints, open_session

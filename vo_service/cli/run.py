@@ -10,7 +10,7 @@ from pathlib import Path
 import zenoh
 
 from drivers.camera import PlaybackMode, RgbdCamera
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.files import rotate_file
 from drivers.core.jit import limit_freed_memory, release_memory
 from drivers.registry import open_camera

@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service.tools.install.installer import Installer
 from vo_service.tools.install.systemd import (
     DROP_IN,

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import cv2
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import cache_folder, kernel_folder
 from drivers.core.jit import interruptible
 from vo_service.cli.options import add_config_options, load_config

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import zenoh
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from vo_service.client.pose import Pose
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh import (

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service.config import OUTPUTS
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status

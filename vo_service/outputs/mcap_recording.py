@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.bag.bag_writer import CAMERA_FRAME, NAMESPACE, EncodedMessage
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Trajectory, inverse

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.camera import PinholeCamera
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import atomic_write, is_disk_full
 from drivers.core.geometry import Array
 from vo_service.reconstruction.mesh import Mesh, estimate_up, level_transform, write_ply

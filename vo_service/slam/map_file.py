@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_file, is_disk_full
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import MapKeyframe

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 
 # Zenoh reads elliptic-curve keys in PKCS#8, which is what `genpkey` writes.
 _NEW_KEY_ARGUMENTS = ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256")

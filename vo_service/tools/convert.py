@@ -12,20 +12,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drivers.calibration import CameraCalibration
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import is_disk_full
 from drivers.core.geometry import Array, Trajectory, Vector
 from drivers.recording import (
     JPEG_START,
     AccelerometerSeries,
     BgrImage,
-    ColorFormat,
     DepthImage,
     Recording,
     UnreadableFrameError,
+)
+from drivers.recording.frames import (
+    ColorFormat,
+    EncodedFrame,
+    FrameStamps,
+    calibration_of_frame,
     encode_image,
 )
-from drivers.recording.frames import EncodedFrame, FrameStamps, calibration_of_frame
 from drivers.recording.prefetch import FrameReader
 from drivers.recording_camera import check_bag_packages
 from drivers.tum.writer import TumWriter

@@ -16,8 +16,8 @@ from typing import Annotated, Any, ClassVar, Generic, TypeVar, get_args
 import numpy as np
 
 from drivers.camera import Led
+from drivers.core import InputError
 from drivers.core.config import Field, FieldError, build_dataclass
-from drivers.core.errors import InputError
 from drivers.core.geometry import Array, is_rigid, quaternion_from_rotation, transform_from_pose
 
 MAX_PAYLOAD_BYTES = 4096

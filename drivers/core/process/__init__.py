@@ -16,7 +16,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import IO, Any, Protocol, Self
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 
 _COUNT_BYTES = 2
 

@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.process import (
     LogMessage,
     Shutdown,

@@ -13,7 +13,7 @@ from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.process import (
     StartWorker,
     WorkerFailed,

@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, PinholeCamera, RgbdCamera, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.registry import CameraRequest
 
 INTRINSICS = PinholeCamera(320, 240, 260.0, 260.0, 159.5, 119.5)

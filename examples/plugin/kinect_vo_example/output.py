@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
 

@@ -12,7 +12,7 @@ import pytest
 from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, RVL_SIZE
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import (
     COMPRESSED,

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.recording_camera import RecordingCamera, open_recording
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.core import InputError
 from drivers.core.config import Field, parse_toml, read_toml
-from drivers.core.errors import InputError
 
 
 class Shade(StrEnum):

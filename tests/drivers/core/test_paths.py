@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core import files
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError, files
 from drivers.core.files import cache_folder, kernel_folder, state_folder
 
 

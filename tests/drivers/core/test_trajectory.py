@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import (
     format_pose_line,
     read_trajectory,

@@ -8,7 +8,7 @@ import sys
 import time
 
 from drivers.camera import SensorConfig
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.freenect import camera as camera_module
 from drivers.freenect import session
 from drivers.freenect.camera import FreenectCamera

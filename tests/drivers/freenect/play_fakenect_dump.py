@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.freenect.camera import make_fakenect_camera
 
 

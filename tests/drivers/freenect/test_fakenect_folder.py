@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.freenect.sources import check_dump_folder
 from tests.simulators.fakenect_dump import write_fakenect_dump
 from tests.simulators.fixtures import pattern_frame

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.calibration import KINECT_TIMING_PRIOR, format_calibration
 from drivers.camera import CameraState, RgbdFrame, SensorConfig
-from drivers.core.errors import CameraLostError, CameraNotFoundError
+from drivers.core import CameraLostError, CameraNotFoundError
 from drivers.freenect.rectify import DEFAULT_CALIBRATION
 from drivers.freenect.sources import list_kinects
 from drivers.rectify import Undistorter

@@ -4,7 +4,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.freenect import LibfreenectLog, TimeValue
 from drivers.freenect.context import FreenectContext
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.camera import CameraState, Led, SensorConfig
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.freenect.camera import FreenectCamera
 from drivers.kinect_usb import kinect_motor_unit
 from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import Clock, Led, PlaybackMode, SensorConfig
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.freenect.camera import make_fakenect_camera, make_kinect_camera
 from tests.simulators import kinect_faults
 from tests.simulators.kinect_simulator import KinectSimulator

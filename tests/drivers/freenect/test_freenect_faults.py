@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.camera import CameraState, FrameTimeout, RgbdFrame
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError
 from drivers.freenect import load_library
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.sources import list_kinects

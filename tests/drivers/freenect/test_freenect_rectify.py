@@ -10,7 +10,7 @@ from drivers.calibration import (
     RigidTransform,
     format_calibration,
 )
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.freenect import DepthFormat
 from drivers.freenect.rectify import DEFAULT_CALIBRATION, KinectRectifier
 from drivers.rectify import SoftwareRegistration

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.camera import MAX_ACCELEROMETER_READINGS, Led, SensorConfig
-from drivers.core.errors import CameraError, UserFacingError
+from drivers.core import CameraError, UserFacingError
 from drivers.kinect_usb import kinect_motor_unit
 from drivers.kinect_usb.kinect_motor_unit import Kinect1414Motor, KinectMotorUnit
 from drivers.kinect_usb.motor_unit import MotorDevice, MotorUnit, MotorUnitReading

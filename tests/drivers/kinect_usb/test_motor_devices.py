@@ -7,7 +7,7 @@ import pytest
 from usb.core import find
 
 from drivers.camera import Led
-from drivers.core.errors import CameraError, CameraLostError
+from drivers.core import CameraError, CameraLostError
 from drivers.kinect_usb.audio_motor import AudioMotor
 from drivers.kinect_usb.kinect_motor_unit import Kinect1414Motor, open_motor_device
 from drivers.kinect_usb.motor_unit import MotorDevice

@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.core.errors import CameraNotFoundError
+from drivers.core import CameraNotFoundError
+from drivers.kinect_usb import SensorModel as Label
+from drivers.kinect_usb import UsbRole, find_usb_id
 from drivers.kinect_usb.usb_devices import (
     UsbDevice,
     find_connected_sensors,
@@ -12,8 +14,6 @@ from drivers.kinect_usb.usb_devices import (
     find_usb_devices,
     group_by_sensor,
 )
-from drivers.kinect_usb.usb_ids import SensorModel as Label
-from drivers.kinect_usb.usb_ids import UsbRole, find_usb_id
 from tests.simulators.kinect_simulator import KinectModel, KinectSimulator, simulator_environment
 
 PlugIn = Callable[..., KinectSimulator]

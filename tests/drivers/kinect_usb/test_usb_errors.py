@@ -5,7 +5,7 @@ import errno
 import pytest
 import usb.core
 
-from drivers.core.errors import CameraError, CameraLostError, UserFacingError
+from drivers.core import CameraError, CameraLostError, UserFacingError
 from drivers.kinect_usb.usb_devices import translate_usb_errors
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.kinect_usb.usb_ids import (
+from drivers.kinect_usb import (
     SUPPORTED_IDS,
     UNSUPPORTED_IDS,
     SensorModel,

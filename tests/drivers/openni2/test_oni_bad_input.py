@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.openni2.oni_camera import OniCamera
 from drivers.openni2.oni_index import read_oni_index
 from tests.drivers.openni2.conftest import make_image, make_images

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame, SensorConfig
-from drivers.core.errors import CameraError, InputError
+from drivers.core import CameraError, InputError
 from drivers.openni2 import oni_camera
 from drivers.openni2.oni_camera import OniCamera
 from drivers.openni2.oni_player import RealtimeScheduler

@@ -16,7 +16,7 @@ import pytest
 from drivers import openni2
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import CameraState, Clock, FrameTimeout, SensorConfig
-from drivers.core.errors import (
+from drivers.core import (
     CameraError,
     CameraLostError,
     CameraNotFoundError,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.openni2.rectify import (
     CalibrationFile,
     DepthRegistration,

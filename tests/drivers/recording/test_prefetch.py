@@ -4,7 +4,7 @@ from collections.abc import Callable
 import pytest
 
 from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, RgbdFrame
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.recording.prefetch import (
     MAX_BUFFERED_FRAMES,
     BufferClosedError,

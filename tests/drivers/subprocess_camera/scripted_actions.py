@@ -7,7 +7,7 @@ import threading
 import time
 
 from drivers.camera import FrameTimeout
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 
 LONG_S = 3600
 

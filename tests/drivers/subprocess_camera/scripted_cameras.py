@@ -17,7 +17,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraLostError
+from drivers.core import CameraLostError
 from tests.drivers.subprocess_camera.scripted_actions import ACTIONS, pause
 from tests.resource_leaks import count_open_files
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from drivers.camera import Led
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from tests.drivers.subprocess_camera.scripted_cameras import FileScriptedCamera
 
 STUCK_DEG = -31.0

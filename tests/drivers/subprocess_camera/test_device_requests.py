@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import CameraState, Led
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
 from tests.drivers.subprocess_camera.scripted_cameras import FileScriptedCamera

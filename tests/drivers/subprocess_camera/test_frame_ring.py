@@ -19,7 +19,7 @@ from drivers.camera import (
     TimingPrior,
     TimingSource,
 )
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.subprocess_camera.frame_ring import (
     SLOT_COUNT,
     FrameRingEndedError,

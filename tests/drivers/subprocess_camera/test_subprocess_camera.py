@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout, RgbdFrame
-from drivers.core.errors import CameraLostError, InputError
+from drivers.core import CameraLostError, InputError
 from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera.camera import SubprocessCamera
 from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera

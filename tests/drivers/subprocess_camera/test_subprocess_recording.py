@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import CameraCounters, EndOfStream, PlaybackMode
-from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.subprocess_camera import Timeouts
 from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
 from tests.drivers.subprocess_camera.scripted_cameras import (

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import inverse
 from drivers.synthetic import (
     DynamicObjectConfig,

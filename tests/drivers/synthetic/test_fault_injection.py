@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import CameraLostError, CameraNotFoundError
+from drivers.core import CameraLostError, CameraNotFoundError
 from drivers.synthetic import Fault, FaultKind, SyntheticConfig
 from tests.drivers.synthetic.cached_cameras import CachedCameras, FakeHost, read_frames
 

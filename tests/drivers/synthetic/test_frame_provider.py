@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import CameraState, FrameTimeout, PlaybackMode, RgbdFrame
-from drivers.core.errors import CameraLostError
+from drivers.core import CameraLostError
 from drivers.core.process import WorkerSpec
 from drivers.synthetic import SyntheticConfig, frame_provider
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.errors import CameraError, InputError
+from drivers.core import CameraError, InputError
 from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig, rendered_sequence
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,

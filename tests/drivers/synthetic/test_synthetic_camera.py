@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import Clock, FrameTimeout, PlaybackMode
-from drivers.core.errors import CameraLostError, InputError
+from drivers.core import CameraLostError, InputError
 from drivers.synthetic import ColorSensorModel, ShutterTiming, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from tests.drivers.synthetic.cached_cameras import CachedCameras, FakeHost, read_frames

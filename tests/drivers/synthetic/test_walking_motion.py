@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, rotation_angle_rad
 from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import AccelerometerReading, RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Vector
 from drivers.recording_camera import RecordingCamera
 from drivers.tum import ACCELEROMETER_FILE, AccelerometerWriter, read_accelerometer

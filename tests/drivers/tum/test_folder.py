@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.tum import open_tum_folder
 
 FolderMaker = Callable[..., Path]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.tum import ListedImage, read_associations, read_image_list
 
 

@@ -18,7 +18,7 @@ import weakref
 from pathlib import Path
 import numpy as np
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.tum.writer import TumWriter
 
 noise = np.random.default_rng(0)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.vo_service.cli.cli_runner import CommandResult, run_in_process, run_subprocess
 from vo_service.outputs.zenoh import connection
 

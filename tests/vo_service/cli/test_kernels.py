@@ -8,7 +8,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service.cli import warm_up
 from vo_service.cli.warm_up import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.config import Config

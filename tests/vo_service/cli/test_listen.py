@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import rigid_transform
 from tests.forked_process import ForkedProcess
 from tests.ports import free_port

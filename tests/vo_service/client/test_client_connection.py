@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
 from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
 from tests.ports import free_port
 from tests.vo_service.outputs.conftest import make_update, status

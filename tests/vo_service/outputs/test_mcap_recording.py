@@ -12,7 +12,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.geometry import T_BODY_CAMERA, Trajectory
 from drivers.recording_camera import open_recording
 from tests.full_disk import limit_file_size

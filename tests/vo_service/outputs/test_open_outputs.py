@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from vo_service.app import OutputsConfig, open_outputs
 from vo_service.config_tables import RerunConfig, ZenohConfig
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput

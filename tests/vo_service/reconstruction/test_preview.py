@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete
 from tests.vo_service.reconstruction.scenes import CAMERA
 from vo_service.outputs.rerun.preview import open_previews

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import zenoh
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from tests.ports import free_port
 from tests.vo_service.sample_map import make_map
 from vo_service.config_tables import CommandConfig, ZenohConfig

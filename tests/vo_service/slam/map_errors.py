@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.slam.map_file import read_map
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from tests.vo_service.slam.corner_keyframes import BESIDE, ELSEWHERE, make_query
 from tests.vo_service.slam.map_errors import load_error
 from vo_service.slam.keyframe_database import MapKeyframe

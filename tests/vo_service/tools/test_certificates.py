@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from vo_service.tools.certificates import CertificateAuthority, check_name
 
 pytestmark = pytest.mark.subprocess

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import FRAME, TF, BagWriter, stamp_ns
 from tests.drivers.bag.test_bag import make_bag, write_unregistered

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import Led
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import rigid_transform, so3_exp
 from vo_service.types.commands import (
     COMMANDS,

@@ -13,11 +13,19 @@ from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.features import MatchVerifier, match_features
 from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import find_unscaled_motion
-from vo_service.odometry.sfm.initialization import SfmInitializer
-from vo_service.odometry.sfm.keyframe import SfmKeyframe
+from vo_service.odometry.sfm.keyframe import (
+    MatchedView,
+    RegisteredView,
+    RegistrationFailure,
+    SfmKeyframe,
+)
 from vo_service.odometry.sfm.mono_frame import MonoFrame
-from vo_service.odometry.sfm.registered_view import MatchedView, RegisteredView, RegistrationFailure
-from vo_service.odometry.sfm.scale import FirstDepthScale, ScaleSource, propose_scaled_motions
+from vo_service.odometry.sfm.scale import (
+    FirstDepthScale,
+    ScaleSource,
+    SfmInitializer,
+    propose_scaled_motions,
+)
 from vo_service.odometry.sfm.trajectory_state import TrajectoryState, TrajectoryStep
 from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refine_two_view
 from vo_service.odometry.surf import SurfExtractor

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from drivers.core.record_ring import RecordRingWriter

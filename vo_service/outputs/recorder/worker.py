@@ -12,11 +12,11 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import check_writable, free_disk_bytes
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.record_ring import RecordRingReader, RingRecord
-from drivers.recording import ColorFormat
+from drivers.recording.frames import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.frame_record import decode_frame, decode_metadata

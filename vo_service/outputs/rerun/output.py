@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.flow_control import WorkerThread
 from drivers.core.process import Shutdown, WorkerFailed, WorkerSpec
 from drivers.core.process.supervisor import ExponentialBackoff, WorkerSupervisor

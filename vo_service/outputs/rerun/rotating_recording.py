@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import rerun as rr
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service.outputs.rerun import (
     FrameScalars,
     GroundTruth,

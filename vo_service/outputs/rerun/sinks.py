@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory, TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import free_disk_bytes, is_disk_full, rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
 from vo_service.config_tables import MEGABYTE

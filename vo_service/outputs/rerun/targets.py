@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.sinks import (
     DATA_PORT,

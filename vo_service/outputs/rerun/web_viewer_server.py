@@ -20,7 +20,7 @@ from threading import Lock, Thread
 from typing import Any
 from urllib.request import urlopen
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service.outputs.rerun.sinks import LOOPBACK, PortTakenError
 
 _FILES = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import explain_unwritable
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, format_pose_line

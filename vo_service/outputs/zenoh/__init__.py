@@ -16,7 +16,7 @@ from typing import Any
 
 import zenoh
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
 
 logger = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import zenoh
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
 from vo_service.outputs.zenoh import (
     ZenohPortInUseError,

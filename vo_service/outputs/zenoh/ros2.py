@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import zenoh
 import zenoh.ext
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs import FrameIds, pose_transforms
 from vo_service.ros_messages import (

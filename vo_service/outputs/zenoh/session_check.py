@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import zenoh
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
 from vo_service.outputs.zenoh import (
     Endpoint,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from drivers.core.geometry import inverse

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import PARTIAL_SUFFIX, describe_write_error, folder_size_bytes, lock_folder
 from vo_service.config_tables import MEGABYTE
 from vo_service.slam.mapper import MAP_SUFFIX, MESH_SUFFIX

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import Array
 from drivers.core.process.worker_main import set_oom_score
 from drivers.core.record_ring import RingRecord

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.process import WorkerProcess, WorkerSpec
 from drivers.recording import ImageTopics
 from vo_service.terminal import Terminal

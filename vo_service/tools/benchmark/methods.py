@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Trajectory, has_match
 from drivers.recording import Recording
 from vo_service.config import OdometryConfig

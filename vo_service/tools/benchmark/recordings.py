@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, has_match, nearest_indices
 from drivers.recording import ImageTopics, Recording
 from drivers.recording_camera import open_recording

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.tools.benchmark import CompletedRun, RunOutcome, RunState
 from vo_service.tools.benchmark.batch import BatchResult
 from vo_service.tools.benchmark.recordings import BenchmarkRecording

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write, create_output_folder, is_disk_full
 from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
 from vo_service.tools.benchmark import (

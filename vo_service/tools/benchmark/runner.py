@@ -16,7 +16,7 @@ import numpy as np
 from numba.core.event import install_recorder
 
 from drivers.camera import RgbdFrame
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
 from drivers.recording import Recording, UnreadableFrameError
 from drivers.recording.prefetch import FrameReader

@@ -9,7 +9,7 @@ import threading
 import traceback
 from collections.abc import Callable
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.tools.benchmark import RunOutcome, RunState
 from vo_service.tools.benchmark.batch import KernelsCompiled, RunMessage, RunRequest

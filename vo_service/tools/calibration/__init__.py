@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import Distortion
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from vo_service.tools.calibration.output_files import check_writable, save
 

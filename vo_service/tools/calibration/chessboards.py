@@ -9,7 +9,7 @@ import numpy as np
 from cv2 import aruco
 from numpy.typing import NDArray
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array
 from vo_service.tools.calibration import (
     NO_CORNERS,

@@ -7,7 +7,7 @@ from decimal import Decimal
 from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, find_calibration
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.recording import RecordedImage, UnreadableFrameError
 from drivers.tum import ListedImage, read_frame_pairs, read_image_list
 from vo_service.terminal import Terminal

@@ -27,7 +27,7 @@ from drivers.camera import (
     RgbdFrame,
     SensorConfig,
 )
-from drivers.core.errors import CameraError, InputError, UserFacingError
+from drivers.core import CameraError, InputError, UserFacingError
 from drivers.registry import open_camera
 from drivers.tum.writer import TumWriter
 from vo_service.terminal import Terminal

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from drivers.calibration import NO_DISTORTION
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from vo_service.tools.calibration import BoardCorners, BoardView, Lens
 

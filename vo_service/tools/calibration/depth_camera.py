@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import DepthCameraCalibration, RigidTransform
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.odometry.uncertainty import depth_sigma_m
 from vo_service.tools.calibration import BoardLayout

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from drivers.calibration import CameraCalibration, format_calibration
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write, is_disk_full
 
 

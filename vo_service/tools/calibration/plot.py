@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
 from vo_service.tools.calibration.output_files import save
-from vo_service.tools.calibration.result import CalibrationResult
+from vo_service.tools.calibration.solver import CalibrationResult
 from vo_service.tools.calibration.view_selection import (
     MIN_ZONE_CORNERS,
     ZONE_EDGES,

@@ -15,7 +15,7 @@ from drivers.calibration import (
     read_calibration,
 )
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
 from drivers.registry import open_camera

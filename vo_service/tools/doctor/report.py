@@ -14,9 +14,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from drivers.camera import RgbdCamera
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_file
-from drivers.recording import ColorFormat
+from drivers.recording.frames import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.tools.doctor.stream_probe import probe_stream
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, list_usb_devices

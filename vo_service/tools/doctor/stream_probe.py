@@ -19,7 +19,7 @@ from drivers.camera import (
     RgbdFrame,
     TimingPrior,
 )
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 
 POLL_PERIOD_S = 0.1
 # A driver's process may start slowly on a slow disk; later pauses must be shorter.

@@ -8,7 +8,7 @@ import difflib
 import re
 from dataclasses import dataclass
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 BENCHMARK_URL = "https://cvg.cit.tum.de/rgbd/dataset"
 VALIDATION_SUFFIX = "_validation"

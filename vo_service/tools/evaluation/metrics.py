@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Array,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write, explain_unwritable, is_disk_full
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from drivers.camera import CameraCounters
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
 from vo_service.service_statistics import ServiceStatistics
 from vo_service.terminal import format_columns, format_mm

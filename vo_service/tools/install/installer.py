@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from vo_service.config import read_config
 from vo_service.tools.install import udev
 from vo_service.tools.install.program import PROGRAM_FOLDER, install_program, remove_program

@@ -16,7 +16,7 @@ from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
 import drivers
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import SOURCE_PACKAGES
 
 DISTRIBUTION_NAME = "kinect-vo"

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from vo_service.tools.install.program import SCRIPT_PATH
 from vo_service.tools.install.udev import SystemFile, run_command
 

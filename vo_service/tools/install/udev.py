@@ -7,9 +7,9 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import atomic_file
-from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
+from drivers.kinect_usb import SUPPORTED_IDS, UsbId
 
 COMMAND_TIMEOUT_S = 20.0
 

@@ -7,14 +7,14 @@ import numpy as np
 from drivers.core.geometry import inverse
 from tests.vo_service.odometry.sfm.ray_pairs import MOTION, make_pairs
 from tests.vo_service.odometry.sfm.sideways_sequence import render_view
-from vo_service.odometry.sfm.keyframe import SfmKeyframe
-from vo_service.odometry.sfm.mono_frame import MonoFrame
-from vo_service.odometry.sfm.registered_view import (
+from vo_service.odometry.sfm.keyframe import (
     COVARIANCE_INFLATION,
     MIN_SIGMA_PX,
     MatchedView,
     RegisteredView,
+    SfmKeyframe,
 )
+from vo_service.odometry.sfm.mono_frame import MonoFrame
 from vo_service.odometry.sfm.two_view_refinement import refine_two_view
 from vo_service.odometry.surf import SurfExtractor
 

@@ -14,7 +14,7 @@ from tests.vo_service.odometry.sfm.ray_pairs import (
     make_pairs,
     small_vectors,
 )
-from vo_service.odometry.sfm.initialization import apply_scale
+from vo_service.odometry.sfm.scale import apply_scale
 from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refine_two_view
 
 

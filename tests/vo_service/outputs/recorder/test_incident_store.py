@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.files import PARTIAL_SUFFIX, check_writable
 from vo_service.outputs.recorder import incident_name
 from vo_service.outputs.recorder.incidents import IncidentStore

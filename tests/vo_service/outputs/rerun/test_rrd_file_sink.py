@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.files import rotate_file
 from drivers.core.geometry import Trajectory
 from tests.full_disk import limit_file_size

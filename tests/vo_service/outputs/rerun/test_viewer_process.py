@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import PlaybackMode
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from tests.resource_leaks import child_pids, is_alive, resident_memory_kb, resources_in_use
 from tests.vo_service.outputs.rerun.faulty_sinks import BlockingSink, FullDiskSink, LeakingSink
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete, read_column

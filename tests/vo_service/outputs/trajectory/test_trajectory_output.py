@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.flow_control import BlockingQueue, DropOldestQueue
 from drivers.core.geometry import read_trajectory
 from tests.full_disk import limit_file_size

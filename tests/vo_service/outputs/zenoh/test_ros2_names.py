@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.outputs.zenoh.ros2 import (
     ODOMETRY,
     TF_MESSAGE,

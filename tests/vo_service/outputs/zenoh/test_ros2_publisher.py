@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests import ports
 from tests.vo_service.outputs.zenoh.ros_node import (
     ODOMETRY_KEY,

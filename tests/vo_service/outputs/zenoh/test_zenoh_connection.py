@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session, query_json
 from tests.waiting import wait_until

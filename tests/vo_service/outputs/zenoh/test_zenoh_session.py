@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from vo_service.config_tables import ZenohConfig, check_prefix
 from vo_service.outputs.zenoh import open_session
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from tests.full_disk import limit_file_size
 from vo_service.slam.mapper.map_store import MapStore
 

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.recording import Recording
 from vo_service.odometry import StageTimer
 from vo_service.tools.benchmark.methods import MethodFactory

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.conftest import FRAMES
 from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.tools.benchmark.faulty_methods import FaultyMethodFactory

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Trajectory
 from tests.vo_service.tools.benchmark.sample_runs import make_recording
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.geometry import Trajectory
 from tests.full_disk import limit_file_size
 from tests.vo_service.tools.benchmark.sample_runs import (

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.tools.calibration import (
     DOTS_PER_INCH,
     Board,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import rigid_transform
 from tests.vo_service.tools.calibration.rendered_boards import RenderedKinect
 from vo_service.tools.calibration.chessboards import Chessboard

@@ -15,8 +15,8 @@ from drivers.calibration import (
     format_calibration,
     read_calibration,
 )
+from drivers.core import InputError, UserFacingError
 from drivers.core.config import parse_toml
-from drivers.core.errors import InputError, UserFacingError
 from vo_service.tools.calibration.timing import (
     USUAL_TIMING,
     SensorTiming,

@@ -6,7 +6,7 @@ import pytest
 from cv2 import aruco
 from numpy.typing import NDArray
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from tests.vo_service.tools.calibration.rendered_boards import (
     COLOR_LENS,

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.tools.calibration.collect_folder import (
     list_snapshot_files,
     read_depth_units,

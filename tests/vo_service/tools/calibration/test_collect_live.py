@@ -15,7 +15,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraError
+from drivers.core import CameraError
 from drivers.rectify import SoftwareRegistration, Undistorter
 from vo_service.tools.calibration import collect_live
 from vo_service.tools.calibration.collect_live import read_frames, write_raw_camera_file

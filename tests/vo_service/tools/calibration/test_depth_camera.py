@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.calibration import DepthCameraCalibration
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.geometry import inverse, rotation_angle_rad
 from tests.vo_service.tools.calibration.rendered_boards import (
     COLOR_LENS,

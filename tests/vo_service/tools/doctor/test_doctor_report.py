@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from tests.vo_service.tools.doctor.doctor_fakes import make_usb_device, make_usb_interface
 from vo_service.tools.doctor.report import (
     collect_versions,

@@ -15,7 +15,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.core.errors import CameraError, CameraLostError, InputError
+from drivers.core import CameraError, CameraLostError, InputError
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.tools.doctor import stream_probe
 from vo_service.tools.doctor.stream_probe import probe_stream

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from tests.full_disk import limit_file_size
 from tests.vo_service.tools.download.web_server import (
     make_file_member,

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS, find_calibration
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.tools.download import BENCHMARK_URL, SEQUENCES, find_sequence
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.tools.download.conftest import FOLDER, NAME, Download, hidden_files
 from tests.vo_service.tools.download.web_server import (

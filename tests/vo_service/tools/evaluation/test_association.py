@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import nearest_indices
 from tests.vo_service.tools.evaluation.sample_trajectories import poses_at
 from vo_service.tools.evaluation.metrics import associate, coverage

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from drivers.core.errors import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.geometry import Array, Trajectory, rigid_transform, so3_exp
 from tests.vo_service.tools.evaluation.sample_trajectories import random_walk
 from vo_service.tools.evaluation import plot as plot_module

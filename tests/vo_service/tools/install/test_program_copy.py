@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import UserFacingError
+from drivers.core import UserFacingError
 from tests.vo_service.tools.install.conftest import make_tree
 from vo_service.tools.install import program
 from vo_service.tools.install.program import (
@@ -80,8 +80,8 @@ def test_everybody_can_read_and_run_it(copy: Path) -> None:
 
 
 def test_the_compiled_files_are_valid(copy: Path) -> None:
-    source = next((copy / PROGRAM_FOLDER).rglob("drivers/core/errors.py"))
-    compiled = next((source.parent / "__pycache__").glob("errors.*.pyc")).read_bytes()
+    source = next((copy / PROGRAM_FOLDER).rglob("drivers/core/__init__.py"))
+    compiled = next((source.parent / "__pycache__").glob("__init__.*.pyc")).read_bytes()
     assert int.from_bytes(compiled[8:12], "little") == int(source.stat().st_mtime)
     assert b"/opt/kinect-vo/lib/" in compiled
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import UserFacingError
-from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
+from drivers.core import UserFacingError
+from drivers.kinect_usb import SUPPORTED_IDS, UsbId
 from tests.simulators.requirements import require_program
 from vo_service.tools.install import udev
 from vo_service.tools.install.udev import (

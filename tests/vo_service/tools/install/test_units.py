@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from tests.simulators.requirements import require_program
 from vo_service.config import read_config
 from vo_service.tools.install.program import SCRIPT_PATH

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from drivers.core.geometry import Array, inverse
 from drivers.recording import Recording, UnreadableFrameError
 from drivers.recording.prefetch import FrameReader

@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 
 # Children of a node and levels of the tree, as ORB-SLAM3's own vocabulary has 10 and 6.
 BRANCHES, LEVELS = 10, 4

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.errors import InputError
+from drivers.core import InputError
 from vo_service.tools.benchmark.baselines.orb_vocabulary import (
     NODE_FIELDS,
     Descriptors,

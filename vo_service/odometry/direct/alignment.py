@@ -98,7 +98,7 @@ class DirectAlignment:
         """Gain and offset of the frame's brightness against the keyframe's."""
         return float(self.residual_model[GAIN]), float(self.residual_model[OFFSET])
 
-    @property
+    @cached_property
     def uses_brightness(self) -> bool:
         """Whether brightness has any weight."""
         return bool(self.cell_weights[0].any())

@@ -117,26 +117,44 @@ def estimate_uncertainty(
         prior: The prior of its motion.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
     """
-    shutter, finest = images.shutter, points[0]
-    weighted = weigh_samples(finest, alignment.samples, alignment.cell_weights)
-    bands = accumulate(finest, alignment.samples, weighted, alignment.residual_model)
-    H, _ = expand_rolling_shutter(bands, shutter.readout_s, shutter.skew_s)
-    scores, moments = accumulate_scores(
-        finest,
+    in_keyframe, information, moments = _analyze_view(
+        points[0],
         alignment.samples,
         alignment.cell_weights,
         alignment.residual_model,
         images.levels[0],
-    )
-    in_keyframe = _covariance_in_keyframe(
-        H, bands, scores, prior, shutter.readout_s, shutter.skew_s, velocity_noise
+        prior,
+        velocity_noise,
     )
     Ad = adjoint(alignment.T_camera_keyframe)
     in_camera = Ad @ in_keyframe @ Ad.T
     return MotionUncertainty(
         covariance=0.5 * (in_camera + in_camera.T) + MIN_COVARIANCE,
-        degeneracy=analyze_degeneracy(H[:6, :6], point_information(moments)),
+        degeneracy=analyze_degeneracy(information, point_information(moments)),
     )
+
+
+@kernel
+def _analyze_view(
+    points: Array,
+    samples: Array,
+    cell_weights: Array,
+    residual_model: Array,
+    images: LevelImages,
+    prior: MotionPrior,
+    velocity_noise: Array,
+) -> tuple[Array, Array, Array]:
+    """6x6 covariance in the keyframe's axes, 6x6 information of the pose, and moments (4, 4).
+
+    In one kernel, as each call from Python takes time. See its parts for the arguments.
+    """
+    readout_s, skew_s = images.readout_s, images.skew_s
+    weighted = weigh_samples(points, samples, cell_weights)
+    bands = accumulate(points, samples, weighted, residual_model)
+    H, _ = expand_rolling_shutter(bands, readout_s, skew_s)
+    scores, moments = accumulate_scores(points, samples, cell_weights, residual_model, images)
+    covariance = _covariance_in_keyframe(H, bands, scores, prior, readout_s, skew_s, velocity_noise)
+    return covariance, H[:6, :6].copy(), moments
 
 
 @kernel

@@ -127,10 +127,15 @@ class ImagePyramid:
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
-        """(4,) fx, fy, cx, cy of the whole size, then of each gray image."""
-        camera = self.camera
-        whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-        return tuple(scale_intrinsics(whole, level) for level in range(len(self.gray) + 1))
+        """(4,) fx, fy, cx, cy of the whole size, then of each gray image.
+
+        The center of an image's first pixel is (0, 0).
+        """
+        camera, scales = self.camera, 2.0 ** -np.arange(len(self.gray) + 1.0)
+        whole = camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5
+        scaled = np.outer(scales, whole)
+        scaled[:, 2:] -= 0.5
+        return tuple(scaled)
 
     @cached_property
     def levels(self) -> Sequence[LevelImages]:
@@ -158,13 +163,6 @@ class ImagePyramid:
     def mean_brightness(self) -> float:
         """Mean of the whole image, gray levels."""
         return float(self.gray[-1].mean())
-
-
-def scale_intrinsics(intrinsics: Array, level: int) -> Array:
-    """Intrinsics (4,) of an image halved `level` times; its first pixel's center is (0, 0)."""
-    fx, fy, cx, cy = intrinsics
-    scale = 2.0**-level
-    return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
 
 
 def build_image_pyramid(

@@ -161,6 +161,8 @@ class FocalEstimator:
         estimate: Focal length by the prior and brightness.
         sigma: Its standard deviation.
         source: Source of the one in use, see `OnlineFocalLength`.
+        disagreement: Focal length by depth minus that by brightness, and its sigma; None while
+            unsure.
 
     Args:
         prior: Focal length in use at the start.
@@ -181,6 +183,7 @@ class FocalEstimator:
         # Of former keyframes; of the views of the current one.
         self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
         self._keyframe_stamp_s = np.nan
+        self.disagreement: tuple[float, float] | None = None
 
     def add(self, keyframe_stamp_s: float, view: Array) -> bool:
         """Add a view; return whether the focal length in use has changed.
@@ -196,19 +199,12 @@ class FocalEstimator:
         A, b = FOCAL_STEP_RATIO * view[:, 0], view[:, 1]
         self._current += np.column_stack([A, b + A * self.in_use])
         mean, sigma = self._prior
-        information, product = self._from_views()[BY_BRIGHTNESS].tolist()
+        from_views = self._from_views()
+        self.disagreement = _disagreement(from_views)
+        information, product = from_views[BY_BRIGHTNESS].tolist()
         self.sigma = 1.0 / sqrt(information + sigma**-2.0)
         self.estimate = (product + mean * sigma**-2.0) * self.sigma**2
         return self._update_in_use()
-
-    @property
-    def disagreement(self) -> tuple[float, float] | None:
-        """Focal length by depth minus that by brightness, and its sigma; None while unsure."""
-        A, b = self._from_views().T
-        if (A * np.square(MAX_FOCAL_SIGMAS) < 1.0).any():
-            return None
-        by_brightness, by_depth = (b / A).tolist()
-        return by_depth - by_brightness, sqrt((1.0 / A).sum())
 
     def _from_views(self) -> Array:
         """(2, 2) information without the prior; views of one keyframe share an error."""
@@ -229,7 +225,16 @@ class FocalEstimator:
         self.in_use, self.source = target, "learned"
         # Former views are not linear in the change.
         self._former, self._current = np.zeros((2, 2)), np.zeros((2, 2))
+        self.disagreement = None
         return True
+
+
+def _disagreement(from_views: Array) -> tuple[float, float] | None:
+    A, b = from_views.T
+    if (A * np.square(MAX_FOCAL_SIGMAS) < 1.0).any():
+        return None
+    by_brightness, by_depth = (b / A).tolist()
+    return by_depth - by_brightness, sqrt((1.0 / A).sum())
 
 
 class OnlineFocalOdometry:

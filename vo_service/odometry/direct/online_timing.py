@@ -298,7 +298,7 @@ class OnlineTimingOdometry:
         assert prior is not None
         told = np.array([frame.readout_s, prior.depth_offset_s])
         readout_s, depth_offset_s = (told + estimator.in_use).tolist()
-        by_frames = estimator.contradiction()
+        by_frames = estimator.contradiction
         # An estimate that confirms what was told well is not called learned.
         is_learned = estimator.is_certain and (
             estimator.in_use.any() or needs_search(_prior_sigmas_s(frame))

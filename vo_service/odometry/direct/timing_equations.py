@@ -231,6 +231,8 @@ def _fill_depth_row(
 NUM_VELOCITY_POSES = 5
 # Of the first frame, which has none before it.
 NUM_FIRST_VELOCITY_POSES = 4
+# Unused views are forgotten when there are more of them: at every frame it would cost more.
+MAX_UNUSED_VIEWS = 30
 
 
 @dataclass(frozen=True)
@@ -328,7 +330,8 @@ class ViewHistory:
         view.is_first, self._is_empty = self._is_empty, False
         self._recent.append(view)
         self._by_stamp[view.stamp_s] = view
-        self._forget_all_but({keyframe.images.stamp_s for keyframe in keyframes})
+        if len(self._by_stamp) > MAX_UNUSED_VIEWS + len(keyframes):
+            self._forget_all_but({keyframe.images.stamp_s for keyframe in keyframes})
         views = list(self._recent)
         if views[0].is_first and len(views) == NUM_FIRST_VELOCITY_POSES:
             views[0].velocity = velocity_at(views, 0)

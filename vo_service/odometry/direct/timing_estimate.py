@@ -55,6 +55,13 @@ class TimingEstimator:
         sigmas_s: (2,) standard deviations of `mean`.
         in_use: (2,) timing in use before any view.
         instant: (2,) timing that makes the shutter instantaneous and the delay zero.
+
+    Attributes:
+        in_use: (2,) timing in use.
+        estimate: (2,) timing by all views and the prior.
+        sigmas_s: (2,) its standard deviations.
+        is_certain: Whether the estimate is good enough to be used.
+        contradiction: (2,) timing by the frames alone, if it is certain and far from `mean`.
     """
 
     def __init__(self, mean: Array, sigmas_s: Array, in_use: Array, instant: Array) -> None:
@@ -69,6 +76,8 @@ class TimingEstimator:
         self._keyframe_stamp_s = np.nan
         self._view_error, self._view_count, self._views = 0.0, 0.0, 0
         self._squared_speed = 0.0
+        self.is_certain = False
+        self.contradiction: Array | None = None
 
     def add(self, keyframe_stamp_s: float, speed: float, A: Array, b: Array) -> bool:
         """Add a view; return whether the timing in use has changed.
@@ -88,20 +97,20 @@ class TimingEstimator:
             self._keyframe_stamp_s = keyframe_stamp_s
         self._current += weight * view
         self._views += 1
-        self.estimate, covariance = solve_information(self._prior + self._from_frames())
+        from_frames = self._from_frames()
+        self.estimate, covariance = solve_information(self._prior + from_frames)
         self.sigmas_s = np.sqrt(np.diag(covariance))
-        return self._update_in_use()
+        are_small = bool((self.sigmas_s < MAX_TIMING_SIGMAS_S).all())
+        self.is_certain = are_small and self._views >= MIN_TIMING_VIEWS
+        has_changed = self._update_in_use()
+        self.contradiction = self._contradiction(
+            self._from_frames() if has_changed else from_frames
+        )
+        return has_changed
 
-    @property
-    def is_certain(self) -> bool:
-        """Whether the estimate is good enough to be used."""
-        return self._views >= MIN_TIMING_VIEWS and bool((self.sigmas_s < MAX_TIMING_SIGMAS_S).all())
-
-    def contradiction(self) -> Array | None:
-        """(2,) timing by the frames alone, if it is certain and far from the one before any."""
+    def _contradiction(self, from_frames: Array) -> Array | None:
         if not self.is_certain:
             return None
-        from_frames = self._from_frames()
         by_frames, covariance = solve_information(from_frames)
         is_far = squared_disagreement(from_frames, self._told) > CONTRADICTION_SIGMAS**2
         if is_far and (np.sqrt(np.diag(covariance)) <= MAX_TIMING_SIGMAS_S).all():

@@ -68,7 +68,7 @@ def test_a_narrow_prior_that_is_wrong_is_contradicted_and_forgotten(best: Array)
     estimator = estimator_of(NARROW)
     add_views(estimator, 40, best)
     np.testing.assert_allclose(estimator.in_use, best, atol=0.002)
-    by_frames = estimator.contradiction()
+    by_frames = estimator.contradiction
     assert by_frames is not None
     np.testing.assert_allclose(by_frames, best, atol=1e-6)
 
@@ -76,7 +76,7 @@ def test_a_narrow_prior_that_is_wrong_is_contradicted_and_forgotten(best: Array)
 def test_a_narrow_prior_that_is_right_is_not_contradicted() -> None:
     estimator = estimator_of(NARROW)
     add_views(estimator, 40, np.array([0.001, 0.0005]))
-    assert estimator.contradiction() is None
+    assert estimator.contradiction is None
 
 
 @pytest.mark.parametrize("change", [np.array([0.016, 0.0]), np.array([0.0, -0.008])])

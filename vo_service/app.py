@@ -21,8 +21,6 @@ from vo_service.frame_source import FrameSource, LiveSource, make_publish_clock
 from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry import CpuStageTimer
-from vo_service.outputs.frames import FrameOutputConfig
-from vo_service.outputs.frames.output import open_frame_outputs
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.service import Estimator, Service, ServiceInput
@@ -49,6 +47,7 @@ from vo_service.types.outputs import (
 logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
+    from vo_service.outputs.frames.output import FrameOutput
     from vo_service.outputs.rerun.output import RerunOutput
 
 # By each key of `config.RELOADABLE_KEYS`: the function that applies a changed value.
@@ -71,7 +70,7 @@ class OutputsConfig:
         zenoh: Settings of the publisher; None: do not publish.
         connect_policy: Whether to retry if the Zenoh session cannot be opened.
         extra_endpoints: Further endpoints of the session, such as commands.
-        frames: Settings of the images and points; None: do not publish them.
+        frames: Makes the output of images and points, on the same session; None: no output.
         wait_for_subscriber_s: Time to wait for the first subscriber, s; 0 = do not wait.
         recorder: Makes the flight recorder; None: no flight recorder.
         mapper: Makes the mapper; None: no mapper.
@@ -87,7 +86,7 @@ class OutputsConfig:
     zenoh: ZenohConfig | None
     connect_policy: ConnectPolicy = ConnectOnce
     extra_endpoints: ExtraEndpoints = field(default_factory=ExtraEndpoints)
-    frames: FrameOutputConfig | None = None
+    frames: "Callable[[], list[FrameOutput]] | None" = None
     wait_for_subscriber_s: float = 0.0
     recorder: Callable[[], Recorder] | None = None
     mapper: Callable[[], Mapper] | None = None
@@ -97,17 +96,6 @@ class OutputsConfig:
     trajectory: Path | None = None
     ground_truth: GroundTruthSource = no_ground_truth
     log_line: Callable[[str], None] = logger.info
-
-
-def frames_config(config: Config) -> FrameOutputConfig:
-    """Return the settings of the images and points from a configuration."""
-    return FrameOutputConfig(
-        prefix=config.zenoh.prefix,
-        frames=config.frames,
-        T_base_camera=config.T_base_camera.T_base_camera,
-        base_frame_id=config.zenoh.child_frame_id,
-        ros2=config.ros2,
-    )
 
 
 @dataclass
@@ -170,6 +158,27 @@ def _open_extra_outputs(config: OutputsConfig, stack: ExitStack) -> list[Output]
     return [stack.enter_context(closing(output)) for output in outputs]
 
 
+def open_frames(config: Config) -> "list[FrameOutput]":
+    """Open the output of images and points; nothing if they are not to be published.
+
+    Raises:
+        InputError: The configuration of Zenoh is not valid.
+    """
+    if config.frames.enabled is False:
+        return []
+    from vo_service.outputs.frames import FrameOutputConfig
+    from vo_service.outputs.frames.output import open_frame_outputs
+
+    settings = FrameOutputConfig(
+        prefix=config.zenoh.prefix,
+        frames=config.frames,
+        T_base_camera=config.T_base_camera.T_base_camera,
+        base_frame_id=config.zenoh.child_frame_id,
+        ros2=config.ros2,
+    )
+    return open_frame_outputs(settings, config.zenoh)
+
+
 def open_recorder(config: Config) -> Recorder:
     """Open the flight recorder; a `NullRecorder` if it is disabled or fails."""
     if not config.recorder.enabled:
@@ -218,7 +227,7 @@ def _open_zenoh(config: OutputsConfig, zenoh: ZenohConfig, stack: ExitStack) -> 
     is_lockstep = config.playback_mode is PlaybackMode.LOCKSTEP
     delivery = LOCKSTEP_QOS if is_lockstep else LIVE_QOS
     endpoints = config.extra_endpoints
-    frame_outputs = [] if config.frames is None else open_frame_outputs(config.frames, zenoh)
+    frame_outputs = [] if config.frames is None else config.frames()
     for frames in frame_outputs:
         endpoints = replace(endpoints, on_session=frames.declare, on_pose=frames.queue)
     publisher = stack.enter_context(

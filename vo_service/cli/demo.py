@@ -3,6 +3,7 @@
 import argparse
 import json
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from drivers.core.files import atomic_write, create_output_folder
 from drivers.core.geometry import Trajectory, format_pose_line
 from drivers.registry import open_camera
 from drivers.synthetic import SyntheticConfig
-from vo_service.app import OutputsConfig, frames_config, open_outputs, run_replay
+from vo_service.app import OutputsConfig, open_frames, open_outputs, run_replay
 from vo_service.cli.options import (
     add_config_options,
     add_publish_option,
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         outputs_config = OutputsConfig(
             playback_mode=PlaybackMode.REALTIME,
             zenoh=None if args.no_publish else config.zenoh,
-            frames=frames_config(config),
+            frames=partial(open_frames, config),
             connect_policy=ConnectOnFreePort,
             rerun=replace(config.rerun, targets=_choose_rerun_targets(args)),
             trajectory=args.output / "trajectory.txt",

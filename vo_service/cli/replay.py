@@ -2,11 +2,12 @@
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError
-from vo_service.app import OutputsConfig, frames_config, open_outputs, run_replay
+from vo_service.app import OutputsConfig, open_frames, open_outputs, run_replay
 from vo_service.cli.loop_closure_options import (
     add_loop_closure_options,
     check_optimized_trajectory_path,
@@ -99,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
         request = OutputsConfig(
             playback_mode=args.pace,
             zenoh=None if args.no_publish else config.zenoh,
-            frames=frames_config(config),
+            frames=partial(open_frames, config),
             # An expected subscriber connects to the configured port.
             connect_policy=ConnectOnce if args.wait_for_subscriber else ConnectOnFreePort,
             wait_for_subscriber_s=args.wait_for_subscriber,

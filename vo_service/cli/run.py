@@ -18,7 +18,7 @@ from vo_service.app import (
     OutputsConfig,
     ServiceDependencies,
     build_live_service,
-    frames_config,
+    open_frames,
     open_mapper,
     open_outputs,
     open_recorder,
@@ -156,7 +156,7 @@ def _make_outputs_config(
     return OutputsConfig(
         playback_mode=args.pace,
         zenoh=None if args.no_publish else config.zenoh,
-        frames=frames_config(config),
+        frames=partial(open_frames, config),
         connect_policy=ConnectWithRetry,
         extra_endpoints=ExtraEndpoints(commands, config.ros2),
         recorder=partial(open_recorder, config),

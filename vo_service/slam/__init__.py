@@ -1,10 +1,11 @@
 """SLAM: place recognition, loop closure, pose graph, saved maps, and the mapper process.
 
-Here: the selection of keyframes, and the odometry constraint from one to the next.
+Here: the selection of keyframes, the odometry constraint from one to the next, and the pose of a
+frame by the map.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -130,3 +131,22 @@ class NullConstraintAccumulator:
 
     def force_keyframe(self) -> None:
         """Do nothing."""
+
+
+@dataclass(frozen=True)
+class RelocalizationResult:
+    """Pose of a frame by the map.
+
+    Attributes:
+        seq: Sequence number of the frame.
+        T_world_camera: 4x4 pose, in the world frame of the poses before the loss.
+        covariance: 6x6: (translation m, rotation rad), as a small motion in the camera's axes.
+    """
+
+    seq: int
+    T_world_camera: Array
+    covariance: Array
+
+    def transform_to(self, T_other_world: Array) -> "RelocalizationResult":
+        """Transform the result to another world frame by T_other_world (4x4)."""
+        return replace(self, T_world_camera=T_other_world @ self.T_world_camera)

@@ -12,8 +12,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, poses_close
-from vo_service.odometry.relocalization import RelocalizationResult
-from vo_service.slam import OdometryConstraint
+from vo_service.slam import OdometryConstraint, RelocalizationResult
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_culling import KeyframeCuller
 from vo_service.slam.keyframe_database import (

@@ -14,7 +14,7 @@ from drivers.core.process import Heartbeat, WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
 from drivers.core.record_ring import RecordRingMemory
 from vo_service.config_tables import MapConfig
-from vo_service.odometry.relocalization import RelocalizationResult
+from vo_service.slam import RelocalizationResult
 from vo_service.types import MapSnapshot
 from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, NotPossibleError
 from vo_service.types.messages import MapState

@@ -1,99 +1,49 @@
 """The live mapper: an output that sends frames to the mapper process, and its loop closure."""
 
 import logging
-from collections import deque
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.files import state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
-from drivers.core.geometry import inverse
 from drivers.core.record_ring import RecordRingWriter
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
-from vo_service.odometry.relocalization import RelocalizationResult, RelocalizingOdometry
 from vo_service.slam import (
     ConstraintAccumulator,
     KeyframeSelector,
     NullConstraintAccumulator,
     OdometryConstraint,
+    RelocalizationResult,
 )
 from vo_service.slam.mapper import MapperClient, MapperWorkerConfig, RelocalizationQuery
-from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
+from vo_service.types import MapSnapshot, OdometryUpdate
 from vo_service.types.messages import MapState, Status
 from vo_service.types.outputs import LoopClosure, Mapper, NullLoopClosure, NullMapper
 
+if TYPE_CHECKING:  # loaded only if it is enabled
+    from vo_service.slam.relocalization import AsynchronousLoopClosure
+
 logger = logging.getLogger(__name__)
 
-# Largest number of results that are not polled.
-_MAX_PENDING_RESULTS = 10
 # The process reads the ring several times a second: this is far more than it needs.
 _RING_S, _RING_BYTES = 60.0, 24_000_000
 _CLOSE_TIMEOUT_S = 1.0
 
 
-class AsynchronousLoopClosure:
-    """Relocalizer of a `RelocalizingOdometry`, with the last snapshot of the map.
-
-    `handle_message` and `reset` are called on another thread than the rest.
-
-    Args:
-        submit: Sends a frame to the process.
-    """
-
-    def __init__(self, submit: Callable[[OdometryUpdate, RelocalizationQuery], None]) -> None:
-        self._submit = submit
-        # From `odom` to the odometry's world frame, and its epoch.
-        self._T_world_odom, self._epoch = np.eye(4), 0
-        self._last_update: OdometryUpdate | None = None
-        self._results: deque[RelocalizationResult] = deque(maxlen=_MAX_PENDING_RESULTS)
-        self.snapshot: MapSnapshot = NO_MAP
-
-    def wrap(self, odometry: Odometry) -> Odometry:
-        """Wrap the odometry so that it relocalizes after a loss."""
-        return RelocalizingOdometry(odometry, self)
+class NullAsynchronousLoopClosure(NullLoopClosure):
+    """Null loop closure with the process: updates and messages are ignored."""
 
     def on_update(self, update: OdometryUpdate) -> None:
-        """Update the transform between the odometry's world frame and `odom`."""
-        self._last_update = update
-        if update.estimate.ok:
-            self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
-            self._epoch = update.epoch
-
-    @property
-    def has_map(self) -> bool:
-        """Whether the map has a keyframe."""
-        return self.snapshot.keyframes > 0
-
-    def query(self, frame: RgbdFrame) -> None:
-        """Send the frame to the process as a query."""
-        if self._last_update is not None:
-            self._submit(
-                replace(self._last_update, frame=frame, epoch=self._epoch), RelocalizationQuery()
-            )
-
-    def poll_results(self) -> Sequence[RelocalizationResult]:
-        """Return the results since the last call."""
-        results = []
-        while self._results:
-            results.append(self._results.popleft().transform_to(self._T_world_odom))
-        return results
+        """Ignore the update."""
 
     def handle_message(self, message: RelocalizationResult | MapSnapshot) -> None:
-        """Handle a message of the process."""
-        if isinstance(message, RelocalizationResult):
-            self._results.append(message)
-        else:
-            self.snapshot = message
+        """Ignore the message."""
 
     def reset(self) -> None:
-        """Drop the map after the process has lost it."""
-        self.snapshot = NO_MAP
+        """Do nothing: there is no map."""
 
 
 # A frame for the process, and what is attached to it.
@@ -122,10 +72,8 @@ class LiveMapper:
         self._is_closed = False
         compile_kernels()
         self._ring = RecordRingWriter("map-keyframes", _RING_S, _RING_BYTES)
-        loop_closure = AsynchronousLoopClosure(self._enqueue)
-        self.loop_closure: LoopClosure = (
-            loop_closure if settings.loop_closure else NullLoopClosure()
-        )
+        loop_closure = self._open_loop_closure(settings)
+        self.loop_closure: LoopClosure = loop_closure
         self._asynchronous_loop_closure = loop_closure
         worker_config = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings)
         self._client = MapperClient(
@@ -179,6 +127,16 @@ class LiveMapper:
         self._client.close()
         if has_finished:
             self._ring.close()
+
+    def _open_loop_closure(
+        self, settings: MapConfig
+    ) -> "AsynchronousLoopClosure | NullAsynchronousLoopClosure":
+        if not settings.loop_closure:
+            return NullAsynchronousLoopClosure()
+        # Imported only if it is enabled.
+        from vo_service.slam.relocalization import AsynchronousLoopClosure
+
+        return AsynchronousLoopClosure(lambda update: self._enqueue(update, RelocalizationQuery()))
 
     def _enqueue(
         self, update: OdometryUpdate, attachment: OdometryConstraint | RelocalizationQuery | None

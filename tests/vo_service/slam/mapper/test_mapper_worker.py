@@ -19,8 +19,7 @@ from tests.vo_service.slam.corner_trajectory import (
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import pack_depth, write_frame
 from vo_service.mapper_process import fuse_keyframes
-from vo_service.odometry.relocalization import RelocalizationResult
-from vo_service.slam import OdometryConstraint
+from vo_service.slam import OdometryConstraint, RelocalizationResult
 from vo_service.slam.map_file import write_map
 from vo_service.slam.mapper import (
     MapperMessage,
@@ -29,9 +28,9 @@ from vo_service.slam.mapper import (
     SaveMapRequest,
 )
 from vo_service.slam.mapper import worker as desk_module
-from vo_service.slam.mapper.live_mapper import AsynchronousLoopClosure
 from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
 from vo_service.slam.mapper.worker import MapperWorker
+from vo_service.slam.relocalization import AsynchronousLoopClosure
 from vo_service.types import OdometryUpdate, TrackingState
 
 WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)
@@ -107,7 +106,7 @@ def test_after_a_reset_no_result_is_in_the_previous_odom(
     ring: RecordRingWriter, is_place: bool, answers: int
 ) -> None:
     relocalize: list[OdometryUpdate] = []
-    loops = AsynchronousLoopClosure(lambda update, attachment: relocalize.append(update))
+    loops = AsynchronousLoopClosure(relocalize.append)
     received: list[MapperMessage] = []
     worker = LoopClosureWorker(WITH_LOOP_CLOSURE, received.append)
     shift = rigid_transform(np.eye(3), [0.3, 0.0, 0.0])

@@ -4,7 +4,8 @@ A lost odometry resets: it tracks the motion again, but its pose in the world is
 search the pose counts as lost. Without success a new epoch starts at the last pose.
 """
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -12,7 +13,8 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, orthonormalize, poses_close
-from vo_service.types import Estimate, Odometry
+from vo_service.slam import RelocalizationResult
+from vo_service.types import NO_MAP, Estimate, MapSnapshot, Odometry, OdometryUpdate
 
 # The search ends after this many tracked frames: a second.
 MAX_SEARCH_FRAMES = 30
@@ -22,25 +24,6 @@ QUERY_INTERVAL_FRAMES = 3
 MAX_SPEED_M_S, POSITION_MARGIN_M = 1.5, 0.5
 # Two results agree if their poses differ by no more than this.
 MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD = 0.05, 0.035
-
-
-@dataclass(frozen=True)
-class RelocalizationResult:
-    """Pose of a frame by the map.
-
-    Attributes:
-        seq: Sequence number of the frame.
-        T_world_camera: 4x4 pose, in the world frame of the poses before the loss.
-        covariance: 6x6: (translation m, rotation rad), as a small motion in the camera's axes.
-    """
-
-    seq: int
-    T_world_camera: Array
-    covariance: Array
-
-    def transform_to(self, T_other_world: Array) -> "RelocalizationResult":
-        """Transform the result to another world frame by T_other_world (4x4)."""
-        return replace(self, T_world_camera=T_other_world @ self.T_world_camera)
 
 
 class Relocalizer(Protocol):
@@ -165,3 +148,64 @@ class RelocalizingOdometry:
         return replace(
             estimate, T_world_camera=T_world_camera, T_reference_camera=T_reference_camera
         )
+
+
+# Largest number of results that are not polled.
+_MAX_PENDING_RESULTS = 10
+
+
+class AsynchronousLoopClosure:
+    """Relocalizer of a `RelocalizingOdometry`, with the last snapshot of the map.
+
+    `handle_message` and `reset` are called on another thread than the rest.
+
+    Args:
+        submit: Sends a frame to the process, as a query.
+    """
+
+    def __init__(self, submit: Callable[[OdometryUpdate], None]) -> None:
+        self._submit = submit
+        # From `odom` to the odometry's world frame, and its epoch.
+        self._T_world_odom, self._epoch = np.eye(4), 0
+        self._last_update: OdometryUpdate | None = None
+        self._results: deque[RelocalizationResult] = deque(maxlen=_MAX_PENDING_RESULTS)
+        self.snapshot: MapSnapshot = NO_MAP
+
+    def wrap(self, odometry: Odometry) -> Odometry:
+        """Wrap the odometry so that it relocalizes after a loss."""
+        return RelocalizingOdometry(odometry, self)
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Update the transform between the odometry's world frame and `odom`."""
+        self._last_update = update
+        if update.estimate.ok:
+            self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
+            self._epoch = update.epoch
+
+    @property
+    def has_map(self) -> bool:
+        """Whether the map has a keyframe."""
+        return self.snapshot.keyframes > 0
+
+    def query(self, frame: RgbdFrame) -> None:
+        """Send the frame to the process as a query."""
+        if self._last_update is not None:
+            self._submit(replace(self._last_update, frame=frame, epoch=self._epoch))
+
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        """Return the results since the last call."""
+        results = []
+        while self._results:
+            results.append(self._results.popleft().transform_to(self._T_world_odom))
+        return results
+
+    def handle_message(self, message: RelocalizationResult | MapSnapshot) -> None:
+        """Handle a message of the process."""
+        if isinstance(message, RelocalizationResult):
+            self._results.append(message)
+        else:
+            self.snapshot = message
+
+    def reset(self) -> None:
+        """Drop the map after the process has lost it."""
+        self.snapshot = NO_MAP

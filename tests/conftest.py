@@ -5,6 +5,7 @@ import vo_service.tools.benchmark.single_thread  # noqa: F401
 
 # isort: split
 
+import ctypes
 import gc
 import os
 import shutil
@@ -38,6 +39,11 @@ from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.warm_ups import skip_repeated_warm_ups
 
 cv2.setNumThreads(1)
+
+# The images of one test take the memory of those before: the system returns it only after setting
+# each page to zero. See M_TRIM_THRESHOLD and M_MMAP_THRESHOLD in mallopt(3).
+for _parameter, _bytes in ((-1, 256_000_000), (-3, 32_000_000)):
+    ctypes.CDLL(None).mallopt(_parameter, _bytes)
 
 # A shell that runs the tests in the background ignores Ctrl-C, and child processes inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -4,6 +4,7 @@ It has loaded the libraries and kernels of `kinect-vo run` and `replay`, and has
 """
 
 import atexit
+import ctypes
 import fcntl
 import gc
 import json
@@ -17,6 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from tests.simulators.libusb_build import SONAME, simulated_library_path
 from vo_service.cli.dispatch import _set_library_environment
 
 MAX_FDS = 10
@@ -49,6 +51,7 @@ def load() -> None:
     warm_up_reconstruction(_discard_stage)
     synchronous_loop_closure.warm_up_loop_closure(_discard_stage)
     compile_kernels()
+    simulated_library_path()  # compiled once, and not in the cache folders of tests
     gc.collect()
     gc.freeze()  # otherwise the first collection of each child would copy all pages
     threads = len(list(Path("/proc/self/task").iterdir()))
@@ -90,6 +93,7 @@ def run_request(request: dict[str, Any]) -> None:
     os.chdir(request["folder"])
     os.environ.clear()
     os.environ.update(request["environment"])
+    _load_simulated_libusb()
     sys.argv = ["-c", *request["arguments"]]
     code: object = None
     try:
@@ -98,6 +102,13 @@ def run_request(request: dict[str, Any]) -> None:
         code = end.code
     _exit_without_cleanup(code)
     sys.exit(code)  # type: ignore[arg-type]
+
+
+def _load_simulated_libusb() -> None:
+    """Load the simulated libusb: only a new process finds libraries by LD_LIBRARY_PATH."""
+    library_path = os.environ.get("LD_LIBRARY_PATH")
+    if library_path and library_path == simulated_library_path():
+        ctypes.CDLL(f"{library_path}/{SONAME}", mode=ctypes.RTLD_GLOBAL)
 
 
 def _exit_without_cleanup(code: object) -> None:

@@ -17,12 +17,15 @@ import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from drivers.core import process
+from tests.simulators.libusb_build import simulated_library_path
 from tests.waiting import DEFAULT_TIMEOUT_S
+from vo_service.tools.doctor import stream_probe
 
 ROOT = Path(__file__).parents[1]
 # The command of the installed script, for a `ForkedProcess`.
@@ -36,6 +39,7 @@ WORKERS = {
 }
 # Orphaned descendants become children of the process that sets this, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36
+_LIBRARY_PATH = os.environ.get("LD_LIBRARY_PATH")
 _libc = ctypes.CDLL(None)
 
 
@@ -85,7 +89,7 @@ def run(
 
 def run_module(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
     """Run a module's program as a `ForkedProcess` to its end, and capture its output."""
-    return run([sys.executable, "-c", _program_of(module), *arguments])
+    return run([sys.executable, "-c", program_of(module), *arguments])
 
 
 def start_worker(
@@ -107,7 +111,8 @@ def start_worker(
     )
 
 
-def _program_of(module: str) -> str:
+def program_of(module: str) -> str:
+    """Text of a program that does what ``python -m MODULE`` does."""
     # The fork server has imported the module, and runpy would warn of it.
     return (
         f"import runpy, sys\nsys.modules.pop({module!r}, None)\n"
@@ -130,10 +135,39 @@ def forked_workers(functions: Collection[str]) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def forked_probes() -> Iterator[None]:
+    """Let this process fork the processes in which the doctor tries libraries and sensors."""
+    real, conditions = subprocess.run, _start_conditions()
+
+    def run_probe(
+        command: Sequence[str], timeout: float, **options: Any
+    ) -> "subprocess.CompletedProcess[bytes]":
+        if _start_conditions() != conditions:
+            return real(command, timeout=timeout, **options)
+        pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        with ForkedProcess([sys.executable, "-c", program_of(command[-1])], **pipes) as probe:
+            try:
+                out, err = probe.communicate(options["input"], timeout)
+            finally:
+                probe.kill()
+        return subprocess.CompletedProcess(command, probe.returncode, out, err)
+
+    forking = SimpleNamespace(run=run_probe, TimeoutExpired=subprocess.TimeoutExpired)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stream_probe, "subprocess", forking)
+        yield
+
+
 def _start_conditions() -> tuple[object, ...]:
-    """Python, where a new process looks for libraries (`cv2` sets this too), and its limits."""
+    """Python, where a new process looks for libraries (`cv2` sets this too), and its limits.
+
+    The fork server finds the simulated libusb too, see `tests.fork_server`.
+    """
     limits = (resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE, resource.RLIMIT_AS)
     library_path = os.environ.get("LD_LIBRARY_PATH")
+    if library_path == simulated_library_path():
+        library_path = _LIBRARY_PATH
     return sys.executable, library_path, *map(resource.getrlimit, limits)
 
 

@@ -33,6 +33,14 @@ def libusb_folder() -> Path:
     return folder
 
 
+def simulated_library_path() -> str | None:
+    """The LD_LIBRARY_PATH of processes that find the simulated library; None without a compiler."""
+    try:
+        return str(libusb_folder())
+    except UserFacingError:
+        return None
+
+
 def _fingerprint() -> str:
     digest = hashlib.sha256(" ".join(_OPTIONS).encode())
     for file in sorted(SOURCES.iterdir()):

@@ -1,16 +1,16 @@
 """What services that the tests start in processes of their own need before they can be quick."""
 
 import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from drivers.core import process
+from tests import forked_process
 from tests.forked_process import forked_workers
 from tests.shared_fixture import make_once
-from tests.vo_service.service_process import KINECT_VO, START_TIMEOUT_S
+from tests.vo_service.service_process import START_TIMEOUT_S
 from tests.waiting import DEFAULT_TIMEOUT_S
 from vo_service.cli import run
 from vo_service.tools.benchmark.batch import RUN_WORKER
@@ -42,6 +42,9 @@ def render_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def warm_up(folder: Path) -> None:
         environment = os.environ | {"CACHE_DIRECTORY": str(folder)}
-        subprocess.run([KINECT_VO, "warm-up"], env=environment, check=True, timeout=START_TIMEOUT_S)
+        done = forked_process.run(
+            [*forked_process.KINECT_VO, "warm-up"], START_TIMEOUT_S, env=environment
+        )
+        assert done.returncode == 0, done.stderr
 
     return make_once(tmp_path_factory, "render_cache", warm_up)

@@ -21,7 +21,9 @@ def test_kernels_can_be_compiled_after_the_compiler_was_unloaded() -> None:
     assert numba.njit(lambda x: x + 2)(1) == 3
 
 
-def test_a_user_defined_number_of_arenas_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MALLOC_ARENA_MAX", "7")
+def test_user_defined_limits_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = {"MALLOC_ARENA_MAX": "7", "MALLOC_MMAP_THRESHOLD_": "8", "MALLOC_TRIM_THRESHOLD_": "9"}
+    for variable, value in limits.items():
+        monkeypatch.setenv(variable, value)
     limit_freed_memory()
-    assert os.environ["MALLOC_ARENA_MAX"] == "7"
+    assert limits.items() <= os.environ.items()

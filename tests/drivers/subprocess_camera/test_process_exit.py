@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.forked_process import ForkedProcess
 from tests.resource_leaks import is_alive
 from tests.waiting import wait_until
 
@@ -55,7 +56,7 @@ except KeyboardInterrupt:
 def service(script: Path, action: str) -> Iterator["subprocess.Popen[str]"]:
     """A service at work on a camera; its first line is the number of the driver's process."""
     command = [sys.executable, "-c", SERVICE, str(script), action]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with ForkedProcess(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:

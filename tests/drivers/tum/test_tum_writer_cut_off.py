@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.drivers.tum.read_recording import read_recording
+from tests.forked_process import ForkedProcess
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
 
@@ -41,11 +43,12 @@ def test_a_recording_killed_at_any_moment_can_be_replayed(tmp_path: Path) -> Non
     for attempt in range(4):
         folder = tmp_path / str(attempt)
         command = [sys.executable, "-c", RECORD_FOR_EVER, str(folder), "1000000"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE) as recording:
+        with ForkedProcess(command, stdout=subprocess.PIPE) as recording:
             assert recording.stdout is not None
             recording.stdout.readline()
-            while len((folder / "associations.txt").read_bytes()) < 1000 * (attempt + 1):
-                assert recording.poll() is None
+            written, enough = folder / "associations.txt", 1000 * (attempt + 1)
+            wait_until(lambda: written.stat().st_size >= enough)  # noqa: B023
+            assert recording.poll() is None
             os.kill(recording.pid, signal.SIGKILL)
         frames = read_recording(folder)
         listed = (folder / "associations.txt").read_text()

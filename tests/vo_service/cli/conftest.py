@@ -1,9 +1,11 @@
 """Surroundings for commands: a cache of their own, one set of compiled kernels, a free port."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.forked_process import forked_probes
 from tests.ports import free_port
 from tests.vo_service.service_process import NO_MAP_CONFIG
 
@@ -13,6 +15,13 @@ def surroundings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of the user's but the compiled kernels, which all processes of the tests share."""
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
     monkeypatch.setenv("OPENCV_LOG_LEVEL", "SILENT")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def fork_probes() -> Iterator[None]:
+    """Fork the processes of the doctor's probes, whose start is not what these tests are about."""
+    with forked_probes():
+        yield
 
 
 @pytest.fixture

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.forked_process import KINECT_VO, ForkedProcess
 from tests.simulators.kinect_simulator import KinectModel, KinectSimulator, KinectStream
 from tests.simulators.usb_frames import UsbFrames
 from tests.vo_service.cli.diagnosis import Diagnosis, failed_checks, find_check
-from tests.vo_service.service_process import KINECT_VO
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 
 AT_ONCE = 4
@@ -85,10 +85,10 @@ def diagnoses(
 
 
 def examined(kinect: KinectSimulator, case: Case) -> Diagnosis:
-    """Run the doctor as a user does."""
-    command = [KINECT_VO, "doctor", *case.arguments]
+    """Run the doctor in a process of its own."""
+    command = [*KINECT_VO, "doctor", *case.arguments]
     environment = os.environ | kinect.environment
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as doctor:
+    with ForkedProcess(command, env=environment, stdout=subprocess.PIPE, text=True) as doctor:
         try:
             case.later(kinect)
             output, _ = doctor.communicate(timeout=DEFAULT_TIMEOUT_S)

@@ -65,35 +65,36 @@ def make_frame(
 
 def render_corner(T_world_camera: Array, seq: int = 0, camera: PinholeCamera = CAMERA) -> RgbdFrame:
     """A textured wall above a textured floor, seen from a pose, with exact depth."""
-    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
-    rays = rays @ T_world_camera[:3, :3].T
-    origin = T_world_camera[:3, 3]
-    depth_m = np.full(u.shape, np.inf)
-    gray = np.zeros(u.shape, np.uint8)
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    R, origin = T_world_camera[:3, :3], T_world_camera[:3, 3]
+
+    def along_rays(direction: Array) -> Array:
+        """(H, W) component of the rays, whose z in the camera is 1."""
+        on_x, on_y, on_z = direction @ R
+        return np.asarray(on_x * x + (on_y * y + on_z)[:, None])
+
+    depth_m = np.full((camera.height, camera.width), np.inf)
+    gray = np.zeros(depth_m.shape, np.uint8)
     for seed, (normal, distance) in enumerate((WALL, FLOOR)):
         with np.errstate(divide="ignore"):
-            z = (distance - normal @ origin) / (rays @ normal)
+            z = (distance - normal @ origin) / along_rays(normal)
         z[z <= 0] = np.inf
         is_seen = z < depth_m
         depth_m[is_seen] = z[is_seen]
-        points = origin + rays * np.where(is_seen, z, 0.0)[..., None]
-        gray[is_seen] = _texture(points, normal, seed)[is_seen]
+        z[~is_seen] = 0.0
+        along = np.cross(normal, [0.3, 0.5, 1.0])
+        along /= np.linalg.norm(along)
+        across = np.cross(normal, along) / np.linalg.norm(normal)
+        column, row = (
+            (TEXELS_PER_M * (origin @ axis + z * along_rays(axis)) + 512.0).astype(np.float32)
+            for axis in (along, across)
+        )
+        colors = cv2.remap(_plane(seed), column, row, cv2.INTER_LINEAR)
+        gray[is_seen] = colors[is_seen]
     return make_frame(gray, depth_m, seq, camera)
 
 
 @cache
 def _plane(seed: int) -> NDArray[np.uint8]:
     return make_textured_image(1024, 1024, seed)
-
-
-def _texture(points: Array, normal: Array, seed: int) -> NDArray[np.uint8]:
-    along = np.cross(normal, [0.3, 0.5, 1.0])
-    along /= np.linalg.norm(along)
-    across = np.cross(normal, along) / np.linalg.norm(normal)
-    x, y = (TEXELS_PER_M * (points @ axis) + 512.0 for axis in (along, across))
-    texture = _plane(seed)
-    colors: NDArray[np.uint8] = cv2.remap(
-        texture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR
-    )  # type: ignore[assignment]
-    return colors

@@ -27,13 +27,18 @@ from vo_service.slam.pose_graph import PoseGraph
 
 ODOMETRY_COVARIANCE, LOOP_COVARIANCE = np.eye(6) * 1e-5, np.eye(6) * 1e-6
 STEP_M, VELOCITY = 0.3, np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
-FRAME = render_corner(np.eye(4))
+
+
+@cache
+def make_frame() -> RgbdFrame:
+    """The frame of all views."""
+    return render_corner(np.eye(4))
 
 
 @cache
 def _described_corner() -> tuple[PlaceRecognizer, QueryFrame]:
     real = PlaceRecognizer()
-    return real, real.create_query(FRAME, np.zeros(6))
+    return real, real.create_query(make_frame(), np.zeros(6))
 
 
 @dataclass
@@ -101,7 +106,7 @@ def pose_ahead(distance_m: float) -> Array:
 def make_observation(distance_m: float, world: int = 0) -> KeyframeObservation:
     """An observation of a camera that moves straight ahead."""
     return KeyframeObservation(
-        FRAME,
+        make_frame(),
         world,
         pose_ahead(distance_m),
         OdometryConstraint(VELOCITY, ODOMETRY_COVARIANCE, STEP_M),

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.slam.corner_trajectory import make_loop_closer, make_observation
 from tests.vo_service.slam.scripted_recognizer import (
-    FRAME,
     STEP_M,
     ScriptedRecognizer,
+    make_frame,
     pose_ahead,
 )
 from vo_service.slam.graph_edges import Edge
@@ -35,7 +35,7 @@ class KeyframeLine:
 
     def __init__(self, count: int, unlike: range = range(0)) -> None:
         self._scripted = ScriptedRecognizer()
-        self.view = self._scripted.create_query(FRAME, np.zeros(6))
+        self.view = self._scripted.create_query(make_frame(), np.zeros(6))
         self._places, self._graph = KeyframeDatabase(10**9), PoseGraph()
         self._candidates = LoopCandidates(self._places, self._graph)
         for number in range(count):

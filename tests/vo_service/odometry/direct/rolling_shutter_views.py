@@ -165,17 +165,24 @@ def _cast_rays(
     """Depth (H, W) and position (H, W, 3) of each pixel, each row at its own time."""
     times_s, time_of_row = np.unique(rows_s, return_inverse=True)
     T_world_rows = motion.poses_at(times_s)[time_of_row]
-    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
-    rays = rays @ T_world_rows[:, :3, :3].swapaxes(1, 2)
-    origins = T_world_rows[:, None, :3, 3]
-    z_m = np.full(u.shape, np.inf)
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    # The ray of a pixel is that of the row's middle and x times the camera's first axis.
+    R_world_rows, origins = T_world_rows[:, :3, :3], T_world_rows[:, :3, 3]
+    first_axis = R_world_rows[:, :, 0]
+    middle = R_world_rows[:, :, 1] * y[:, None] + R_world_rows[:, :, 2]
+    z_m = np.full((camera.height, camera.width), np.inf)
     for normal, distance in planes:
+        ahead = (middle @ normal)[:, None] + (first_axis @ normal)[:, None] * x
         with np.errstate(divide="ignore"):
-            z = (distance - origins @ np.array(normal)) / (rays @ np.array(normal))
+            z = (distance - origins @ normal)[:, None] / ahead
         z_m = np.where((z > 0) & (z < z_m), z, z_m)
     z_m = np.where(z_m < 4.0, z_m, 0.0)
-    return _RayHits(z_m, origins + rays * z_m[..., None])
+    points = np.empty((*z_m.shape, 3))
+    for axis in range(3):
+        ray = middle[:, axis, None] + first_axis[:, axis, None] * x
+        points[..., axis] = origins[:, axis, None] + ray * z_m
+    return _RayHits(z_m, points)
 
 
 def texture_at(places: Array) -> Array:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.drivers.tum.read_recording import read_recording
+from tests.forked_process import ForkedProcess, program_of
 from tests.resource_leaks import child_pids_of, is_alive
 from tests.vo_service.outputs.recorder.crashing_service import FRAMES
 from tests.vo_service.outputs.recorder.recorder_inputs import list_incidents, wait_for_incident
@@ -18,8 +19,7 @@ from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
 
-COMMAND = [sys.executable, "-P", "-m", "tests.vo_service.outputs.recorder.crashing_service"]
-ROOT = Path(__file__).parents[4]
+COMMAND = [sys.executable, "-c", program_of("tests.vo_service.outputs.recorder.crashing_service")]
 
 
 class CrashingService:
@@ -40,11 +40,10 @@ class CrashingService:
 @contextmanager
 def service(state: Path, death: str) -> Iterator[CrashingService]:
     """Run a service that records frames; no process is left at the end."""
-    path = {"PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])}
     with (state / "log").open("wb") as log:
-        process = subprocess.Popen(
+        process = ForkedProcess(
             [*COMMAND, str(state), death],
-            env=os.environ | path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log,
         )  # fmt: skip
     with process:
         assert process.stdout is not None

@@ -53,6 +53,7 @@ def test_a_complete_run_has_every_frame_with_its_times(recording: Path) -> None:
     assert RunProgress(1, FRAMES) in messages
 
 
+@pytest.mark.usefixtures("forked_runs")
 @pytest.mark.parametrize(
     ("action", "state", "error"),
     [
@@ -94,6 +95,7 @@ def test_a_run_stays_on_one_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     assert affinities[0] <= {2, 5, 7}
 
 
+@pytest.mark.usefixtures("forked_runs")
 def test_a_run_that_takes_too_long_is_killed(recording: Path) -> None:
     outcome = run_faulty_method(recording, "hang", time_limit_s=1.0)
     assert (outcome.state, outcome.error) == (
@@ -102,6 +104,7 @@ def test_a_run_that_takes_too_long_is_killed(recording: Path) -> None:
     )
 
 
+@pytest.mark.usefixtures("forked_runs")
 def test_a_stop_ends_the_run_at_once(recording: Path) -> None:
     stop = threading.Event()
     request = RunRequest(recording, None, FaultyMethodFactory("hang"))
@@ -109,6 +112,7 @@ def test_a_stop_ends_the_run_at_once(recording: Path) -> None:
     assert (outcome.state, outcome.error) == (RunState.NOT_RUN, "stopped before its end")
 
 
+@pytest.mark.usefixtures("forked_runs")
 def test_an_unreadable_frame_is_in_our_log(
     copy_recording: Callable[..., Path], caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -77,10 +77,13 @@ def random_color(
         high: Greatest brightness, gray levels.
     """
     brightness = rng.uniform(low, high)
-    hue = rng.dirichlet((2.0, 2.0, 2.0)) * 3.0
-    mix = (1.0 - saturation) + saturation * hue / max(hue.max(), 1.0)
-    blue, green, red = np.clip(brightness * mix, 0.0, 255.0)
-    return float(blue), float(green), float(red)
+    hue = [3.0 * share for share in rng.dirichlet((2.0, 2.0, 2.0)).tolist()]
+    pure = max(*hue, 1.0)
+    blue, green, red = (
+        min(max(brightness * ((1.0 - saturation) + saturation * each / pure), 0.0), 255.0)
+        for each in hue
+    )
+    return blue, green, red
 
 
 def flat_color(color: Color) -> TexturePainter:

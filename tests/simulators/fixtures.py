@@ -27,11 +27,15 @@ def pattern_frame(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
     Color is smooth, so that the Bayer mosaic changes it by a few gray levels only. Depth is a slope
     from 0.6 to 3.5 m with a hole.
     """
-    rows, columns = np.mgrid[0:480, 0:640]
-    bgr = np.stack([columns // 4 + 16 * seq, rows // 3 + 8 * seq, (rows + columns) // 6], axis=2)
+    rows, columns = np.ogrid[0:480, 0:640]
+    bgr = np.empty((480, 640, 3), np.uint8)
+    for channel, level in enumerate(
+        (columns // 4 + 16 * seq, rows // 3 + 8 * seq, (rows + columns) // 6)
+    ):
+        bgr[..., channel] = level % 256
     depth_mm = 600 + 10 * seq + 4 * columns + rows // 2
     depth_mm[200:220, 300:340] = 0
-    return (bgr % 256).astype(np.uint8), depth_mm.astype(np.uint16)
+    return bgr, depth_mm.astype(np.uint16)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,10 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic import SyntheticConfig, texture_atlas
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.room import ROOM_HEIGHT_M
@@ -29,6 +30,13 @@ def faulty() -> SyntheticConfig:
 def ideal() -> SyntheticConfig:
     """No sensor faults, six frames."""
     return make_small(SyntheticConfig.ideal())
+
+
+@pytest.fixture
+def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave all surfaces gray: painting takes most of the time where only depth is looked at."""
+    gray = np.full((4, 4, 3), 128, np.uint8)
+    monkeypatch.setattr(texture_atlas, "_paint_face", lambda *_: gray)
 
 
 @pytest.fixture(scope="session")

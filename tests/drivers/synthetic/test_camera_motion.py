@@ -128,6 +128,7 @@ def test_an_orbit_goes_all_the_way_round_and_mostly_looks_at_the_middle() -> Non
     assert np.median(aside) < 0.2 < 0.35 < aside.max()
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_an_orbit_has_fast_turns_but_no_faster_than_a_hand() -> None:
     config = replace(CONFIG, motion=MotionKind.ORBIT, duration_s=20.0)
     poses = make_motion(config, 2.7).poses(np.arange(600) / 30.0)
@@ -201,6 +202,7 @@ def heights_m(config: SyntheticConfig) -> Array:
     return np.array(heights)
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_over_the_floor_only_the_floor_is_seen_except_when_it_looks_up(
     ideal: SyntheticConfig,
 ) -> None:
@@ -210,6 +212,7 @@ def test_over_the_floor_only_the_floor_is_seen_except_when_it_looks_up(
     assert 0.3 < floor.min() < 0.95
 
 
+@pytest.mark.usefixtures("unpainted")
 def test_an_orbit_has_something_in_its_middle_and_room_to_walk(ideal: SyntheticConfig) -> None:
     config = replace(ideal, motion=MotionKind.ORBIT, duration_s=20.0, rate_hz=0.25)
     renderer = make_renderer(config, 2)

@@ -35,7 +35,8 @@ def test_a_frame_is_the_same_in_every_renderer(
 @pytest.fixture(scope="module")
 def rooms() -> dict[int, Renderer]:
     """Renderers by seed, each of five frames on a long path through its room."""
-    config = replace(make_small(SyntheticConfig.ideal()), duration_s=20.0, rate_hz=0.25)
+    small = make_small(SyntheticConfig.ideal())
+    config = replace(small, duration_s=20.0, rate_hz=0.25, texel_m=0.05)
     return {seed: make_renderer(replace(config, seed=seed), 2) for seed in (1, 2, 3)}
 
 

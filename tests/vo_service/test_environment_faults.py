@@ -20,7 +20,11 @@ from tests.vo_service.environment_faults import (
     ServiceEnvironment,
     run_fault,
 )
-from tests.vo_service.service_process import NO_LOOP_CLOSURE_CONFIG, START_TIMEOUT_S
+from tests.vo_service.service_process import (
+    NO_LOOP_CLOSURE_CONFIG,
+    ONLY_POSES_CONFIG,
+    START_TIMEOUT_S,
+)
 from tests.vo_service.service_runner import CAMERA, ServiceRunner, service_runner
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 
@@ -89,15 +93,20 @@ def test_killed_service_leaves_no_process_and_publishes_after_restart(
     runner.check()
 
 
-def test_a_port_in_use_is_reported_and_retried(runner: ServiceRunner) -> None:
-    with socket.socket() as taken:
+def test_a_port_in_use_is_reported_and_retried(render_cache: Path, tmp_path: Path) -> None:
+    config = f"{CAMERA}{SLOWLY}{ONLY_POSES_CONFIG}"
+    with (
+        service_runner(tmp_path / "runner", render_cache, config) as runner,
+        socket.socket() as taken,
+    ):
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", runner.port))
         taken.listen()
         service = runner.start()
         wait_until(lambda: f"cannot listen on tcp/127.0.0.1:{runner.port}" in service.log)
         assert "the port is in use" in service.log
-    service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
-    service.wait_for_status(lambda status: not status["warnings"])
-    assert service.stop() == 0
-    runner.check()
+        taken.close()
+        service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
+        service.wait_for_status(lambda status: not status["warnings"])
+        assert service.stop() == 0
+        runner.check()

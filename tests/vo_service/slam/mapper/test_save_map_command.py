@@ -15,7 +15,10 @@ from tests.vo_service.slam.mapper.wall_sequence import read_vertices_m
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
-SMALL = '\n[map]\nvoxel_m = 0.1\nmesh_memory_mb = 50\n[log]\nlevel = "info"\n'
+SMALL = (
+    '\n[map]\nvoxel_m = 0.1\nmesh_memory_mb = 50\n[log]\nlevel = "info"\n'
+    "[recorder]\nenabled = false\n"
+)
 
 
 @pytest.fixture

@@ -174,19 +174,69 @@ def accumulate(
         weighted: The same samples.
         residual_model: (5,), see the top of `residuals`.
     """
-    sums, gain = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS)), residual_model[GAIN]
+    sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
     residuals, weights, depth_weights = _student_weights(points, weighted, residual_model)
-    depth = weighted.depth
-    for i in range(len(points)):
-        if weights[i] != 0.0:
-            J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
-            band = int(samples[i, SAMPLE_COLOR_BAND])
-            _add_to_sums(sums[band], J, weights[i], residuals[i])
-        if depth_weights[i] != 0.0:
-            J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
-            band = NUM_ROW_BANDS + int(samples[i, SAMPLE_DEPTH_BAND])
-            _add_to_sums(sums[band], J, depth_weights[i], depth[i])
+    _add_residuals(
+        points,
+        (POINT_BRIGHTNESS_GRADIENT, residual_model[GAIN]),
+        samples[:, SAMPLE_COLOR_BAND],
+        weights,
+        residuals,
+        sums[:NUM_ROW_BANDS],
+    )
+    _add_residuals(
+        points,
+        (POINT_DEPTH_GRADIENT, 1.0),
+        samples[:, SAMPLE_DEPTH_BAND],
+        depth_weights,
+        weighted.depth,
+        sums[NUM_ROW_BANDS:],
+    )
     return sums
+
+
+@kernel
+def _add_residuals(
+    points: Array,
+    gradient: tuple[int, float],
+    bands: Array,
+    weights: Array,
+    residuals: Array,
+    sums: Array,
+) -> None:
+    """Add the residuals of one image, see `accumulate`.
+
+    Neighbors in one band are added in pairs: loading and storing the sums takes most of the time.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        gradient: First column of the gradient, and its scale; see `jacobian`.
+        bands: (N,) band of each residual.
+        weights: (N,); 0 where there is none.
+        residuals: (N,).
+        sums: (BANDS, 27), in and out.
+    """
+    column, scale = gradient
+    used, count = np.empty(len(points) + 1, np.uint32), 0
+    for i in range(len(points)):
+        used[count] = i
+        count += weights[i] != 0.0
+    # No pair beyond the end: the last residual has no neighbor in its band.
+    used[count] = used[count - 1]
+    k = 0
+    while k < count:
+        i, j = used[k], used[k + 1]
+        band = np.uint32(bands[i])
+        J = jacobian(points[i], column, scale)
+        if j > i and np.uint32(bands[j]) == band:
+            next_J = jacobian(points[j], column, scale)
+            _add_pair(
+                sums[band], (J, next_J), (weights[i], weights[j]), (residuals[i], residuals[j])
+            )
+            k += 2
+        else:
+            _add_to_sums(sums[band], J, weights[i], residuals[i])
+            k += 1
 
 
 @kernel
@@ -232,20 +282,6 @@ def jacobian(point: Array, gradient_column: int, scale: float) -> Jacobian:
 
 
 @inline_kernel
-def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) -> None:
-    """Fill in the first 6 elements of J, see `jacobian`.
-
-    Args:
-        point: As for `jacobian`.
-        gradient_column: As for `jacobian`.
-        scale: As for `jacobian`.
-        J: (6,) or more, in and out.
-    """
-    for k, element in enumerate(jacobian(point, gradient_column, scale)):
-        J[k] = element
-
-
-@inline_kernel
 def _add_to_sums(sums: Array, J: Jacobian, w: float, residual: float) -> None:
     """Add the upper triangle of w J J^T, row by row, then w J r."""
     k = 0
@@ -255,6 +291,25 @@ def _add_to_sums(sums: Array, J: Jacobian, w: float, residual: float) -> None:
             sums[k] += weighted * J[j]
             k += 1
         sums[TRIANGLE_SIZE + i] += weighted * residual
+
+
+@inline_kernel
+def _add_pair(
+    sums: Array,
+    jacobians: tuple[Jacobian, Jacobian],
+    weights: tuple[float, float],
+    residuals: tuple[float, float],
+) -> None:
+    """Add two residuals, in this order, as `_add_to_sums` does."""
+    first, second = jacobians
+    k = 0
+    for i in range(6):
+        weighted, next_weighted = weights[0] * first[i], weights[1] * second[i]
+        for j in range(i, 6):
+            sums[k] = (sums[k] + weighted * first[j]) + next_weighted * second[j]
+            k += 1
+        total = sums[TRIANGLE_SIZE + i] + weighted * residuals[0]
+        sums[TRIANGLE_SIZE + i] = total + next_weighted * residuals[1]
 
 
 @kernel
@@ -410,7 +465,7 @@ def add_residual(H: Array, g: Array, row: Array, weight: float, weighted_residua
 
 
 @kernel
-def marginalize(H: Array, g: Array, kept: int) -> tuple[Array, Array]:
+def marginalize(H: Array, g: Array, kept: int) -> Array:
     """Marginalize all but the last unknowns of normal equations (Schur complement).
 
     Args:
@@ -419,7 +474,7 @@ def marginalize(H: Array, g: Array, kept: int) -> tuple[Array, Array]:
         kept: Number K of the unknowns that are kept.
 
     Returns:
-        (K, K) information A and (K,) vector b: A x = b at the best step x.
+        (K, K + 1) information [A b]: A x = b at the best step x.
     """
     n = len(g) - kept
     scale, X, Y = np.empty(n), np.empty((n, n)), np.empty((n, kept + 1))
@@ -435,13 +490,13 @@ def marginalize(H: Array, g: Array, kept: int) -> tuple[Array, Array]:
     solved, L = np.empty((n, kept + 1)), _factorize(X)
     for k in range(kept + 1):
         solved[:, k] = _substitute(L, Y[:, k].copy())
-    A, b_vector = np.empty((kept, kept)), np.empty(kept)
+    information = np.empty((kept, kept + 1))
     for a in range(kept):
         for b in range(kept):
-            A[a, b] = H[n + min(a, b), n + max(a, b)]
+            information[a, b] = H[n + min(a, b), n + max(a, b)]
             for k in range(n):
-                A[a, b] -= Y[k, a] * solved[k, b]
-        b_vector[a] = -g[n + a]
+                information[a, b] -= Y[k, a] * solved[k, b]
+        information[a, kept] = -g[n + a]
         for k in range(n):
-            b_vector[a] += Y[k, a] * solved[k, kept]
-    return A, b_vector
+            information[a, kept] += Y[k, a] * solved[k, kept]
+    return information

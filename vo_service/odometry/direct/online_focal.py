@@ -21,7 +21,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry import NullStageTimer, StageTimer
-from vo_service.odometry.direct.gauss_newton import add_residual, fill_jacobian, marginalize
+from vo_service.odometry.direct.gauss_newton import Jacobian, add_residual, jacobian, marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_points import (
@@ -104,7 +104,7 @@ def measure_focal_length(
         if np.isnan(brightness):
             continue
         point, cell = points[i], int(samples[i, SAMPLE_CELL])
-        dx, dy, dz = _magnify(
+        magnified = _magnify(
             point, samples[i, SAMPLE_U], samples[i, SAMPLE_V], intrinsics, T_camera_keyframe
         )
         if point[HAS_TEXTURE] > 0:
@@ -112,23 +112,29 @@ def measure_focal_length(
             sample_variance = variance + point[POINT_BRIGHTNESS_VARIANCE]
             w = student_weight(residual, sample_variance)
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
-            fill_jacobian(point, POINT_BRIGHTNESS_GRADIENT, gain, row)
+            _fill_row(jacobian(point, POINT_BRIGHTNESS_GRADIENT, gain), magnified, row)
             row[6], row[7] = -point[POINT_BRIGHTNESS], -1.0
-            row[_FOCAL] = row[0] * dx + row[1] * dy + row[2] * dz
             curvature = w * student_curvature(residual, sample_variance)
             add_residual(H[BY_BRIGHTNESS], g[BY_BRIGHTNESS], row, curvature, w * residual)
         if not np.isnan(depth) and point[HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
-            fill_jacobian(point, POINT_DEPTH_GRADIENT, 1.0, row)
+            _fill_row(jacobian(point, POINT_DEPTH_GRADIENT, 1.0), magnified, row)
             row[6] = row[7] = 0.0
-            row[_FOCAL] = row[0] * dx + row[1] * dy + row[2] * dz
             curvature = w * student_curvature(depth, variance_depth)
             add_residual(H[BY_DEPTH], g[BY_DEPTH], row, curvature, w * depth)
     information = np.empty((2, 2))
     for k in range(2):
-        A, b = marginalize(H[k], g[k], 1)
-        information[k, 0], information[k, 1] = max(A[0, 0], 0.0), b[0]
+        of_view = marginalize(H[k], g[k], 1)
+        information[k, 0], information[k, 1] = max(of_view[0, 0], 0.0), of_view[0, 1]
     return information
+
+
+@inline_kernel
+def _fill_row(J: Jacobian, magnified: tuple[float, float, float], row: Array) -> None:
+    """Fill in the derivatives by pose and focal length."""
+    for k in range(6):
+        row[k] = J[k]
+    row[_FOCAL] = J[0] * magnified[0] + J[1] * magnified[1] + J[2] * magnified[2]
 
 
 @inline_kernel

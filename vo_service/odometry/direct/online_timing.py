@@ -243,13 +243,13 @@ class OnlineTimingOdometry:
             alignment.residual_model,
             _timing_view(past, keyframe_view),
         )
-        A, b = marginalize(H, g, NUM_TIMING)
+        information = marginalize(H, g, NUM_TIMING)
         weight = speed**4 / (speed**4 + HALF_WEIGHT_SPEED**4)
         if keyframe_view.is_first:
             weight *= FIRST_KEYFRAME_WEIGHT
-        return self._estimator.add(
-            keyframe.images.stamp_s, speed, TIMING_STEP_RATIO * weight * A, weight * b
-        )
+        information[:, :NUM_TIMING] *= TIMING_STEP_RATIO * weight
+        information[:, NUM_TIMING] *= weight
+        return self._estimator.add(keyframe.images.stamp_s, speed, information)
 
     def _correct_keyframes(self) -> None:
         """After a change of the timing: rebuild the active keyframe, forget those far off."""

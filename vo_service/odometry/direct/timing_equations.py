@@ -19,7 +19,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.gauss_newton import add_residual, fill_jacobian
+from vo_service.odometry.direct.gauss_newton import Jacobian, add_residual, jacobian
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.keyframe_points import (
     HAS_SHAPE,
@@ -101,12 +101,11 @@ def accumulate_timing(
         (12, 12), of which the upper triangle is used, and (12,).
     """
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
-    row, J, J_depth = np.zeros(NUM_UNKNOWNS), np.empty(6), np.empty(6)
-    moved, moved_depth = np.empty(NUM_TWISTS), np.empty(NUM_TWISTS)
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    row, gain, offset = np.zeros(NUM_UNKNOWNS), residual_model[GAIN], residual_model[OFFSET]
     variance, variance_depth = residual_variances(residual_model)
     # Fields of a tuple cost time in a loop.
     twists, camera_position, timing, keyframe_timing, intrinsics, height = view
+    timings = timing[0], timing[1], keyframe_timing[0], keyframe_timing[1]
     middle_row = 0.5 * (height - 1)
     for i in range(0, len(points), TIMING_POINT_STRIDE):
         brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
@@ -115,36 +114,27 @@ def accumulate_timing(
         cell = int(samples[i, SAMPLE_CELL])
         v_keyframe = intrinsics[1] * points[i, 1] / points[i, 2] + intrinsics[3]
         # Times of the rows as shares of the readout.
-        share = (samples[i, SAMPLE_V] - middle_row) / height
-        keyframe_share = (v_keyframe - middle_row) / height
-        fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J_depth)
-        _move(J_depth, twists, moved_depth)
+        shares = (samples[i, SAMPLE_V] - middle_row) / height, (v_keyframe - middle_row) / height
+        J_depth = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
         if points[i, HAS_TEXTURE] > 0:
             residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
             sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
             w = student_weight(residual, sample_variance)
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
             curvature = w * student_curvature(residual, sample_variance)
-            fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
-            _move(J, twists, moved)
+            J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
             # Only parallax shows an error of the point's depth in its brightness.
             by_depth = -points[i, 2] * (
                 J[0] * camera_position[0] + J[1] * camera_position[1] + J[2] * camera_position[2]
             )
-            row[:6] = J
             row[6], row[7] = -points[i, POINT_BRIGHTNESS], -1.0
-            linear = _fill_brightness_row(
-                moved, moved_depth, by_depth, share, keyframe_share, timing, keyframe_timing, row
-            )
+            linear = _fill_brightness_row(J, J_depth, by_depth, twists, shares, timings, row)
             add_residual(H, g, row, curvature, w * residual + curvature * linear)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
             curvature = w * student_curvature(depth, variance_depth)
-            row[:6] = J_depth
             row[6] = row[7] = 0.0
-            linear = _fill_depth_row(
-                moved_depth, share, keyframe_share, timing, keyframe_timing, row
-            )
+            linear = _fill_depth_row(J_depth, twists, shares, timings, row)
             add_residual(H, g, row, curvature, w * depth + curvature * linear)
     for k in range(FIRST_TURN, FIRST_TIMING):
         H[k, k] += TURN_INFORMATION
@@ -152,78 +142,86 @@ def accumulate_timing(
 
 
 @inline_kernel
-def _move(J: Array, twists: Array, moved: Array) -> None:
-    """Fill in the changes (TWISTS,) of a residual with derivative J (6,), by each twist."""
-    for n in range(NUM_TWISTS):
-        moved[n] = 0.0
-    for k in range(6):
-        for n in range(NUM_TWISTS):
-            moved[n] += J[k] * twists[k, n]
+def _change(J: Jacobian, twists: Array, n: int) -> float:
+    """Change of a residual with derivative J by one of the twists (6, TWISTS)."""
+    return float(
+        J[0] * twists[0, n]
+        + J[1] * twists[1, n]
+        + J[2] * twists[2, n]
+        + J[3] * twists[3, n]
+        + J[4] * twists[4, n]
+        + J[5] * twists[5, n]
+    )
 
 
 @inline_kernel
 def _fill_brightness_row(
-    moved: Array,
-    moved_depth: Array,
+    J: Jacobian,
+    J_depth: Jacobian,
     by_depth: float,
-    share: float,
-    keyframe_share: float,
-    timing: Array,
-    keyframe_timing: Array,
+    twists: Array,
+    shares: tuple[float, float],
+    timings: tuple[float, float, float, float],
     row: Array,
 ) -> float:
-    """Fill in the derivatives of a brightness residual by turn and timing.
+    """Fill in the derivatives of a brightness residual by pose, turn and timing.
 
     Args:
-        moved: (TWISTS,) changes of the residual.
-        moved_depth: (TWISTS,) changes of the depth residual.
-        by_depth: Derivative by the depth residual.
-        share: Time of the frame's row as a share of the readout.
-        keyframe_share: The same of the keyframe's row.
-        timing: (2,) of the frame.
-        keyframe_timing: (2,) of the keyframe.
+        J: Derivative of the residual.
+        J_depth: Derivative of the depth residual.
+        by_depth: Derivative of the residual by the depth residual.
+        twists: (6, TWISTS), see `TimingView`.
+        shares: Times of the frame's and of the keyframe's row as shares of the readout.
+        timings: Readout and delay of the frame, then of the keyframe.
         row: (UNKNOWNS,) the derivatives.
 
     Returns:
         What is added to the residual to make it that of zero timing and of the view's velocities.
     """
-    readout = timing[0]
-    keyframe_readout, keyframe_delay = keyframe_timing[0], keyframe_timing[1]
-    by_frame = share * moved[VELOCITY]
-    by_keyframe = -keyframe_share * moved[KEYFRAME_VELOCITY]
-    by_delay = by_depth * moved_depth[KEYFRAME_VELOCITY]
+    (share, keyframe_share), (readout, _, keyframe_readout, keyframe_delay) = shares, timings
+    by_frame = share * _change(J, twists, VELOCITY)
+    by_keyframe = -keyframe_share * _change(J, twists, KEYFRAME_VELOCITY)
+    by_delay = by_depth * _change(J_depth, twists, KEYFRAME_VELOCITY)
+    for k in range(6):
+        row[k] = J[k]
     for k in range(2):
-        row[FIRST_TURN + k] = by_depth * moved_depth[KEYFRAME_TURNS + k]
+        row[FIRST_TURN + k] = by_depth * _change(J_depth, twists, KEYFRAME_TURNS + k)
     row[FIRST_TIMING], row[FIRST_TIMING + 1] = by_frame + by_keyframe, by_delay
     used = by_frame * readout + by_keyframe * keyframe_readout + by_delay * keyframe_delay
     return float(
-        readout * share * moved[VELOCITY_CHANGE]
-        - keyframe_readout * keyframe_share * moved[KEYFRAME_VELOCITY_CHANGE]
-        + keyframe_delay * by_depth * moved_depth[KEYFRAME_VELOCITY_CHANGE]
+        readout * share * _change(J, twists, VELOCITY_CHANGE)
+        - keyframe_readout * keyframe_share * _change(J, twists, KEYFRAME_VELOCITY_CHANGE)
+        + keyframe_delay * by_depth * _change(J_depth, twists, KEYFRAME_VELOCITY_CHANGE)
         - TIMING_STEP_RATIO * used
     )
 
 
 @inline_kernel
 def _fill_depth_row(
-    moved: Array,
-    share: float,
-    keyframe_share: float,
-    timing: Array,
-    keyframe_timing: Array,
+    J: Jacobian,
+    twists: Array,
+    shares: tuple[float, float],
+    timings: tuple[float, float, float, float],
     row: Array,
 ) -> float:
     """Fill in the derivatives of a depth residual; see `_fill_brightness_row`."""
+    velocity, keyframe_velocity = (
+        _change(J, twists, VELOCITY),
+        _change(J, twists, KEYFRAME_VELOCITY),
+    )
+    for k in range(6):
+        row[k] = J[k]
     for k in range(2):
-        row[FIRST_TURN + k] = moved[TURNS + k] - moved[KEYFRAME_TURNS + k]
-    row[FIRST_TIMING] = share * moved[VELOCITY] - keyframe_share * moved[KEYFRAME_VELOCITY]
-    row[FIRST_TIMING + 1] = moved[VELOCITY] - moved[KEYFRAME_VELOCITY]
-    frame_s = share * timing[0] + timing[1]
-    keyframe_s = keyframe_share * keyframe_timing[0] + keyframe_timing[1]
+        turn = _change(J, twists, TURNS + k) - _change(J, twists, KEYFRAME_TURNS + k)
+        row[FIRST_TURN + k] = turn
+    row[FIRST_TIMING] = shares[0] * velocity - shares[1] * keyframe_velocity
+    row[FIRST_TIMING + 1] = velocity - keyframe_velocity
+    frame_s = shares[0] * timings[0] + timings[1]
+    keyframe_s = shares[1] * timings[2] + timings[3]
     return float(
-        frame_s * moved[VELOCITY_CHANGE]
-        - keyframe_s * moved[KEYFRAME_VELOCITY_CHANGE]
-        - TIMING_STEP_RATIO * (frame_s * moved[VELOCITY] - keyframe_s * moved[KEYFRAME_VELOCITY])
+        frame_s * _change(J, twists, VELOCITY_CHANGE)
+        - keyframe_s * _change(J, twists, KEYFRAME_VELOCITY_CHANGE)
+        - TIMING_STEP_RATIO * (frame_s * velocity - keyframe_s * keyframe_velocity)
     )
 
 

@@ -79,18 +79,16 @@ class TimingEstimator:
         self.is_certain = False
         self.contradiction: Array | None = None
 
-    def add(self, keyframe_stamp_s: float, speed: float, A: Array, b: Array) -> bool:
+    def add(self, keyframe_stamp_s: float, speed: float, view: Array) -> bool:
         """Add a view; return whether the timing in use has changed.
 
         Args:
             keyframe_stamp_s: Stamp of the view's keyframe.
             speed: Of the camera, rad/s.
-            A: (2, 2) information.
-            b: (2,) such that A x = b at the best timing x.
+            view: (2, 3) information.
         """
         decay = TIMING_SPEED_DECAY if self._views else 0.0
         self._squared_speed = decay * self._squared_speed + (1.0 - decay) * speed**2
-        view = np.column_stack([A, b])
         weight = self._weigh(view)
         if keyframe_stamp_s != self._keyframe_stamp_s:
             self._finish_keyframe()

@@ -14,9 +14,13 @@ INFORMATION = np.eye(2) / 0.001**2
 NARROW, WIDE = np.array([0.0005, 0.0005]), np.array([0.03, 0.01])
 
 
+def view_of(best: Array, A: Array = INFORMATION) -> Array:
+    return np.column_stack([A, A @ best])
+
+
 def add_views(estimator: TimingEstimator, count: int, best: Array, views_each: int = 4) -> None:
     for view in range(count):
-        estimator.add(float(view // views_each), 0.5, INFORMATION, INFORMATION @ best)
+        estimator.add(float(view // views_each), 0.5, view_of(best))
 
 
 def estimator_of(sigmas_s: Array) -> TimingEstimator:
@@ -59,7 +63,7 @@ def test_a_single_wrong_view_changes_little() -> None:
     estimator = estimator_of(WIDE)
     add_views(estimator, 20, TRUE)
     before = estimator.estimate
-    estimator.add(9.0, 0.5, INFORMATION, INFORMATION @ (TRUE + 0.5))
+    estimator.add(9.0, 0.5, view_of(TRUE + 0.5))
     assert np.abs(estimator.estimate - before).max() < 0.005
 
 
@@ -85,7 +89,7 @@ def test_a_change_of_the_timing_is_learned_within_a_few_keyframes(change: Array)
     add_views(estimator, 400, TRUE)
     for keyframe in range(8):
         for _ in range(10):
-            estimator.add(1000.0 + keyframe, 0.5, INFORMATION, INFORMATION @ (TRUE + change))
+            estimator.add(1000.0 + keyframe, 0.5, view_of(TRUE + change))
     np.testing.assert_allclose(estimator.in_use, TRUE + change, atol=0.002)
 
 
@@ -96,7 +100,7 @@ def test_one_keyframe_or_uncertain_ones_are_no_change(keyframes: int, certainty:
     for keyframe in range(keyframes):
         for _ in range(10):
             A = certainty * INFORMATION
-            estimator.add(1000.0 + keyframe, 0.5, A, A @ wrong)
+            estimator.add(1000.0 + keyframe, 0.5, view_of(wrong, A))
     add_views(estimator, 4, TRUE)
     np.testing.assert_allclose(estimator.in_use, TRUE, atol=0.003)
 
@@ -106,7 +110,7 @@ def test_keyframes_that_scatter_by_their_shared_error_are_no_change() -> None:
     for keyframe in range(200):
         best = TRUE + random.normal(0.0, KEYFRAME_TIMING_SIGMAS_S)
         for _ in range(6):
-            estimator.add(float(keyframe), 0.5, INFORMATION, INFORMATION @ best)
+            estimator.add(float(keyframe), 0.5, view_of(best))
     assert (estimator.sigmas_s < 0.2 * np.array(KEYFRAME_TIMING_SIGMAS_S)).all()
     np.testing.assert_allclose(estimator.in_use, TRUE, atol=0.002)
 
@@ -114,6 +118,6 @@ def test_keyframes_that_scatter_by_their_shared_error_are_no_change() -> None:
 def test_views_without_information_give_no_estimate() -> None:
     estimator = estimator_of(WIDE)
     for view in range(40):
-        estimator.add(float(view // 4), 0.5, np.zeros((2, 2)), np.zeros(2))
+        estimator.add(float(view // 4), 0.5, np.zeros((2, 3)))
     np.testing.assert_allclose(estimator.sigmas_s, WIDE, rtol=1e-6)
     assert (estimator.in_use == ZERO).all()

@@ -27,7 +27,6 @@ from vo_service.odometry.direct.parameters import (
     NUM_FINE_LEVELS,
 )
 from vo_service.odometry.direct.residuals import (
-    COST,
     GAIN,
     IN_IMAGE,
     MAX_POINT_COST,
@@ -38,6 +37,7 @@ from vo_service.odometry.direct.residuals import (
     WEIGHT_BRIGHTNESS,
     count_residuals,
     fit_affine_brightness,
+    robust_cost,
     weigh_regions,
     weigh_samples,
 )
@@ -65,7 +65,7 @@ class DirectAlignment:
         T_camera_keyframe: 4x4.
         motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
         residual_model: (5,) gain, offset, both sigmas and the brightness weight, see `residuals`.
-        counts: (8,) of the finest level, see `residuals`.
+        counts: (7,) of the finest level, see `residuals`.
         samples: (N, COLUMNS) of the finest level's points, see `samples`.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
@@ -224,6 +224,7 @@ def _mean_cost(
 ) -> float:
     """Mean robust cost of a level's points (N, COLUMNS); outside of the image it is the largest."""
     samples = _sample_level(points, images, T, motion)
-    counts = count_residuals(points, samples, residual_model, np.ones((2, NUM_CELLS)))
-    missing = len(points) - counts[IN_IMAGE]
-    return float(counts[COST] + MAX_POINT_COST * missing) / max(len(points), 1)
+    weights = np.ones((2, NUM_CELLS))
+    missing = len(points) - count_residuals(points, samples, residual_model, weights)[IN_IMAGE]
+    cost = robust_cost(points, samples, residual_model, weights)
+    return float(cost + MAX_POINT_COST * missing) / max(len(points), 1)

@@ -22,6 +22,7 @@ from vo_service.odometry.direct.gauss_newton import (
     expand_rolling_shutter,
     invert_cholesky,
     jacobian,
+    student_weights,
 )
 from vo_service.odometry.direct.image_pyramid import (
     NUM_CELLS,
@@ -29,11 +30,7 @@ from vo_service.odometry.direct.image_pyramid import (
     LevelImages,
 )
 from vo_service.odometry.direct.keyframe_points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
     POINT_BRIGHTNESS_GRADIENT,
-    POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
 )
 from vo_service.odometry.direct.motion import (
@@ -49,19 +46,14 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
-    WEIGHT_BRIGHTNESS,
-    residual_variances,
-    student_weight,
+    WeightedSamples,
     weigh_samples,
 )
 from vo_service.odometry.direct.samples import (
     NUM_ROW_BANDS,
-    SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_COLOR_BAND,
     SAMPLE_DEPTH_BAND,
-    SAMPLE_DEPTH_RESIDUAL,
 )
 from vo_service.odometry.uncertainty import (
     DegeneracyAnalysis,
@@ -152,7 +144,7 @@ def _analyze_view(
     weighted = weigh_samples(points, samples, cell_weights)
     bands = accumulate(points, samples, weighted, residual_model)
     H, _ = expand_rolling_shutter(bands, readout_s, skew_s)
-    scores, moments = accumulate_scores(points, samples, cell_weights, residual_model, images)
+    scores, moments = accumulate_scores(points, samples, weighted, residual_model, images)
     covariance = _covariance_in_keyframe(H, bands, scores, prior, readout_s, skew_s, velocity_noise)
     return covariance, H[:6, :6].copy(), moments
 
@@ -261,7 +253,7 @@ def _multiply(A: Array, B: Array) -> Array:
 def accumulate_scores(
     points: Array,
     samples: Array,
-    cell_weights: Array,
+    weighted: WeightedSamples,
     residual_model: Array,
     images: LevelImages,
 ) -> tuple[Array, Array]:
@@ -273,35 +265,30 @@ def accumulate_scores(
     Args:
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
-        cell_weights: (2, CELLS) of brightness and of depth.
+        weighted: The same samples.
         residual_model: (5,), see the top of `residuals`.
         images: The frame at the level.
     """
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
-    variance, variance_depth = residual_variances(residual_model)
+    residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
+    gain, depth = residual_model[GAIN], weighted.depth
     readout_s, skew_s = images.readout_s, images.skew_s
     focal_px, depth_focal_px = images.intrinsics[0], images.depth_intrinsics[0]
     for i in range(len(points)):
-        brightness = samples[i, SAMPLE_BRIGHTNESS]
-        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
         cell = int(samples[i, SAMPLE_CELL])
         noise = 0.0
-        if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
-            residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
-            w = student_weight(residual, variance + points[i, POINT_BRIGHTNESS_VARIANCE])
-            w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
+        if weights[i] != 0.0:
+            w = weights[i]
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
             row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
-            _add_score(scores[cell], J, row * readout_s, w * residual)
-        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
-            w = student_weight(depth, variance_depth)
-            w *= cell_weights[1, cell]
+            _add_score(scores[cell], J, row * readout_s, w * residuals[i])
+        if depth_weights[i] != 0.0:
+            w = depth_weights[i]
             noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
             J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
             row = (samples[i, SAMPLE_DEPTH_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
-            _add_score(scores[cell], J, row * readout_s + skew_s, w * depth)
+            _add_score(scores[cell], J, row * readout_s + skew_s, w * depth[i])
         if noise > 0.0:
             q = points[i, 0], points[i, 1], points[i, 2], 1.0
             for a in range(4):

@@ -175,7 +175,7 @@ def accumulate(
         residual_model: (5,), see the top of `residuals`.
     """
     sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
-    residuals, weights, depth_weights = _student_weights(points, weighted, residual_model)
+    residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
     _add_residuals(
         points,
         (POINT_BRIGHTNESS_GRADIENT, residual_model[GAIN]),
@@ -240,10 +240,13 @@ def _add_residuals(
 
 
 @kernel
-def _student_weights(
+def student_weights(
     points: Array, weighted: WeightedSamples, residual_model: Array
 ) -> tuple[Array, Array, Array]:
-    """Residuals (N,) of brightness, and weights (N,) of brightness and of depth."""
+    """Residuals (N,) of brightness, and weights (N,) of brightness and of depth.
+
+    The weights are 0 where there is no sample. See `accumulate` for the arguments.
+    """
     count = len(points)
     residuals, weights, depth_weights = np.empty(count), np.empty(count), np.empty(count)
     keyframe_brightness = points[:, POINT_BRIGHTNESS]

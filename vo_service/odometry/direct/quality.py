@@ -106,7 +106,7 @@ def _move_median(median: float, value: float) -> float:
 
 
 def is_consistent(counts: Array) -> bool:
-    """Whether most depth and brightness samples agree with the keyframe, by the counts (8,)."""
+    """Whether most depth and brightness samples agree with the keyframe, by the counts (7,)."""
     return not _inconsistency_reason(counts.tolist())
 
 

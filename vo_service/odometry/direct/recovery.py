@@ -50,11 +50,11 @@ from vo_service.odometry.direct.quality import (
     strict_rejection_reason,
 )
 from vo_service.odometry.direct.residuals import (
-    COST,
     SIGMA_BRIGHTNESS,
     WITH_BRIGHTNESS,
     WITH_DEPTH,
     count_residuals,
+    robust_cost,
     weigh_regions,
 )
 from vo_service.odometry.features import (
@@ -173,7 +173,8 @@ def _mean_cost(points: Array, alignment: DirectAlignment, sigmas: Array) -> floa
     residual_model[SIGMA_BRIGHTNESS:] = sigmas
     counts = count_residuals(points, alignment.samples, residual_model, uniform_weights())
     sampled = counts[WITH_DEPTH] + counts[WITH_BRIGHTNESS]
-    return float(counts[COST] / max(sampled, 1.0))
+    cost = robust_cost(points, alignment.samples, residual_model, uniform_weights())
+    return float(cost / max(sampled, 1.0))
 
 
 class DirectRecovery:

@@ -50,8 +50,8 @@ MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIG
 # Below this share of its first term the scatter of the brightness is rounding error.
 _ROUNDING = 1e-9
 # The counts: points in the image that are not occluded; points in moving regions; by weight,
-# samples with depth, and those whose depth agrees within the gate; the same of brightness; the
-# robust cost of all; occluded points.
+# samples with depth, and those whose depth agrees within the gate; the same of brightness;
+# occluded points.
 (
     IN_IMAGE,
     DISREGARDED,
@@ -59,9 +59,8 @@ _ROUNDING = 1e-9
     DEPTH_AGREES,
     WITH_BRIGHTNESS,
     BRIGHTNESS_AGREES,
-    COST,
     NUM_OCCLUDED,
-) = range(8)
+) = range(7)
 # Largest squared residual of an inlier, in variances; larger ones are clipped to it.
 MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
 # Cost of a point whose brightness and depth are both wrong.
@@ -201,9 +200,7 @@ def _student_costs(
 def count_residuals(
     points: Array, samples: Array, residual_model: Array, cell_weights: Array
 ) -> Array:
-    """Counts (8,) of a level's points.
-
-    A point in free space of the frame has the largest cost; an occluded one has none.
+    """Counts (7,) of a level's points.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
@@ -211,8 +208,8 @@ def count_residuals(
         residual_model: (5,).
         cell_weights: (2, CELLS) of brightness and of depth.
     """
-    counts = np.zeros(8)
-    variance, variance_depth = residual_variances(residual_model)
+    counts = np.zeros(7)
+    squared, squared_depth = _squared_residuals(points, samples, residual_model)
     for i in range(len(points)):
         cell = int(samples[i, SAMPLE_CELL])
         if samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
@@ -223,34 +220,42 @@ def count_residuals(
         brightness_weight, depth_weight = cell_weights[0, cell], cell_weights[1, cell]
         counts[IN_IMAGE] += 1.0
         counts[DISREGARDED] += max(brightness_weight, depth_weight) < MIN_STATIC_WEIGHT
-        brightness = samples[i, SAMPLE_BRIGHTNESS]
-        depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
-        is_free_space = np.isnan(brightness)
-        if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(depth)):
-            squared = (
-                MAX_SQUARED_RESIDUAL
-                if is_free_space
-                else min(depth * depth / variance_depth, MAX_SQUARED_RESIDUAL)
-            )
+        is_free_space = np.isnan(squared[i])
+        if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(squared_depth[i])):
             counts[WITH_DEPTH] += depth_weight
-            counts[DEPTH_AGREES] += depth_weight * (squared < MAX_SQUARED_RESIDUAL)
-            counts[COST] += depth_weight * np.log(1.0 + squared / DEGREES_OF_FREEDOM)
+            counts[DEPTH_AGREES] += depth_weight * (squared_depth[i] < MAX_SQUARED_RESIDUAL)
         if points[i, HAS_TEXTURE] > 0:
-            squared = MAX_SQUARED_RESIDUAL
-            if not is_free_space:
-                residual = (
-                    brightness
-                    - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
-                    - residual_model[OFFSET]
-                )
-                squared = min(
-                    residual * residual / (variance + points[i, POINT_BRIGHTNESS_VARIANCE]),
-                    MAX_SQUARED_RESIDUAL,
-                )
             counts[WITH_BRIGHTNESS] += brightness_weight
-            counts[BRIGHTNESS_AGREES] += brightness_weight * (squared < MAX_SQUARED_RESIDUAL)
-            counts[COST] += brightness_weight * np.log(1.0 + squared / DEGREES_OF_FREEDOM)
+            counts[BRIGHTNESS_AGREES] += brightness_weight * (squared[i] < MAX_SQUARED_RESIDUAL)
     return counts
+
+
+@kernel
+def robust_cost(points: Array, samples: Array, residual_model: Array, cell_weights: Array) -> float:
+    """Cost of a level's points by Student's t.
+
+    A point in free space of the frame has the largest cost; an occluded one has none. See
+    `count_residuals` for the arguments.
+    """
+    cost = 0.0
+    squared, squared_depth = _squared_residuals(points, samples, residual_model)
+    for i in range(len(points)):
+        cell = int(samples[i, SAMPLE_CELL])
+        if cell < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+            continue
+        is_free_space = np.isnan(squared[i])
+        if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(squared_depth[i])):
+            cost += cell_weights[1, cell] * _log_cost(squared_depth[i])
+        if points[i, HAS_TEXTURE] > 0:
+            cost += cell_weights[0, cell] * _log_cost(squared[i])
+    return cost
+
+
+@inline_kernel
+def _log_cost(squared: float) -> float:
+    """Cost of a squared residual in variances; the largest one for NaN."""
+    clipped = squared if squared < MAX_SQUARED_RESIDUAL else MAX_SQUARED_RESIDUAL
+    return float(np.log(1.0 + clipped / DEGREES_OF_FREEDOM))
 
 
 @kernel

@@ -233,15 +233,35 @@ def _occlusion_message(share: float) -> str:
 
 def make_tracking_debug(keyframe: DirectKeyframe, alignment: DirectAlignment) -> TrackingDebug:
     """Make the debug data of every 4th point; matches are points with a brightness sample."""
-    points, samples = keyframe.points[0][::POINT_STRIDE], alignment.samples[::POINT_STRIDE]
-    is_sampled = ~np.isnan(samples[:, SAMPLE_BRIGHTNESS])
-    pixels = samples[:, SAMPLE_U : SAMPLE_V + 1].astype(np.float32)
     return TrackingDebug(
-        keypoints_px=pixels[samples[:, SAMPLE_CELL] >= 0],
-        matches_px=pixels[is_sampled],
-        reference_matches_px=project_keyframe_points(keyframe)[is_sampled],
-        inlier=find_inliers(points, samples, alignment.residual_model)[is_sampled],
+        *_select_drawn_points(
+            keyframe.points[0][::POINT_STRIDE],
+            alignment.samples[::POINT_STRIDE],
+            alignment.residual_model,
+            keyframe.images.intrinsics[0],
+        )
     )
+
+
+@kernel
+def _select_drawn_points(
+    points: Array, samples: Array, residual_model: Array, intrinsics: Array
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """Fields of `TrackingDebug`, of points (N, COLUMNS) and their samples (N, COLUMNS)."""
+    in_keyframe = _project_points(points, intrinsics)
+    is_inlier = find_inliers(points, samples, residual_model)
+    keypoints, matches = np.empty_like(in_keyframe), np.empty_like(in_keyframe)
+    in_image = sampled = 0
+    for n in range(len(points)):
+        pixel = np.float32(samples[n, SAMPLE_U]), np.float32(samples[n, SAMPLE_V])
+        if samples[n, SAMPLE_CELL] >= 0.0:
+            keypoints[in_image] = pixel
+            in_image += 1
+        if not np.isnan(samples[n, SAMPLE_BRIGHTNESS]):
+            matches[sampled] = pixel
+            in_keyframe[sampled], is_inlier[sampled] = in_keyframe[n], is_inlier[n]
+            sampled += 1
+    return keypoints[:in_image], matches[:sampled], in_keyframe[:sampled], is_inlier[:sampled]
 
 
 def project_keyframe_points(keyframe: DirectKeyframe) -> NDArray[np.float32]:

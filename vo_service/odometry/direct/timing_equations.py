@@ -32,6 +32,7 @@ from vo_service.odometry.direct.keyframe_points import (
 from vo_service.odometry.direct.motion import compose, se3_log
 from vo_service.odometry.direct.parameters import (
     MAX_POSE_INTERVAL_S,
+    MIN_FRAME_INTERVAL_S,
     TIMING_POINT_STRIDE,
     TIMING_STEP_RATIO,
     TURN_INFORMATION,
@@ -323,8 +324,10 @@ class ViewHistory:
             view: The view.
             keyframes: The keyframes whose views are still needed.
         """
-        if self._recent and view.stamp_s - self._recent[-1].stamp_s > MAX_POSE_INTERVAL_S:
-            self._recent.clear()
+        if self._recent:
+            interval_s = view.stamp_s - self._recent[-1].stamp_s
+            if not MIN_FRAME_INTERVAL_S <= interval_s <= MAX_POSE_INTERVAL_S:
+                self._recent.clear()
         view.is_first, self._is_empty = self._is_empty, False
         self._recent.append(view)
         self._by_stamp[view.stamp_s] = view

@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tests.simulators.libusb_build import SONAME, simulated_library_path
+from tests.simulators.libusb_build import SONAME
 from vo_service.cli.dispatch import _set_library_environment
 
 MAX_FDS = 10
@@ -51,7 +51,6 @@ def load() -> None:
     warm_up_reconstruction(_discard_stage)
     synchronous_loop_closure.warm_up_loop_closure(_discard_stage)
     compile_kernels()
-    simulated_library_path()  # compiled once, and not in the cache folders of tests
     gc.collect()
     gc.freeze()  # otherwise the first collection of each child would copy all pages
     threads = len(list(Path("/proc/self/task").iterdir()))
@@ -106,9 +105,9 @@ def run_request(request: dict[str, Any]) -> None:
 
 def _load_simulated_libusb() -> None:
     """Load the simulated libusb: only a new process finds libraries by LD_LIBRARY_PATH."""
-    library_path = os.environ.get("LD_LIBRARY_PATH")
-    if library_path and library_path == simulated_library_path():
-        ctypes.CDLL(f"{library_path}/{SONAME}", mode=ctypes.RTLD_GLOBAL)
+    for folder in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep):
+        if folder and (library := Path(folder) / SONAME).exists():
+            ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
 
 
 def _exit_without_cleanup(code: object) -> None:

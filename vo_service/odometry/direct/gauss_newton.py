@@ -245,7 +245,12 @@ def student_weights(
 ) -> tuple[Array, Array, Array]:
     """Residuals (N,) of brightness, and weights (N,) of brightness and of depth.
 
-    The weights are 0 where there is no sample. See `accumulate` for the arguments.
+    The weights are 0 where there is no sample.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        weighted: The samples of these points in a frame.
+        residual_model: (5,), see the top of `residuals`.
     """
     count = len(points)
     residuals, weights, depth_weights = np.empty(count), np.empty(count), np.empty(count)

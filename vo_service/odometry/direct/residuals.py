@@ -234,8 +234,13 @@ def count_residuals(
 def robust_cost(points: Array, samples: Array, residual_model: Array, cell_weights: Array) -> float:
     """Cost of a level's points by Student's t.
 
-    A point in free space of the frame has the largest cost; an occluded one has none. See
-    `count_residuals` for the arguments.
+    A point in free space of the frame has the largest cost; an occluded one has none.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        samples: (N, COLUMNS) of these points in a frame.
+        residual_model: (5,).
+        cell_weights: (2, CELLS) of brightness and of depth.
     """
     cost = 0.0
     squared, squared_depth = _squared_residuals(points, samples, residual_model)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[4]))
 
+import zenoh
+
 from tests.ports import free_port
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
@@ -34,7 +36,8 @@ with (
     open_session(ZenohConfig(listen=(), connect=(endpoint,))) as reader,
 ):
     samples = reader.declare_subscriber("image")
-    publisher = session.declare_publisher("image")
+    # No image is dropped if this computer is busy.
+    publisher = session.declare_publisher("image", congestion_control=zenoh.CongestionControl.BLOCK)
     wait_until(lambda: publisher.matching_status.matching)  # type: ignore[attr-defined]
     for _ in range(3):
         publisher.put(shared.share(bytes(921_600)))

@@ -47,7 +47,7 @@ check_code() {
     step "Checking the direction of imports" check_imports
 }
 # More processes than processors: many tests wait for a sensor, a viewer or a timeout.
-processes=$(($(nproc) * 3))
+processes=$(($(nproc) * 2))
 case ${1:-} in
 --fast)
     shift

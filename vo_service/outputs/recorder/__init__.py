@@ -258,27 +258,27 @@ class RecorderClient:
                 self._process_fault = ""
                 self._folder_faults.set(error)
             case IncidentResult(folder, frames, error):
-                self._saving_name = ""
                 if not error:
                     logger.warning("recorder: the last %d frames are in %s", frames, folder)
                 self._incident_faults.set(error)
+                self._saving_name = ""
             case RecordingResult(folder, frames, missed, error):
+                logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
+                self._recording_faults.set(error)
+                # Last, so that no status has an end without its reason.
                 with self._lock:  # the next recording may have started
                     if self.recording == str(folder):
                         self.recording = ""
-                logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
-                self._recording_faults.set(error)
 
     def _handle_worker_death(self, reason: str) -> bool:
-        with self._lock:
-            saving, recording = self._saving_name, self.recording
-            self._saving_name = self.recording = ""
         self._process_fault = "its process ended and is started again"
         logger.warning("recorder: %s", self._process_fault)
-        for interrupted, faults in (
-            (saving, self._incident_faults),
-            (recording, self._recording_faults),
-        ):
-            if interrupted:
-                faults.set(f"its process ended and cut off {interrupted}")
+        with self._lock:
+            for interrupted, faults in (
+                (self._saving_name, self._incident_faults),
+                (self.recording, self._recording_faults),
+            ):
+                if interrupted:
+                    faults.set(f"its process ended and cut off {interrupted}")
+            self._saving_name = self.recording = ""
         return True

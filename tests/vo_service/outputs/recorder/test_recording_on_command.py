@@ -111,9 +111,8 @@ def test_a_dead_recorder_process_ends_the_recording_with_a_reason(tmp_path: Path
         wait_until((folder / "associations.txt").exists)
         (child,) = child_pids()
         os.kill(child, signal.SIGKILL)
-        cut_off = f"recorder: its process ended and cut off {folder}"
-        wait_until(lambda: recorder.warning == cut_off)
-        assert recorder.recording == ""
+        wait_until(lambda: recorder.recording == "")
+        assert recorder.warning == f"recorder: its process ended and cut off {folder}"
 
 
 class _Ring:

@@ -16,6 +16,7 @@ from drivers.core import InputError
 from drivers.core.geometry import rigid_transform
 from tests.forked_process import ForkedProcess
 from tests.ports import free_port
+from tests.vo_service.client.fake_service import BLOCK
 from tests.waiting import wait_until
 from vo_service.cli import listen
 from vo_service.config_tables import ZenohConfig
@@ -72,7 +73,7 @@ class Publisher:
 
     def __init__(self, endpoint: str) -> None:
         self._session = open_session(ZenohConfig(listen=(endpoint,)))
-        self._odom = self._session.declare_publisher("kinect/odom")
+        self._odom = self._session.declare_publisher("kinect/odom", congestion_control=BLOCK)
         self._token = self._session.liveliness().declare_token("kinect/alive")
 
     def wait(self) -> None:
@@ -96,6 +97,7 @@ class Publisher:
             "kinect/map_odom",
             encode_transform(TransformMessage(12.5, "map", "odom", T)),
             attachment=json.dumps(usual | about).encode(),
+            congestion_control=BLOCK,
         )
 
     def garbage(self) -> None:
@@ -105,7 +107,7 @@ class Publisher:
     def status(self, state: str, reason: str) -> None:
         self.wait()
         content = {"schema": 1, "state": state, "reason": reason, "timing": {"fps": 30.0}}
-        self._session.put("kinect/status", json.dumps(content).encode())
+        self._session.put("kinect/status", json.dumps(content).encode(), congestion_control=BLOCK)
 
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]

@@ -21,6 +21,9 @@ from vo_service.ros_messages import (
     encode_transform,
 )
 
+# A busy computer would drop messages, and a test would wait for them in vain.
+BLOCK = zenoh.CongestionControl.BLOCK
+
 
 def find_free_endpoint() -> str:
     """Return an endpoint on a free port of 127.0.0.1."""
@@ -32,7 +35,7 @@ class FakeService:
 
     def __init__(self, endpoint: str) -> None:
         self.session = open_session(ZenohConfig(listen=(endpoint,)))
-        self._odom = self.session.declare_publisher("kinect/odom")
+        self._odom = self.session.declare_publisher("kinect/odom", congestion_control=BLOCK)
         self._token = self.session.liveliness().declare_token("kinect/alive")
 
     def wait_for_reader(self, key: str = "kinect/odom") -> None:
@@ -55,7 +58,7 @@ class FakeService:
     def publish_map_odom(self, y_m: float = 0.0, **attachment: Any) -> None:
         """Publish a map->odom transform with `y_m` to the left."""
         payload, content = self._map_odom(y_m, attachment)
-        self.session.put("kinect/map_odom", payload, attachment=content)
+        self.session.put("kinect/map_odom", payload, attachment=content, congestion_control=BLOCK)
 
     def answers_map_odom(self, y_m: float = 0.0, **attachment: Any) -> None:
         """Reply to queries with this transform from now on."""
@@ -84,7 +87,11 @@ class FakeService:
     def publish_status(self, **changes: Any) -> None:
         """Publish one status."""
         default = {"schema": 1, "state": "tracking", "reason": "", "paused": False}
-        self.session.put("kinect/status", json.dumps(default | changes).encode())
+        self.publish_raw_status(json.dumps(default | changes).encode())
+
+    def publish_raw_status(self, payload: bytes) -> None:
+        """Publish any bytes as a status."""
+        self.session.put("kinect/status", payload, congestion_control=BLOCK)
 
     def answer_with(self, name: str, answer: dict[str, Any]) -> list[Any]:
         """Reply to queries in this way from now on; return the list of received arguments."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.vo_service.client.fake_service import (
+    BLOCK,
     ServiceAndClient,
     find_free_endpoint,
     publish_and_receive,
@@ -84,7 +85,9 @@ def test_an_unreadable_message_is_skipped_and_the_next_one_read(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     publisher, client = service_and_client
-    publisher.session.put("kinect/map_odom", payload, attachment=attachment)
+    publisher.session.put(
+        "kinect/map_odom", payload, attachment=attachment, congestion_control=BLOCK
+    )
     wait_until(lambda: message in client._state.map_odom.parse_error)
     assert receive_map_odom(service_and_client, 9).seq == 9
     assert caplog.text.count("ignored a message") == 1

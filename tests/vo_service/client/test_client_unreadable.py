@@ -49,7 +49,7 @@ def test_an_unreadable_status_is_reported_until_the_next_one(
     service_and_client: ServiceAndClient, status: bytes, message: str
 ) -> None:
     publisher, client = service_and_client
-    publisher.session.put("kinect/status", status)
+    publisher.publish_raw_status(status)
     wait_until(lambda: client._state.parse_error != "")
     with pytest.raises(PoseUnavailable, match=message) as caught:
         client.newest()

@@ -169,7 +169,7 @@ class FrameAssembly:
     Zenoh's threads store a message and return at once, so nothing piles up behind a slow reader.
     """
 
-    def __init__(self, session: zenoh.Session, prefix: str, topics: Iterable[str]) -> None:
+    def __init__(self, topics: Iterable[str]) -> None:
         self._topics = frozenset(topics)
         self._poses: dict[bytes, ReceivedPose] = {}
         self._payloads: dict[bytes, dict[str, bytes]] = {}
@@ -177,10 +177,14 @@ class FrameAssembly:
         self._newest: AssembledFrame | None = None  # that nobody has read
         self._is_closed = False
         self._changed = threading.Condition()
-        self._subscribers = [
-            session.declare_subscriber(f"{prefix}/{topic}", partial(self._on_sample, topic))
-            for topic in (POSE_TOPIC, *self._topics)
-        ]
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+
+    def subscribe(self, session: zenoh.Session, prefix: str) -> None:
+        """Subscribe to the topics. Raises ZError if the session is closed."""
+        for topic in (POSE_TOPIC, *self._topics):
+            self._subscribers.append(
+                session.declare_subscriber(f"{prefix}/{topic}", partial(self._on_sample, topic))
+            )
 
     def wait_for_newest(self, timeout_s: float | None) -> AssembledFrame | None:
         """Wait for a frame that was not read yet; None on timeout or `close`."""
@@ -309,11 +313,11 @@ class FrameClient(ServiceClient):
     ) -> Iterator[tuple[Located, Mapping[str, bytes]]]:
         check_timeout(timeout_s)
         reader = PoseReader()
-        session = self._session(timeout_s)
-        assembly = FrameAssembly(session, self._prefix, topics)
-        self._assemblies.append(assembly)
+        assembly = FrameAssembly(topics)
+        self._assemblies.append(assembly)  # first, so that `close` finds it at any time
         try:
-            while frame := assembly.wait_for_newest(timeout_s):
+            self._subscribe(assembly, timeout_s)
+            while not self._state.is_closed and (frame := assembly.wait_for_newest(timeout_s)):
                 yield _locate(frame, reader), frame.payloads
         finally:
             self._assemblies.remove(assembly)
@@ -321,13 +325,19 @@ class FrameClient(ServiceClient):
         if not self._state.is_closed:
             raise FrameUnavailable(self._no_frame_reason(topics, timeout_s))
 
-    def _session(self, timeout_s: float | None) -> zenoh.Session:
-        """Return the session; wait for it with the service, as it may open later."""
+    def _subscribe(self, assembly: FrameAssembly, timeout_s: float | None) -> None:
+        """Subscribe when there is a session: it may open later. Nothing after `close`."""
         if not self._connection.sessions:
             self._state.wait_until_alive(timeout_s)
-        for session in self._connection.sessions:
-            return session
-        raise FrameUnavailable(f"{self._prefix}: no service or router is reachable")
+        try:
+            for session in self._connection.sessions:
+                assembly.subscribe(session, self._prefix)
+                return
+        except zenoh.ZError:
+            if not self._state.is_closed:
+                raise
+        if not self._state.is_closed:
+            raise FrameUnavailable(f"{self._prefix}: no service or router is reachable")
 
     def _no_frame_reason(self, topics: tuple[str, ...], timeout_s: float | None) -> str:
         where = f"{self._prefix}: no frame within {timeout_s or 0.0:g} s: "

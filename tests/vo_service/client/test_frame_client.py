@@ -159,6 +159,22 @@ def test_close_ends_a_loop(client: FrameClient, robot: Robot) -> None:
     assert ended == [[]]
 
 
+def test_close_ends_a_loop_that_waits_for_a_service() -> None:
+    ended: list[object] = []
+    client = FrameClient(connect=f"tcp/127.0.0.1:{free_port()}")
+    thread = threading.Thread(target=lambda: ended.append(list(client.frames())))
+    thread.start()
+    wait_until(lambda: client._assemblies)
+    client.close()
+    thread.join(60.0)
+    assert ended == [[]]
+
+
+def test_a_closed_client_has_no_frames(client: FrameClient) -> None:
+    client.close()
+    assert list(client.frames()) == []
+
+
 @pytest.mark.parametrize("call", [FrameClient.frames, FrameClient.points])
 def test_a_bad_time_out_is_refused(
     client: FrameClient, call: Callable[..., Iterator[object]]

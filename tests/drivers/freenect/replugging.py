@@ -3,14 +3,23 @@
 The camera and its base run in a process of their own, as in the service; this process reads.
 """
 
+import ctypes
 import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from drivers.camera import CameraState, Clock, FrameTimeout, PlaybackMode, SensorConfig
+from drivers.camera import (
+    CameraState,
+    Clock,
+    FrameTimeout,
+    PlaybackMode,
+    RgbdCamera,
+    SensorConfig,
+)
 from drivers.freenect.camera import make_kinect_camera
 from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera.camera import SubprocessCamera
@@ -25,6 +34,10 @@ FAST_TIMEOUTS = Timeouts(
     initial_retry_s=0.01,
     max_retry_s=0.01,
 )
+
+
+# Of mallopt(3).
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 
 # The camera, and the motor or the audio device that drives it.
@@ -49,11 +62,18 @@ class HeldResources:
 @contextmanager
 def kinect_in_subprocess() -> Iterator[SubprocessCamera]:
     """The first Kinect that the environment shows, open."""
-    recipe = partial(make_kinect_camera, "", SensorConfig(), None)
+    recipe = partial(_make_camera_that_frees_at_once, "", SensorConfig(), None)
     with SubprocessCamera(
         "freenect", Clock.MONOTONIC, recipe, PlaybackMode.REALTIME, FAST_TIMEOUTS
     ) as camera:
         yield camera
+
+
+def _make_camera_that_frees_at_once(*arguments: Any) -> RgbdCamera:
+    """In the driver's process: what is freed leaves its memory at once, so that a leak shows."""
+    for parameter, value in ((M_TRIM_THRESHOLD, 0), (M_MMAP_THRESHOLD, 1 << 16)):
+        ctypes.CDLL(None).mallopt(parameter, value)
+    return make_kinect_camera(*arguments)
 
 
 def replug(camera: SubprocessCamera, kinect: KinectSimulator) -> None:

@@ -17,7 +17,7 @@ from vo_service.outputs.frames import (
     frame_attachment,
     make_topics,
 )
-from vo_service.outputs.zenoh.session_check import endpoints_without_roles
+from vo_service.outputs.zenoh import endpoints_without_roles
 from vo_service.types import OdometryUpdate
 from vo_service.types.outputs import OutputBase
 

@@ -1,6 +1,7 @@
 """Output of poses over Zenoh.
 
-Here: the opening of a session: addresses, the file of Zenoh's own options, readable errors.
+Here: the opening of a session: addresses, who can reach them, the file of Zenoh's own options,
+readable errors.
 """
 
 import ipaddress
@@ -9,7 +10,7 @@ import logging
 import os
 import re
 import resource
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ logger = logging.getLogger(__name__)
 _ENDPOINT = re.compile(
     r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^:\[\]?#]+):(?P<port>[0-9]{1,5})(\?.*)?(#.*)?"
 )
+ENCRYPTED_PROTOCOLS = ("tls", "quic")
 # Keys of a Zenoh configuration that hold file names.
 _FILE_KEYS = (
     "transport/link/tls/root_ca_certificate",
@@ -114,6 +116,52 @@ def session_endpoints(config: ZenohConfig) -> tuple[str, ...]:
     """
     settings = build_zenoh_config(config)
     return (*configured_endpoints(settings, "listen"), *configured_endpoints(settings, "connect"))
+
+
+def endpoints_without_roles(config: ZenohConfig) -> list[str]:
+    """Return the endpoints in the network over which everybody gets all that is published.
+
+    They are not encrypted or take no certificates, or there are no rules for those who connect.
+
+    Raises:
+        InputError: The configuration is not valid.
+    """
+    settings = build_zenoh_config(config)
+    has_certificates = requires_client_certificates(settings)
+    has_rules = json.loads(settings.get_json("access_control/enabled")) is True
+    listen, connect = (configured_endpoints(settings, key) for key in ("listen", "connect"))
+    return [
+        *exposed_endpoints(listen, is_encryption_enough=has_certificates and has_rules),
+        *exposed_endpoints(connect, is_encryption_enough=True),  # the router has the rules
+    ]
+
+
+def exposed_endpoints(endpoints: Sequence[str], is_encryption_enough: bool) -> list[str]:
+    """Return the endpoints in the network that are not protected.
+
+    Args:
+        endpoints: The endpoints.
+        is_encryption_enough: Whether an encrypted endpoint is protected.
+    """
+    protected = ENCRYPTED_PROTOCOLS if is_encryption_enough else ()
+    return [
+        text
+        for text, endpoint in zip(endpoints, map(parse_endpoint, endpoints), strict=True)
+        if _is_network_endpoint(endpoint) and endpoint.protocol not in protected
+    ]
+
+
+def _is_network_endpoint(endpoint: Endpoint) -> bool:
+    if not endpoint.host:
+        return False  # a pipe, or a socket in the file system
+    if endpoint.address is None:
+        return endpoint.host != "localhost"
+    return not endpoint.address.is_loopback
+
+
+def requires_client_certificates(settings: zenoh.Config) -> bool:
+    """Return whether TLS clients need a certificate."""
+    return json.loads(settings.get_json("transport/link/tls/enable_mtls")) is True
 
 
 def is_connected_to_any(session: zenoh.Session, endpoints: Iterable[str]) -> bool:

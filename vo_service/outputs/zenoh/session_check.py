@@ -10,14 +10,15 @@ import zenoh
 from drivers.core import InputError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
 from vo_service.outputs.zenoh import (
-    Endpoint,
+    ENCRYPTED_PROTOCOLS,
     build_zenoh_config,
     configured_endpoints,
+    exposed_endpoints,
     open_with_shared_memory,
     parse_endpoint,
+    requires_client_certificates,
 )
 
-_ENCRYPTED = ("tls", "quic")
 _UNENCRYPTED = ("tcp", "udp", "ws")
 _PATH_PROTOCOLS = ("unixsock-stream", "unixpipe", "serial", "vsock")
 
@@ -38,58 +39,22 @@ def check_session_config(config: ZenohConfig) -> str:
         _check_endpoint(endpoint, where)
     _check_tls_keys(settings, where, listen, connect)
     _check_rules(settings, where)
-    exposed = _open_endpoints(listen, _requires_client_certificates(settings))
+    exposed = exposed_endpoints(listen, requires_client_certificates(settings))
     if not exposed:
         return ""
     open_to_all = f"anyone in the network may connect to {', '.join(exposed)}"
     return f"{where}: {open_to_all}; docs/guide/remote-access.md"
 
 
-def endpoints_without_roles(config: ZenohConfig) -> list[str]:
-    """Return the endpoints in the network over which everybody gets all that is published.
-
-    They are not encrypted or take no certificates, or there are no rules for those who connect.
-
-    Raises:
-        InputError: The configuration is not valid.
-    """
-    settings = build_zenoh_config(config)
-    has_certificates = _requires_client_certificates(settings)
-    has_rules = json.loads(settings.get_json("access_control/enabled")) is True
-    listen, connect = (configured_endpoints(settings, key) for key in ("listen", "connect"))
-    return [
-        *_open_endpoints(listen, is_encryption_enough=has_certificates and has_rules),
-        *_open_endpoints(connect, is_encryption_enough=True),  # the router has the rules
-    ]
-
-
-def _open_endpoints(endpoints: Sequence[str], is_encryption_enough: bool) -> list[str]:
-    """Return the endpoints in the network that are not protected."""
-    protected = _ENCRYPTED if is_encryption_enough else ()
-    return [
-        text
-        for text, endpoint in zip(endpoints, map(parse_endpoint, endpoints), strict=True)
-        if _is_network_endpoint(endpoint) and endpoint.protocol not in protected
-    ]
-
-
 def _check_endpoint(text: str, where: str) -> None:
     if text.partition("/")[0] in _PATH_PROTOCOLS:
         return
     endpoint = parse_endpoint(text)
-    if endpoint.protocol not in (*_UNENCRYPTED, *_ENCRYPTED) or int(endpoint.port) > 65535:
+    if endpoint.protocol not in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) or int(endpoint.port) > 65535:
         raise InputError(
             f"{where}: {json.dumps(text)} is not an endpoint; write PROTOCOL/ADDRESS:PORT, such as "
             f"{DEFAULT_ENDPOINT} or tls/robot1.local:7451"
         )
-
-
-def _is_network_endpoint(endpoint: Endpoint) -> bool:
-    if not endpoint.host:
-        return False  # a pipe, or a socket in the file system
-    if endpoint.address is None:
-        return endpoint.host != "localhost"
-    return not endpoint.address.is_loopback
 
 
 def _check_rules(settings: zenoh.Config, where: str) -> None:
@@ -140,11 +105,6 @@ def _check_tls_keys(
             )
 
 
-def _requires_client_certificates(settings: zenoh.Config) -> bool:
-    """Return whether TLS clients need a certificate."""
-    return json.loads(settings.get_json("transport/link/tls/enable_mtls")) is True
-
-
 def _check_pair(certificate: str, key: str, where: str) -> None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     # An empty password: a prompt on the terminal would block forever.
@@ -171,4 +131,4 @@ def _tls_file(settings: zenoh.Config, name: str) -> str:
 
 
 def _has_encrypted_endpoint(endpoints: Sequence[str]) -> bool:
-    return any(endpoint.partition("/")[0] in _ENCRYPTED for endpoint in endpoints)
+    return any(endpoint.partition("/")[0] in ENCRYPTED_PROTOCOLS for endpoint in endpoints)

@@ -18,9 +18,8 @@ from drivers.calibration import (
 from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.registry import ONI_SUFFIX, SENSORS
-from vo_service.cli.options import requested_topics
+from vo_service.cli.options import requested_topics, run_warm_up
 from vo_service.cli.recordings import open_requested
-from vo_service.cli.warm_up import run_warm_up
 from vo_service.config import Config, read_config
 from vo_service.odometry.registry import warm_up
 from vo_service.sensor_memory import (

@@ -18,9 +18,9 @@ from vo_service.cli.options import (
     add_publish_option,
     load_config,
     parse_seconds,
+    prepare_kernels,
     print_message,
 )
-from vo_service.cli.warm_up import prepare_kernels
 from vo_service.frame_source import PacedSource
 from vo_service.outputs.status import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array, Trajectory, format_pose_line
-from vo_service.cli.warm_up import prepare_loop_closure
+from vo_service.cli.options import prepare_loop_closure
 from vo_service.config import Config
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal

@@ -22,9 +22,8 @@ from drivers.recording import Recording
 from drivers.recording_camera import RecordingCamera
 from vo_service.app import run_replay
 from vo_service.cli.loop_closure_options import make_loop_closure
-from vo_service.cli.options import load_config, requested_topics
+from vo_service.cli.options import load_config, prepare_kernels, requested_topics, run_warm_up
 from vo_service.cli.recordings import open_requested
-from vo_service.cli.warm_up import prepare_kernels, run_warm_up
 from vo_service.config import Config
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews

@@ -22,9 +22,9 @@ from vo_service.cli.options import (
     load_config,
     parse_playback_mode,
     parse_seconds,
+    prepare_kernels,
 )
 from vo_service.cli.recordings import RECORDING_HELP, replayed_recording
-from vo_service.cli.warm_up import prepare_kernels
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.status import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder

@@ -30,10 +30,12 @@ from vo_service.cli.options import (
     add_output_options,
     add_prefix_option,
     load_config,
+    loops_are_prepared,
     parse_playback_mode,
+    prepare_kernels,
+    prepare_loop_closure,
     requested_topics,
 )
-from vo_service.cli.warm_up import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
 from vo_service.logs import set_log_level

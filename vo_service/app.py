@@ -18,7 +18,6 @@ from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
 from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, LiveSource, make_publish_clock
-from vo_service.logs import set_log_level
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry import CpuStageTimer
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
@@ -26,6 +25,7 @@ from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoin
 from vo_service.service import Estimator, Service, ServiceInput
 from vo_service.service_statistics import LoadShedder, ServiceStatistics
 from vo_service.signals import StopSignal
+from vo_service.terminal import set_log_level
 from vo_service.types import Odometry
 from vo_service.types.commands import ReloadConfig
 from vo_service.types.outputs import (

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.vo_service.fakes import FakeClock
-from vo_service.logs import (
+from vo_service.terminal import (
     MAX_REPEATS,
     MAX_TRACKED_LINES,
     REPEAT_PERIOD_S,
@@ -32,7 +32,9 @@ def root_level() -> Iterator[None]:
 
 def journal_of(code: str, *, is_journal: bool = True) -> list[str]:
     """The lines of a program whose stderr is, or only seems to be, the journal."""
-    program = f"import logging\nfrom vo_service.logs import *\nwith log_to_stderr():\n    {code}\n"
+    program = (
+        f"import logging\nfrom vo_service.terminal import *\nwith log_to_stderr():\n    {code}\n"
+    )
     with tempfile.TemporaryFile("w+") as stream:
         state = os.fstat(stream.fileno())
         inode = state.st_ino if is_journal else state.st_ino + 1

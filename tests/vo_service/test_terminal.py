@@ -14,8 +14,7 @@ from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.fakes import FakeClock
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service import terminal as terminal_module
-from vo_service.logs import log_to_stderr
-from vo_service.terminal import Terminal, announce_if_slow, clear_line
+from vo_service.terminal import Terminal, announce_if_slow, clear_line, log_to_stderr
 
 
 @pytest.fixture

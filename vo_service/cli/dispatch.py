@@ -12,9 +12,8 @@ from typing import NoReturn
 
 from drivers.core import UserFacingError
 from drivers.core.files import kernel_folder
-from vo_service.logs import log_to_stderr
 from vo_service.signals import EXIT_CODE_SIGINT
-from vo_service.terminal import clear_line
+from vo_service.terminal import clear_line, log_to_stderr
 
 # Each command by who needs it, and what it does. Its module is imported only when it is used.
 COMMAND_GROUPS = {

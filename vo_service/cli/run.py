@@ -38,7 +38,6 @@ from vo_service.cli.options import (
 )
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
-from vo_service.logs import set_log_level
 from vo_service.outputs.status import ProgressOutput, StateLogOutput, SystemdOutput
 from vo_service.outputs.zenoh.connection import ConnectWithRetry
 from vo_service.outputs.zenoh.output import ExtraEndpoints
@@ -51,7 +50,7 @@ from vo_service.signals import (
     run_on_loop_thread,
     stop_on_signals,
 )
-from vo_service.terminal import Terminal
+from vo_service.terminal import Terminal, set_log_level
 from vo_service.types.outputs import Output
 
 EPILOG = """\

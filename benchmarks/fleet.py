@@ -31,7 +31,7 @@ from tests.vo_service.service_process import KINECT_VO
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
-from vo_service.ros_messages import decode_odometry
+from vo_service.ros_messages.decoding import decode_odometry
 from vo_service.tools.certificates import CertificateAuthority
 from vo_service.types import Estimate, OdometryUpdate, TrackingState
 

@@ -15,7 +15,7 @@ import zenoh
 
 from drivers.core.geometry import Array
 from tests.resource_leaks import child_pids_of
-from vo_service.ros_messages import decode_odometry
+from vo_service.ros_messages.decoding import decode_odometry
 
 PERIOD_US = 100_000  # as systemd
 STOP_TIMEOUT_S = 10.0

@@ -18,10 +18,8 @@ from vo_service.client.pose import Pose, PoseReader, ReceivedPose, parse_pose_sa
 from vo_service.client.subscription import ServiceClient
 from vo_service.config_tables import DEFAULT_ENDPOINT
 from vo_service.outputs.zenoh import MAX_FRAME_MESSAGE_BYTES
-from vo_service.ros_messages.sensors import (
-    CompressedImageMessage,
-    PointCloudMessage,
-    RawImageMessage,
+from vo_service.ros_messages import CompressedImageMessage, PointCloudMessage, RawImageMessage
+from vo_service.ros_messages.decoding import (
     decode_camera_info,
     decode_color_jpeg,
     decode_compressed_image,

@@ -1,21 +1,20 @@
-"""ROS 2 messages in plain CDR, and those of poses and transforms. Needs only numpy.
+"""ROS 2 messages in plain CDR, and their encoding. Needs only numpy.
 
-Layout: 4 bytes of header (``00 01 00 00``, little endian), then the fields in order. Each field is
-aligned to its own size, counted from the end of the header (OMG DDS-XTypes, "plain CDR").
-`sensors` has the messages of a camera.
+Poses and transforms come first, then the messages of a camera. Layout: 4 bytes of header
+(``00 01 00 00``, little endian), then the fields in order. Each field is aligned to its own size,
+counted from the end of the header (OMG DDS-XTypes, "plain CDR"). `decoding` reads them.
 """
 
 import math
 import struct
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array, quaternion_from_rotation, transform_from_pose
+from drivers.core.geometry import Array, quaternion_from_rotation
 
 CDR_HEADER = b"\x00\x01\x00\x00"
 _STAMP = struct.Struct("<iI")
@@ -77,64 +76,6 @@ class CdrWriter:
         self._length += len(data)
 
 
-class CdrReader:
-    """Reads the fields of one message, in order.
-
-    Its methods raise ValueError or `struct.error` if the message is too short or malformed;
-    `reading` turns them into one ValueError.
-    """
-
-    def __init__(self, payload: BytesLike) -> None:
-        """Start to read.
-
-        Raises:
-            ValueError: It is not little-endian CDR.
-        """
-        view = memoryview(cast(bytes, payload))
-        if view[:4] != CDR_HEADER:
-            raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
-        self._body = view[4:]
-        self._offset = 0
-
-    def uint8(self) -> int:
-        """Read an 8-bit number."""
-        return int(self._unpack("<B", 1)[0])
-
-    def uint32(self) -> int:
-        """Read a 32-bit number."""
-        return int(self._unpack("<I", 4)[0])
-
-    def float64s(self, count: int) -> Array:
-        """Read 64-bit floats."""
-        self._offset += -self._offset % 8
-        numbers = np.frombuffer(self._take(8 * count), "<f8")
-        return numbers.astype(np.float64)
-
-    def string(self) -> str:
-        """Read a string."""
-        return self.byte_sequence().tobytes().rstrip(b"\x00").decode()
-
-    def byte_sequence(self) -> NDArray[np.uint8]:
-        """Read a sequence of bytes, without a copy: a read-only array."""
-        return np.frombuffer(self._take(self.uint32()), np.uint8)
-
-    def header(self) -> tuple[float, str]:
-        """Read a ``std_msgs/msg/Header``: stamp in seconds, frame."""
-        sec, nanosec = self._unpack("<iI", 4)
-        return sec + nanosec * 1e-9, self.string()
-
-    def _unpack(self, layout: str, alignment: int) -> tuple[Any, ...]:
-        self._offset += -self._offset % alignment
-        return struct.unpack(layout, self._take(struct.calcsize(layout)))
-
-    def _take(self, count: int) -> memoryview:
-        taken = self._body[self._offset : self._offset + count]
-        if len(taken) < count:
-            raise ValueError(f"it ends after {len(self._body) + 4} bytes")
-        self._offset += count
-        return taken
-
-
 STRING_SCHEMA = "std_msgs/msg/String"
 
 
@@ -143,24 +84,6 @@ def encode_string(text: str) -> bytes:
     writer = CdrWriter()
     writer.string(text)
     return writer.to_bytes()
-
-
-@contextmanager
-def reading(payload: BytesLike, schema: str) -> Iterator[CdrReader]:
-    """Read a message in the block.
-
-    Args:
-        payload: The message.
-        schema: Its type, for the error.
-
-    Raises:
-        ValueError: The bytes are not such a message, in little-endian CDR.
-    """
-    reader = CdrReader(payload)
-    try:
-        yield reader
-    except (struct.error, UnicodeDecodeError, ValueError) as error:
-        raise ValueError(f"not a {schema} message: {error}") from error
 
 
 def split_stamp(stamp_s: float) -> tuple[int, int]:
@@ -183,10 +106,6 @@ def split_stamp(stamp_s: float) -> tuple[int, int]:
 ODOMETRY_SCHEMA = "nav_msgs/msg/Odometry"
 TRANSFORM_SCHEMA = "geometry_msgs/msg/TransformStamped"
 TRANSFORMS_SCHEMA = "tf2_msgs/msg/TFMessage"
-# position 3, quaternion 4, covariance 36, twist 6, covariance 36
-_ODOMETRY_NUMBERS = 85
-# translation 3, quaternion 4
-_TRANSFORM_NUMBERS = 7
 
 
 @dataclass(frozen=True)
@@ -247,27 +166,6 @@ def encode_odometry(message: OdometryMessage) -> bytes:
     return writer.to_bytes()
 
 
-def decode_odometry(payload: BytesLike) -> OdometryMessage:
-    """Decode a message from `encode_odometry` or any ROS 2 node.
-
-    Raises:
-        ValueError: The bytes are not a little-endian Odometry message.
-    """
-    with reading(payload, ODOMETRY_SCHEMA) as reader:
-        stamp_s, frame_id = reader.header()
-        child_frame_id = reader.string()
-        numbers = reader.float64s(_ODOMETRY_NUMBERS)
-    return OdometryMessage(
-        stamp_s=stamp_s,
-        frame_id=frame_id,
-        child_frame_id=child_frame_id,
-        T_frame_child=transform_from_pose(numbers[:3], numbers[3:7]),
-        pose_covariance=numbers[7:43].reshape(6, 6),
-        twist=numbers[43:49],
-        twist_covariance=numbers[49:85].reshape(6, 6),
-    )
-
-
 @dataclass(frozen=True)
 class TransformMessage:
     """Transform between two frames.
@@ -316,16 +214,6 @@ def encode_transforms(messages: Sequence[TransformMessage]) -> bytes:
     return writer.to_bytes()
 
 
-def decode_transform(payload: BytesLike) -> TransformMessage:
-    """Decode a message from `encode_transform` or any ROS 2 node.
-
-    Raises:
-        ValueError: The bytes are not a little-endian TransformStamped message.
-    """
-    with reading(payload, TRANSFORM_SCHEMA) as reader:
-        return _read_transform(reader)
-
-
 def _write_transform(writer: CdrWriter, message: TransformMessage) -> None:
     if not np.all(np.isfinite(message.T_frame_child)):
         raise ValueError(f"transform at {message.stamp_s} s has a number that is not finite")
@@ -334,9 +222,204 @@ def _write_transform(writer: CdrWriter, message: TransformMessage) -> None:
     writer.float64s(np.concatenate([message.translation_m, message.quaternion_xyzw]))
 
 
-def _read_transform(reader: CdrReader) -> TransformMessage:
-    stamp_s, frame_id = reader.header()
-    child_frame_id = reader.string()
-    numbers = reader.float64s(_TRANSFORM_NUMBERS)
-    T_frame_child = transform_from_pose(numbers[:3], numbers[3:])
-    return TransformMessage(stamp_s, frame_id, child_frame_id, T_frame_child)
+IMAGE_SCHEMA = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE_SCHEMA = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO_SCHEMA = "sensor_msgs/msg/CameraInfo"
+POINT_CLOUD_SCHEMA = "sensor_msgs/msg/PointCloud2"
+IMU_SCHEMA = "sensor_msgs/msg/Imu"
+# Array type and number of channels by encoding (sensor_msgs/image_encodings.hpp).
+ENCODINGS = {"bgr8": (np.uint8, 3), "16UC1": (np.uint16, 1)}
+# Before the PNG of compressedDepth: coding 0 (inverse depth), and its two parameters, which 16UC1
+# does not use.
+DEPTH_PNG_HEADER = struct.pack("<iff", 0, 0.0, 0.0)
+# sensor_msgs/msg/PointField.FLOAT32
+_FLOAT32 = 7
+POINT_FIELDS = {"x": 0, "y": 4, "z": 8, "rgb": 12}
+POINT = np.dtype([("xyz", "<f4", 3), ("bgr", "u1", 3), ("unused", "u1")])
+
+
+@dataclass(frozen=True)
+class RawImageMessage:
+    """A raw image.
+
+    Attributes:
+        stamp_s: Time of the image, Unix seconds.
+        frame_id: Frame of the camera, with optical axes: x right, y down, z forward.
+        encoding: ``bgr8`` or ``16UC1`` (depth in millimeters, 0 = no reading).
+        pixels: (height, width, 3) uint8 for ``bgr8``, (height, width) uint16 for ``16UC1``.
+    """
+
+    stamp_s: float
+    frame_id: str
+    encoding: str
+    pixels: NDArray[np.uint8] | NDArray[np.uint16]
+
+
+def encode_image(message: RawImageMessage) -> bytes:
+    """Encode an image as CDR.
+
+    Raises:
+        ValueError: The stamp does not fit, or the pixels do not have the encoding's type and shape.
+    """
+    dtype, channels = ENCODINGS[message.encoding]
+    pixels = np.ascontiguousarray(message.pixels)
+    height, width, *rest = pixels.shape
+    if pixels.dtype != dtype or rest != [channels][: channels > 1]:
+        raise ValueError(f"{pixels.dtype} {pixels.shape} is not an image in {message.encoding}")
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.uint32(height, width)
+    writer.string(message.encoding)
+    writer.uint8(0)  # is_bigendian
+    writer.uint32(width * channels * pixels.itemsize)
+    writer.byte_sequence(pixels)
+    return writer.to_bytes()
+
+
+@dataclass(frozen=True)
+class CompressedImageMessage:
+    """An image in a file format.
+
+    Attributes:
+        stamp_s: Time of the image, Unix seconds.
+        frame_id: Frame of the camera, with optical axes.
+        format: Encoding of the image and of the data, as ROS's image_transport writes it.
+        data: The compressed image.
+    """
+
+    stamp_s: float
+    frame_id: str
+    format: str
+    data: BytesLike
+
+
+def encode_compressed_image(message: CompressedImageMessage) -> bytes:
+    """Encode a compressed image as CDR.
+
+    Raises:
+        ValueError: The stamp does not fit.
+    """
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.string(message.format)
+    writer.byte_sequence(message.data)
+    return writer.to_bytes()
+
+
+@dataclass(frozen=True)
+class CameraInfoMessage:
+    """Intrinsics of an undistorted image.
+
+    Attributes:
+        stamp_s: Time of the image, Unix seconds.
+        frame_id: Frame of the camera, with optical axes.
+        width: Columns of the image.
+        height: Rows of the image.
+        K: 3x3 intrinsics, pixels; the center of the first pixel is (0, 0).
+    """
+
+    stamp_s: float
+    frame_id: str
+    width: int
+    height: int
+    K: Array
+
+
+def encode_camera_info(message: CameraInfoMessage) -> bytes:
+    """Encode the intrinsics as CDR, with model ``plumb_bob`` and no distortion.
+
+    Raises:
+        ValueError: The stamp does not fit, or the intrinsics are not finite.
+    """
+    if not np.all(np.isfinite(message.K)):
+        raise ValueError(f"intrinsics at {message.stamp_s} s have a number that is not finite")
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.uint32(message.height, message.width)
+    writer.string("plumb_bob")
+    writer.uint32(5)
+    writer.float64s(np.zeros(5))  # distortion
+    writer.float64s(message.K.ravel())
+    writer.float64s(np.eye(3).ravel())  # rectification
+    writer.float64s(np.hstack([message.K, np.zeros((3, 1))]).ravel())  # projection
+    writer.uint32(0, 0)  # binning
+    writer.uint32(0, 0, 0, 0)  # region of interest: the whole image
+    writer.uint8(0)
+    return writer.to_bytes()
+
+
+@dataclass(frozen=True)
+class PointCloudMessage:
+    """Colored points.
+
+    Attributes:
+        stamp_s: Time of the points, Unix seconds.
+        frame_id: Frame of the points.
+        xyz_m: (N, 3) float32.
+        bgr: (N, 3) uint8.
+    """
+
+    stamp_s: float
+    frame_id: str
+    xyz_m: NDArray[np.float32]
+    bgr: NDArray[np.uint8]
+
+
+def encode_point_cloud(message: PointCloudMessage) -> bytes:
+    """Encode points as CDR: one row, fields x, y, z and rgb of 4 bytes each.
+
+    Raises:
+        ValueError: The stamp does not fit, or a point is not finite.
+    """
+    if not np.all(np.isfinite(message.xyz_m)):
+        raise ValueError(f"points at {message.stamp_s} s have a number that is not finite")
+    points = np.zeros(len(message.xyz_m), POINT)
+    points["xyz"], points["bgr"] = message.xyz_m, message.bgr
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.uint32(1, len(points))
+    writer.uint32(len(POINT_FIELDS))
+    for name, offset in POINT_FIELDS.items():
+        writer.string(name)
+        writer.uint32(offset)
+        writer.uint8(_FLOAT32)
+        writer.uint32(1)
+    writer.uint8(0)  # is_bigendian
+    writer.uint32(POINT.itemsize, points.nbytes)
+    writer.byte_sequence(points)
+    writer.uint8(1)  # is_dense
+    return writer.to_bytes()
+
+
+@dataclass(frozen=True)
+class ImuMessage:
+    """A measurement of an accelerometer.
+
+    Attributes:
+        stamp_s: Time of the measurement, Unix seconds.
+        frame_id: Frame of the axes.
+        acceleration_m_s2: (3,) specific force: at rest it points up (REP 145).
+    """
+
+    stamp_s: float
+    frame_id: str
+    acceleration_m_s2: Array
+
+
+def encode_imu(message: ImuMessage) -> bytes:
+    """Encode a measurement as CDR, without orientation and angular velocity.
+
+    The first covariance of an absent quantity is -1; that of the acceleration is unknown, all 0.
+
+    Raises:
+        ValueError: The stamp does not fit, or the acceleration is not finite.
+    """
+    if not np.all(np.isfinite(message.acceleration_m_s2)):
+        raise ValueError(f"acceleration at {message.stamp_s} s is not finite")
+    absent = np.array([-1.0, *[0.0] * 8])
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.float64s(np.concatenate([np.array([0.0, 0.0, 0.0, 1.0]), absent]))
+    writer.float64s(np.concatenate([np.zeros(3), absent]))
+    writer.float64s(np.concatenate([message.acceleration_m_s2, np.zeros(9)]))
+    return writer.to_bytes()

@@ -14,13 +14,12 @@ from drivers.core.geometry import rigid_transform, so3_exp
 from vo_service.ros_messages import (
     OdometryMessage,
     TransformMessage,
-    decode_odometry,
-    decode_transform,
     encode_odometry,
     encode_transform,
     encode_transforms,
     split_stamp,
 )
+from vo_service.ros_messages.decoding import decode_odometry, decode_transform
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 meters = st.floats(-1e6, 1e6)

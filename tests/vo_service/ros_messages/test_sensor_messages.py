@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rosbags.typesys import Stores, get_typestore
 
-from vo_service.ros_messages import CDR_HEADER, decode_transform, split_stamp
-from vo_service.ros_messages import sensors as ros
+from vo_service import ros_messages as ros
+from vo_service.ros_messages import CDR_HEADER, decoding, split_stamp
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 frame_ids = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=30)
@@ -52,7 +52,7 @@ def test_a_color_image(stamp_s: float, frame_id: str, data: st.DataObject, size:
         step=3 * size[1],
         data=pixels.ravel(),
     )
-    decoded = ros.decode_image(encoded)
+    decoded = decoding.decode_image(encoded)
     np.testing.assert_array_equal(decoded.pixels, pixels)
     assert (decoded.frame_id, decoded.encoding) == (frame_id, "bgr8")
     assert split_stamp(decoded.stamp_s) == split_stamp(stamp_s)
@@ -67,7 +67,7 @@ def test_a_depth_image(stamp_s: float, frame_id: str, data: st.DataObject, size:
     decoded = deserialize(encoded, ros.IMAGE_SCHEMA)
     assert (decoded.height, decoded.width, decoded.step) == (*size, 2 * size[1])
     np.testing.assert_array_equal(decoded.data.view(np.uint16).reshape(size), pixels)
-    np.testing.assert_array_equal(ros.decode_image(encoded).pixels, pixels)
+    np.testing.assert_array_equal(decoding.decode_image(encoded).pixels, pixels)
 
 
 @given(stamps, frame_ids, st.binary(max_size=50))
@@ -79,7 +79,7 @@ def test_a_compressed_image(stamp_s: float, frame_id: str, data: bytes) -> None:
     array = np.frombuffer(data, np.uint8)
     schema = ros.COMPRESSED_IMAGE_SCHEMA
     assert encoded == by_rosbags(schema, header=header(message), format=text, data=array)
-    assert bytes(ros.decode_compressed_image(encoded).data) == data
+    assert bytes(decoding.decode_compressed_image(encoded).data) == data
 
 
 @given(stamps, frame_ids, sizes, arrays(np.float64, (3, 3), elements=numbers))
@@ -102,7 +102,7 @@ def test_camera_info(stamp_s: float, frame_id: str, size: Any, K: Any) -> None:
         binning_y=0,
         roi=region,
     )
-    np.testing.assert_array_equal(ros.decode_camera_info(encoded).K, K)
+    np.testing.assert_array_equal(decoding.decode_camera_info(encoded).K, K)
 
 
 @given(stamps, frame_ids, st.integers(0, 20), st.data())
@@ -122,7 +122,7 @@ def test_a_point_cloud(stamp_s: float, frame_id: str, count: int, data: st.DataO
     rows = cloud.data.reshape(count, 16)
     np.testing.assert_array_equal(rows[:, :12].copy().view(np.float32), xyz_m)
     np.testing.assert_array_equal(rows[:, 12:15], bgr)  # rgb is 0x00RRGGBB, little endian
-    decoded = ros.decode_point_cloud(encoded)
+    decoded = decoding.decode_point_cloud(encoded)
     np.testing.assert_array_equal(decoded.xyz_m, xyz_m)
     np.testing.assert_array_equal(decoded.bgr, bgr)
 
@@ -138,11 +138,11 @@ def test_an_acceleration(stamp_s: float, frame_id: str, acceleration: Any) -> No
 
 
 DECODERS = (
-    ros.decode_image,
-    ros.decode_compressed_image,
-    ros.decode_camera_info,
-    ros.decode_point_cloud,
-    decode_transform,
+    decoding.decode_image,
+    decoding.decode_compressed_image,
+    decoding.decode_camera_info,
+    decoding.decode_point_cloud,
+    decoding.decode_transform,
 )
 
 
@@ -178,4 +178,4 @@ def test_a_distorted_camera_info_is_refused() -> None:
     assert len(encoded) == 381
     encoded[76:84] = np.float64(0.1).tobytes()
     with pytest.raises(ValueError, match="distorted"):
-        ros.decode_camera_info(encoded)
+        decoding.decode_camera_info(encoded)

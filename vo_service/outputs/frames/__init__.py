@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from drivers.camera import AccelerometerReading, NewReadings, RgbdFrame
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.config_tables import FramesConfig, Ros2Config
-from vo_service.ros_messages.sensors import (
+from vo_service.ros_messages import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
     DEPTH_PNG_HEADER,

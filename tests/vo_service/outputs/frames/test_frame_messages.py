@@ -10,11 +10,8 @@ from vo_service.outputs.frames import (
     FrameMessages,
     depth_in_mm,
 )
-from vo_service.ros_messages.sensors import (
-    CompressedImageMessage,
-    decode_color_jpeg,
-    decode_depth_png,
-)
+from vo_service.ros_messages import CompressedImageMessage
+from vo_service.ros_messages.decoding import decode_color_jpeg, decode_depth_png
 
 CAMERA = PinholeCamera(64, 48, 50.0, 52.0, 31.5, 23.5)
 

@@ -21,12 +21,12 @@ from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.outputs.frames import FrameOutputConfig
 from vo_service.outputs.frames.output import open_frame_outputs
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
-from vo_service.ros_messages import decode_odometry
-from vo_service.ros_messages.sensors import (
-    IMU_SCHEMA,
+from vo_service.ros_messages import IMU_SCHEMA
+from vo_service.ros_messages.decoding import (
     decode_color_jpeg,
     decode_compressed_image,
     decode_depth_png,
+    decode_odometry,
     decode_point_cloud,
 )
 from vo_service.types import OdometryUpdate

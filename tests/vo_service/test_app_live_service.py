@@ -3,7 +3,7 @@
 from tests.vo_service.fakes import ScriptedCamera, ScriptedOdometry
 from vo_service.app import ServiceDependencies, make_config_handlers
 from vo_service.config import RELOADABLE_KEYS
-from vo_service.service_statistics import LoadShedder
+from vo_service.control import LoadShedder
 
 
 def test_every_live_key_has_a_handler() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.vo_service.fakes import FakeClock
 from vo_service.config_tables import LoadConfig
-from vo_service.service_statistics import MAX_PAUSE_S, LoadShedder
+from vo_service.control import MAX_PAUSE_S, LoadShedder
 
 INTERVAL_S = 1 / 32  # a number that adds up without rounding
 

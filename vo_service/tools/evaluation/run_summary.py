@@ -7,7 +7,7 @@ from typing import Any, Self
 from drivers.camera import CameraCounters
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
-from vo_service.service_statistics import ServiceStatistics
+from vo_service.service import ServiceStatistics
 from vo_service.terminal import format_columns, format_mm
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.types import OnlineFocalLength, OnlineTiming

@@ -24,7 +24,7 @@ SINGLE = {
     "SharedMemory": set(),
     "Condition": {
         "drivers/core/flow_control.py",
-        "drivers/recording/prefetch.py",  # frames with a due time
+        "drivers/recording_camera.py",  # frames with a due time
         "vo_service/client/frame_client.py",  # the newest frame, made of several messages
         "vo_service/client/subscription.py",  # the newest pose, which is not taken
     },

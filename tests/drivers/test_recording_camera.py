@@ -13,8 +13,7 @@ import pytest
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import CameraCounters, Clock, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core import CameraError, InputError
-from drivers.recording.prefetch import FrameReader
-from drivers.recording_camera import RecordingCamera
+from drivers.recording_camera import FrameReader, RecordingCamera
 
 FolderMaker = Callable[..., Path]
 

@@ -30,8 +30,7 @@ from drivers.recording.frames import (
     calibration_of_frame,
     encode_image,
 )
-from drivers.recording.prefetch import FrameReader
-from drivers.recording_camera import check_bag_packages
+from drivers.recording_camera import FrameReader, check_bag_packages
 from drivers.tum.writer import TumWriter
 
 if TYPE_CHECKING:  # its packages are optional

@@ -19,8 +19,7 @@ from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
 from drivers.recording import Recording, UnreadableFrameError
-from drivers.recording.prefetch import FrameReader
-from drivers.recording_camera import open_recording
+from drivers.recording_camera import FrameReader, open_recording
 from vo_service.odometry import CpuStageTimer
 from vo_service.tools.benchmark import CompletedRun, FrameLog, LoopClosureRun
 from vo_service.tools.benchmark.batch import RunPreparing, RunProgress, RunRequest

@@ -17,7 +17,7 @@ from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, inverse
 from drivers.recording import Recording, UnreadableFrameError
-from drivers.recording.prefetch import FrameReader
+from drivers.recording_camera import FrameReader
 from vo_service.odometry import StageTimer
 from vo_service.tools.benchmark.baselines import ORB_SLAM3, PYORBSLAM3
 from vo_service.tools.benchmark.baselines.orb_vocabulary import (

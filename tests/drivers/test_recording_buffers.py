@@ -5,7 +5,7 @@ import pytest
 
 from drivers.camera import CameraCounters, EndOfStream, FrameTimeout, RgbdFrame
 from drivers.core import CameraError
-from drivers.recording.prefetch import (
+from drivers.recording_camera import (
     MAX_BUFFERED_FRAMES,
     BufferClosedError,
     LockstepBuffer,

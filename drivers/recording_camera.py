@@ -15,6 +15,7 @@ from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 
+from drivers.calibration import SoftwareRegistration, Undistorter
 from drivers.camera import (
     CameraCounters,
     Clock,
@@ -27,7 +28,6 @@ from drivers.camera import (
 from drivers.core import CameraError, InputError
 from drivers.core.geometry import Trajectory
 from drivers.recording import DepthImage, FramePair, ImageTopics, Recording, UnreadableFrameError
-from drivers.rectify import SoftwareRegistration, Undistorter
 from drivers.tum import open_tum_folder
 
 _log = logging.getLogger(__name__)

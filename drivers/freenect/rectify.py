@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from drivers.calibration import (
     NO_DISTORTION,
     CameraCalibration,
+    SoftwareRegistration,
+    Undistorter,
     kinect_timing,
     read_calibration,
 )
 from drivers.camera import PinholeCamera
 from drivers.core import InputError
 from drivers.freenect import DepthFormat
-from drivers.rectify import SoftwareRegistration, Undistorter
 
 # libfreenect treats this and larger depths as too far.
 MAX_DEPTH_MM = 10_000

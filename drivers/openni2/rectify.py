@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 from drivers.calibration import (
     NO_DISTORTION,
     CameraCalibration,
+    SoftwareRegistration,
+    Undistorter,
     kinect_timing,
     read_calibration,
 )
 from drivers.camera import PinholeCamera, TimingPrior
 from drivers.core import InputError
-from drivers.rectify import SoftwareRegistration, Undistorter
 
 # The usual values of these sensors, for an image 640 pixels wide.
 DEFAULT_FOCAL_PX, DEFAULT_WIDTH_PX = 525.0, 640

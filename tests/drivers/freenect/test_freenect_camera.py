@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.calibration import KINECT_TIMING_PRIOR, format_calibration
+from drivers.calibration import KINECT_TIMING_PRIOR, Undistorter, format_calibration
 from drivers.camera import CameraState, RgbdFrame, SensorConfig
 from drivers.core import CameraLostError, CameraNotFoundError
 from drivers.freenect.rectify import DEFAULT_CALIBRATION
 from drivers.freenect.sources import list_kinects
-from drivers.rectify import Undistorter
 from tests.drivers.freenect.conftest import MakeCamera, plug_in
 from tests.simulators.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
 from tests.simulators.kinect_registration import quantize_mm

@@ -8,12 +8,12 @@ from drivers.calibration import (
     CameraCalibration,
     DepthCameraCalibration,
     RigidTransform,
+    SoftwareRegistration,
     format_calibration,
 )
 from drivers.core import InputError
 from drivers.freenect import DepthFormat
 from drivers.freenect.rectify import DEFAULT_CALIBRATION, KinectRectifier
-from drivers.rectify import SoftwareRegistration
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
 from tests.simulators.kinect_registration import quantize_mm

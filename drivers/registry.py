@@ -9,9 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from drivers.camera import CameraFactory, Clock, PlaybackMode, RgbdCamera, SensorConfig
-from drivers.core import InputError
+from drivers.core import InputError, PluginGroup
 from drivers.core.files import cache_folder
-from drivers.core.plugins import PluginGroup
 from drivers.synthetic import SyntheticConfig
 
 ONI_SUFFIX = ".oni"

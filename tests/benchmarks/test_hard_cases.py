@@ -11,7 +11,7 @@ from benchmarks.hard_cases import CASES, case_config, format_row, measure_creep,
 from benchmarks.rendered_sequences import render
 from benchmarks.tracking import longest_gap_s, measure
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.core.plugins import PluginGroup
+from drivers.core import PluginGroup
 from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig
 from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate

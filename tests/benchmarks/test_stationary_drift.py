@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.stationary_drift import DriftResult, format_row, measure_drift
 from drivers.camera import RgbdFrame
+from drivers.core import PluginGroup
 from drivers.core.geometry import rigid_transform, so3_exp
-from drivers.core.plugins import PluginGroup
 from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate
 

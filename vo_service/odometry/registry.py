@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior, TimingSource
-from drivers.core import InputError
-from drivers.core.plugins import PluginGroup
+from drivers.core import InputError, PluginGroup
 from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.types import Odometry
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.core.record_ring import RecordRingWriter, RingRecord
+from drivers.core.process import RecordRingWriter, RingRecord
 from vo_service.types import OdometryUpdate, TrackingState
 
 # Upper bound; the only text in the metadata is the reason.

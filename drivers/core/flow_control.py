@@ -1,4 +1,4 @@
-"""Bounded queues, the worker thread that reads one, and rate limits.
+"""Bounded queues, the worker thread that reads one, rate limits, and waits between retries.
 
 Blocking work on a worker thread delays no odometry.
 """
@@ -217,3 +217,21 @@ class TokenBucket:
         self._tokens += (now_s - self._last_refill_s) * self.per_second
         self._tokens = min(self._tokens, self._capacity)
         self._last_refill_s = now_s
+
+
+class ExponentialBackoff:
+    """Waits that double while nothing works."""
+
+    def __init__(self, initial_s: float, max_s: float) -> None:
+        self._initial_s, self._max_s = initial_s, max_s
+        self._next_s = initial_s
+
+    def next_s(self) -> float:
+        """How long to wait this time."""
+        wait_s = self._next_s
+        self._next_s = min(2 * wait_s, self._max_s)
+        return wait_s
+
+    def reset(self) -> None:
+        """Start again with the shortest wait: it worked."""
+        self._next_s = self._initial_s

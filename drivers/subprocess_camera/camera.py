@@ -19,9 +19,10 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core import CameraError, CameraLostError
+from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.geometry import Trajectory
 from drivers.core.process import WorkerFailed, WorkerSpec
-from drivers.core.process.supervisor import ExponentialBackoff, WorkerSupervisor
+from drivers.core.process.supervisor import WorkerSupervisor
 from drivers.reconnect import ConnectionPhase
 from drivers.subprocess_camera import (
     CameraFinished,

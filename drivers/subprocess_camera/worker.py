@@ -8,8 +8,8 @@ from queue import SimpleQueue
 
 from drivers.camera import EndOfStream, FrameTimeout, RgbdCamera
 from drivers.core import CameraError
+from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.process.service_connection import ServiceConnection
-from drivers.core.process.supervisor import ExponentialBackoff
 from drivers.reconnect import ConnectionPhase, ReconnectingCamera
 from drivers.subprocess_camera import (
     CameraFinished,

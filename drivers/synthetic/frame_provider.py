@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.core import CameraLostError
-from drivers.core.process import WorkerFailed, WorkerProcess, WorkerSpec
+from drivers.core.process import WorkerFailed, WorkerSpec
+from drivers.core.process.supervisor import WorkerProcess
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.rendered_sequence import (
     ReaderPosition,

@@ -13,7 +13,7 @@ import pytest
 
 from drivers.camera import Clock, PlaybackMode
 from drivers.core import process
-from drivers.core.record_ring import RecordRingWriter
+from drivers.core.process import RecordRingWriter
 from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera import camera as camera_client
 from drivers.subprocess_camera.camera import SubprocessCamera

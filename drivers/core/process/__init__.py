@@ -1,20 +1,31 @@
-"""A worker process as seen from the service: its start, messages, output and end."""
+"""What the service and its worker processes exchange: messages, and a ring of records.
 
-import logging
+The ring is in shared memory: one process writes, another reads. The memory grows only as it is
+filled. A record is contiguous. The ring is filled from start to end, lap after lap, and a new
+record replaces the oldest ones.
+
+There are no locks. Before it overwrites, the writer publishes how far, one record ahead. The
+reader copies a record first and checks afterwards whether it was still intact. So a writer that
+is killed at any instant leaves records that are whole, or known to be overwritten.
+
+The ring of a camera (`drivers.subprocess_camera.frame_ring`) is another one, because it promises
+the opposite: it has few slots of one size, and its reader owns a slot while it copies. No frame is
+torn, and a slow reader makes the camera wait (lockstep) or skips frames. This ring never waits for
+a reader, and keeps seconds of packed frames of any length.
+"""
+
+import errno
+import math
+import mmap
 import os
 import pickle
-import select
-import signal
-import subprocess
-import sys
-import threading
-import time
-from collections.abc import Sequence
-from contextlib import suppress
+import struct
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection, wait
-from typing import IO, Any, Protocol, Self
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.core import UserFacingError
 
@@ -83,9 +94,6 @@ def receive_message(connection: "Connection[Any, Any]") -> Any:
     return pickle.loads(head[_COUNT_BYTES:], buffers=arrays)
 
 
-_log = logging.getLogger(__name__)
-_MAX_LINE_CHARS = 200
-_REAP_TIMEOUT_S = 5.0
 # How long the service waits for the end of a process that finishes alone.
 FINISHING_TIMEOUT_S = 1.5
 
@@ -147,186 +155,223 @@ class StartWorker:
     log_level: int
 
 
-class WorkerProcess:
-    """A running worker process. Leaving the context ends it.
+def create_shared_memory(name: str, size: int) -> int:
+    """Create memory for processes that inherit its file descriptor.
 
-    The output of native libraries is logged at level debug; the last line may explain a crash.
+    It is a file without a name, which exists as long as one process holds it. Memory that is never
+    touched is not allocated.
 
     Args:
-        spec: What it runs, and its limits.
-        config: What it is to do.
+        name: For /proc.
+        size: Bytes.
+
+    Returns:
+        The file descriptor.
 
     Raises:
-        OSError: The process cannot be started.
+        OSError: There is not enough memory.
+    """
+    fd = os.memfd_create(name)
+    try:
+        os.ftruncate(fd, size)
+    except OSError:
+        os.close(fd)
+        raise
+    return fd
+
+
+# Number of records ever written, and the position up to which older records are overwritten.
+_HEADER = struct.Struct("<QQ")
+# Number and position of a record, and the lengths of its payload and of the metadata behind it.
+_ENTRY = struct.Struct("<QQQQ")
+# A position is lap * stride + offset. No lap is as long as the stride.
+_LAP_STRIDE = 1 << 40
+_ALIGNMENT_BYTES = 64
+_GROWTH_BYTES = 1 << 20
+# With more records per second than this the ring holds a shorter time.
+MAX_RECORDS_PER_S = 60
+# A lap lasts this much longer than the ring's duration, for the records being replaced.
+_SPARE_S = 0.2
+
+
+@dataclass(frozen=True)
+class RecordRingMemory:
+    """The shared memory of a ring; a process that inherits the file descriptor can read it."""
+
+    fd: int
+    entries: int
+
+
+@dataclass(frozen=True)
+class RingRecord:
+    """A copy of one record."""
+
+    payload: bytes
+    metadata: bytes
+
+
+class RecordRingWriter:
+    """The writing end, which creates the ring. Not thread-safe.
+
+    Args:
+        name: Name of the memory file, for /proc.
+        duration_s: How long records are kept, as far as `max_bytes` allows.
+        max_bytes: Largest size of the records.
+
+    Raises:
+        OSError: The memory cannot be allocated.
     """
 
-    def __init__(self, spec: WorkerSpec, config: WorkerConfig) -> None:
-        self._spec = spec
-        self._error: Exception | None = None
-        self._connection, theirs = Pipe()
-        with theirs:
-            try:
-                self._process = start_worker(
-                    spec.function,
-                    (theirs.fileno(), *config.fds),
-                    stdout=subprocess.DEVNULL if spec.finishes_alone else subprocess.PIPE,
-                    stderr=None if spec.finishes_alone else subprocess.STDOUT,
-                )
-            except OSError:
-                self._connection.close()
-                raise
-        self._output = _OutputLogger(spec.name, self._process.stdout)
-        self._is_left = False
-        self.send(StartWorker(spec, config, logging.getLogger().getEffectiveLevel()))
-
-    def send(self, message: object) -> None:
-        """Send a message; it is lost if the process has died. Blocks while nobody reads."""
-        with suppress(OSError):
-            send_message(self._connection, message)
+    def __init__(self, name: str, duration_s: float, max_bytes: int) -> None:
+        self._duration_s = duration_s + _SPARE_S
+        entries = math.ceil(self._duration_s * MAX_RECORDS_PER_S)
+        self._data_offset = _find_data_offset(entries)
+        self._max_bytes = max_bytes
+        self._allocated_bytes = self._lap = self._offset = self._count = self._overwritten_until = 0
+        self._lap_start_s = 0.0
+        self.is_limited_by_bytes = False  # `max_bytes`, not `duration_s`, has ended the last lap
+        memory_fd = create_shared_memory(name, self._data_offset + max_bytes)
+        self.memory = RecordRingMemory(memory_fd, entries)
+        try:
+            os.posix_fallocate(self.memory.fd, 0, self._data_offset)
+            self._map = mmap.mmap(self.memory.fd, self._data_offset + max_bytes)
+        except (OSError, ValueError):
+            os.close(self.memory.fd)
+            raise
+        self._data = np.frombuffer(self._map, np.uint8, offset=self._data_offset)
 
     @property
-    def can_send(self) -> bool:
-        """Whether a small message can be sent without waiting."""
-        poll = select.poll()
-        poll.register(self._connection.fileno(), select.POLLOUT)
-        return bool(poll.poll(0))
+    def record_count(self) -> int:
+        """The number of records ever written."""
+        return self._count
 
-    def receive(self, timeout_s: float, *wake_fds: int) -> Any:
-        """Wait for the next message; a `LogMessage` is logged.
+    @property
+    def used_bytes(self) -> int:
+        """The memory allocated for records so far."""
+        return self._allocated_bytes
 
-        Returns:
-            The message; None after `timeout_s`, after a `LogMessage`, or if one of `wake_fds` can
-            be read.
+    def reserve(self, max_bytes: int, time_s: float) -> NDArray[np.uint8]:
+        """Return the buffer for the next record.
+
+        Args:
+            max_bytes: Largest size of the record, its metadata included.
+            time_s: Time of the record, on the records' own clock.
 
         Raises:
-            EOFError: The process has ended.
+            OSError: There is not enough memory.
         """
-        sources: list[Any] = [self._connection, *wake_fds, *self._output.sources]
-        ready = wait(sources, timeout_s)
-        self._output.log_available()
-        if self._connection not in ready:
-            return None
-        try:
-            message = receive_message(self._connection)
-        except OSError as error:
-            raise EOFError from error
-        if isinstance(message, LogMessage):
-            logger = logging.getLogger(message.logger_name)
-            logger.log(message.level, "%s", message.text)
-            return None
-        if isinstance(message, WorkerFailed):
-            self._error = message.error
-        return message
+        if not self._has_room(max_bytes):
+            self._start_lap(is_limited_by_bytes=True)
+            if not self._has_room(max_bytes):
+                raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
+        if self._offset == 0:
+            self._lap_start_s = time_s
+        self._mark_overwritten(self._offset + max_bytes)
+        return self._data[self._offset : self._offset + max_bytes]
 
-    def kill(self) -> None:
-        """Kill the process."""
-        self._process.kill()
+    def commit(self, length: int, metadata: bytes, max_bytes: int, time_s: float) -> None:
+        """Add the record in the reserved buffer, and reserve the next one.
 
-    def leave(self) -> None:
-        """Leave the process running when the context is left; it ends on its own."""
-        self._is_left = True
-
-    @property
-    def exit_reason(self) -> str:
-        """How the process ended, in words; valid after leaving the context."""
-        if self._error is not None:
-            return str(self._error)
-        code = self._process.poll() or 0
-        how = f"ended (exit code {code})"
-        if code < 0:
-            how = f"crashed (signal {-code}, {signal.strsignal(-code)})"
-        return f"{how}; last line: {self._output.last_line}" if self._output.last_line else how
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_exc: object) -> None:
-        try:
-            self._reap()
-        finally:
-            self._output.log_available()
-            self._output.close()
-            self._connection.close()
-
-    def _reap(self) -> None:
-        """Wait for the end, then kill the process.
-
-        Its messages are read meanwhile: a process that blocks on sending cannot end.
+        Args:
+            length: Number of payload bytes written to the start of the buffer.
+            metadata: Stored behind the payload.
+            max_bytes: Largest size of the next record.
+            time_s: Time of the record, as for `reserve`.
         """
-        if self._is_left:
-            threading.Thread(target=self._process.wait, name="reaper", daemon=True).start()
-            return
-        due_s = time.monotonic() + self._spec.closing_timeout_s
-        try:
-            with suppress(EOFError):
-                while (left_s := due_s - time.monotonic()) > 0.0:
-                    self.receive(left_s)
-            self._process.wait(max(0.0, due_s - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            with suppress(subprocess.TimeoutExpired):  # the process hangs in the kernel
-                self._process.wait(_REAP_TIMEOUT_S)
-
-
-class _OutputLogger:
-    """Logs the lines that the process prints."""
-
-    def __init__(self, name: str, pipe: IO[bytes] | None) -> None:
-        self._name = name
-        self._partial_line = b""
-        self.sources = [] if pipe is None else [pipe]  # to wait for; empty after the end
-        self._pipes = list(self.sources)
-        self.last_line = ""
-        for each in self._pipes:
-            os.set_blocking(each.fileno(), False)
-
-    def log_available(self) -> None:
-        """Log the lines that have arrived."""
-        with suppress(BlockingIOError):
-            while self.sources:
-                data = os.read(self.sources[0].fileno(), 65536)
-                if not data:
-                    self.sources.clear()
-                *lines, self._partial_line = (self._partial_line + data).split(b"\n")
-                for line in lines:
-                    self._log_line(line)
+        end = self._offset + length + len(metadata)
+        self._data[end - len(metadata) : end] = np.frombuffer(metadata, np.uint8)
+        entry = _HEADER.size + self._count % self.memory.entries * _ENTRY.size
+        position = self._lap * _LAP_STRIDE + self._offset
+        _ENTRY.pack_into(self._map, entry, self._count, position, length, len(metadata))
+        self._count += 1
+        self._offset = end + -end % _ALIGNMENT_BYTES
+        # One record ahead, so that a reader knows long before the bytes change.
+        is_full = not self._has_room(max_bytes)
+        if is_full or abs(time_s - self._lap_start_s) > self._duration_s:
+            self._start_lap(is_limited_by_bytes=is_full)
+        self._mark_overwritten(self._offset + max_bytes)
 
     def close(self) -> None:
-        """Log the incomplete last line and close the pipe."""
-        self._log_line(self._partial_line)
-        for pipe in self._pipes:
-            pipe.close()
+        """Release the memory; it stays mapped in readers."""
+        del self._data
+        self._map.close()
+        os.close(self.memory.fd)
 
-    def _log_line(self, line: bytes) -> None:
-        text = "".join(c for c in line.decode(errors="replace").strip() if c.isprintable())
-        if text:
-            self.last_line = text[:_MAX_LINE_CHARS]
-            _log.debug("%s: %s", self._name, text)
+    def _start_lap(self, *, is_limited_by_bytes: bool) -> None:
+        self._lap, self._offset, self.is_limited_by_bytes = self._lap + 1, 0, is_limited_by_bytes
+
+    def _has_room(self, max_bytes: int) -> bool:
+        """Whether a record fits behind the last one; allocates more memory if needed."""
+        end = self._offset + max_bytes
+        if end <= self._allocated_bytes:
+            return True
+        if end > self._max_bytes:
+            return False
+        more = (
+            min(self._max_bytes, max(end, self._allocated_bytes + _GROWTH_BYTES))
+            - self._allocated_bytes
+        )
+        try:
+            # Allocated explicitly: touching memory that is not available kills the process.
+            os.posix_fallocate(self.memory.fd, self._data_offset + self._allocated_bytes, more)
+        except OSError:
+            return False
+        self._allocated_bytes += more
+        return True
+
+    def _mark_overwritten(self, until_offset: int) -> None:
+        self._overwritten_until = max(
+            self._overwritten_until, self._lap * _LAP_STRIDE + until_offset
+        )
+        _HEADER.pack_into(self._map, 0, self._count, self._overwritten_until)
 
 
-def start_worker(
-    function: str, fds: Sequence[int], stdout: int, stderr: int | None
-) -> "subprocess.Popen[bytes]":
-    """Start the process of a worker.
+class RecordRingReader:
+    """The reading end of a ring, in this process or another."""
 
-    Args:
-        function: "MODULE:FUNCTION" of the worker.
-        fds: File descriptors that the process inherits. The first is that of its connection.
-        stdout: As for `subprocess.Popen`.
-        stderr: As for `subprocess.Popen`.
+    def __init__(self, memory: RecordRingMemory) -> None:
+        self._memory = memory
+        self._data_offset = _find_data_offset(memory.entries)
+        self._map = mmap.mmap(memory.fd, 0, prot=mmap.PROT_READ)
 
-    Raises:
-        OSError: The process cannot be started.
-    """
-    # The process imports the same modules as this one, and none from the working folder. It has a
-    # session of its own, so that Ctrl-C in the terminal reaches only the service.
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "drivers.core.process.worker_main", function, str(fds[0])],
-        stdin=subprocess.DEVNULL,
-        stdout=stdout,
-        stderr=stderr,
-        bufsize=0,
-        pass_fds=fds,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        start_new_session=True,
-    )
+    @property
+    def record_count(self) -> int:
+        """The number of records ever written, which is the next record's number."""
+        count: int = _HEADER.unpack_from(self._map)[0]
+        return count
+
+    @property
+    def oldest_number(self) -> int:
+        """The number of the oldest record that may still exist."""
+        return max(0, self.record_count - self._memory.entries + 1)
+
+    def read_record(self, number: int) -> RingRecord | None:
+        """Copy a record; None if it has been overwritten."""
+        return self._copy(number, is_whole=True)
+
+    def read_metadata(self, number: int) -> bytes | None:
+        """Copy a record's metadata; None if the record has been overwritten."""
+        record = self._copy(number, is_whole=False)
+        return None if record is None else record.metadata
+
+    def close(self) -> None:
+        """Release the memory."""
+        self._map.close()
+
+    def _copy(self, number: int, *, is_whole: bool) -> RingRecord | None:
+        entry = _HEADER.size + number % self._memory.entries * _ENTRY.size
+        entry_number, position, length, metadata_length = _ENTRY.unpack_from(self._map, entry)
+        begin = self._data_offset + position % _LAP_STRIDE
+        middle = begin + length
+        payload = self._map[begin:middle] if is_whole else b""
+        metadata = self._map[middle : middle + metadata_length]
+        count, overwritten_until = _HEADER.unpack_from(self._map)
+        is_listed = entry_number == number < count < number + self._memory.entries
+        is_intact = is_listed and overwritten_until <= position + _LAP_STRIDE
+        return RingRecord(payload, metadata) if is_intact else None
+
+
+def _find_data_offset(entries: int) -> int:
+    """Return the offset of the first record: the first page behind header and table."""
+    size = _HEADER.size + entries * _ENTRY.size
+    return size + -size % mmap.PAGESIZE

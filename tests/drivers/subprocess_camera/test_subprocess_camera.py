@@ -265,7 +265,7 @@ def test_driver_logs_and_prints_reach_the_log(
     logged = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
     assert ("scripted", "WARNING", "2 strings left") in logged
     assert (
-        "drivers.core.process",
+        "drivers.core.process.supervisor",
         "DEBUG",
         "driver: libscripted: mind the strings",
     ) in logged

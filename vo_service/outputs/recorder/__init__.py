@@ -10,9 +10,8 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.core.process import Heartbeat, WorkerSpec
+from drivers.core.process import Heartbeat, RecordRingMemory, WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
-from drivers.core.record_ring import RecordRingMemory
 from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, NotPossibleError
 
 _MAX_REASON_LENGTH = 40

@@ -22,7 +22,7 @@ from drivers.core.files import (
     lock_folder,
 )
 from drivers.core.geometry import COLUMNS, format_pose_line
-from drivers.core.record_ring import RecordRingReader, RingRecord
+from drivers.core.process import RecordRingReader, RingRecord
 from drivers.tum.writer import TumWriter
 from vo_service.frame_record import FrameMetadata, decode_frame, decode_metadata
 

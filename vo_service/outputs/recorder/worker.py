@@ -14,8 +14,8 @@ from pathlib import Path
 
 from drivers.core import UserFacingError
 from drivers.core.files import check_writable, free_disk_bytes
+from drivers.core.process import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
-from drivers.core.record_ring import RecordRingReader, RingRecord
 from drivers.recording.frames import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.config_tables import MIN_FREE_BYTES

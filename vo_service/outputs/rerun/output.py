@@ -12,9 +12,9 @@ from dataclasses import replace
 
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
-from drivers.core.flow_control import WorkerThread
+from drivers.core.flow_control import ExponentialBackoff, WorkerThread
 from drivers.core.process import Shutdown, WorkerFailed, WorkerSpec
-from drivers.core.process.supervisor import ExponentialBackoff, WorkerSupervisor
+from drivers.core.process.supervisor import WorkerSupervisor
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun import (
     InitialState,

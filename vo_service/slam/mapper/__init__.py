@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from re import fullmatch
 
-from drivers.core.process import Heartbeat, WorkerSpec
+from drivers.core.process import Heartbeat, RecordRingMemory, WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
-from drivers.core.record_ring import RecordRingMemory
 from vo_service.config_tables import MapConfig
 from vo_service.slam import RelocalizationResult
 from vo_service.types import MapSnapshot

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from drivers.core import UserFacingError
 from drivers.core.files import state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
-from drivers.core.record_ring import RecordRingWriter
+from drivers.core.process import RecordRingWriter
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
 from vo_service.slam import (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.core.geometry import Array
 from drivers.core.jit import release_memory
-from drivers.core.record_ring import RingRecord
+from drivers.core.process import RingRecord
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata
 from vo_service.slam import OdometryConstraint

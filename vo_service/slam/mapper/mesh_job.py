@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array
+from drivers.core.process import RingRecord
 from drivers.core.process.worker_main import set_oom_score
-from drivers.core.record_ring import RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata, unpack_depth
 from vo_service.slam import pose_distance_steps

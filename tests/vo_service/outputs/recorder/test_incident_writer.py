@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.core.record_ring import RecordRingReader, RecordRingWriter, RingRecord
+from drivers.core.process import RecordRingReader, RecordRingWriter, RingRecord
 from tests.drivers.tum.read_recording import read_recording
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
 from vo_service.frame_record import pack_depth, write_frame

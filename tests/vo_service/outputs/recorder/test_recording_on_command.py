@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.core.record_ring import RecordRingReader, RecordRingWriter
+from drivers.core.process import RecordRingReader, RecordRingWriter
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import child_pids
 from tests.vo_service.outputs.recorder.recorder_inputs import (

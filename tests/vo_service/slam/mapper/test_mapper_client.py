@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.process import WorkerSpec
-from drivers.core.record_ring import RecordRingMemory
+from drivers.core.process import RecordRingMemory, WorkerSpec
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.slam import mapper
 from vo_service.slam.mapper import (

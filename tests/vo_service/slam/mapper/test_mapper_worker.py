@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.record_ring import RecordRingReader, RecordRingWriter
+from drivers.core.process import RecordRingReader, RecordRingWriter
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.slam.corner_trajectory import (
     make_loop_closer,

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core.geometry import rigid_transform
-from drivers.core.record_ring import RecordRingReader, RecordRingWriter
+from drivers.core.process import RecordRingReader, RecordRingWriter
 from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA
 from vo_service.frame_record import pack_depth, write_frame

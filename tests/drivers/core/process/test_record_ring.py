@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.record_ring import RecordRingReader, RecordRingWriter
+from drivers.core.process import RecordRingReader, RecordRingWriter
 from tests.full_disk import limit_file_size
 from tests.waiting import wait_until
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.simulators.libusb_build import SONAME
-from vo_service.cli.dispatch import _set_library_environment
+from vo_service.cli import _set_library_environment
 
 MAX_FDS = 10
 MIN_SPARE_FD = 500

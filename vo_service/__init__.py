@@ -22,8 +22,9 @@ Read the poses that a running service publishes:
 the client, OpenCV and Numba for the odometry.
 """
 
+import sys
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 __all__ = [
     "METHODS",
@@ -90,3 +91,17 @@ if not TYPE_CHECKING:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+# The same as in `vo_service.signals`, which is not imported yet.
+_EXIT_CODE_SIGINT = 130
+
+
+def main() -> NoReturn:
+    """Run ``kinect-vo``; handle Ctrl-C also while the command line is being imported."""
+    try:
+        from vo_service.cli import main as run_command
+
+        run_command()
+    except KeyboardInterrupt:
+        sys.exit(_EXIT_CODE_SIGINT)

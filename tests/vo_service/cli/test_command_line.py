@@ -12,8 +12,7 @@ import pytest
 
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.service_process import KINECT_VO
-from vo_service.cli import warm_up
-from vo_service.cli.dispatch import COMMANDS
+from vo_service.cli import COMMANDS, warm_up
 
 
 @pytest.mark.subprocess

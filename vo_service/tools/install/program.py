@@ -31,7 +31,7 @@ CHECK_TIMEOUT_S = 120.0
 
 _SCRIPT_TEMPLATE = """\
 #!/{python}
-from vo_service.cli import main
+from vo_service import main
 
 main()
 """

@@ -26,7 +26,7 @@ from vo_service.cli.options import (
 )
 from vo_service.cli.recordings import RECORDING_HELP, replayed_recording
 from vo_service.frame_source import FrameSource
-from vo_service.outputs.status import ProgressOutput
+from vo_service.outputs import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort
 from vo_service.signals import stop_on_signals

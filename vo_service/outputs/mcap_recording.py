@@ -14,13 +14,6 @@ from drivers.core.files import rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MIN_FREE_BYTES
-from vo_service.outputs import (
-    FrameIds,
-    pose_attachment,
-    pose_payload,
-    pose_transforms,
-)
-from vo_service.outputs.frames import timing_payload
 from vo_service.ros_messages import (
     ODOMETRY_SCHEMA,
     STRING_SCHEMA,
@@ -30,7 +23,15 @@ from vo_service.ros_messages import (
     encode_transforms,
 )
 from vo_service.types import OdometryUpdate
-from vo_service.types.messages import Status, encode_message
+from vo_service.types.messages import (
+    FrameIds,
+    Status,
+    encode_message,
+    pose_attachment,
+    pose_payload,
+    pose_transforms,
+    timing_payload,
+)
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
 logger = logging.getLogger(__name__)

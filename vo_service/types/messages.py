@@ -1,6 +1,6 @@
-"""The JSON messages: the status in groups, what goes with poses and frames, and their encoding.
+"""The messages: the status in groups, and what is published of an update, in JSON or CDR.
 
-Outgoing messages may get more fields without a new schema number; a change that breaks readers
+Outgoing JSON messages may get more fields without a new schema number; a change that breaks readers
 raises the number.
 """
 
@@ -12,9 +12,25 @@ from enum import StrEnum
 from importlib.metadata import version
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
+import numpy as np
+
 from drivers.camera import CameraState
 from drivers.core.config import Field, TypedField, typed_fields
-from vo_service.types import LevelSource, TrackingState
+from drivers.core.geometry import Array, quaternion_from_rotation
+from vo_service.ros_messages import (
+    OdometryMessage,
+    TransformMessage,
+    encode_odometry,
+    encode_transform,
+)
+from vo_service.types import (
+    NO_MAP,
+    LevelSource,
+    OdometryUpdate,
+    OnlineFocalLength,
+    OnlineTiming,
+    TrackingState,
+)
 from vo_service.types.commands import ErrorCode
 
 # Fields that other messages have too.
@@ -254,6 +270,109 @@ def encode_message(message: Any, extra_fields: JsonObject | None = None) -> byte
     """
     content = {"schema": MESSAGE_SCHEMA, **asdict(message), **(extra_fields or {})}
     return json.dumps(content, allow_nan=False).encode()
+
+
+@dataclass(frozen=True)
+class FrameIds:
+    """ROS names of the odom frame, the base frame and the map frame."""
+
+    frame_id: str
+    child_frame_id: str
+    map_frame_id: str
+
+
+def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
+    """Encode the pose as CDR ``nav_msgs/msg/Odometry``.
+
+    Raises:
+        ValueError: A number is not finite.
+    """
+    return encode_odometry(
+        OdometryMessage(
+            stamp_s=update.stamp_s,
+            frame_id=frame_ids.frame_id,
+            child_frame_id=frame_ids.child_frame_id,
+            T_frame_child=update.T_odom_base,
+            pose_covariance=update.pose_covariance,
+            twist=update.twist,
+            twist_covariance=update.twist_covariance,
+        )
+    )
+
+
+def pose_attachment(update: OdometryUpdate) -> bytes:
+    """Encode the JSON attachment of a pose: what `Odometry` has no field for."""
+    return encode_message(OdomAttachment(update.seq, update.state, update.epoch, update.reason))
+
+
+def map_odom_transform(update: OdometryUpdate, frame_ids: FrameIds) -> TransformMessage:
+    """Make the map->odom transform at the stamp of this pose."""
+    T_map_odom = update.map.T_map_odom
+    return TransformMessage(update.stamp_s, frame_ids.map_frame_id, frame_ids.frame_id, T_map_odom)
+
+
+def pose_transforms(update: OdometryUpdate, frame_ids: FrameIds) -> list[TransformMessage]:
+    """Make odom->base and, if it is known, map->odom; nothing while lost.
+
+    A transform has no covariance, so an uncertain one must be absent. A bad map does not hold up
+    odom->base.
+    """
+    if update.state is TrackingState.LOST:
+        return []
+    base = TransformMessage(
+        update.stamp_s, frame_ids.frame_id, frame_ids.child_frame_id, update.T_odom_base
+    )
+    is_map_known = update.map is not NO_MAP and update.is_localized
+    if not is_map_known or not np.all(np.isfinite(update.map.T_map_odom)):
+        return [base]
+    return [base, map_odom_transform(update, frame_ids)]
+
+
+def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
+    """Encode the map->odom transform as CDR ``geometry_msgs/msg/TransformStamped``.
+
+    Raises:
+        ValueError: A number is not finite.
+    """
+    return encode_transform(map_odom_transform(update, frame_ids))
+
+
+def map_odom_attachment(update: OdometryUpdate) -> bytes:
+    """Encode the JSON attachment of the map->odom transform."""
+    return encode_message(
+        MapOdomAttachment(
+            update.seq,
+            update.epoch,
+            update.is_localized,
+            update.map.keyframes,
+            update.map.loop_closures,
+        )
+    )
+
+
+def timing_payload(update: OdometryUpdate) -> bytes:
+    """Encode the sensor's timing and focal length in use as JSON."""
+    timing = update.estimate.timing or OnlineTiming(update.frame.readout_s, 0.0, 0.0, 0.0, "")
+    focal_length = update.estimate.focal_length or OnlineFocalLength(1.0, 0.0, None)
+    return encode_message(
+        TimingMessage(
+            stamp_s=update.stamp_s,
+            readout_s=timing.readout_s,
+            readout_sigma_s=timing.readout_sigma_s,
+            depth_offset_s=timing.depth_offset_s,
+            depth_offset_sigma_s=timing.depth_offset_sigma_s,
+            source=timing.source,
+            focal_scale=focal_length.scale,
+            focal_scale_sigma=focal_length.sigma,
+        )
+    )
+
+
+def frame_attachment(update: OdometryUpdate, T_base_camera: Array) -> bytes:
+    """Encode the JSON attachment: the pose's number, and where the camera is in the base."""
+    x, y, z = T_base_camera[:3, 3].tolist()
+    qx, qy, qz, qw = quaternion_from_rotation(T_base_camera[:3, :3]).tolist()
+    return encode_message(FrameAttachment(update.seq, (x, y, z), (qx, qy, qz, qw)))
 
 
 def parse_json_message(payload: bytes) -> JsonObject:

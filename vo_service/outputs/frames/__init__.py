@@ -14,7 +14,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from drivers.camera import AccelerometerReading, NewReadings, RgbdFrame
-from drivers.core.geometry import Array, quaternion_from_rotation
+from drivers.core.geometry import Array
 from vo_service.config_tables import FramesConfig, Ros2Config
 from vo_service.ros_messages import (
     CAMERA_INFO_SCHEMA,
@@ -34,8 +34,8 @@ from vo_service.ros_messages import (
     encode_imu,
     encode_point_cloud,
 )
-from vo_service.types import OdometryUpdate, OnlineFocalLength, OnlineTiming
-from vo_service.types.messages import FrameAttachment, TimingMessage, encode_message
+from vo_service.types import OdometryUpdate
+from vo_service.types.messages import timing_payload
 
 # Formats as ROS's image_transport_plugins write them.
 JPEG_FORMAT = "bgr8; jpeg compressed bgr8"
@@ -217,31 +217,6 @@ class ImuEncoder:
         messages = FrameMessages(update.frame, update.stamp_s, self._frame_id)
         readings = self._new_readings.take(update.frame.accelerometer)
         return [encode_imu(messages.imu(reading)) for reading in readings]
-
-
-def timing_payload(update: OdometryUpdate) -> bytes:
-    """Encode the sensor's timing and focal length in use as JSON."""
-    timing = update.estimate.timing or OnlineTiming(update.frame.readout_s, 0.0, 0.0, 0.0, "")
-    focal_length = update.estimate.focal_length or OnlineFocalLength(1.0, 0.0, None)
-    return encode_message(
-        TimingMessage(
-            stamp_s=update.stamp_s,
-            readout_s=timing.readout_s,
-            readout_sigma_s=timing.readout_sigma_s,
-            depth_offset_s=timing.depth_offset_s,
-            depth_offset_sigma_s=timing.depth_offset_sigma_s,
-            source=timing.source,
-            focal_scale=focal_length.scale,
-            focal_scale_sigma=focal_length.sigma,
-        )
-    )
-
-
-def frame_attachment(update: OdometryUpdate, T_base_camera: Array) -> bytes:
-    """Encode the JSON attachment: the pose's number, and where the camera is in the base."""
-    x, y, z = T_base_camera[:3, 3].tolist()
-    qx, qy, qz, qw = quaternion_from_rotation(T_base_camera[:3, :3]).tolist()
-    return encode_message(FrameAttachment(update.seq, (x, y, z), (qx, qy, qz, qw)))
 
 
 # Makes the attachment of a sample from the frame's own one.

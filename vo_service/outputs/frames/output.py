@@ -14,11 +14,11 @@ from vo_service.outputs.frames import (
     FrameKeyPublisher,
     FrameOutputConfig,
     FrameTopic,
-    frame_attachment,
     make_topics,
 )
 from vo_service.outputs.zenoh import endpoints_without_roles
 from vo_service.types import OdometryUpdate
+from vo_service.types.messages import frame_attachment
 from vo_service.types.outputs import OutputBase
 
 if TYPE_CHECKING:  # loaded only if it is enabled

@@ -12,13 +12,6 @@ import zenoh
 
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs import (
-    FrameIds,
-    map_odom_attachment,
-    map_odom_payload,
-    pose_attachment,
-    pose_payload,
-)
 from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy, unread_bytes
 from vo_service.outputs.zenoh.queryables import (
     CDR,
@@ -30,7 +23,16 @@ from vo_service.outputs.zenoh.queryables import (
     Queryables,
 )
 from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
-from vo_service.types.messages import Status, encode_message, versions
+from vo_service.types.messages import (
+    FrameIds,
+    Status,
+    encode_message,
+    map_odom_attachment,
+    map_odom_payload,
+    pose_attachment,
+    pose_payload,
+    versions,
+)
 
 if TYPE_CHECKING:  # loaded only if it is enabled
     from vo_service.outputs.zenoh.ros2 import Ros2Publisher

@@ -16,7 +16,6 @@ import zenoh.ext
 
 from drivers.core import InputError
 from vo_service.config_tables import Ros2Config
-from vo_service.outputs import FrameIds, pose_transforms
 from vo_service.ros_messages import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
@@ -29,6 +28,7 @@ from vo_service.ros_messages import (
     encode_transforms,
 )
 from vo_service.types import OdometryUpdate
+from vo_service.types.messages import FrameIds, pose_transforms
 
 # Stands for the empty enclave and namespace: a key may have no empty part.
 _EMPTY_PART = "%"

@@ -13,10 +13,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs import FrameIds, pose_payload
 from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.ros2 import ODOMETRY, TF_MESSAGE, Ros2Publisher
 from vo_service.types import OdometryUpdate
+from vo_service.types.messages import FrameIds, pose_payload
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 FRAMES = FrameIds("odom", "base_link", "map")

@@ -14,10 +14,6 @@ from drivers.camera import Led
 from scripts.write_reference import SCHEMA_FOLDER, make_files
 from tests.json_schema import schema_errors
 from tests.vo_service.sample_map import make_map
-from vo_service.outputs import (
-    map_odom_attachment,
-    pose_attachment,
-)
 from vo_service.outputs.zenoh.json_schemas import JSON_SCHEMA_DIALECT, all_schemas, schema_of
 from vo_service.types import OdometryUpdate
 from vo_service.types.commands import COMMANDS, CommandError, ErrorCode, parse_command
@@ -27,6 +23,8 @@ from vo_service.types.messages import (
     Status,
     TimingReport,
     encode_message,
+    map_odom_attachment,
+    pose_attachment,
     versions,
 )
 

@@ -191,7 +191,7 @@ def open_mapper(config: Config) -> Mapper:
     """Open the mapper; a `NullMapper` if it is disabled or fails."""
     if not config.map.enabled:
         return NullMapper("the map is disabled (map.enabled)")
-    from vo_service.slam.mapper.live_mapper import open_mapper
+    from vo_service.slam.mapper import open_mapper
 
     return open_mapper(config.map)
 

@@ -26,8 +26,7 @@ from vo_service.outputs.recorder import RecorderWorkerConfig
 from vo_service.outputs.rerun import InitialState, RerunWorkerConfig
 from vo_service.outputs.rerun import output as viewer_client
 from vo_service.outputs.rerun.sinks import RrdFileSink
-from vo_service.slam import mapper
-from vo_service.slam.mapper import MapperWorkerConfig
+from vo_service.slam import MapperWorkerConfig, mapper
 
 pytestmark = pytest.mark.subprocess
 

@@ -1,17 +1,21 @@
 """SLAM: place recognition, loop closure, pose graph, saved maps, and the mapper process.
 
-Here: the selection of keyframes, the odometry constraint from one to the next, and the pose of a
-frame by the map.
+Here: the selection of keyframes, the odometry constraint from one to the next, the pose of a frame
+by the map, and the messages between the service and the mapper process.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, so3_log
+from drivers.core.process import Heartbeat, RecordRingMemory
+from vo_service.config_tables import MapConfig
 from vo_service.odometry.uncertainty import CovarianceAccumulator
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types import MapSnapshot, OdometryUpdate, TrackingState
 
 STEP_M = 0.15
 STEP_RAD = math.radians(10.0)
@@ -150,3 +154,103 @@ class RelocalizationResult:
     def transform_to(self, T_other_world: Array) -> "RelocalizationResult":
         """Transform the result to another world frame by T_other_world (4x4)."""
         return replace(self, T_world_camera=T_other_world @ self.T_world_camera)
+
+
+# Suffixes of a saved map's files: the mesh, and the keyframes with their pose graph.
+MESH_SUFFIX = ".ply"
+MAP_SUFFIX = ".keyframes"
+
+
+@dataclass(frozen=True)
+class MapperWorkerConfig:
+    """Config of the mapper process.
+
+    Attributes:
+        frame_ring: Ring with the keyframes.
+        first_frame: Number of the first valid frame.
+        maps_folder: Folder of the saved maps.
+        map_config: Config table `map`.
+    """
+
+    frame_ring: RecordRingMemory
+    first_frame: int
+    maps_folder: Path
+    map_config: MapConfig
+
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """File descriptors that the process inherits."""
+        return (self.frame_ring.fd,)
+
+
+@dataclass(frozen=True)
+class RelocalizationQuery:
+    """Marks a frame in the ring as a request for its pose.
+
+    A frame with an `OdometryConstraint` is a keyframe of the map; one with neither is only a mesh
+    keyframe.
+    """
+
+
+@dataclass(frozen=True)
+class SaveMapRequest:
+    """To the mapper: save the map under this name, with its mesh."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class LoadMapRequest:
+    """To the mapper: drop the map, and load the map with this name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class MapperStatus(Heartbeat):
+    """From the mapper: status, every second and after each keyframe.
+
+    Attributes:
+        keyframe_count: Number of mesh keyframes.
+        map_names: Names of the saved maps.
+        loadable_names: Names of the maps that can be loaded.
+        error: Why the folder is not writable; "" if it is.
+    """
+
+    keyframe_count: int
+    map_names: frozenset[str]
+    loadable_names: frozenset[str]
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class SaveMapResult:
+    """From the mapper: result of a `SaveMapRequest`.
+
+    Attributes:
+        file: Path of the mesh.
+        keyframe_count: Number of fused keyframes.
+        triangle_count: Number of triangles.
+        is_truncated: Whether the memory was not enough for the whole mesh.
+        error: "" for success.
+    """
+
+    file: Path
+    keyframe_count: int = 0
+    triangle_count: int = 0
+    is_truncated: bool = False
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class LoadMapResult:
+    """From the mapper: result of a `LoadMapRequest`; `error` is "" for success."""
+
+    file: Path
+    keyframe_count: int = 0
+    error: str = ""
+
+
+# A snapshot is sent when the map has changed, a relocalization result when a frame is recognized.
+MapperMessage = MapperStatus | SaveMapResult | LoadMapResult | MapSnapshot | RelocalizationResult
+SendMapperMessage = Callable[[MapperMessage], object]

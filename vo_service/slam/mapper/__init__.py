@@ -1,122 +1,47 @@
-"""The mapper process: the messages between it and the service, and its client.
+"""The live mapper: an output that sends frames to the mapper process, and its loop closure.
 
-Frames go through the ring.
+Frames go through a ring of shared memory, requests and results through the client of the process.
 """
 
 import logging
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from re import fullmatch
+from typing import TYPE_CHECKING
 
-from drivers.core.process import Heartbeat, RecordRingMemory, WorkerSpec
+from drivers.core import UserFacingError
+from drivers.core.files import state_folder
+from drivers.core.flow_control import DropOldestQueue, WorkerThread
+from drivers.core.process import RecordRingWriter, WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
 from vo_service.config_tables import MapConfig
-from vo_service.slam import RelocalizationResult
-from vo_service.types import MapSnapshot
+from vo_service.frame_record import compile_kernels, pack_depth, write_frame
+from vo_service.slam import (
+    MAP_SUFFIX,
+    MESH_SUFFIX,
+    ConstraintAccumulator,
+    KeyframeSelector,
+    LoadMapRequest,
+    LoadMapResult,
+    MapperMessage,
+    MapperStatus,
+    MapperWorkerConfig,
+    NullConstraintAccumulator,
+    OdometryConstraint,
+    RelocalizationQuery,
+    RelocalizationResult,
+    SaveMapRequest,
+    SaveMapResult,
+)
+from vo_service.types import MapSnapshot, OdometryUpdate
 from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, NotPossibleError
-from vo_service.types.messages import MapState
+from vo_service.types.messages import MapState, Status
+from vo_service.types.outputs import LoopClosure, Mapper, NullLoopClosure, NullMapper
 
-# Suffixes of a saved map's files: the mesh, and the keyframes with their pose graph.
-MESH_SUFFIX = ".ply"
-MAP_SUFFIX = ".keyframes"
-
-
-@dataclass(frozen=True)
-class MapperWorkerConfig:
-    """Config of the mapper process.
-
-    Attributes:
-        frame_ring: Ring with the keyframes.
-        first_frame: Number of the first valid frame.
-        maps_folder: Folder of the saved maps.
-        map_config: Config table `map`.
-    """
-
-    frame_ring: RecordRingMemory
-    first_frame: int
-    maps_folder: Path
-    map_config: MapConfig
-
-    @property
-    def fds(self) -> tuple[int, ...]:
-        """File descriptors that the process inherits."""
-        return (self.frame_ring.fd,)
-
-
-@dataclass(frozen=True)
-class RelocalizationQuery:
-    """Marks a frame in the ring as a request for its pose.
-
-    A frame with an `OdometryConstraint` is a keyframe of the map; one with neither is only a mesh
-    keyframe.
-    """
-
-
-@dataclass(frozen=True)
-class SaveMapRequest:
-    """To the mapper: save the map under this name, with its mesh."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class LoadMapRequest:
-    """To the mapper: drop the map, and load the map with this name."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class MapperStatus(Heartbeat):
-    """From the mapper: status, every second and after each keyframe.
-
-    Attributes:
-        keyframe_count: Number of mesh keyframes.
-        map_names: Names of the saved maps.
-        loadable_names: Names of the maps that can be loaded.
-        error: Why the folder is not writable; "" if it is.
-    """
-
-    keyframe_count: int
-    map_names: frozenset[str]
-    loadable_names: frozenset[str]
-    error: str = ""
-
-
-@dataclass(frozen=True)
-class SaveMapResult:
-    """From the mapper: result of a `SaveMapRequest`.
-
-    Attributes:
-        file: Path of the mesh.
-        keyframe_count: Number of fused keyframes.
-        triangle_count: Number of triangles.
-        is_truncated: Whether the memory was not enough for the whole mesh.
-        error: "" for success.
-    """
-
-    file: Path
-    keyframe_count: int = 0
-    triangle_count: int = 0
-    is_truncated: bool = False
-    error: str = ""
-
-
-@dataclass(frozen=True)
-class LoadMapResult:
-    """From the mapper: result of a `LoadMapRequest`; `error` is "" for success."""
-
-    file: Path
-    keyframe_count: int = 0
-    error: str = ""
-
-
-# A snapshot is sent when the map has changed, a relocalization result when a frame is recognized.
-MapperMessage = MapperStatus | SaveMapResult | LoadMapResult | MapSnapshot | RelocalizationResult
-SendMapperMessage = Callable[[MapperMessage], object]
-
+if TYPE_CHECKING:  # loaded only if it is enabled
+    from vo_service.slam.relocalization import AsynchronousLoopClosure
 
 logger = logging.getLogger(__name__)
 
@@ -307,3 +232,153 @@ def _check_name(name: str) -> None:
             ErrorCode.BAD_REQUEST,
             "a map name has up to 64 letters, digits, dots, dashes and underscores",
         )
+
+
+# The process reads the ring several times a second: this is far more than it needs.
+_RING_S, _RING_BYTES = 60.0, 24_000_000
+_CLOSE_TIMEOUT_S = 1.0
+
+
+class NullAsynchronousLoopClosure(NullLoopClosure):
+    """Null loop closure with the process: updates and messages are ignored."""
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Ignore the update."""
+
+    def handle_message(self, message: RelocalizationResult | MapSnapshot) -> None:
+        """Ignore the message."""
+
+    def reset(self) -> None:
+        """Do nothing: there is no map."""
+
+
+# A frame for the process, and what is attached to it.
+_QueueItem = tuple[OdometryUpdate, OdometryConstraint | RelocalizationQuery | None]
+
+
+class LiveMapper:
+    """A `Mapper` whose frames go through shared memory to a process.
+
+    The main loop only compares two poses; a thread copies the images of a frame.
+
+    Args:
+        settings: Config table `map`.
+        maps_folder: Folder of the saved maps.
+
+    Raises:
+        OSError: The shared memory cannot be allocated.
+    """
+
+    def __init__(self, settings: MapConfig, maps_folder: Path) -> None:
+        self._keyframe_selector = KeyframeSelector()
+        self._constraints = (
+            ConstraintAccumulator() if settings.loop_closure else NullConstraintAccumulator()
+        )
+        self._memory_fault = ""
+        self._is_closed = False
+        compile_kernels()
+        self._ring = RecordRingWriter("map-keyframes", _RING_S, _RING_BYTES)
+        loop_closure = self._open_loop_closure(settings)
+        self.loop_closure: LoopClosure = loop_closure
+        self._asynchronous_loop_closure = loop_closure
+        worker_config = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings)
+        self._client = MapperClient(
+            worker_config,
+            loop_closure.handle_message,
+            self._force_keyframe,
+            self._handle_worker_death,
+        )
+        self._worker: WorkerThread[_QueueItem] = WorkerThread(
+            "map", DropOldestQueue(2), self._write_to_ring, lambda: None
+        )
+
+    @property
+    def warning(self) -> str:
+        return self._memory_fault or self._client.warning
+
+    @property
+    def state(self) -> MapState:
+        return self._client.state
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether its process is ready for requests."""
+        return self._client.is_ready
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Send the frame if it is selected as a keyframe of the mesh or of the map."""
+        self._asynchronous_loop_closure.on_update(update)
+        constraint = self._constraints.update(update)
+        if self._keyframe_selector.accepts(update) or constraint is not None:
+            self._enqueue(update, constraint)
+
+    def on_status(self, status: Status) -> None:
+        """Do nothing."""
+
+    def save(self, name: str) -> MapState:
+        return self._client.save(name)
+
+    def load(self, name: str) -> MapState:
+        return self._client.load(name)
+
+    def configure(self, settings: MapConfig) -> None:
+        self._client.configure(settings)
+
+    def close(self) -> None:
+        """End the process; a running save is cancelled."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        has_finished = self._worker.close(_CLOSE_TIMEOUT_S)
+        self._client.close()
+        if has_finished:
+            self._ring.close()
+
+    def _open_loop_closure(
+        self, settings: MapConfig
+    ) -> "AsynchronousLoopClosure | NullAsynchronousLoopClosure":
+        if not settings.loop_closure:
+            return NullAsynchronousLoopClosure()
+        # Imported only if it is enabled.
+        from vo_service.slam.relocalization import AsynchronousLoopClosure
+
+        return AsynchronousLoopClosure(lambda update: self._enqueue(update, RelocalizationQuery()))
+
+    def _enqueue(
+        self, update: OdometryUpdate, attachment: OdometryConstraint | RelocalizationQuery | None
+    ) -> None:
+        self._worker.put((update, attachment))
+
+    def _write_to_ring(self, item: _QueueItem) -> None:
+        """Write a frame to the ring, on the worker thread. The map's world frame is `odom`."""
+        update, attachment = item
+        in_odom = replace(update, T_world_camera=update.T_odom_camera)
+        try:
+            write_frame(self._ring, in_odom, pack_depth, attachment)
+            self._memory_fault = ""
+        except OSError as error:
+            self._memory_fault = f"map: no memory for a keyframe: {error.strerror}"
+
+    def _force_keyframe(self) -> None:
+        """Make the next good frame a keyframe of the mesh and of the map."""
+        self._keyframe_selector.reset()
+        self._constraints.force_keyframe()
+
+    def _handle_worker_death(self) -> int:
+        """Reset after the loss of all keyframes; return the number of the next valid frame."""
+        first_frame = self._ring.record_count
+        self._force_keyframe()
+        self._asynchronous_loop_closure.reset()
+        return first_frame
+
+
+def open_mapper(settings: MapConfig) -> Mapper:
+    """Open the mapper of the settings; a `NullMapper` if it fails."""
+    try:
+        return LiveMapper(settings, state_folder() / "maps")
+    except UserFacingError as error:
+        reason = f"map: disabled: {error}"
+    except OSError as error:
+        reason = f"map: disabled: no shared memory: {error.strerror}"
+    logger.warning("%s", reason)
+    return NullMapper(reason, reason)

@@ -26,8 +26,7 @@ from drivers.core.process import RingRecord
 from drivers.core.process.worker_main import set_oom_score
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata, unpack_depth
-from vo_service.slam import pose_distance_steps
-from vo_service.slam.mapper import SaveMapResult
+from vo_service.slam import SaveMapResult, pose_distance_steps
 from vo_service.slam.mapper.map_store import MapStore
 from vo_service.slam.pose_graph import AnchoredPose
 

@@ -21,7 +21,7 @@ from drivers.core.process import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_metadata
-from vo_service.slam.mapper import (
+from vo_service.slam import (
     LoadMapRequest,
     LoadMapResult,
     MapperStatus,

@@ -23,7 +23,7 @@ from tests.vo_service.slam.corner_trajectory import (
 from tests.vo_service.slam.mapper.wall_sequence import COARSE, mapper_pid, running_mapper
 from tests.waiting import wait_until
 from vo_service.slam import RelocalizationResult
-from vo_service.slam.mapper.live_mapper import LiveMapper
+from vo_service.slam.mapper import LiveMapper
 from vo_service.slam.relocalization import AsynchronousLoopClosure
 
 pytestmark = pytest.mark.subprocess

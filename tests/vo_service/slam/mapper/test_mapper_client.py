@@ -8,14 +8,14 @@ import pytest
 
 from drivers.core.process import RecordRingMemory, WorkerSpec
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.slam import mapper
-from vo_service.slam.mapper import (
+from vo_service.slam import (
     LoadMapResult,
-    MapperClient,
     MapperMessage,
     MapperStatus,
     MapperWorkerConfig,
+    mapper,
 )
+from vo_service.slam.mapper import MapperClient
 
 FIRST_AFTER = 77
 

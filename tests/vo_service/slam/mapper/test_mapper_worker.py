@@ -19,14 +19,15 @@ from tests.vo_service.slam.corner_trajectory import (
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import pack_depth, write_frame
 from vo_service.mapper_process import fuse_keyframes
-from vo_service.slam import OdometryConstraint, RelocalizationResult
-from vo_service.slam.map_file import write_map
-from vo_service.slam.mapper import (
+from vo_service.slam import (
     MapperMessage,
     MapperWorkerConfig,
+    OdometryConstraint,
     RelocalizationQuery,
+    RelocalizationResult,
     SaveMapRequest,
 )
+from vo_service.slam.map_file import write_map
 from vo_service.slam.mapper import worker as desk_module
 from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
 from vo_service.slam.mapper.worker import MapperWorker

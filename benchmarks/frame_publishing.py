@@ -36,8 +36,7 @@ from drivers.recording_camera import RecordingCamera
 from tests.ports import free_port
 from tests.resource_leaks import resident_memory_kb
 from vo_service.config_tables import FramesConfig, ZenohConfig
-from vo_service.outputs.frames import FrameOutputConfig
-from vo_service.outputs.frames.output import FrameOutput
+from vo_service.outputs.frames import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.types import Estimate, OdometryUpdate, TrackingState
 

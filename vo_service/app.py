@@ -46,7 +46,7 @@ from vo_service.types.outputs import (
 logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
-    from vo_service.outputs.frames.output import FrameOutput
+    from vo_service.outputs.frames import FrameOutput
     from vo_service.outputs.rerun.output import RerunOutput
 
 # By each key of `config.RELOADABLE_KEYS`: the function that applies a changed value.
@@ -165,8 +165,7 @@ def open_frames(config: Config) -> "list[FrameOutput]":
     """
     if config.frames.enabled is False:
         return []
-    from vo_service.outputs.frames import FrameOutputConfig
-    from vo_service.outputs.frames.output import open_frame_outputs
+    from vo_service.outputs.frames import FrameOutputConfig, open_frame_outputs
 
     settings = FrameOutputConfig(
         prefix=config.zenoh.prefix,

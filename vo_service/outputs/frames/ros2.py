@@ -1,15 +1,13 @@
 """Frames for ROS 2: the keys of their topics, and the tokens by which nodes discover them."""
 
 import time
+from collections.abc import Callable
+from typing import TypeVar
 
 import zenoh
 
-from vo_service.outputs.frames import (
-    AttachmentMaker,
-    FrameKeyPublisher,
-    FrameOutputConfig,
-    FrameTopic,
-)
+from drivers.core.geometry import Array
+from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.ros2 import (
     RosNode,
     RosTopic,
@@ -25,47 +23,63 @@ from vo_service.ros_messages import TransformMessage
 FIRST_NUMBER = 10
 DEPTH = 1
 
+Publisher = TypeVar("Publisher")
+# Declares a key, whose attachments the second argument makes of the frame's own ones.
+KeyDeclaration = Callable[[str, Callable[[bytes], bytes]], Publisher]
+
 
 class RosFrames:
-    """Publishers of the frames for ROS 2 on one session."""
+    """The frames' topics for ROS 2 on one session.
 
-    def __init__(self, session: zenoh.Session, config: FrameOutputConfig) -> None:
-        self._session, self._config = session, config
-        self._node = RosNode(config.ros2.domain_id, str(session.zid()), node_name(config.prefix))
+    Args:
+        session: The session.
+        prefix: Prefix of the frames' own keys, which is part of the node's name.
+        ros2: Domain, namespace, and whether to publish transforms.
+    """
+
+    def __init__(self, session: zenoh.Session, prefix: str, ros2: Ros2Config) -> None:
+        self._session, self._ros2 = session, ros2
+        self._node = RosNode(ros2.domain_id, str(session.zid()), node_name(prefix))
         self._next_number = FIRST_NUMBER
         self._tokens: list[zenoh.LivelinessToken] = []
         self._transforms: list[StaticTransformPublisher] = []
 
-    def declare_topic(self, topic: FrameTopic) -> list[FrameKeyPublisher]:
-        """Declare the keys of a topic, and its token; nothing if it is not for ROS."""
+    def declare_topic(
+        self, name: str, schema: str, declare_key: KeyDeclaration[Publisher]
+    ) -> list[Publisher]:
+        """Declare the keys of a topic, and its token; nothing if it is not for ROS.
+
+        Args:
+            name: The topic below the namespace; "" if it is not for ROS.
+            schema: Type of the message.
+            declare_key: Declares one key.
+        """
         number = self._take_number()
-        if not topic.ros_name:
+        if not name:
             return []
-        name = f"{self._config.ros2.namespace}/{topic.ros_name}"
-        ros_topic = RosTopic(name, ros_type(topic.schema), DEPTH)
-        token = self._node.publisher_token(number, ros_topic)
+        topic = RosTopic(f"{self._ros2.namespace}/{name}", ros_type(schema), DEPTH)
+        token = self._node.publisher_token(number, topic)
         publishers = [
-            self._publisher(ros_topic.bridge_key, lambda own: own),
-            self._publisher(ros_topic.rmw_key(self._node.domain_id), _NumberedAttachments(token)),
+            declare_key(topic.bridge_key, lambda own: own),
+            declare_key(topic.rmw_key(self._node.domain_id), _NumberedAttachments(token)),
         ]
         self._tokens.append(self._session.liveliness().declare_token(token))
         return publishers
 
-    def declare_transform(self) -> None:
-        """Publish the camera's pose in the base on /tf_static, if it is enabled."""
-        if not self._config.ros2.tf:
+    def declare_transform(self, frame_id: str, child_frame_id: str, T_frame_child: Array) -> None:
+        """Publish a fixed transform on /tf_static, if transforms are enabled.
+
+        Args:
+            frame_id: Parent frame.
+            child_frame_id: Child frame.
+            T_frame_child: 4x4, meters.
+        """
+        if not self._ros2.tf:
             return
-        config = self._config
-        transform = TransformMessage(
-            time.time(), config.base_frame_id, config.frames.frame_id, config.T_base_camera
-        )
+        transform = TransformMessage(time.time(), frame_id, child_frame_id, T_frame_child)
         self._transforms.append(
             StaticTransformPublisher(self._session, self._node, self._take_number(), transform)
         )
-
-    def _publisher(self, key: str, make_attachment: AttachmentMaker) -> FrameKeyPublisher:
-        encoding = zenoh.Encoding.APPLICATION_CDR
-        return FrameKeyPublisher(self._session, key, encoding, make_attachment)
 
     def _take_number(self) -> int:
         self._next_number += 1

@@ -17,7 +17,7 @@ import zenoh
 from tests.ports import free_port
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.frames.output import SharedPayloads
+from vo_service.outputs.frames import SharedPayloads
 from vo_service.outputs.zenoh import open_session
 
 

@@ -18,8 +18,7 @@ from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
 from vo_service.config_tables import FramesConfig, ZenohConfig
-from vo_service.outputs.frames import FrameOutputConfig
-from vo_service.outputs.frames.output import open_frame_outputs
+from vo_service.outputs.frames import FrameOutputConfig, open_frame_outputs
 from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
 from vo_service.ros_messages import IMU_SCHEMA
 from vo_service.ros_messages.decoding import (

@@ -11,7 +11,7 @@ import zenoh
 from tests.ports import free_port
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
-from vo_service.outputs.frames.output import MIN_SHARED_BYTES, SharedPayloads
+from vo_service.outputs.frames import MIN_SHARED_BYTES, SharedPayloads
 from vo_service.outputs.zenoh import open_session
 
 pytestmark = pytest.mark.zenoh

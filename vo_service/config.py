@@ -9,11 +9,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from drivers import CAMERA_USAGES, CAMERAS
 from drivers.camera import PlaybackMode, SensorConfig
 from drivers.core import PluginGroup, UserFacingError
 from drivers.core.config import Field, FieldError, read_toml, suggest_name, typed_fields
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
-from drivers.registry import CAMERA_USAGES, CAMERAS
 from drivers.synthetic import SyntheticConfig
 from vo_service.config_tables import (
     CommandConfig,

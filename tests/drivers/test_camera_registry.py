@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import Clock, PlaybackMode
-from drivers.core import InputError
-from drivers.registry import (
+from drivers import (
     CAMERA_USAGES,
     CAMERAS,
     SENSORS,
     open_camera,
 )
+from drivers.camera import Clock, PlaybackMode
+from drivers.core import InputError
 from drivers.subprocess_camera.camera import SubprocessCamera
 
 

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers import ONI_SUFFIX, SENSORS
 from drivers.calibration import (
     CAMERA_FILE_NAME,
     CameraCalibration,
@@ -17,7 +18,6 @@ from drivers.calibration import (
 )
 from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingFormat, recording_format
-from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.options import requested_topics, run_warm_up
 from vo_service.cli.recordings import open_requested
 from vo_service.config import Config, read_config

@@ -10,6 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers import open_camera
 from drivers.camera import (
     CameraState,
     EndOfStream,
@@ -22,7 +23,6 @@ from drivers.core import CameraError, CameraLostError, CameraNotFoundError, Inpu
 from drivers.core.geometry import Trajectory
 from drivers.recording.frames import ColorFormat
 from drivers.recording_camera import BAG_SUFFIXES, check_bag_packages
-from drivers.registry import open_camera
 from drivers.synthetic import SyntheticConfig
 from drivers.tum.writer import TumWriter
 from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics

@@ -4,9 +4,9 @@ import time
 
 import numpy as np
 
+from drivers import CameraRequest
 from drivers.camera import CameraCounters, Clock, EndOfStream, PinholeCamera, RgbdCamera, RgbdFrame
 from drivers.core import InputError
-from drivers.registry import CameraRequest
 
 INTRINSICS = PinholeCamera(320, 240, 260.0, 260.0, 159.5, 119.5)
 DISTANCE_M, STEP_M = 1.3, 0.01

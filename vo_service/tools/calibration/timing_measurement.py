@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers import open_camera
 from drivers.calibration import (
     UNKNOWN_TIMING,
     UNKNOWN_TIMING_SIGMAS_S,
@@ -18,7 +19,6 @@ from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core import InputError
 from drivers.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
-from drivers.registry import open_camera
 from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.direct.timing_estimate import TimingEstimator

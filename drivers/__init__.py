@@ -166,6 +166,15 @@ def open_camera(
     return CAMERAS[kind](request)
 
 
+def make_reconnecting(camera: RgbdCamera) -> RgbdCamera:
+    """Return a camera that is opened again whenever it is lost: itself, if it does so already."""
+    if camera.reconnects:
+        return camera
+    from drivers.reconnect import ReconnectingCamera
+
+    return ReconnectingCamera(camera)
+
+
 def _is_recording(kind: str, argument: str) -> bool:
     """Whether a camera plays a recording; the virtual Kinect counts as one."""
     if kind == "openni2":

@@ -302,7 +302,8 @@ class RgbdCamera(ABC):
 
     name: str  # for messages: "tum:DIR", "synthetic"
     clock: Clock
-    reconnects = False  # opens itself again after a loss: `read` then only times out
+    # Is never lost, or opens itself again after a loss: `read` then only times out.
+    reconnects = False
 
     def prepare(self) -> None:  # noqa: B027 (most cameras have nothing to prepare)
         """Start long preparations for the first frame in the background. Returns at once.

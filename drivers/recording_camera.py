@@ -18,6 +18,8 @@ from pathlib import Path
 from drivers.calibration import SoftwareRegistration, Undistorter
 from drivers.camera import (
     CameraCounters,
+    CameraState,
+    CameraStatus,
     Clock,
     EndOfStream,
     FrameTimeout,
@@ -323,6 +325,7 @@ class RecordingCamera(RgbdCamera):
     """
 
     clock = Clock.RECORDED
+    reconnects = True  # a recording is never lost
 
     def __init__(
         self,
@@ -376,6 +379,13 @@ class RecordingCamera(RgbdCamera):
     @property
     def counters(self) -> CameraCounters:
         return self._buffer.counters
+
+    @property
+    def status(self) -> CameraStatus:
+        if self._opened is None:
+            return CameraStatus(CameraState.OPENING)
+        has_frame = self.counters.delivered > 0
+        return CameraStatus(CameraState.STREAMING if has_frame else CameraState.STARTING)
 
     @property
     def frame_count(self) -> int | None:

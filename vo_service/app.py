@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from drivers import make_reconnecting
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.core import CameraError
 from drivers.core.jit import release_memory
-from drivers.reconnect import ReconnectingCamera
 from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
 from vo_service.control import CommandQueue, Control, LoadShedder
@@ -368,7 +368,7 @@ def build_live_service(
         camera: The camera; the service opens it.
         dependencies: Outputs, commands and the parts that take them.
     """
-    camera = camera if camera.reconnects else ReconnectingCamera(camera)
+    camera = make_reconnecting(camera)
     timer = CpuStageTimer()
     odometry = config.odometry.make_odometry(timer)
     odom_frame = OdomFrame(config.T_base_camera.T_base_camera)

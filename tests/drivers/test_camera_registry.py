@@ -8,6 +8,7 @@ from drivers import (
     CAMERA_USAGES,
     CAMERAS,
     SENSORS,
+    make_reconnecting,
     open_camera,
 )
 from drivers.camera import Clock, PlaybackMode
@@ -81,6 +82,13 @@ def test_the_path_of_a_recording_names_its_kind(tmp_path: Path) -> None:
     assert open_camera(str(tmp_path)).name == f"tum:{tmp_path}"
     with pytest.raises(InputError, match="needs a file: bag:FILE"):
         open_camera("bag:")
+
+
+def test_a_camera_that_can_be_lost_is_made_to_reconnect(tmp_path: Path) -> None:
+    recording, virtual = open_camera(f"tum:{tmp_path}"), open_camera("synthetic")
+    assert make_reconnecting(recording) is recording
+    assert make_reconnecting(virtual) is not virtual
+    assert make_reconnecting(virtual).reconnects
 
 
 def test_every_camera_is_registered_and_has_a_help_text() -> None:

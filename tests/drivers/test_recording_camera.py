@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 
 from drivers.calibration import format_calibration, read_calibration
-from drivers.camera import CameraCounters, Clock, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
+from drivers.camera import (
+    CameraCounters,
+    CameraState,
+    CameraStatus,
+    Clock,
+    EndOfStream,
+    FrameTimeout,
+    PlaybackMode,
+    RgbdFrame,
+)
 from drivers.core import CameraError, InputError
 from drivers.recording_camera import FrameReader, RecordingCamera
 
@@ -55,6 +64,16 @@ def test_it_describes_itself(make_folder: FolderMaker) -> None:
     assert (camera.frame_count, camera.unpaired, camera.ground_truth) == (None, None, None)
     with camera:
         assert (camera.frame_count, camera.unpaired) == (5, 0)
+
+
+def test_it_is_starting_until_its_first_frame_is_read(make_folder: FolderMaker) -> None:
+    camera = RecordingCamera(make_folder())
+    assert camera.status == CameraStatus(CameraState.OPENING)
+    with camera:
+        assert camera.status == CameraStatus(CameraState.STARTING)
+        camera.read(10.0)
+        assert camera.status == CameraStatus(CameraState.STREAMING)
+    assert camera.status == CameraStatus(CameraState.STREAMING)
 
 
 def test_the_camera_file_gives_the_sensor_timing(make_folder: FolderMaker) -> None:

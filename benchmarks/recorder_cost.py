@@ -25,7 +25,7 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.recording_camera import RecordingCamera
 from vo_service.config_tables import RecorderConfig
-from vo_service.outputs.recorder.flight_recorder import FlightRecorder
+from vo_service.outputs.recorder import FlightRecorder
 from vo_service.types import Estimate, OdometryUpdate, TrackingState
 from vo_service.types.commands import CommandError
 

@@ -181,7 +181,7 @@ def open_recorder(config: Config) -> Recorder:
     """Open the flight recorder; a `NullRecorder` if it is disabled or fails."""
     if not config.recorder.enabled:
         return NullRecorder("the recorder is switched off (recorder.enabled)")
-    from vo_service.outputs.recorder.flight_recorder import open_recorder
+    from vo_service.outputs.recorder import open_recorder
 
     return open_recorder(config.recorder, asdict(config))
 

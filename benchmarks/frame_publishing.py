@@ -37,7 +37,8 @@ from tests.ports import free_port
 from tests.resource_leaks import resident_memory_kb
 from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.outputs.frames import FrameOutput, FrameOutputConfig
-from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
+from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
+from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
 RATE_HZ = 30.0

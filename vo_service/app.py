@@ -20,8 +20,14 @@ from vo_service.control import CommandQueue, Control, LoadShedder
 from vo_service.frame_source import FrameSource, LiveSource, make_publish_clock
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry import CpuStageTimer
-from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
-from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
+from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
+from vo_service.outputs.zenoh.output import (
+    LIVE_QOS,
+    LOCKSTEP_QOS,
+    ConnectOnce,
+    ConnectPolicy,
+    ZenohOutput,
+)
 from vo_service.service import Estimator, Service, ServiceInput, ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level

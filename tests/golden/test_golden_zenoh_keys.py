@@ -8,8 +8,14 @@ import zenoh
 from vo_service.config_tables import CommandConfig, Ros2Config, ZenohConfig
 from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh import open_session
-from vo_service.outputs.zenoh.output import EndpointConfig, ExtraEndpoints, SessionEndpoints
-from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables, make_command_endpoint
+from vo_service.outputs.zenoh.endpoints import (
+    EndpointConfig,
+    ExtraEndpoints,
+    LatestMessages,
+    Queryables,
+    SessionEndpoints,
+    make_command_endpoint,
+)
 from vo_service.types.messages import FrameIds
 
 pytestmark = pytest.mark.zenoh

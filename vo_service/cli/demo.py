@@ -24,7 +24,7 @@ from vo_service.cli.options import (
 from vo_service.frame_source import PacedSource
 from vo_service.outputs import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
-from vo_service.outputs.zenoh.connection import ConnectOnFreePort
+from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import MIN_MATCHES

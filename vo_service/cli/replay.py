@@ -28,7 +28,8 @@ from vo_service.cli.recordings import RECORDING_HELP, replayed_recording
 from vo_service.frame_source import FrameSource
 from vo_service.outputs import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
-from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort
+from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
+from vo_service.outputs.zenoh.output import ConnectOnce
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.run_summary import RunSummary

@@ -8,8 +8,12 @@ import zenoh
 from drivers.core import InputError
 from vo_service.cli.options import print_message
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import build_zenoh_config, configured_endpoints, open_session
-from vo_service.outputs.zenoh.connection import log_connections
+from vo_service.outputs.zenoh import (
+    build_zenoh_config,
+    configured_endpoints,
+    log_connections,
+    open_session,
+)
 from vo_service.signals import stop_on_signals
 
 EPILOG = """\

@@ -39,9 +39,12 @@ from vo_service.cli.options import (
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
 from vo_service.outputs import ProgressOutput, StateLogOutput, SystemdOutput
-from vo_service.outputs.zenoh.connection import ConnectWithRetry
-from vo_service.outputs.zenoh.output import ExtraEndpoints
-from vo_service.outputs.zenoh.queryables import CommandEndpoint, make_command_endpoint
+from vo_service.outputs.zenoh.endpoints import (
+    CommandEndpoint,
+    ExtraEndpoints,
+    make_command_endpoint,
+)
+from vo_service.outputs.zenoh.output import ConnectWithRetry
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.core import InputError
 from tests.vo_service.cli.cli_runner import CommandResult, run_in_process, run_subprocess
-from vo_service.outputs.zenoh import connection
+from vo_service.outputs.zenoh import free_port
 
 CopyRecording = Callable[..., Path]
 
@@ -184,7 +184,7 @@ def test_with_a_subscriber_to_wait_for_the_default_port_is_required(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(connection, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
+    monkeypatch.setattr(free_port, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
     options = ("--config", config, "--wait-for-subscriber", "1")
     with socket.create_server(("127.0.0.1", port)):
         outcome = run_in_process(capfd, "replay", recording, *options)

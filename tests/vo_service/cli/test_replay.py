@@ -21,7 +21,7 @@ from tests.vo_service.cli.cli_runner import (
     stretch_timing,
 )
 from tests.waiting import wait_until
-from vo_service.outputs.zenoh import connection
+from vo_service.outputs.zenoh import free_port
 
 FIGURES = (
     *("frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame", "ate_rmse_m"),
@@ -185,7 +185,7 @@ def test_a_default_port_in_use_is_one_log_line_and_no_error(
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(connection, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
+    monkeypatch.setattr(free_port, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
     with socket.create_server(("127.0.0.1", port)):
         outcome = run_in_process(capfd, "replay", recording, "--config", config, "--json")
     assert (outcome.code, json.loads(outcome.out)["frames"]) == (0, FRAMES)

@@ -12,8 +12,7 @@ from drivers.core import InputError, UserFacingError
 from vo_service.app import OutputsConfig, open_outputs
 from vo_service.config_tables import RerunConfig, ZenohConfig
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
-from vo_service.outputs.zenoh.connection import ConnectWithRetry
-from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.outputs.zenoh.output import ConnectWithRetry, ZenohOutput
 from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh

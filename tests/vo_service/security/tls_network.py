@@ -16,8 +16,8 @@ from tests.vo_service.sample_map import make_map
 from vo_service.config_tables import CommandConfig, ZenohConfig
 from vo_service.control import CommandQueue
 from vo_service.outputs.zenoh import open_session
-from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
-from vo_service.outputs.zenoh.queryables import make_command_endpoint
+from vo_service.outputs.zenoh.endpoints import ExtraEndpoints, make_command_endpoint
+from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.tools.certificates import CertificateAuthority
 from vo_service.types import OdometryUpdate
 from vo_service.types.commands import Command, PausedReply

@@ -45,6 +45,7 @@ _SEND_BUFFER_BYTES = 128 << 10
 # Zenoh locks shared memory, at most this much for one publisher.
 _LOCKED_BYTES = 8_000_000
 _CLIENT_CONNECT_TIMEOUT_MS = 2000
+_MAX_NAME_CHARS = 64
 
 
 @dataclass(frozen=True)
@@ -270,6 +271,19 @@ def open_session(config: ZenohConfig, max_message_bytes: int = MAX_MESSAGE_BYTES
                 endpoint = _endpoint_in_error(str(error)) or endpoints
                 raise error_type(clause.format(endpoint), advice) from error
         raise InputError(f"zenoh cannot use {endpoints}: {_format_error(error)}") from error
+
+
+def log_connections(session: zenoh.Session) -> None:
+    """Log each connection and its end at level INFO, with its certificate's common name."""
+    session.info.declare_link_events_listener(_log_link_event, history=True)
+
+
+def _log_link_event(event: zenoh.LinkEvent) -> None:
+    link = event.link
+    change = "connected" if event.kind == zenoh.SampleKind.PUT else "disconnected"
+    # The name comes from outside: it must not write lines of its own.
+    name = "".join(c if c.isprintable() else "?" for c in link.auth_identifier or "unauthenticated")
+    logger.info("zenoh: %s, %s: %s", name[:_MAX_NAME_CHARS], link.dst, change)
 
 
 def open_with_shared_memory(settings: zenoh.Config) -> zenoh.Session:

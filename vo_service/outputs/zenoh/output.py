@@ -1,26 +1,31 @@
-"""Output of poses and status over Zenoh: what it declares on a session, and its own thread."""
+"""Output of poses and status over Zenoh: how it opens its session, and its own thread."""
 
 import logging
-import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
 
 import zenoh
 
+from drivers.core import UserFacingError
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
-from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy, unread_bytes
-from vo_service.outputs.zenoh.queryables import (
-    CDR,
-    CDR_TRANSFORM,
-    JSON,
-    CommandEndpoint,
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh import (
+    ZenohUnavailableError,
+    connect_endpoints,
+    is_connected_to_any,
+    log_connections,
+    open_session,
+    session_endpoints,
+)
+from vo_service.outputs.zenoh.endpoints import (
+    EndpointConfig,
+    ExtraEndpoints,
     LatestMessages,
-    NullCommandEndpoint,
     Queryables,
+    SessionEndpoints,
 )
 from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
 from vo_service.types.messages import (
@@ -34,12 +39,126 @@ from vo_service.types.messages import (
     versions,
 )
 
-if TYPE_CHECKING:  # loaded only if it is enabled
-    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
-
 logger = logging.getLogger(__name__)
 
-THREAD_JOIN_TIMEOUT_S = 0.5
+RETRY_S = 2.0
+# No warning for this long after a router disconnects.
+ROUTER_GRACE_S = 3.0
+
+
+class ZenohConnection(Protocol):
+    """A session, or the attempts to open it.
+
+    Attributes:
+        warning: Why there is no connection; "" while there is one.
+        description: Where the session can be reached, for people.
+    """
+
+    warning: str
+    description: str
+
+    def sessions(self) -> list[zenoh.Session]:
+        """Return the open session, if any."""
+        ...
+
+
+# Makes a connection. Raises InputError if the configuration is invalid: retrying cannot help.
+ConnectPolicy = Callable[[ZenohConfig], ZenohConnection]
+
+
+class ConnectOnce:
+    """Policy for interactive programs: a session that cannot open now is an error."""
+
+    warning = ""
+
+    def __init__(self, config: ZenohConfig) -> None:
+        """Open the session. Raises InputError or ZenohUnavailableError."""
+        self._session = open_session(config)
+        self.description = describe(config)
+
+    def sessions(self) -> list[zenoh.Session]:
+        """Return the session, which may have been closed since."""
+        return [self._session]
+
+
+class ConnectWithRetry:
+    """Policy for a robot: retries every two seconds and warns until it succeeds."""
+
+    def __init__(self, config: ZenohConfig, now_s: Callable[[], float] = time.monotonic) -> None:
+        """Try to open the session.
+
+        Raises:
+            InputError: If retrying would not help.
+        """
+        self._config = config
+        self._now_s = now_s
+        self.description = describe(config)
+        self._routers = _RouterMonitor(connect_endpoints(config), now_s)
+        self._opened: list[zenoh.Session] = []
+        self._tried_s = now_s()
+        self.warning = ""
+        try:
+            self._opened = [_open_logged_session(config)]
+        except ZenohUnavailableError as error:
+            self._set_warning(f"{error.clause}; trying again: {error.advice}")
+
+    def sessions(self) -> list[zenoh.Session]:
+        """Return the open session, if any; retries and updates the warning, so call it often."""
+        if not self._opened or self._opened[0].is_closed():
+            self._opened = []
+            self._retry()
+        for session in self._opened:
+            self._set_warning(self._routers.warning(session))
+        return self._opened
+
+    def _retry(self) -> None:
+        if self._now_s() - self._tried_s < RETRY_S:
+            return
+        try:
+            self._opened = [_open_logged_session(self._config)]
+        except ZenohUnavailableError as error:
+            self._set_warning(f"{error.clause}; trying again: {error.advice}")
+        except UserFacingError as error:  # a configuration file has changed since the start
+            self._set_warning(f"{error}; trying again")
+        self._tried_s = self._now_s()
+
+    def _set_warning(self, problem: str) -> None:
+        """Set the warning and log it if it has changed."""
+        warning = f"zenoh: {problem}" if problem else ""
+        if warning == self.warning:
+            return
+        self.warning = warning
+        logger.warning("%s", warning or "zenoh: connected again")
+
+
+def _open_logged_session(config: ZenohConfig) -> zenoh.Session:
+    session = open_session(config)
+    log_connections(session)
+    return session
+
+
+def describe(config: ZenohConfig) -> str:
+    """Describe where a session can be reached, for people."""
+    return f"{', '.join(session_endpoints(config))} (kinect-vo listen)"
+
+
+class _RouterMonitor:
+    """Warns while none of the routers is connected."""
+
+    def __init__(self, endpoints: Iterable[str], now_s: Callable[[], float]) -> None:
+        self._endpoints = tuple(endpoints)
+        self._now_s = now_s
+        self._last_connected_s = now_s()
+
+    def warning(self, session: zenoh.Session) -> str:
+        """Return the warning; "" while a router is connected or none is configured."""
+        if not self._endpoints or is_connected_to_any(session, self._endpoints):
+            self._last_connected_s = self._now_s()
+        if self._now_s() - self._last_connected_s < ROUTER_GRACE_S:
+            return ""
+        routers = " or ".join(self._endpoints)
+        return f"no connection to {routers}: it is down or denies access; trying again"
+
 
 ZenohItem = OdometryUpdate | Status
 
@@ -79,126 +198,6 @@ LOCKSTEP_QOS = QosProfile(
     drain_timeout_s=10.0,
     close_timeout_s=25.0,
 )
-
-
-@dataclass(frozen=True)
-class ExtraEndpoints:
-    """Optional endpoints on the session.
-
-    Attributes:
-        commands: Receives commands.
-        ros2: Topics for ROS 2.
-        on_session: Called with each new session, to declare more on it.
-        on_pose: Called with each update once its pose is sent, on the thread that sends poses.
-    """
-
-    commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
-    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
-    on_session: Callable[[zenoh.Session], None] = lambda _: None
-    on_pose: Callable[[OdometryUpdate], None] = lambda _: None
-
-
-@dataclass(frozen=True)
-class EndpointConfig:
-    """Configuration of the endpoints on one session."""
-
-    prefix: str
-    frame_ids: FrameIds
-    congestion: zenoh.CongestionControl
-    queryables: Queryables
-    extra: ExtraEndpoints
-
-
-class SessionEndpoints:
-    """Publishers, queryables, commands and the liveliness token `alive` of one session.
-
-    The token is declared last: a client that sees it finds everything else.
-
-    Raises:
-        InputError: The ROS 2 topic is invalid.
-    """
-
-    def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:
-        self.session = session
-        prefix = config.prefix
-        self._odom = session.declare_publisher(
-            f"{prefix}/odom",
-            encoding=CDR,
-            congestion_control=config.congestion,
-            priority=zenoh.Priority.REAL_TIME,
-            express=True,
-            reliability=zenoh.Reliability.RELIABLE,
-        )
-        self._map_odom = session.declare_publisher(
-            f"{prefix}/map_odom",
-            encoding=CDR_TRANSFORM,
-            congestion_control=config.congestion,
-            reliability=zenoh.Reliability.RELIABLE,
-        )
-        self._status = session.declare_publisher(
-            f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
-        )
-        self._ros2 = _open_ros2(session, config)
-        self._threads = config.queryables.declare(session)
-        self._threads += config.extra.commands.declare(session, prefix)
-        config.extra.on_session(session)
-        self._alive = session.liveliness().declare_token(f"{prefix}/alive")
-
-    def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:
-        """Publish one pose; `payload` is its CDR."""
-        self._odom.put(payload, attachment=attachment)
-        if self._ros2 is not None:
-            self._ros2.publish(update, payload)
-
-    def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
-        """Publish the map->odom transform."""
-        self._map_odom.put(payload, attachment=attachment)
-
-    def publish_status(self, payload: bytes) -> None:
-        """Publish a status."""
-        self._status.put(payload)
-
-    def wait_for_subscriber(self, timeout_s: float) -> bool:
-        """Wait until there is a subscriber to the poses; return False on timeout."""
-        is_matched = threading.Event()
-
-        def on_change(status: zenoh.MatchingStatus) -> None:
-            if status.matching:
-                is_matched.set()
-
-        listener = self._odom.declare_matching_listener(on_change)
-        try:
-            return _has_subscriber(self._odom) or is_matched.wait(timeout_s)
-        finally:
-            listener.undeclare()  # type: ignore[no-untyped-call]
-
-    def close(self) -> None:
-        """Withdraw the token and close the session."""
-        parts: list[Callable[[], object]] = [self._alive.undeclare, self.session.close]
-        if self._ros2 is not None:
-            parts.insert(1, self._ros2.close)
-        for close in parts:
-            with suppress(zenoh.ZError):  # a broken link
-                close()
-        # A thread that is still inside Zenoh when Python exits crashes the process.
-        for thread in self._threads:
-            thread.join(THREAD_JOIN_TIMEOUT_S)
-
-
-def _open_ros2(session: zenoh.Session, config: EndpointConfig) -> "Ros2Publisher | None":
-    """Publish for ROS 2 if it is enabled."""
-    settings = config.extra.ros2
-    if not settings.enabled:
-        return None
-    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
-
-    return Ros2Publisher(session, settings, config.prefix, config.frame_ids, config.congestion)
-
-
-def _has_subscriber(publisher: zenoh.Publisher) -> bool:
-    # Zenoh's stub declares bool, but the value is an object that is always true.
-    status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
-    return status.matching
 
 
 class ZenohOutput:
@@ -356,3 +355,49 @@ class ZenohOutput:
             idle_checks = 0 if unread_bytes(endpoints.session) else idle_checks + 1
             time.sleep(0.01)
         return True
+
+
+PROC_TCP_TABLES = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+
+PortPair = tuple[int, int]
+
+
+def queued_bytes(connections: Iterable[PortPair]) -> int:
+    """Count the unread bytes of connections, given as (local port, remote port).
+
+    These are unacknowledged bytes and, if the peer runs on this host, bytes in its receive queue.
+    """
+    pairs = set(connections)
+    total = 0
+    for local, remote, send_queue, receive_queue in _sockets():
+        if (local, remote) in pairs:
+            total += send_queue
+        elif (remote, local) in pairs:
+            total += receive_queue
+    return total
+
+
+def _sockets() -> Iterator[tuple[int, int, int, int]]:
+    """Yield local port, remote port, bytes in the send queue, bytes in the receive queue."""
+    for table in PROC_TCP_TABLES:
+        lines = table.read_text().splitlines()[1:] if table.exists() else []
+        for line in lines:
+            _, local, remote, _, queues = line.split()[:5]
+            sending, received = queues.split(":")
+            yield _port_of(local), _port_of(remote), int(sending, 16), int(received, 16)
+
+
+def _port_of(address: str) -> int:
+    return int(address.rsplit(":", 1)[1], 16)
+
+
+def unread_bytes(session: zenoh.Session) -> int:
+    """Return how many sent bytes of a session have not been read yet."""
+    links = session.info.links()
+    return queued_bytes((_port(link.src), _port(link.dst)) for link in links)
+
+
+def _port(locator: str) -> int:
+    """Return the port of a locator, such as tcp/127.0.0.1:7450; 0 if it has none."""
+    port = locator.rsplit(":", 1)[-1]
+    return int(port) if port.isdigit() else 0

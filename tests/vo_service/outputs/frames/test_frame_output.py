@@ -19,7 +19,8 @@ from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from tests.waiting import wait_until
 from vo_service.config_tables import FramesConfig, ZenohConfig
 from vo_service.outputs.frames import FrameOutputConfig, open_frame_outputs
-from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
+from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
+from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.ros_messages import IMU_SCHEMA
 from vo_service.ros_messages.decoding import (
     decode_color_jpeg,

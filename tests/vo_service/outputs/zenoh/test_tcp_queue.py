@@ -2,7 +2,7 @@
 
 import socket
 
-from vo_service.outputs.zenoh.connection import queued_bytes
+from vo_service.outputs.zenoh.output import queued_bytes
 
 
 def test_sent_bytes_count_until_they_are_read() -> None:

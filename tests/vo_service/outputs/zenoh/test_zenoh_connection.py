@@ -15,9 +15,11 @@ from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session, query_json
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import ZenohPortInUseError, connection, open_session
-from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort, ConnectWithRetry
-from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.outputs.zenoh import ZenohPortInUseError, open_session
+from vo_service.outputs.zenoh import free_port as free_port_module
+from vo_service.outputs.zenoh import output as output_module
+from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
+from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectOnce, ConnectWithRetry, ZenohOutput
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
 
@@ -29,8 +31,8 @@ MakeUpdate = Callable[..., OdometryUpdate]
 @pytest.fixture(autouse=True)
 def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Shorten the waits: Zenoh's own are long enough."""
-    monkeypatch.setattr(connection, "RETRY_S", 0.05)
-    monkeypatch.setattr(connection, "ROUTER_GRACE_S", 0.05)
+    monkeypatch.setattr(output_module, "RETRY_S", 0.05)
+    monkeypatch.setattr(output_module, "ROUTER_GRACE_S", 0.05)
 
 
 @pytest.fixture
@@ -42,7 +44,7 @@ def attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
         configs.append(config)
         return open_session(config)
 
-    monkeypatch.setattr(connection, "open_session", attempt)
+    monkeypatch.setattr(output_module, "open_session", attempt)
     return configs
 
 
@@ -91,7 +93,7 @@ def test_connecting_once_fails_at_once(free_port: int) -> None:
 def default_endpoint(free_port: int, monkeypatch: pytest.MonkeyPatch) -> str:
     """A default endpoint that is free; the real one may be in use."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
-    monkeypatch.setattr(connection, "DEFAULT_ENDPOINT", endpoint)
+    monkeypatch.setattr(free_port_module, "DEFAULT_ENDPOINT", endpoint)
     return endpoint
 
 
@@ -122,7 +124,7 @@ def test_a_free_port_that_was_taken_is_replaced(
 ) -> None:
     free = f"tcp/127.0.0.1:{ports.free_port()}"
     found = iter([default_endpoint, free])
-    monkeypatch.setattr(connection, "_free_endpoint", lambda: next(found))
+    monkeypatch.setattr(free_port_module, "_free_endpoint", lambda: next(found))
     with (
         port_in_use(free_port),
         closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output,
@@ -236,7 +238,7 @@ def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
     keep_trying = partial(ConnectWithRetry, now_s=lambda: now_s[0])
     with router(free_port), closing(ZenohOutput(zenoh_config, LIVE_QOS, keep_trying)) as output:
         send_status_until(output, status, lambda: output.warning == "")
-        now_s[0] += 2 * connection.ROUTER_GRACE_S
+        now_s[0] += 2 * output_module.ROUTER_GRACE_S
         output.on_status(status)
         assert output.warning == ""
 

@@ -5,8 +5,13 @@ import zenoh
 
 from vo_service.config_tables import Ros2Config, ZenohConfig
 from vo_service.outputs.zenoh import open_session
-from vo_service.outputs.zenoh.output import EndpointConfig, ExtraEndpoints, SessionEndpoints
-from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables
+from vo_service.outputs.zenoh.endpoints import (
+    EndpointConfig,
+    ExtraEndpoints,
+    LatestMessages,
+    Queryables,
+    SessionEndpoints,
+)
 from vo_service.types.messages import FrameIds
 
 pytestmark = pytest.mark.zenoh

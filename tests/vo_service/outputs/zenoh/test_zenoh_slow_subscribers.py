@@ -15,8 +15,7 @@ import zenoh
 from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh.connection import ConnectWithRetry
-from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectWithRetry, ZenohOutput
 from vo_service.types import OdometryUpdate
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]

@@ -1,4 +1,7 @@
-"""Queryables of a session: the latest messages, their schemas, and commands."""
+"""What is declared on a session: queryables, commands, and the publishers of poses and status.
+
+The queryables reply with the latest messages and their schemas.
+"""
 
 import json
 import logging
@@ -6,15 +9,17 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 import zenoh
 
 from drivers.core.flow_control import BlockingQueue, TokenBucket, WorkerThread
-from vo_service.config_tables import CommandConfig
+from vo_service.config_tables import CommandConfig, Ros2Config
 from vo_service.control import CommandFuture, CommandQueue
 from vo_service.ros_messages import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
+from vo_service.types import OdometryUpdate
 from vo_service.types.commands import (
     MAX_PAYLOAD_BYTES,
     CommandError,
@@ -22,7 +27,10 @@ from vo_service.types.commands import (
     NotPossibleError,
     parse_command,
 )
-from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, encode_message
+from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, FrameIds, encode_message
+
+if TYPE_CHECKING:  # loaded only if it is enabled
+    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
 
 logger = logging.getLogger(__name__)
 
@@ -297,3 +305,126 @@ def _read_payload(query: zenoh.Query) -> bytes:
             f"the payload has {len(payload)} bytes; the limit is {MAX_PAYLOAD_BYTES}",
         )
     return payload.to_bytes()
+
+
+THREAD_JOIN_TIMEOUT_S = 0.5
+
+
+@dataclass(frozen=True)
+class ExtraEndpoints:
+    """Optional endpoints on the session.
+
+    Attributes:
+        commands: Receives commands.
+        ros2: Topics for ROS 2.
+        on_session: Called with each new session, to declare more on it.
+        on_pose: Called with each update once its pose is sent, on the thread that sends poses.
+    """
+
+    commands: CommandEndpoint = field(default_factory=NullCommandEndpoint)
+    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
+    on_session: Callable[[zenoh.Session], None] = lambda _: None
+    on_pose: Callable[[OdometryUpdate], None] = lambda _: None
+
+
+@dataclass(frozen=True)
+class EndpointConfig:
+    """Configuration of the endpoints on one session."""
+
+    prefix: str
+    frame_ids: FrameIds
+    congestion: zenoh.CongestionControl
+    queryables: Queryables
+    extra: ExtraEndpoints
+
+
+class SessionEndpoints:
+    """Publishers, queryables, commands and the liveliness token `alive` of one session.
+
+    The token is declared last: a client that sees it finds everything else.
+
+    Raises:
+        InputError: The ROS 2 topic is invalid.
+    """
+
+    def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:
+        self.session = session
+        prefix = config.prefix
+        self._odom = session.declare_publisher(
+            f"{prefix}/odom",
+            encoding=CDR,
+            congestion_control=config.congestion,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._map_odom = session.declare_publisher(
+            f"{prefix}/map_odom",
+            encoding=CDR_TRANSFORM,
+            congestion_control=config.congestion,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._status = session.declare_publisher(
+            f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
+        )
+        self._ros2 = _open_ros2(session, config)
+        self._threads = config.queryables.declare(session)
+        self._threads += config.extra.commands.declare(session, prefix)
+        config.extra.on_session(session)
+        self._alive = session.liveliness().declare_token(f"{prefix}/alive")
+
+    def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:
+        """Publish one pose; `payload` is its CDR."""
+        self._odom.put(payload, attachment=attachment)
+        if self._ros2 is not None:
+            self._ros2.publish(update, payload)
+
+    def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
+        """Publish the map->odom transform."""
+        self._map_odom.put(payload, attachment=attachment)
+
+    def publish_status(self, payload: bytes) -> None:
+        """Publish a status."""
+        self._status.put(payload)
+
+    def wait_for_subscriber(self, timeout_s: float) -> bool:
+        """Wait until there is a subscriber to the poses; return False on timeout."""
+        is_matched = threading.Event()
+
+        def on_change(status: zenoh.MatchingStatus) -> None:
+            if status.matching:
+                is_matched.set()
+
+        listener = self._odom.declare_matching_listener(on_change)
+        try:
+            return _has_subscriber(self._odom) or is_matched.wait(timeout_s)
+        finally:
+            listener.undeclare()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Withdraw the token and close the session."""
+        parts: list[Callable[[], object]] = [self._alive.undeclare, self.session.close]
+        if self._ros2 is not None:
+            parts.insert(1, self._ros2.close)
+        for close in parts:
+            with suppress(zenoh.ZError):  # a broken link
+                close()
+        # A thread that is still inside Zenoh when Python exits crashes the process.
+        for thread in self._threads:
+            thread.join(THREAD_JOIN_TIMEOUT_S)
+
+
+def _open_ros2(session: zenoh.Session, config: EndpointConfig) -> "Ros2Publisher | None":
+    """Publish for ROS 2 if it is enabled."""
+    settings = config.extra.ros2
+    if not settings.enabled:
+        return None
+    from vo_service.outputs.zenoh.ros2 import Ros2Publisher
+
+    return Ros2Publisher(session, settings, config.prefix, config.frame_ids, config.congestion)
+
+
+def _has_subscriber(publisher: zenoh.Publisher) -> bool:
+    # Zenoh's stub declares bool, but the value is an object that is always true.
+    status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
+    return status.matching

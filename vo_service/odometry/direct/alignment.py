@@ -3,18 +3,25 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array, orthonormalize
+from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.gauss_newton import MotionPrior, StepLimits, solve_level
-from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid, LevelImages
+from vo_service.odometry.direct.image_pyramid import (
+    NUM_CELLS,
+    NUM_LEVELS,
+    ImagePyramid,
+    LevelImages,
+)
 from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
     MOTION_SIZE,
     body_motion,
+    orthonormalize_rotation,
     zero_motion,
 )
 from vo_service.odometry.direct.parameters import (
@@ -47,6 +54,7 @@ from vo_service.odometry.direct.samples import (
 )
 
 PointPyramid = Sequence[Array]
+Level = TypeVar("Level", Array, LevelImages)
 
 # Gain and offset of equal brightness.
 IDENTITY_BRIGHTNESS = (1.0, 0.0)
@@ -131,7 +139,7 @@ def initial_residual_model(
 def align(
     points: PointPyramid,
     images: ImagePyramid,
-    initial_guesses: Sequence[Array],
+    initial_guesses: Sequence[Array] | Array,
     prior: MotionPrior,
     affine_brightness: tuple[float, float],
     cell_weights: Array,
@@ -146,25 +154,63 @@ def align(
         affine_brightness: Gain and offset of the last frame.
         cell_weights: (2, CELLS) of brightness and of depth, by the cell of the image.
     """
+    levels = images.levels
     # After a reconnection the camera may have images of another size.
-    coarsest = min(len(images.gray), len(points)) - 1
-    residual_model = initial_residual_model(affine_brightness, images.brightness_weight)
-    T, motion = initial_guesses[0], prior.motion
-    if len(initial_guesses) > 1:
-        costs = [
-            _mean_cost(points[coarsest], images.levels[coarsest], T, motion, residual_model)
-            for T in initial_guesses
-        ]
-        T = initial_guesses[int(np.argmin(costs))]
-    # Coarse levels have too few points for region weights: those of the initial guess are used.
-    level = min(coarsest, NUM_FINE_LEVELS - 1)
-    initial_weights = _initial_region_weights(
-        points[level], images.levels[level], T, motion, residual_model, cell_weights
+    count = min(len(levels), len(points))
+    T, motion, residual_model, counts, samples, region_weights = _align_levels(
+        _pad(points[:count]),
+        _pad(levels[:count]),
+        count,
+        np.asarray(initial_guesses),
+        prior,
+        initial_residual_model(affine_brightness, images.brightness_weight),
+        cell_weights,
     )
-    for level in range(coarsest, -1, -1):
+    return DirectAlignment(T, motion, residual_model, counts, samples, region_weights)
+
+
+def _pad(levels: Sequence[Level]) -> tuple[Level, ...]:
+    """Repeat the coarsest level: a kernel is compiled for each length of a tuple."""
+    padded = list(levels)
+    return tuple(padded + padded[-1:] * (NUM_LEVELS - len(padded)))
+
+
+@kernel
+def _align_levels(
+    points: tuple[Array, ...],
+    images: tuple[LevelImages, ...],
+    count: int,
+    initial_guesses: Array,
+    prior: MotionPrior,
+    residual_model: Array,
+    cell_weights: Array,
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Fields of `DirectAlignment`, see `align`. In one kernel, as each call from Python takes time.
+
+    Args:
+        points: (N, COLUMNS) of each level.
+        images: The frame at each level.
+        count: Number of levels.
+        initial_guesses: (K, 4, 4).
+        prior: What is known of the motion.
+        residual_model: (5,) initial one.
+        cell_weights: (2, CELLS).
+    """
+    T, motion = initial_guesses[0], prior.motion
+    least = np.inf
+    for guess in initial_guesses[: len(initial_guesses) if len(initial_guesses) > 1 else 0]:
+        cost = _mean_cost(points[count - 1], images[count - 1], guess, motion, residual_model)
+        if cost < least:
+            T, least = guess, cost
+    # Coarse levels have too few points for region weights: those of the initial guess are used.
+    level = min(count, NUM_FINE_LEVELS) - 1
+    initial_weights = _initial_region_weights(
+        points[level], images[level], T, motion, residual_model, cell_weights
+    )
+    for level in range(count - 1, -1, -1):
         T, motion = solve_level(
             points[level],
-            images.levels[level],
+            images[level],
             T,
             motion,
             prior,
@@ -172,11 +218,11 @@ def align(
             residual_model,
             STEP_LIMITS[level],
         )
-    T = orthonormalize(T)
-    samples = sample_points(points, images, T, motion, 0)
+    T = orthonormalize_rotation(T)
+    samples = _sample_level(points[0], images[0], T, motion)
     region_weights = weigh_regions(points[0], samples, residual_model, cell_weights)
     counts = count_residuals(points[0], samples, residual_model, region_weights)
-    return DirectAlignment(T, motion, residual_model, counts, samples, region_weights)
+    return T, motion, residual_model, counts, samples, region_weights
 
 
 def sample_points(

@@ -12,13 +12,14 @@ Compensation" (PAMI 32, 2010), it is estimated together with the exposure.
 """
 
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.gauss_newton import jacobian
+from vo_service.odometry.direct.gauss_newton import invert_cholesky, jacobian
 from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.keyframe_points import (
@@ -83,19 +84,39 @@ class BrightnessWeight:
             points: (N, COLUMNS) of the keyframe's finest level.
             alignment: Of the view with them.
         """
-        scores, independent, count = _accumulate_scores(
+        shared_error = _measure_shared_error(
             points, alignment.samples, alignment.cell_weights, alignment.residual_model
         )
-        trace = np.trace(independent)
-        if count < MIN_SHARED_ERROR_SAMPLES or trace <= 0.0:
+        if shared_error == 0.0:
             return self
-        ratios = np.linalg.solve(
-            independent + REGULARIZATION * trace * np.eye(6), scores.T @ scores
-        )
-        shared_error = float(np.trace(ratios)) / 6.0
         step = max(1.0 - SHARED_ERROR_DECAY, 1.0 / self.views)
-        change = float(np.log(shared_error)) - self.log_shared_error
+        change = log(shared_error) - self.log_shared_error
         return BrightnessWeight(self.log_shared_error + step * change, self.views + 1)
+
+
+@kernel
+def _measure_shared_error(
+    points: Array, samples: Array, cell_weights: Array, residual_model: Array
+) -> float:
+    """Ratio by which shared errors enlarge the scatter of the scores; 0 with too few samples.
+
+    Args:
+        points: (N, COLUMNS) of the keyframe's finest level.
+        samples: (N, COLUMNS) of the view.
+        cell_weights: (2, CELLS).
+        residual_model: (5,), see `residuals`.
+    """
+    scores, independent, count = _accumulate_scores(points, samples, cell_weights, residual_model)
+    trace = np.trace(independent)
+    if count < MIN_SHARED_ERROR_SAMPLES or trace <= 0.0:
+        return 0.0
+    inverse = invert_cholesky(independent + REGULARIZATION * trace * np.eye(6))
+    shared_error = 0.0
+    for score in scores:
+        for i in range(6):
+            for j in range(6):
+                shared_error += inverse[i, j] * score[i] * score[j]
+    return shared_error / 6.0
 
 
 @kernel

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.core.geometry import Array, adjoint
+from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
 from vo_service.odometry.direct.gauss_newton import (
@@ -37,6 +37,7 @@ from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
     MOTION_SIZE,
     NUM_UNKNOWNS,
+    se3_adjoint,
 )
 from vo_service.odometry.direct.parameters import (
     COVARIANCE_INFLATION,
@@ -109,44 +110,51 @@ def estimate_uncertainty(
         prior: The prior of its motion.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
     """
-    in_keyframe, information, moments = _analyze_view(
+    covariance, information, noise_information = _analyze_view(
         points[0],
-        alignment.samples,
-        alignment.cell_weights,
-        alignment.residual_model,
+        (alignment.samples, alignment.cell_weights, alignment.residual_model),
         images.levels[0],
+        alignment.T_camera_keyframe,
         prior,
         velocity_noise,
     )
-    Ad = adjoint(alignment.T_camera_keyframe)
-    in_camera = Ad @ in_keyframe @ Ad.T
-    return MotionUncertainty(
-        covariance=0.5 * (in_camera + in_camera.T) + MIN_COVARIANCE,
-        degeneracy=analyze_degeneracy(information, point_information(moments)),
-    )
+    return MotionUncertainty(covariance, analyze_degeneracy(information, noise_information))
 
 
 @kernel
 def _analyze_view(
     points: Array,
-    samples: Array,
-    cell_weights: Array,
-    residual_model: Array,
+    alignment: tuple[Array, Array, Array],
     images: LevelImages,
+    T_camera_keyframe: Array,
     prior: MotionPrior,
     velocity_noise: Array,
 ) -> tuple[Array, Array, Array]:
-    """6x6 covariance in the keyframe's axes, 6x6 information of the pose, and moments (4, 4).
+    """6x6 covariance in the camera's axes, and 6x6 information of the pose and of noise.
 
     In one kernel, as each call from Python takes time. See its parts for the arguments.
+
+    Args:
+        points: (N, COLUMNS) of the keyframe's finest level.
+        alignment: The samples, cell weights and residual model of `DirectAlignment`.
+        images: The frame at that level.
+        T_camera_keyframe: 4x4.
+        prior: The prior of the motion.
+        velocity_noise: (2,), see `estimate_uncertainty`.
     """
+    samples, cell_weights, residual_model = alignment
     readout_s, skew_s = images.readout_s, images.skew_s
     weighted = weigh_samples(points, samples, cell_weights)
     bands = accumulate(points, samples, weighted, residual_model)
     H, _ = expand_rolling_shutter(bands, readout_s, skew_s)
     scores, moments = accumulate_scores(points, samples, weighted, residual_model, images)
-    covariance = _covariance_in_keyframe(H, bands, scores, prior, readout_s, skew_s, velocity_noise)
-    return covariance, H[:6, :6].copy(), moments
+    in_keyframe = _covariance_in_keyframe(
+        H, bands, scores, prior, readout_s, skew_s, velocity_noise
+    )
+    Ad = se3_adjoint(T_camera_keyframe)
+    in_camera = _multiply(_multiply(Ad, in_keyframe), Ad.T.copy())
+    covariance = 0.5 * (in_camera + in_camera.T) + MIN_COVARIANCE
+    return covariance, H[:6, :6].copy(), point_information(moments)
 
 
 @kernel

@@ -90,11 +90,14 @@ class MotionPrior(NamedTuple):
         return self._replace(rate_hz=0.0, information=velocity_information(sigma))
 
 
+@kernel
 def velocity_information(sigma: Array) -> Array:
     """(9,) information of a motion whose velocity has sigma (2,), m/s and rad/s."""
-    translation, rotation = sigma**-2.0
-    acceleration = rotation * TREMOR_SPAN_S**2
-    return np.repeat([translation, rotation, acceleration], 3)
+    information = np.empty(MOTION_SIZE)
+    information[:3] = 1.0 / sigma[0] ** 2
+    information[3:6] = 1.0 / sigma[1] ** 2
+    information[6:] = information[3:6] * TREMOR_SPAN_S**2
+    return information
 
 
 class StepLimits(NamedTuple):

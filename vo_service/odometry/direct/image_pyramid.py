@@ -131,11 +131,12 @@ class ImagePyramid:
 
         The center of an image's first pixel is (0, 0).
         """
-        camera, scales = self.camera, 2.0 ** -np.arange(len(self.gray) + 1.0)
-        whole = camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5
-        scaled = np.outer(scales, whole)
-        scaled[:, 2:] -= 0.5
-        return tuple(scaled)
+        camera = self.camera
+        fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+        scales = [0.5**level for level in range(len(self.gray) + 1)]
+        return tuple(
+            np.array([[s * fx, s * fy, s * (cx + 0.5) - 0.5, s * (cy + 0.5) - 0.5] for s in scales])
+        )
 
     @cached_property
     def levels(self) -> Sequence[LevelImages]:

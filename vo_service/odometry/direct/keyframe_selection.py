@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, adjoint, inverse, orthonormalize
+from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import (
     DirectAlignment,
     align,
@@ -42,6 +42,8 @@ from vo_service.odometry.direct.motion import (
     compose,
     constant_velocity_motion,
     fit_through_poses,
+    orthonormalize_rotation,
+    se3_adjoint,
     se3_exp,
     se3_log,
 )
@@ -255,14 +257,14 @@ def align_jointly(
             if sums is None:
                 fits.remove(fit)
                 continue
-            Ad = adjoint(fit.T_keyframe_active)
+            Ad = se3_adjoint(fit.T_keyframe_active)
             H += Ad.T @ sums[UPPER_TRIANGLE] @ Ad
             g += Ad.T @ sums[TRIANGLE_SIZE:]
         x = solve_cholesky(H + JOINT_DAMPING_RATIO * np.trace(H) * np.eye(6), g)
         T = compose(T, se3_exp(-x))
         if np.max(np.abs(x)) < MIN_JOINT_STEP_SIZE:
             break
-    return orthonormalize(T)
+    return orthonormalize_rotation(T)
 
 
 def _linearize(

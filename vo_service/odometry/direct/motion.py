@@ -12,7 +12,7 @@ The change of the linear velocity is below the sensor's noise.
 
 import numpy as np
 
-from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.image_pyramid import LevelImages
 
@@ -79,6 +79,51 @@ def compose(A: Array, B: Array) -> Array:
 
 
 @kernel
+def invert(T: Array) -> Array:
+    """Inverse of a rigid transform 4x4."""
+    inverted = np.eye(4)
+    for i in range(3):
+        for j in range(3):
+            inverted[i, j] = T[j, i]
+        inverted[i, 3] = -(T[0, i] * T[0, 3] + T[1, i] * T[1, 3] + T[2, i] * T[2, 3])
+    return inverted
+
+
+@kernel
+def se3_adjoint(T: Array) -> Array:
+    """6x6 matrix that maps twists (6,) through a rigid transform 4x4."""
+    Ad, (x, y, z) = np.zeros((6, 6)), (T[0, 3], T[1, 3], T[2, 3])
+    for j in range(3):
+        for i in range(3):
+            Ad[i, j] = Ad[3 + i, 3 + j] = T[i, j]
+        Ad[0, 3 + j] = y * T[2, j] - z * T[1, j]
+        Ad[1, 3 + j] = z * T[0, j] - x * T[2, j]
+        Ad[2, 3 + j] = x * T[1, j] - y * T[0, j]
+    return Ad
+
+
+@kernel
+def orthonormalize_rotation(T: Array) -> Array:
+    """Rigid transform 4x4 without rounding errors, see `drivers.core.geometry.orthonormalize`."""
+    corrected = T.copy()
+    R, correction = np.empty((3, 3)), np.empty((3, 3))
+    for _ in range(2):
+        R[:] = corrected[:3, :3]
+        for i in range(3):
+            for j in range(3):
+                product = R[0, i] * R[0, j] + R[1, i] * R[1, j] + R[2, i] * R[2, j]
+                correction[i, j] = (3.0 if i == j else 0.0) - product
+        for i in range(3):
+            for j in range(3):
+                corrected[i, j] = 0.5 * (
+                    R[i, 0] * correction[0, j]
+                    + R[i, 1] * correction[1, j]
+                    + R[i, 2] * correction[2, j]
+                )
+    return corrected
+
+
+@kernel
 def se3_log(T: Array) -> Array:
     """Twist (6,) of a rigid transform 4x4 with an angle below pi."""
     twist = np.empty(6)
@@ -107,9 +152,13 @@ def zero_motion() -> Array:
     return np.zeros(MOTION_SIZE)
 
 
+@kernel
 def constant_velocity_motion(velocity: Array) -> Array:
     """(9,) motion of constant velocity (6,)."""
-    return np.concatenate([velocity, np.zeros(3)])
+    motion = np.zeros(MOTION_SIZE)
+    for k in range(ACCELERATION_START):
+        motion[k] = velocity[k]
+    return motion
 
 
 def fit_through_poses(
@@ -126,13 +175,6 @@ def fit_through_poses(
     velocity = (until_s * since + since_s * until) / (since_s + until_s)
     acceleration = 2.0 * (until - since) / (since_s + until_s)
     return np.concatenate([velocity, acceleration[3:]])
-
-
-def change_frame(motion: Array, T: Array) -> Array:
-    """(9,) the same motion in the axes that T (4x4) transforms to."""
-    Ad = adjoint(T)
-    turned = Ad[3:, 3:] @ motion[ACCELERATION_START:]
-    return np.concatenate([Ad @ motion[:ACCELERATION_START], turned])
 
 
 @kernel
@@ -152,6 +194,12 @@ def body_motion(T_camera_keyframe: Array, motion: Array) -> Array:
     own[1] += tz * own[3] - tx * own[5]
     own[2] += tx * own[4] - ty * own[3]
     return own
+
+
+@kernel
+def change_frame(motion: Array, T: Array) -> Array:
+    """(9,) the same motion in the axes that T (4x4) transforms to."""
+    return -body_motion(T, motion)
 
 
 @inline_kernel

@@ -20,11 +20,17 @@ import numpy as np
 from drivers.core.geometry import Array, adjoint, inverse
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.covariance import MotionUncertainty
-from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
+from vo_service.odometry.direct.gauss_newton import (
+    MotionPrior,
+    solve_cholesky,
+    velocity_information,
+)
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.motion import (
-    change_frame,
+    body_motion,
+    compose,
     constant_velocity_motion,
+    invert,
     se3_exp,
     se3_log,
 )
@@ -79,13 +85,12 @@ class MotionState:
     normalized_innovation: float = 0.0
     well_constrained_stamp_s: float = 0.0
 
-    def initial_guesses(self, T_world_keyframe: Array, stamp_s: float) -> list[Array]:
-        """4x4 initial guesses of T_camera_keyframe: at constant velocity, and at rest."""
-        T_last_keyframe = inverse(self.T_world_camera) @ T_world_keyframe
-        if not self.is_recent(stamp_s):
-            return [T_last_keyframe]
-        T_camera_last = se3_exp((self.stamp_s - stamp_s) * self.velocity)
-        return [T_camera_last @ T_last_keyframe, T_last_keyframe]
+    def initial_guesses(self, T_world_keyframe: Array, stamp_s: float) -> Array:
+        """(K, 4, 4) initial guesses of T_camera_keyframe: at constant velocity, and at rest."""
+        guesses = _guess_poses(
+            self.T_world_camera, T_world_keyframe, self.velocity, self.stamp_s - stamp_s
+        )
+        return guesses if self.is_recent(stamp_s) else guesses[1:]
 
     def predict_pose(self, stamp_s: float) -> Array:
         """4x4 pose T_world_camera at a stamp, at the velocity of the last good frame."""
@@ -94,11 +99,11 @@ class MotionState:
 
     def motion_prior(self, T_world_keyframe: Array, stamp_s: float) -> MotionPrior:
         """Prior of the motion at a stamp: the velocity changes no more than it did recently."""
-        T_keyframe_last = inverse(T_world_keyframe) @ self.T_world_camera
-        sigma = np.minimum(np.maximum(self.velocity_noise, MIN_VELOCITY_SIGMA), MAX_VELOCITY_SIGMA)
-        motion = change_frame(constant_velocity_motion(-self.velocity), T_keyframe_last)
+        T_keyframe_last, motion, information = _predict_motion(
+            self.T_world_camera, T_world_keyframe, self.velocity, self.velocity_noise
+        )
         rate_hz = 1.0 / max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S)
-        prior = MotionPrior(T_keyframe_last, rate_hz, motion, velocity_information(sigma))
+        prior = MotionPrior(T_keyframe_last, rate_hz, motion, information)
         return prior if self.is_recent(stamp_s) else prior.relaxed()
 
     def is_stale(self, stamp_s: float) -> bool:
@@ -109,14 +114,11 @@ class MotionState:
         """Change of the velocity (6,) relative to its noise; 0 if the state is stale."""
         if self.is_stale(stamp_s):
             return 0.0
-        usual = np.maximum(self.velocity_noise, MIN_VELOCITY_NOISE_RATIO * MAX_VELOCITY_SIGMA)
-        return float((_velocity_change(velocity, self.velocity) / usual).max())
+        return _innovation_ratio(velocity, self.velocity, self.velocity_noise)
 
     def update_velocity_noise(self, velocity: Array) -> Array:
         """Velocity noise (2,) including the velocity (6,) of the next frame."""
-        return _fade_velocity_noise(
-            self.velocity_noise, _velocity_change(velocity, self.velocity), MAX_VELOCITY_SIGMA
-        )
+        return _fade_velocity_noise(self.velocity_noise, velocity, self.velocity)
 
     def update_normalized_innovation(self, normalized_square: float) -> float:
         """Normalized innovation including that of the next frame; a rise counts at once."""
@@ -183,6 +185,57 @@ class MotionState:
 
 
 @kernel
+def _guess_poses(
+    T_world_camera: Array, T_world_keyframe: Array, velocity: Array, backward_s: float
+) -> Array:
+    """(2, 4, 4) guesses of T_camera_keyframe after a time, see `MotionState.initial_guesses`."""
+    guesses = np.empty((2, 4, 4))
+    guesses[1] = compose(invert(T_world_camera), T_world_keyframe)
+    guesses[0] = compose(se3_exp(backward_s * velocity), guesses[1])
+    return guesses
+
+
+@kernel
+def _predict_motion(
+    T_world_camera: Array, T_world_keyframe: Array, velocity: Array, velocity_noise: Array
+) -> tuple[Array, Array, Array]:
+    """T_keyframe_last 4x4, motion (9,) and information (9,) of the prior, see `MotionPrior`."""
+    T_keyframe_last = compose(invert(T_world_keyframe), T_world_camera)
+    motion = body_motion(T_keyframe_last, constant_velocity_motion(velocity))
+    sigma = np.minimum(np.maximum(velocity_noise, MIN_VELOCITY_SIGMA), MAX_VELOCITY_SIGMA)
+    return T_keyframe_last, motion, velocity_information(sigma)
+
+
+@kernel
+def _compare_with_prediction(
+    motion_state: tuple[Array, Array], elapsed_s: float, T_world_camera: Array, covariance: Array
+) -> tuple[Array, Array, float]:
+    """Predicted pose 4x4, innovation (6,) of a measured pose, and its mean normalized square.
+
+    Args:
+        motion_state: Pose 4x4 and velocity (6,) at the last good frame.
+        elapsed_s: Time since that frame.
+        T_world_camera: 4x4 measured pose.
+        covariance: 6x6 of the measured pose, as a small motion in the camera's axes.
+    """
+    T_world_last, velocity = motion_state
+    T_world_expected = compose(T_world_last, se3_exp(elapsed_s * velocity))
+    innovation = se3_log(compose(invert(T_world_expected), T_world_camera))
+    squared = innovation * solve_cholesky(covariance, innovation)
+    return T_world_expected, innovation, squared.mean()
+
+
+@kernel
+def _innovation_ratio(velocity: Array, before: Array, velocity_noise: Array) -> float:
+    """Change of the velocity (6,) relative to its noise (2,), see `MotionState`."""
+    ratio, change = 0.0, _velocity_change(velocity, before)
+    for k in range(2):
+        usual = max(velocity_noise[k], MIN_VELOCITY_NOISE_RATIO * MAX_VELOCITY_SIGMA[k])
+        ratio = max(ratio, change[k] / usual)
+    return ratio
+
+
+@kernel
 def _velocity_change(velocity: Array, before: Array) -> Array:
     """(2,) root mean square of the change over three components, m/s and rad/s."""
     change = np.zeros(2)
@@ -192,13 +245,13 @@ def _velocity_change(velocity: Array, before: Array) -> Array:
 
 
 @kernel
-def _fade_velocity_noise(noise: Array, change: Array, first: Array) -> Array:
-    """(2,) velocity noise including the next change (2,); the first one is limited."""
-    faded = np.empty(2)
+def _fade_velocity_noise(noise: Array, velocity: Array, before: Array) -> Array:
+    """(2,) velocity noise including the next velocity (6,); the first change is limited."""
+    change, first, faded = _velocity_change(velocity, before), MAX_VELOCITY_SIGMA, np.empty(2)
     for k in range(2):
         # The first change is that of a camera that was already moving.
-        before = noise[k] if np.isfinite(noise[k]) else min(change[k], first[k])
-        squared = VELOCITY_NOISE_DECAY * before**2 + (1.0 - VELOCITY_NOISE_DECAY) * change[k] ** 2
+        last = noise[k] if np.isfinite(noise[k]) else min(change[k], first[k])
+        squared = VELOCITY_NOISE_DECAY * last**2 + (1.0 - VELOCITY_NOISE_DECAY) * change[k] ** 2
         faded[k] = np.sqrt(squared)
     return faded
 
@@ -245,11 +298,13 @@ def alpha_beta_filter(
     Returns:
         The filtered result, and the updated normalized innovation of `MotionState`.
     """
-    T_world_expected = motion_state.predict_pose(stamp_s)
-    innovation = se3_log(inverse(T_world_expected) @ result.T_world_camera)
-    updated_innovation = motion_state.update_normalized_innovation(
-        float(innovation @ np.linalg.solve(covariance, innovation)) / len(innovation)
+    T_world_expected, innovation, normalized_square = _compare_with_prediction(
+        (motion_state.T_world_camera, motion_state.velocity),
+        stamp_s - motion_state.stamp_s,
+        result.T_world_camera,
+        covariance,
     )
+    updated_innovation = motion_state.update_normalized_innovation(normalized_square)
     pose_gain, velocity_gain = filter_gains(updated_innovation)
     if pose_gain == 1.0 or motion_state.is_stale(stamp_s):
         return result, updated_innovation

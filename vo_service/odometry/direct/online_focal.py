@@ -202,8 +202,7 @@ class FocalEstimator:
             self._former = FOCAL_DECAY * self._from_views()
             self._current = np.zeros((2, 2))
             self._keyframe_stamp_s = keyframe_stamp_s
-        A, b = FOCAL_STEP_RATIO * view[:, 0], view[:, 1]
-        self._current += np.column_stack([A, b + A * self.in_use])
+        self._current += _information_at(view, self.in_use)
         mean, sigma = self._prior
         from_views = self._from_views()
         self.disagreement = _disagreement(from_views)
@@ -214,8 +213,7 @@ class FocalEstimator:
 
     def _from_views(self) -> Array:
         """(2, 2) information without the prior; views of one keyframe share an error."""
-        A = self._current[:, :1]
-        return self._former + self._current / (FOCAL_VIEW_ERROR + KEYFRAME_FOCAL_SIGMA**2 * A)
+        return _add_keyframe(self._former, self._current)
 
     def _update_in_use(self) -> bool:
         target = min(max(self.estimate, -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)
@@ -235,12 +233,30 @@ class FocalEstimator:
         return True
 
 
+@kernel
+def _information_at(view: Array, in_use: float) -> Array:
+    """(2, 2) information about the focal length of a view (2, 2) that is about its change."""
+    information = np.empty((2, 2))
+    for k in range(2):
+        A = FOCAL_STEP_RATIO * view[k, 0]
+        information[k, 0], information[k, 1] = A, view[k, 1] + A * in_use
+    return information
+
+
+@kernel
+def _add_keyframe(former: Array, views: Array) -> Array:
+    """(2, 2) information of former keyframes and of the views of one, which share an error."""
+    total = former.copy()
+    for k in range(2):
+        total[k] += views[k] / (FOCAL_VIEW_ERROR + KEYFRAME_FOCAL_SIGMA**2 * views[k, 0])
+    return total
+
+
 def _disagreement(from_views: Array) -> tuple[float, float] | None:
-    A, b = from_views.T
-    if (A * np.square(MAX_FOCAL_SIGMAS) < 1.0).any():
+    (A, b), (A_depth, b_depth) = from_views.tolist()
+    if A * MAX_FOCAL_SIGMAS[0] ** 2 < 1.0 or A_depth * MAX_FOCAL_SIGMAS[1] ** 2 < 1.0:
         return None
-    by_brightness, by_depth = (b / A).tolist()
-    return by_depth - by_brightness, sqrt((1.0 / A).sum())
+    return b_depth / A_depth - b / A, sqrt(1.0 / A + 1.0 / A_depth)
 
 
 class OnlineFocalOdometry:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.geometry import Array
 from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.direct.gauss_newton import marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImageTiming
@@ -30,19 +30,13 @@ from vo_service.odometry.direct.parameters import (
     TIMING_STEP_RATIO,
 )
 from vo_service.odometry.direct.timing_equations import (
-    KEYFRAME_TURNS,
-    KEYFRAME_VELOCITY,
-    KEYFRAME_VELOCITY_CHANGE,
     NUM_TIMING,
-    NUM_TWISTS,
-    TURNS,
-    VELOCITY,
-    VELOCITY_CHANGE,
     TimedFrame,
     TimingView,
     TrackedView,
     ViewHistory,
     accumulate_timing,
+    make_twists,
 )
 from vo_service.odometry.direct.timing_estimate import TimingEstimator
 from vo_service.odometry.direct.timing_search import (
@@ -339,18 +333,14 @@ def _timing_view(view: TrackedView, keyframe_view: TrackedView) -> TimingView:
     assert alignment is not None
     assert view.velocity is not None
     assert keyframe_view.velocity is not None
-    T_keyframe_camera = inverse(alignment.T_camera_keyframe)
-    Ad = adjoint(T_keyframe_camera)
-    twists = np.zeros((6, NUM_TWISTS))
-    twists[:, VELOCITY] = Ad @ -view.velocity
-    twists[:, VELOCITY_CHANGE] = twists[:, VELOCITY] - alignment.motion[:6]
-    twists[:, KEYFRAME_VELOCITY] = -keyframe_view.velocity
-    twists[:, KEYFRAME_VELOCITY_CHANGE] = keyframe.motion[:6] - keyframe_view.velocity
-    twists[:, TURNS : TURNS + 2] = -Ad[:, 3:5]
-    twists[3:5, KEYFRAME_TURNS : KEYFRAME_TURNS + 2] = -np.eye(2)
+    twists, camera_position = make_twists(
+        alignment.T_camera_keyframe,
+        (alignment.motion, view.velocity),
+        (keyframe.motion, keyframe_view.velocity),
+    )
     return TimingView(
         twists=twists,
-        camera_position=T_keyframe_camera[:3, 3].copy(),
+        camera_position=camera_position,
         timing=view.timing,
         keyframe_timing=_keyframe_timing(keyframe, keyframe_view),
         intrinsics=keyframe.images.intrinsics[0],

@@ -11,13 +11,18 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.geometry import Array, inverse
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.gauss_newton import MotionPrior
 from vo_service.odometry.direct.image_pyramid import GAIN_RANGE
 from vo_service.odometry.direct.keyframe import DirectKeyframe
-from vo_service.odometry.direct.motion import ACCELERATION_START, project
+from vo_service.odometry.direct.motion import (
+    ACCELERATION_START,
+    body_motion,
+    constant_velocity_motion,
+    project,
+)
 from vo_service.odometry.direct.parameters import (
     INITIAL_SIGMAS,
     MAX_MOVING_OR_OCCLUDED_SHARE,
@@ -303,9 +308,10 @@ class TrackingResult:
         """Return a copy with another pose (4x4) and velocity (6,), in the camera's own axes."""
         T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
         motion = self.alignment.motion.copy()
-        motion[:ACCELERATION_START] = -adjoint(inverse(T_camera_keyframe)) @ velocity
-        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
-        return replace(self, alignment=moved)
+        moved = body_motion(inverse(T_camera_keyframe), constant_velocity_motion(velocity))
+        motion[:ACCELERATION_START] = moved[:ACCELERATION_START]
+        alignment = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
+        return replace(self, alignment=alignment)
 
     def needs_recovery(self, usual_sigmas: UsualSigmas) -> bool:
         """Whether the alignment is doubtful or invalid.

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse
+from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.gauss_newton import Jacobian, add_residual, jacobian
@@ -29,7 +29,14 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_BRIGHTNESS_VARIANCE,
     POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.direct.motion import compose, se3_log
+from vo_service.odometry.direct.motion import (
+    body_motion,
+    compose,
+    constant_velocity_motion,
+    invert,
+    se3_adjoint,
+    se3_log,
+)
 from vo_service.odometry.direct.parameters import (
     MAX_POSE_INTERVAL_S,
     MIN_FRAME_INTERVAL_S,
@@ -83,6 +90,35 @@ class TimingView(NamedTuple):
     keyframe_timing: Array
     intrinsics: Array
     height: int
+
+
+@kernel
+def make_twists(
+    T_camera_keyframe: Array, of_frame: tuple[Array, Array], of_keyframe: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Twists (6, TWISTS) and camera position (3,) of a view, see `TimingView`.
+
+    Args:
+        T_camera_keyframe: 4x4.
+        of_frame: Motion (9,) of the keyframe's points that the frame was aligned with, and the
+            velocity (6,) of the frame's camera in its own axes.
+        of_keyframe: Motion (9,) of the camera that the keyframe was made with, and its velocity
+            (6,), both in its own axes.
+    """
+    (aligned, velocity), (made, keyframe_velocity) = of_frame, of_keyframe
+    T_keyframe_camera = invert(T_camera_keyframe)
+    Ad, twists = se3_adjoint(T_keyframe_camera), np.zeros((6, NUM_TWISTS))
+    in_keyframe = body_motion(T_keyframe_camera, constant_velocity_motion(velocity))
+    for k in range(6):
+        twists[k, VELOCITY] = in_keyframe[k]
+        twists[k, VELOCITY_CHANGE] = in_keyframe[k] - aligned[k]
+        twists[k, KEYFRAME_VELOCITY] = -keyframe_velocity[k]
+        twists[k, KEYFRAME_VELOCITY_CHANGE] = made[k] - keyframe_velocity[k]
+        for turn in range(2):
+            twists[k, TURNS + turn] = -Ad[k, 3 + turn]
+    for turn in range(2):
+        twists[3 + turn, KEYFRAME_TURNS + turn] = -1.0
+    return twists, T_keyframe_camera[:3, 3].copy()
 
 
 @kernel
@@ -351,25 +387,23 @@ class ViewHistory:
 
 def velocity_at(views: Sequence[TrackedView], at: int) -> Array:
     """(6,) velocity of the camera at one of several views, in its own axes."""
-    now = views[at]
     T_world_cameras = np.array([view.T_world_camera for view in views])
-    times_s = np.array([view.stamp_s for view in views]) - now.stamp_s
-    return _fit_velocity(inverse(now.T_world_camera), T_world_cameras, times_s, at)
+    times_s = np.array([view.stamp_s for view in views]) - views[at].stamp_s
+    return _fit_velocity(T_world_cameras, times_s, at)
 
 
 @kernel
-def _fit_velocity(T_camera_world: Array, T_world_cameras: Array, times_s: Array, at: int) -> Array:
+def _fit_velocity(T_world_cameras: Array, times_s: Array, at: int) -> Array:
     """(6,) velocity at one pose, of the polynomial through all poses.
 
     The weights are the derivatives of Lagrange's polynomials.
 
     Args:
-        T_camera_world: 4x4 inverse of that pose.
         T_world_cameras: (N, 4, 4) all poses.
         times_s: (N,) their stamps after that of the pose, s.
         at: Index of the pose.
     """
-    velocity = np.zeros(6)
+    velocity, T_camera_world = np.zeros(6), invert(T_world_cameras[at])
     for i in range(len(times_s)):
         if i == at:
             continue

@@ -5,6 +5,8 @@ delay of depth after color. Information is a (2, 3) array [A b] with A x = b at 
 """
 
 from collections import deque
+from math import exp, sqrt
+from operator import gt, le
 
 import numpy as np
 
@@ -97,9 +99,8 @@ class TimingEstimator:
         self._views += 1
         from_frames = self._from_frames()
         self.estimate, covariance = solve_information(self._prior + from_frames)
-        self.sigmas_s = np.sqrt(np.diag(covariance))
-        are_small = bool((self.sigmas_s < MAX_TIMING_SIGMAS_S).all())
-        self.is_certain = are_small and self._views >= MIN_TIMING_VIEWS
+        self.sigmas_s = sigmas(covariance)
+        self.is_certain = self._views >= MIN_TIMING_VIEWS and _are_small(self.sigmas_s)
         has_changed = self._update_in_use()
         self.contradiction = self._contradiction(
             self._from_frames() if has_changed else from_frames
@@ -109,19 +110,16 @@ class TimingEstimator:
     def _contradiction(self, from_frames: Array) -> Array | None:
         if not self.is_certain:
             return None
+        if squared_disagreement(from_frames, self._told) <= CONTRADICTION_SIGMAS**2:
+            return None
         by_frames, covariance = solve_information(from_frames)
-        is_far = squared_disagreement(from_frames, self._told) > CONTRADICTION_SIGMAS**2
-        if is_far and (np.sqrt(np.diag(covariance)) <= MAX_TIMING_SIGMAS_S).all():
-            return by_frames
-        return None
+        return by_frames if _are_small(sigmas(covariance)) else None
 
     def _weigh(self, view: Array) -> float:
         """Weight of a view by its squared error, which the usual one is updated with."""
         if self._views <= UNWEIGHTED_VIEWS:
             return 1.0
-        best, _ = solve_information(view)
-        off = best - self.estimate
-        error = float(off @ view[:, :2] @ off) / len(off)
+        error = squared_error(view, self.estimate)
         degrees = VIEW_DEGREES_OF_FREEDOM
         weight = (degrees + 2.0) / (degrees + 2.0 * error / self._usual_error())
         self._view_error = VIEW_ERROR_DECAY * self._view_error + weight * error
@@ -151,7 +149,7 @@ class TimingEstimator:
         off_s = np.array(
             [max(-readout_s, readout_s - MAX_TIMING_S[0]), abs(delay_s) - MAX_TIMING_S[1]]
         )
-        return bool((off_s <= MAX_IMPOSSIBLE_SIGMAS * np.sqrt(np.diag(covariance))).all())
+        return bool((off_s <= MAX_IMPOSSIBLE_SIGMAS * sigmas(covariance)).all())
 
     def _forget_if_changed(self) -> None:
         """Forget what the last keyframes contradict, if several do; the change may be at any."""
@@ -181,14 +179,13 @@ class TimingEstimator:
         if not self.is_certain:
             return False
         target = self._target()
-        change = np.abs(target - self.in_use)
-        if not (
-            change > np.maximum(MIN_TIMING_CHANGES_S, MIN_TIMING_CHANGE_SIGMAS * self.sigmas_s)
-        ).any():
+        change = np.abs(target - self.in_use).tolist()
+        least = (MIN_TIMING_CHANGE_SIGMAS * self.sigmas_s).tolist()
+        if not any(map(gt, change, map(max, MIN_TIMING_CHANGES_S, least))):
             return False
         # Residuals are linear in the timing for a short way only.
-        flow_px = TIMING_RADIUS_PX * np.sqrt(self._squared_speed) * max(change[0] / 3.0, change[1])
-        keep = np.exp(-((flow_px / LINEAR_RANGE_PX) ** 2))
+        flow_px = TIMING_RADIUS_PX * sqrt(self._squared_speed) * max(change[0] / 3.0, change[1])
+        keep = exp(-((flow_px / LINEAR_RANGE_PX) ** 2))
         self._scale(keep)
         self._current = keep * self._current
         self.in_use = target
@@ -196,12 +193,21 @@ class TimingEstimator:
 
     def _target(self) -> Array:
         """Return the timing to use: exactly instantaneous if the estimate is close to that."""
-        band = np.array(INSTANT_TIMING_BAND_S)
-        if (self.in_use == self._instant).all():
-            band = np.maximum(band, INSTANT_TIMING_SIGMAS * self.sigmas_s)
-        if (np.abs(self.estimate - self._instant) < band).all():
+        band = INSTANT_TIMING_BAND_S
+        instant, estimate = self._instant.tolist(), self.estimate.tolist()
+        if self.in_use.tolist() == instant:
+            band = tuple(map(max, band, (INSTANT_TIMING_SIGMAS * self.sigmas_s).tolist()))
+        if all(
+            abs(value - at) < width
+            for value, at, width in zip(estimate, instant, band, strict=True)
+        ):
             return self._instant
-        return np.array([max(self.estimate[0], self._instant[0]), self.estimate[1]])
+        return np.array([max(estimate[0], instant[0]), estimate[1]])
+
+
+def _are_small(sigmas_s: Array) -> bool:
+    """Whether the sigmas (2,) are those of an estimate that is used."""
+    return all(map(le, sigmas_s.tolist(), MAX_TIMING_SIGMAS_S))
 
 
 def _prior_information(mean: Array, sigmas_s: Array) -> Array:
@@ -219,6 +225,20 @@ def solve_information(information: Array) -> tuple[Array, Array]:
     a, b, d = covariance[0, 0], covariance[0, 1], covariance[1, 1]
     first, second = information[0, 2], information[1, 2]
     return np.array([a * first + b * second, b * first + d * second]), covariance
+
+
+@kernel
+def sigmas(covariance: Array) -> Array:
+    """(2,) standard deviations of a covariance (2, 2)."""
+    return np.sqrt(np.diag(covariance))
+
+
+@kernel
+def squared_error(view: Array, timing: Array) -> float:
+    """Mean squared error of a timing (2,) by the information (2, 3) of a view."""
+    best, _ = solve_information(view)
+    u, v = best - timing
+    return float(u * (view[0, 0] * u + view[0, 1] * v) + v * (view[1, 0] * u + view[1, 1] * v)) / 2
 
 
 @kernel

@@ -11,7 +11,7 @@ brighter, and rotations are biased. As in Goldman, "Vignette and Exposure Calibr
 Compensation" (PAMI 32, 2010), it is estimated together with the exposure.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 
 import numpy as np
@@ -36,6 +36,7 @@ from vo_service.odometry.direct.parameters import (
     MAX_VIGNETTING,
     MIN_SHARED_ERROR_SAMPLES,
     SHARED_ERROR_DECAY,
+    SHARED_ERROR_VIEW_STRIDE,
     VIGNETTING_DECAY,
     VIGNETTING_PRIOR_SIGMA,
     VIGNETTING_VIEW_SIGMA,
@@ -66,10 +67,12 @@ class BrightnessWeight:
         log_shared_error: Mean logarithm of the ratio by which shared errors enlarge the scatter of
             the scores; 0 for independent samples.
         views: Number of views in that mean.
+        unmeasured_views: Number of views after the last one in that mean.
     """
 
     log_shared_error: float = float(np.log(INDEPENDENT_BRIGHTNESS_WEIGHT / BRIGHTNESS_WEIGHT))
     views: int = INITIAL_SHARED_ERROR_VIEWS
+    unmeasured_views: int = SHARED_ERROR_VIEW_STRIDE - 1
 
     @property
     def value(self) -> float:
@@ -84,6 +87,8 @@ class BrightnessWeight:
             points: (N, COLUMNS) of the keyframe's finest level.
             alignment: Of the view with them.
         """
+        if self.unmeasured_views < SHARED_ERROR_VIEW_STRIDE - 1:
+            return replace(self, unmeasured_views=self.unmeasured_views + 1)
         shared_error = _measure_shared_error(
             points, alignment.samples, alignment.cell_weights, alignment.residual_model
         )
@@ -91,7 +96,7 @@ class BrightnessWeight:
             return self
         step = max(1.0 - SHARED_ERROR_DECAY, 1.0 / self.views)
         change = log(shared_error) - self.log_shared_error
-        return BrightnessWeight(self.log_shared_error + step * change, self.views + 1)
+        return BrightnessWeight(self.log_shared_error + step * change, self.views + 1, 0)
 
 
 @kernel

@@ -163,7 +163,7 @@ class ImagePyramid:
     @cached_property
     def mean_brightness(self) -> float:
         """Mean of the whole image, gray levels."""
-        return float(self.gray[-1].mean())
+        return cv2.mean(self.gray[-1])[0]
 
 
 def build_image_pyramid(

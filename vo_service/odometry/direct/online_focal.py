@@ -41,6 +41,7 @@ from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
     FOCAL_STEP_RATIO,
     FOCAL_VIEW_ERROR,
+    FOCAL_VIEW_STRIDE,
     KEYFRAME_FOCAL_SIGMA,
     MAX_FOCAL_CORRECTION,
     MAX_FOCAL_SIGMAS,
@@ -273,6 +274,7 @@ class OnlineFocalOdometry:
         self._estimator = FocalEstimator()
         self._camera: PinholeCamera | None = None
         self._serial = ""
+        self._view_count = 0
 
     @property
     def keyframes(self) -> Sequence[DirectKeyframe]:
@@ -318,7 +320,8 @@ class OnlineFocalOdometry:
         if tracked is None or tracked.images.stamp_s != frame.stamp_s:
             return
         keyframe, alignment = tracked.result.keyframe, tracked.result.alignment
-        if keyframe.images.camera != tracked.images.camera:
+        self._view_count += 1
+        if keyframe.images.camera != tracked.images.camera or self._view_count % FOCAL_VIEW_STRIDE:
             return
         view = measure_focal_length(
             keyframe.points[0],

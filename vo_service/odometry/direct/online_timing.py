@@ -7,6 +7,7 @@ the estimate, two frames late, when the velocity at it is known.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import hypot
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from vo_service.odometry.direct.parameters import (
     MIN_SEARCH_SPEED,
     MIN_TIMING_SPEED,
     SCENE_DEPTH_M,
-    SETTLED_TIMING_SIGMAS_S,
     SETTLED_VIEW_STRIDE,
     TIMING_STEP_RATIO,
 )
@@ -219,7 +219,7 @@ class OnlineTimingOdometry:
         assert self._estimator is not None
         assert past.velocity is not None
         self._view_count += 1
-        is_settled = (self._estimator.sigmas_s < SETTLED_TIMING_SIGMAS_S).all()
+        is_settled = self._estimator.is_settled
         speed = _speed(past.velocity)
         keyframe_view = self._history.find(past.keyframe.images.stamp_s)
         if (
@@ -316,9 +316,8 @@ def _prior_sigmas_s(frame: RgbdFrame) -> Array:
 
 def _speed(velocity: Array) -> float:
     """Speed in rad/s of a velocity (6,), as if everything were `SCENE_DEPTH_M` away."""
-    return float(
-        np.hypot(np.linalg.norm(velocity[3:]), np.linalg.norm(velocity[:3]) / SCENE_DEPTH_M)
-    )
+    translation, rotation = velocity[:3].tolist(), velocity[3:].tolist()
+    return hypot(*rotation, hypot(*translation) / SCENE_DEPTH_M)
 
 
 def _keyframe_timing(keyframe: DirectKeyframe, view: TrackedView) -> Array:

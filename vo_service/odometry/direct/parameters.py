@@ -61,9 +61,11 @@ DEGREES_OF_FREEDOM = 3.0
 BRIGHTNESS_WEIGHT = 0.45
 INDEPENDENT_BRIGHTNESS_WEIGHT = 1.5
 BRIGHTNESS_WEIGHT_RANGE = (0.25, 1.2)
-# Forgetting factor per view of the errors that brightness samples share, number of views before the
-# first one, and fewest samples of a view.
-SHARED_ERROR_DECAY, INITIAL_SHARED_ERROR_VIEWS = 0.99, 4
+# The errors that brightness samples share are measured in every n-th view, as views of one keyframe
+# are alike. Their forgetting factor per measured view, number of views before the first one, and
+# fewest samples of a view.
+SHARED_ERROR_VIEW_STRIDE = 3
+SHARED_ERROR_DECAY, INITIAL_SHARED_ERROR_VIEWS = 0.97, 4
 MIN_SHARED_ERROR_SAMPLES = 100
 # A sample within this many sigmas agrees with its point; larger residuals cost no more.
 INLIER_GATE_SIGMAS = 3.0
@@ -324,8 +326,9 @@ FOCAL_POINT_STRIDE = 2
 FOCAL_STEP_RATIO = 0.75
 # Sigma of the frames' focal length: a Kinect's usual intrinsics are 1 to 3 % off.
 FOCAL_PRIOR_SIGMA = 0.02
-# Squared error of a keyframe's views, relative to their information: views of a keyframe are alike.
-FOCAL_VIEW_ERROR = 10.0
+# Every n-th view is used, as views of one keyframe are alike; and their squared error, relative to
+# their information.
+FOCAL_VIEW_STRIDE, FOCAL_VIEW_ERROR = 3, 10.0 / 3.0
 # Sigma of the error that all views of one keyframe share.
 KEYFRAME_FOCAL_SIGMA = 0.015
 # Forgetting factor per keyframe.

@@ -6,7 +6,7 @@ delay of depth after color. Information is a (2, 3) array [A b] with A x = b at 
 
 from collections import deque
 from math import exp, sqrt
-from operator import gt, le
+from operator import gt, le, lt
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_TIMING_VIEWS,
     MIN_VIEW_ERROR,
     NUM_RECENT_TIMING_KEYFRAMES,
+    SETTLED_TIMING_SIGMAS_S,
     TIMING_CHANGE_SIGMAS,
     TIMING_DECAY,
     TIMING_RADIUS_PX,
@@ -80,6 +81,11 @@ class TimingEstimator:
         self._squared_speed = 0.0
         self.is_certain = False
         self.contradiction: Array | None = None
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the estimate is so good that few of the views are enough."""
+        return all(map(lt, self.sigmas_s.tolist(), SETTLED_TIMING_SIGMAS_S))
 
     def add(self, keyframe_stamp_s: float, speed: float, view: Array) -> bool:
         """Add a view; return whether the timing in use has changed.

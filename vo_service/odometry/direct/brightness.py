@@ -11,7 +11,7 @@ brighter, and rotations are biased. As in Goldman, "Vignette and Exposure Calibr
 Compensation" (PAMI 32, 2010), it is estimated together with the exposure.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import log
 
 import numpy as np
@@ -35,8 +35,9 @@ from vo_service.odometry.direct.parameters import (
     INITIAL_SHARED_ERROR_VIEWS,
     MAX_VIGNETTING,
     MIN_SHARED_ERROR_SAMPLES,
+    SETTLED_SHARED_ERROR_STRIDE,
+    SETTLED_SHARED_ERROR_VIEWS,
     SHARED_ERROR_DECAY,
-    SHARED_ERROR_VIEW_STRIDE,
     VIGNETTING_DECAY,
     VIGNETTING_PRIOR_SIGMA,
     VIGNETTING_VIEW_SIGMA,
@@ -66,13 +67,11 @@ class BrightnessWeight:
     Attributes:
         log_shared_error: Mean logarithm of the ratio by which shared errors enlarge the scatter of
             the scores; 0 for independent samples.
-        views: Number of views in that mean.
-        unmeasured_views: Number of views after the last one in that mean.
+        views: Number of views, up to the one at hand.
     """
 
     log_shared_error: float = float(np.log(INDEPENDENT_BRIGHTNESS_WEIGHT / BRIGHTNESS_WEIGHT))
     views: int = INITIAL_SHARED_ERROR_VIEWS
-    unmeasured_views: int = SHARED_ERROR_VIEW_STRIDE - 1
 
     @property
     def value(self) -> float:
@@ -87,16 +86,17 @@ class BrightnessWeight:
             points: (N, COLUMNS) of the keyframe's finest level.
             alignment: Of the view with them.
         """
-        if self.unmeasured_views < SHARED_ERROR_VIEW_STRIDE - 1:
-            return replace(self, unmeasured_views=self.unmeasured_views + 1)
+        stride = SETTLED_SHARED_ERROR_STRIDE if self.views > SETTLED_SHARED_ERROR_VIEWS else 1
+        if self.views % stride:
+            return BrightnessWeight(self.log_shared_error, self.views + 1)
         shared_error = _measure_shared_error(
             points, alignment.samples, alignment.cell_weights, alignment.residual_model
         )
         if shared_error == 0.0:
             return self
-        step = max(1.0 - SHARED_ERROR_DECAY, 1.0 / self.views)
+        step = max(stride * (1.0 - SHARED_ERROR_DECAY), 1.0 / self.views)
         change = log(shared_error) - self.log_shared_error
-        return BrightnessWeight(self.log_shared_error + step * change, self.views + 1, 0)
+        return BrightnessWeight(self.log_shared_error + step * change, self.views + 1)
 
 
 @kernel

@@ -32,8 +32,6 @@ from vo_service.odometry.direct.parameters import (
     DAMPING_SIGMAS,
     INITIAL_MODEL_UPDATES,
     TREMOR_SPAN_S,
-    VELOCITY_SIGMA,
-    VELOCITY_SIGMA_RANGE,
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
@@ -83,11 +81,6 @@ class MotionPrior(NamedTuple):
     rate_hz: float
     motion: Array
     information: Array
-
-    def relaxed(self) -> "MotionPrior":
-        """Return a weaker prior for an unknown motion since the last frame."""
-        sigma = VELOCITY_SIGMA_RANGE[1] * np.array(VELOCITY_SIGMA)
-        return self._replace(rate_hz=0.0, information=velocity_information(sigma))
 
 
 @kernel

@@ -56,6 +56,8 @@ UNFILTERED_INNOVATION = 2.0
 # Range of the sigma of the velocity, m/s and rad/s.
 MAX_VELOCITY_SIGMA = np.array(VELOCITY_SIGMA)
 MIN_VELOCITY_SIGMA = VELOCITY_SIGMA_RANGE[0] * MAX_VELOCITY_SIGMA
+# Its sigma if the last frame is too old to tell the velocity.
+UNKNOWN_VELOCITY_SIGMA = VELOCITY_SIGMA_RANGE[1] * MAX_VELOCITY_SIGMA
 
 
 @dataclass(frozen=True)
@@ -99,12 +101,16 @@ class MotionState:
 
     def motion_prior(self, T_world_keyframe: Array, stamp_s: float) -> MotionPrior:
         """Prior of the motion at a stamp: the velocity changes no more than it did recently."""
+        is_recent = self.is_recent(stamp_s)
         T_keyframe_last, motion, information = _predict_motion(
-            self.T_world_camera, T_world_keyframe, self.velocity, self.velocity_noise
+            self.T_world_camera,
+            T_world_keyframe,
+            self.velocity,
+            self.velocity_noise,
+            is_recent,
         )
-        rate_hz = 1.0 / max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S)
-        prior = MotionPrior(T_keyframe_last, rate_hz, motion, information)
-        return prior if self.is_recent(stamp_s) else prior.relaxed()
+        rate_hz = 1.0 / max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S) if is_recent else 0.0
+        return MotionPrior(T_keyframe_last, rate_hz, motion, information)
 
     def is_stale(self, stamp_s: float) -> bool:
         """Whether the camera may be far from its predicted pose at a stamp."""
@@ -197,12 +203,18 @@ def _guess_poses(
 
 @kernel
 def _predict_motion(
-    T_world_camera: Array, T_world_keyframe: Array, velocity: Array, velocity_noise: Array
+    T_world_camera: Array,
+    T_world_keyframe: Array,
+    velocity: Array,
+    velocity_noise: Array,
+    is_recent: bool,
 ) -> tuple[Array, Array, Array]:
     """T_keyframe_last 4x4, motion (9,) and information (9,) of the prior, see `MotionPrior`."""
     T_keyframe_last = compose(invert(T_world_keyframe), T_world_camera)
     motion = body_motion(T_keyframe_last, constant_velocity_motion(velocity))
     sigma = np.minimum(np.maximum(velocity_noise, MIN_VELOCITY_SIGMA), MAX_VELOCITY_SIGMA)
+    if not is_recent:
+        sigma = UNKNOWN_VELOCITY_SIGMA
     return T_keyframe_last, motion, velocity_information(sigma)
 
 

@@ -41,13 +41,14 @@ from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
     FOCAL_STEP_RATIO,
     FOCAL_VIEW_ERROR,
-    FOCAL_VIEW_STRIDE,
     KEYFRAME_FOCAL_SIGMA,
     MAX_FOCAL_CORRECTION,
     MAX_FOCAL_SIGMAS,
     MIN_FOCAL_CHANGE,
     MIN_FOCAL_CHANGE_SIGMAS,
     MIN_FOCAL_DISAGREEMENT_SHARE,
+    SETTLED_FOCAL_SIGMA,
+    SETTLED_FOCAL_STRIDE,
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
@@ -320,8 +321,11 @@ class OnlineFocalOdometry:
         if tracked is None or tracked.images.stamp_s != frame.stamp_s:
             return
         keyframe, alignment = tracked.result.keyframe, tracked.result.alignment
+        if keyframe.images.camera != tracked.images.camera:
+            return
         self._view_count += 1
-        if keyframe.images.camera != tracked.images.camera or self._view_count % FOCAL_VIEW_STRIDE:
+        is_settled = self._estimator.sigma < SETTLED_FOCAL_SIGMA
+        if is_settled and self._view_count % SETTLED_FOCAL_STRIDE:
             return
         view = measure_focal_length(
             keyframe.points[0],

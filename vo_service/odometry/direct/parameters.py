@@ -61,12 +61,12 @@ DEGREES_OF_FREEDOM = 3.0
 BRIGHTNESS_WEIGHT = 0.45
 INDEPENDENT_BRIGHTNESS_WEIGHT = 1.5
 BRIGHTNESS_WEIGHT_RANGE = (0.25, 1.2)
-# The errors that brightness samples share are measured in every n-th view, as views of one keyframe
-# are alike. Their forgetting factor per measured view, number of views before the first one, and
-# fewest samples of a view.
-SHARED_ERROR_VIEW_STRIDE = 3
-SHARED_ERROR_DECAY, INITIAL_SHARED_ERROR_VIEWS = 0.97, 4
+# Forgetting factor per view of the errors that brightness samples share, number of views before the
+# first one, and fewest samples of a view.
+SHARED_ERROR_DECAY, INITIAL_SHARED_ERROR_VIEWS = 0.99, 4
 MIN_SHARED_ERROR_SAMPLES = 100
+# After so many views only every n-th is measured, as views of one keyframe are alike.
+SETTLED_SHARED_ERROR_VIEWS, SETTLED_SHARED_ERROR_STRIDE = 100, 3
 # A sample within this many sigmas agrees with its point; larger residuals cost no more.
 INLIER_GATE_SIGMAS = 3.0
 # A cell of the image moves independently if its cost is this many times the median cost.
@@ -326,13 +326,14 @@ FOCAL_POINT_STRIDE = 2
 FOCAL_STEP_RATIO = 0.75
 # Sigma of the frames' focal length: a Kinect's usual intrinsics are 1 to 3 % off.
 FOCAL_PRIOR_SIGMA = 0.02
-# Every n-th view is used, as views of one keyframe are alike; and their squared error, relative to
-# their information.
-FOCAL_VIEW_STRIDE, FOCAL_VIEW_ERROR = 3, 10.0 / 3.0
+# Squared error of a keyframe's views, relative to their information: views of a keyframe are alike.
+FOCAL_VIEW_ERROR = 10.0
 # Sigma of the error that all views of one keyframe share.
 KEYFRAME_FOCAL_SIGMA = 0.015
 # Forgetting factor per keyframe.
 FOCAL_DECAY = 0.99
+# Below this sigma only every n-th view is used.
+SETTLED_FOCAL_SIGMA, SETTLED_FOCAL_STRIDE = 0.008, 3
 # Largest sigmas, by brightness and by depth, of an estimate that is used.
 MAX_FOCAL_SIGMAS = (0.010, 0.020)
 # The focal length in use changes by at least this much, by this many sigmas, and by this share of

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
+from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
+from vo_service.odometry.direct.motion import zero_motion
 
+# Prior of a camera of which nothing is known but that it moves by hand.
+UNKNOWN_MOTION = MotionPrior(
+    np.eye(4), 0.0, zero_motion(), velocity_information(np.array([0.3, 1.0]))
+)
 CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
 # Fine steps, for exact depth.
 DEPTH_FACTOR = 15000.0

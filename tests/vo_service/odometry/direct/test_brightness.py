@@ -7,6 +7,7 @@ import pytest
 
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    UNKNOWN_MOTION,
     MovingCamera,
     add_noise,
     remove_color,
@@ -14,7 +15,6 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from vo_service.odometry.direct.alignment import (
-    STATIC_PRIOR,
     DirectAlignment,
     align,
     uniform_weights,
@@ -38,7 +38,7 @@ def with_registration_error(frame: RgbdFrame, shift_px: int) -> RgbdFrame:
 
 def align_frame(frame: RgbdFrame) -> DirectAlignment:
     images = build_image_pyramid(frame)
-    prior = STATIC_PRIOR.relaxed()
+    prior = UNKNOWN_MOTION
     return align(POINTS, images, [np.eye(4)], prior, (1.0, 0.0), uniform_weights())
 
 
@@ -73,7 +73,7 @@ def test_a_keyframe_without_texture_changes_nothing() -> None:
     points = select_points(
         build_image_pyramid(remove_color(render_view())), zero_motion(), ALL_STATIC
     )
-    images, prior = build_image_pyramid(render_view()), STATIC_PRIOR.relaxed()
+    images, prior = build_image_pyramid(render_view()), UNKNOWN_MOTION
     alignment = align(points, images, [np.eye(4)], prior, (1.0, 0.0), uniform_weights())
     assert BrightnessWeight().update(points[0], alignment) == BrightnessWeight()
 

@@ -10,6 +10,7 @@ from drivers.core.geometry import inverse
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     CAMERA,
     STILL,
+    UNKNOWN_MOTION,
     MovingCamera,
     add_noise,
     remove_color,
@@ -17,7 +18,6 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 )
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from vo_service.odometry.direct.alignment import (
-    STATIC_PRIOR,
     DirectAlignment,
     align,
     uniform_weights,
@@ -54,7 +54,7 @@ def keyframe_of(frame: RgbdFrame) -> DirectKeyframe:
 def align_frame(
     keyframe: DirectKeyframe, images: ImagePyramid, hand: MovingCamera = STILL
 ) -> DirectAlignment:
-    initial_guesses, prior = [inverse(hand.pose_at(1.0))], STATIC_PRIOR.relaxed()
+    initial_guesses, prior = [inverse(hand.pose_at(1.0))], UNKNOWN_MOTION
     return align(keyframe.points, images, initial_guesses, prior, (1.0, 0.0), uniform_weights())
 
 

@@ -10,6 +10,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
     CAMERA,
     CORNER,
+    UNKNOWN_MOTION,
     MovingCamera,
     add_noise,
     remove_depth,
@@ -67,7 +68,7 @@ def align_at(
 ) -> tuple[TrackingResult, ImagePyramid]:
     images = looking(angle_rad, seed=5)
     start = inverse(turned(angle_rad)) @ keyframe.T_world_keyframe
-    prior = STATIC_PRIOR.relaxed()
+    prior = UNKNOWN_MOTION
     return TrackingResult(
         keyframe,
         align(keyframe.points, images, [start], prior, (1.0, 0.0), uniform_weights()),

@@ -63,7 +63,7 @@ def first_try(frame: RgbdFrame) -> TrackingResult:
     return align_from(MOTION_STATE.initial_guesses(AHEAD.T_world_keyframe, frame.stamp_s), frame)
 
 
-def align_from(starts: list[Array], frame: RgbdFrame) -> TrackingResult:
+def align_from(starts: Sequence[Array] | Array, frame: RgbdFrame) -> TrackingResult:
     images, prior = (
         build_image_pyramid(frame),
         MOTION_STATE.motion_prior(AHEAD.T_world_keyframe, frame.stamp_s),

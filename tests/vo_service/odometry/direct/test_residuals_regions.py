@@ -9,13 +9,13 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     BRISK,
+    UNKNOWN_MOTION,
     MovingCamera,
     add_noise,
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close
 from vo_service.odometry.direct.alignment import (
-    STATIC_PRIOR,
     DirectAlignment,
     align,
     depth_only_weights,
@@ -67,7 +67,7 @@ def with_moving_patch(frame: RgbdFrame, other: RgbdFrame) -> RgbdFrame:
 
 def align_frame(frame: RgbdFrame, weights: Array) -> DirectAlignment:
     return align(
-        POINTS, build_image_pyramid(frame), [np.eye(4)], STATIC_PRIOR.relaxed(), (1.0, 0.0), weights
+        POINTS, build_image_pyramid(frame), [np.eye(4)], UNKNOWN_MOTION, (1.0, 0.0), weights
     )
 
 

@@ -25,6 +25,8 @@ from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, Not
 from vo_service.types.messages import Status, versions
 from vo_service.types.outputs import NullRecorder, Recorder
 
+logger = logging.getLogger(__name__)
+
 _MAX_REASON_LENGTH = 40
 
 
@@ -130,9 +132,6 @@ class RecordingResult:
 
 
 RecorderMessage = RecorderStatus | IncidentResult | RecordingResult
-
-
-logger = logging.getLogger(__name__)
 
 
 NAME = "recorder"

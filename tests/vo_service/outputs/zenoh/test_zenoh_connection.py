@@ -166,8 +166,9 @@ def test_once_the_port_is_free_everything_is_published(
     with closing(output):
         send_status_until(output, status, lambda: output.warning == "")
         with connected_session(free_port) as session:
+            # The session accepts connections before anything is declared on it; the token is last.
+            wait_until(lambda: bool(query_json(session, "kinect/status")))
             assert query_json(session, "kinect/status")[0]["state"] == "degraded"
-            # The token is declared last: a query may succeed a moment before.
             wait_until(lambda: len(list(session.liveliness().get("kinect/alive", timeout=60))) == 1)
         assert (output.errors, output.warning) == (0, "")
 

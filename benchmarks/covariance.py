@@ -27,8 +27,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
 from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
 from vo_service.odometry.uncertainty import CovarianceAccumulator
 from vo_service.tools.evaluation.metrics import (
     STAMP_ROUNDING_S,

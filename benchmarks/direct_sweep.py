@@ -139,7 +139,7 @@ def run_row(change: str, recordings: Sequence[str]) -> int:
 
 def evaluate_recording(recording: str) -> Json | None:
     """Evaluate FOLDER or FOLDER@EVERY; None if there are too few poses."""
-    from vo_service.odometry.direct.odometry import DirectOdometry
+    from vo_service.odometry.direct import DirectOdometry
 
     folder, _, every = recording.partition("@")
     stamps_s, poses, epochs, failed = [], [], [], 0

@@ -26,8 +26,7 @@ from drivers.core.geometry import Array, inverse, rotation_angle_rad
 from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import SyntheticConfig
 from vo_service.config import read_config
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
+from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig, warm_up
 from vo_service.tools.evaluation.metrics import associate
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"

@@ -40,7 +40,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Array
 from drivers.synthetic import ShutterTiming, SyntheticConfig
 from drivers.tum import open_tum_folder
-from vo_service.odometry.registry import warm_up
+from vo_service.odometry import warm_up
 from vo_service.types import OnlineTiming
 
 MAX_READOUT_S = 0.033

@@ -33,7 +33,7 @@ from drivers.core.geometry import Array, inverse, pose_distance
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.sensors import ImageSource
 from vo_service.config_tables import MapConfig
-from vo_service.odometry.registry import METHODS, warm_up
+from vo_service.odometry import METHODS, warm_up
 from vo_service.slam import pose_distance_steps
 from vo_service.slam.map_file import MapContents, read_map, write_map
 from vo_service.slam.synchronous_loop_closure import (

@@ -18,7 +18,7 @@ from benchmarks.harness import add_json_option, format_table, make_printer, prin
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode
 from drivers.recording_camera import RecordingCamera
-from vo_service.odometry import CpuStageTimer, StageTimer
+from vo_service.odometry import CpuStageTimer
 from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import SurfOdometry
@@ -28,7 +28,7 @@ from vo_service.tools.benchmark.baselines.frame_to_frame import (
     sift_odometry,
 )
 from vo_service.tools.evaluation import Evaluation
-from vo_service.types import Estimate
+from vo_service.types import Estimate, StageTimer
 
 METHODS = ("SURF", "SIFT", "ORB")
 COUNT = 1000

@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.harness import Json, ResultCache
 from benchmarks.tracking import FrameChange, track_changed
 from drivers.camera import RgbdFrame
-from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, warm_up
+from vo_service.odometry import DEFAULT_METHOD, METHODS, warm_up
 
 MAX_FOCAL_ERROR_PX = 0.5
 MAX_DELAY_ERROR_S = 0.0003

@@ -20,8 +20,7 @@ from benchmarks.map_error import SurfaceError, make_solids, render_with_truth, s
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory
 from drivers.synthetic import SyntheticConfig
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
 from vo_service.reconstruction.reconstructor import FramePoses
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig

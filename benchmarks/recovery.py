@@ -25,8 +25,8 @@ from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import Array, Trajectory, so3_exp
 from drivers.recording_camera import RecordingCamera
+from vo_service.odometry import warm_up
 from vo_service.odometry.features import FeatureView, SurfParameters
-from vo_service.odometry.registry import warm_up
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 

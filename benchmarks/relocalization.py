@@ -38,7 +38,7 @@ from benchmarks.rendered_views import compute_true_poses, make_tour_config
 from benchmarks.tour_record import TrajectoryRunner, make_runner
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance
-from vo_service.odometry.registry import METHODS, warm_up
+from vo_service.odometry import METHODS, warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
 from vo_service.types import Estimate

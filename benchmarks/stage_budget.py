@@ -21,8 +21,7 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core import InputError
 from drivers.recording_camera import RecordingCamera
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, MethodConfig, warm_up
+from vo_service.odometry import METHODS, STAGE_BUDGETS_MS, CpuStageTimer, MethodConfig, warm_up
 
 WHOLE_FRAME = "whole frame"
 TIMES = ("median", "99 %", "most", "mean", "budget", "share")

@@ -20,8 +20,7 @@ from benchmarks.hard_cases import STILL, case_config
 from benchmarks.rendered_sequences import StaticView
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, so3_log
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
+from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig, warm_up
 
 HEAD = (
     f"{'minutes':>7}{'frames':>8}{'lost':>6}{'at most':>10}{'':12}{'rms':>10}{'':12}"

@@ -20,6 +20,7 @@ from benchmarks.feature_scores import Gray
 from benchmarks.harness import add_json_option, format_table, make_printer, print_json
 from drivers.core import InputError
 from drivers.tum import read_frame_pairs
+from vo_service.odometry.surf import LAYERS, NEXT_THRESHOLD_RATIO, SurfExtractor
 from vo_service.odometry.surf.descriptor import (
     DESCRIPTOR_SIZE,
     build_pyramid,
@@ -27,7 +28,6 @@ from vo_service.odometry.surf.descriptor import (
     make_templates,
 )
 from vo_service.odometry.surf.detector import find_maxima
-from vo_service.odometry.surf.extractor import LAYERS, NEXT_THRESHOLD_RATIO, SurfExtractor
 
 ROUNDS = 5
 

@@ -14,8 +14,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
 from vo_service.slam.synchronous_loop_closure import (
     SynchronousLoopClosure,
     create_synchronous_loop_closure,

@@ -38,7 +38,7 @@ from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, poses_close
 from drivers.synthetic import SyntheticConfig
-from vo_service.odometry.registry import METHODS, warm_up
+from vo_service.odometry import METHODS, warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import (

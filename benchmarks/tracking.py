@@ -13,8 +13,7 @@ from drivers.core.geometry import Array, Trajectory
 from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import SyntheticConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.metrics import (
     PosePairs,

@@ -14,8 +14,8 @@ from pathlib import Path
 from benchmarks.tracking import evaluate_trajectory, read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.recording_camera import RecordingCamera
-from vo_service.odometry import NullStageTimer
-from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, MethodConfig
+from vo_service.odometry import DEFAULT_METHOD, METHODS, MethodConfig
+from vo_service.types import NullStageTimer
 
 CalibrationError = Callable[[RgbdFrame], RgbdFrame]
 

@@ -25,8 +25,8 @@ from drivers.core.files import kernel_folder
 
 os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())  # before numba is imported
 
-from vo_service.odometry.registry import METHODS
-from vo_service.odometry.registry import warm_up
+from vo_service.odometry import METHODS
+from vo_service.odometry import warm_up
 
 for method in METHODS:
     warm_up(method, lambda stage: None)

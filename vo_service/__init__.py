@@ -57,12 +57,12 @@ if TYPE_CHECKING:
     )
     from vo_service.client.frame_client import Frame, FrameClient, PointCloud
     from vo_service.client.pose import MapOdom, Pose
-    from vo_service.odometry.registry import METHODS, make_odometry
+    from vo_service.odometry import METHODS, make_odometry
     from vo_service.types import Estimate, Odometry
 
 # Where each name is; mypy and editors see the imports above instead.
 _MODULES = {
-    "METHODS": "vo_service.odometry.registry",
+    "METHODS": "vo_service.odometry",
     "CommandRefused": "vo_service.client.connection",
     "Estimate": "vo_service.types",
     "InputError": "drivers.core",
@@ -77,7 +77,7 @@ _MODULES = {
     "PoseUnavailable": "vo_service.client.connection",
     "PoseUnavailableReason": "vo_service.client.connection",
     "ServiceUnavailable": "vo_service.client.connection",
-    "make_odometry": "vo_service.odometry.registry",
+    "make_odometry": "vo_service.odometry",
 }
 
 if not TYPE_CHECKING:

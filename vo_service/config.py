@@ -26,8 +26,7 @@ from vo_service.config_tables import (
     Ros2Config,
     ZenohConfig,
 )
-from vo_service.odometry import StageTimer
-from vo_service.odometry.registry import (
+from vo_service.odometry import (
     DEFAULT_METHOD,
     DEFAULT_TIMING_MODE,
     MAX_FEATURES,
@@ -36,7 +35,7 @@ from vo_service.odometry.registry import (
     TIMING_MODES,
     make_odometry,
 )
-from vo_service.types import Odometry
+from vo_service.types import Odometry, StageTimer
 from vo_service.types.outputs import Output
 
 logger = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from drivers.core import InputError, UserFacingError
 from drivers.core.config import SCHEMA_VERSION, Field, read_toml
 from drivers.core.files import atomic_write, describe_write_error, state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
-from vo_service.odometry.registry import FIXED_TIMING_MODE
+from vo_service.odometry import FIXED_TIMING_MODE
 from vo_service.types import LEARNED_TIMING, OdometryUpdate
 from vo_service.types.outputs import NullSensorMemory, OutputBase, SensorMemory
 

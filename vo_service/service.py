@@ -18,8 +18,7 @@ from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.control import Control, LoadShedder
 from vo_service.frame_source import FrameSource, PublishClock, TimestampFilter
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry import CpuStageTimer
-from vo_service.odometry.registry import STAGE_BUDGETS_MS
+from vo_service.odometry import STAGE_BUDGETS_MS, CpuStageTimer
 from vo_service.types import (
     Estimate,
     Odometry,

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.odometry import METHODS, make_odometry
 from tests.forked_process import run_module
 from tests.vo_service.odometry.synthetic_views import make_frame, render_corner
-from vo_service.odometry import NullStageTimer
+from vo_service.types import NullStageTimer
 
 pytestmark = pytest.mark.subprocess
 

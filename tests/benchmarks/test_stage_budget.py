@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.__main__ import main
 from benchmarks.stage_budget import WHOLE_FRAME, StageTiming, compare_with_budget, format_stages
-from vo_service.odometry import registry
+from vo_service import odometry
 
 FRAMES_MS = [{"align": 2.0, WHOLE_FRAME: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0, WHOLE_FRAME: 10.0}]
 
@@ -15,7 +15,7 @@ FRAMES_MS = [{"align": 2.0, WHOLE_FRAME: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0,
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, StageTiming]:
     """Stages with a budget of 2.5 ms for align, and 5 ms for a stage that never runs."""
-    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
+    monkeypatch.setitem(odometry.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
     return compare_with_budget("slow", FRAMES_MS)
 
 
@@ -43,7 +43,7 @@ def run(*arguments: str) -> int:
 def test_a_recording_is_measured(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "direct", {"images": 1e6, "align": 1e-9})
+    monkeypatch.setitem(odometry.STAGE_BUDGETS_MS, "direct", {"images": 1e6, "align": 1e-9})
     assert run(str(recording), "--json") == 1
     stages = json.loads(capsys.readouterr().out)[str(recording)]
     assert (stages["images"]["frames"], stages["align"]["frames"]) == (12, 11)
@@ -53,7 +53,7 @@ def test_a_recording_is_measured(
 def test_every_nth_frame_within_its_budget_passes(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "direct", {"images": 1e6})
+    monkeypatch.setitem(odometry.STAGE_BUDGETS_MS, "direct", {"images": 1e6})
     assert run(str(recording), "--every", "4") == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in lines[2:4]] == [["images", "3"], ["align", "2"]]

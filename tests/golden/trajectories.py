@@ -31,7 +31,7 @@ from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from vo_service.app import run_replay
 from vo_service.config import Config, OdometryConfig
 from vo_service.frame_source import FrameSource
-from vo_service.odometry.registry import METHODS
+from vo_service.odometry import METHODS
 from vo_service.signals import StopSignal
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status

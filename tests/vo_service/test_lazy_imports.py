@@ -84,7 +84,7 @@ def test_ctrl_c_while_loading_ends_quietly() -> None:
 
 
 # The service on a recording, with all outputs that are on by default. May only fall.
-MAX_FILES_OF_A_RUN = 74
+MAX_FILES_OF_A_RUN = 70
 RUN_UNTIL_THE_END = """
 import logging, os, signal, sys
 from vo_service import main

@@ -27,7 +27,7 @@ from tests.vo_service.sample_map import FixedLoopClosure, make_map
 from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
 from vo_service.frame_source import FrameSource, LiveClock, LiveSource, RecordedClock
-from vo_service.odometry.registry import STAGE_BUDGETS_MS
+from vo_service.odometry import STAGE_BUDGETS_MS
 from vo_service.types import Estimate, TrackingState
 
 

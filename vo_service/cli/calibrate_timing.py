@@ -21,7 +21,7 @@ from drivers.recording_camera import RecordingFormat, recording_format
 from vo_service.cli.options import requested_topics, run_warm_up
 from vo_service.cli.recordings import open_requested
 from vo_service.config import Config, read_config
-from vo_service.odometry.registry import warm_up
+from vo_service.odometry import warm_up
 from vo_service.sensor_memory import (
     SAME_FOCAL_PX,
     RememberedSensor,

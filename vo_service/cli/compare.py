@@ -11,7 +11,7 @@ from drivers.core import InputError
 from drivers.core.files import create_output_folder
 from vo_service.cli.options import add_benchmark_options, load_config, requested_topics
 from vo_service.config import Config
-from vo_service.odometry.registry import METHODS
+from vo_service.odometry import METHODS
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.batch import BatchPlan, run_batch

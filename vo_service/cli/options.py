@@ -20,7 +20,7 @@ from drivers.core.files import cache_folder, kernel_folder
 from drivers.core.jit import interruptible
 from vo_service.config import Config, read_config
 from vo_service.config_tables import DEFAULT_ENDPOINT, LogConfig, LogLevel
-from vo_service.odometry.registry import METHODS, TIMING_MODES, warm_up
+from vo_service.odometry import METHODS, TIMING_MODES, warm_up
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
 

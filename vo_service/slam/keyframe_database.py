@@ -17,13 +17,13 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
-from vo_service.odometry.direct.keyframe_points import POINT_BRIGHTNESS
 from vo_service.odometry.direct.motion import (
     constant_velocity_motion,
     propagate_motion,
     propagate_point,
     row_time,
 )
+from vo_service.odometry.direct.points import POINT_BRIGHTNESS
 from vo_service.odometry.features import FeaturePoints, backproject_features
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
@@ -170,7 +170,7 @@ MAX_FLOAT16 = 65000.0
 
 @dataclass(frozen=True, eq=False)
 class PackedPoints:
-    """Points of a keyframe's level, see `keyframe_points`, in a third of their memory.
+    """Points of a keyframe's level, see `points`, in a third of their memory.
 
     Attributes:
         position_m: (N, 3) float32.

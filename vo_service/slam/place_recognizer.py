@@ -15,9 +15,9 @@ from vo_service.odometry.direct.alignment import DirectAlignment, align, uniform
 from vo_service.odometry.direct.covariance import estimate_uncertainty
 from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
-from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import change_frame, constant_velocity_motion
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
+from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.direct.quality import occlusion_reason, rejection_reason
 from vo_service.odometry.direct.recovery import FEATURE_MATCH_VERIFIER
 from vo_service.odometry.direct.residuals import (

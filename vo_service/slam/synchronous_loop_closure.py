@@ -9,7 +9,7 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MEGABYTE, MapConfig
-from vo_service.odometry.registry import run_warm_up_frames
+from vo_service.odometry import run_warm_up_frames
 from vo_service.slam import ConstraintAccumulator, OdometryConstraint, RelocalizationResult
 from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe
 from vo_service.slam.loop_closer import KeyframeObservation, LoopCloser

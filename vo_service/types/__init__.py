@@ -5,6 +5,7 @@ imports none of them.
 """
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -144,6 +145,22 @@ class Odometry(Protocol):
         Never raises for what the camera sees: `Estimate.ok` is then False.
         """
         ...
+
+
+class StageTimer(Protocol):
+    """Timer of the stages of one frame: ``with timer.stage("surf"): ...``."""
+
+    def stage(self, name: str) -> AbstractContextManager[None]:
+        """Time one named stage."""
+        ...
+
+
+class NullStageTimer:
+    """Timer that measures nothing."""
+
+    def stage(self, name: str) -> AbstractContextManager[None]:
+        """Do nothing."""
+        return nullcontext()
 
 
 @dataclass(frozen=True, eq=False)

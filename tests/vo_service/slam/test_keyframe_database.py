@@ -16,7 +16,7 @@ from tests.vo_service.slam.corner_keyframes import (
     make_query,
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
-from vo_service.odometry.direct.keyframe_points import POINT_BRIGHTNESS, select_points
+from vo_service.odometry.direct.points import POINT_BRIGHTNESS, select_points
 from vo_service.slam.keyframe_database import (
     DECIMATION_MIN_POINTS,
     DESCRIPTOR_NORM,

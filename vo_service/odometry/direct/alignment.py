@@ -33,6 +33,10 @@ from vo_service.odometry.direct.parameters import (
     MIN_STEP_SIZES,
     NUM_FINE_LEVELS,
 )
+from vo_service.odometry.direct.points import (
+    empty_samples,
+    warp_and_sample,
+)
 from vo_service.odometry.direct.residuals import (
     GAIN,
     IN_IMAGE,
@@ -47,10 +51,6 @@ from vo_service.odometry.direct.residuals import (
     robust_cost,
     weigh_regions,
     weigh_samples,
-)
-from vo_service.odometry.direct.samples import (
-    empty_samples,
-    warp_and_sample,
 )
 
 PointPyramid = Sequence[Array]
@@ -74,7 +74,7 @@ class DirectAlignment:
         motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
         residual_model: (5,) gain, offset, both sigmas and the brightness weight, see `residuals`.
         counts: (7,) of the finest level, see `residuals`.
-        samples: (N, COLUMNS) of the finest level's points, see `samples`.
+        samples: (N, COLUMNS) of the finest level's points, see `points`.
         cell_weights: (2, CELLS) of brightness and of depth.
     """
 

@@ -22,12 +22,6 @@ from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.gauss_newton import invert_cholesky, jacobian
 from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe
-from vo_service.odometry.direct.keyframe_points import (
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_BRIGHTNESS_VARIANCE,
-)
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     BRIGHTNESS_WEIGHT_RANGE,
@@ -42,18 +36,22 @@ from vo_service.odometry.direct.parameters import (
     VIGNETTING_PRIOR_SIGMA,
     VIGNETTING_VIEW_SIGMA,
 )
-from vo_service.odometry.direct.residuals import (
-    GAIN,
-    OFFSET,
-    SIGMA_BRIGHTNESS,
-    student_weight,
-)
-from vo_service.odometry.direct.samples import (
+from vo_service.odometry.direct.points import (
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_U,
     SAMPLE_V,
     squared_radius_change,
+)
+from vo_service.odometry.direct.residuals import (
+    GAIN,
+    OFFSET,
+    SIGMA_BRIGHTNESS,
+    student_weight,
 )
 
 # Added to the diagonal of a matrix before a system is solved, relative to its trace or diagonal.

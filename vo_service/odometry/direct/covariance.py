@@ -29,10 +29,6 @@ from vo_service.odometry.direct.image_pyramid import (
     ImagePyramid,
     LevelImages,
 )
-from vo_service.odometry.direct.keyframe_points import (
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_DEPTH_GRADIENT,
-)
 from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
     MOTION_SIZE,
@@ -45,16 +41,18 @@ from vo_service.odometry.direct.parameters import (
     MIN_VIEW_OBSERVABILITY,
     SLOPE_NOISE,
 )
+from vo_service.odometry.direct.points import (
+    NUM_ROW_BANDS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_DEPTH_GRADIENT,
+    SAMPLE_CELL,
+    SAMPLE_COLOR_BAND,
+    SAMPLE_DEPTH_BAND,
+)
 from vo_service.odometry.direct.residuals import (
     GAIN,
     WeightedSamples,
     weigh_samples,
-)
-from vo_service.odometry.direct.samples import (
-    NUM_ROW_BANDS,
-    SAMPLE_CELL,
-    SAMPLE_COLOR_BAND,
-    SAMPLE_DEPTH_BAND,
 )
 from vo_service.odometry.uncertainty import (
     DegeneracyAnalysis,

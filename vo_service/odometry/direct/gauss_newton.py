@@ -13,12 +13,6 @@ import numpy as np
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.image_pyramid import LevelImages
-from vo_service.odometry.direct.keyframe_points import (
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_BRIGHTNESS_VARIANCE,
-    POINT_DEPTH_GRADIENT,
-)
 from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
     MOTION_SIZE,
@@ -33,6 +27,17 @@ from vo_service.odometry.direct.parameters import (
     INITIAL_MODEL_UPDATES,
     TREMOR_SPAN_S,
 )
+from vo_service.odometry.direct.points import (
+    NUM_ROW_BANDS,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_DEPTH_GRADIENT,
+    SAMPLE_COLOR_BAND,
+    SAMPLE_DEPTH_BAND,
+    empty_samples,
+    warp_and_sample,
+)
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
@@ -43,13 +48,6 @@ from vo_service.odometry.direct.residuals import (
     student_weight,
     weigh_regions,
     weigh_samples,
-)
-from vo_service.odometry.direct.samples import (
-    NUM_ROW_BANDS,
-    SAMPLE_COLOR_BAND,
-    SAMPLE_DEPTH_BAND,
-    empty_samples,
-    warp_and_sample,
 )
 
 # Number of elements in the upper triangle of a symmetric 6x6 matrix; sums of the normal equations

@@ -15,7 +15,6 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.image_pyramid import ImagePyramid, inverse_depth
-from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import project, transform_point
 from vo_service.odometry.direct.parameters import (
     DYNAMIC_BLOCK_PX,
@@ -28,6 +27,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_OBSERVED_SHARE,
     NUM_FINE_LEVELS,
 )
+from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.features import GrayFrame
 
 BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2

@@ -20,19 +20,10 @@ import numpy as np
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry import NullStageTimer, StageTimer
+from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.gauss_newton import Jacobian, add_residual, jacobian, marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
-from vo_service.odometry.direct.keyframe_points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_BRIGHTNESS_VARIANCE,
-    POINT_DEPTH_GRADIENT,
-)
-from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.direct.parameters import (
     FOCAL_DECAY,
@@ -50,6 +41,19 @@ from vo_service.odometry.direct.parameters import (
     SETTLED_FOCAL_SIGMA,
     SETTLED_FOCAL_STRIDE,
 )
+from vo_service.odometry.direct.points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_DEPTH_GRADIENT,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_U,
+    SAMPLE_V,
+)
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
@@ -58,14 +62,7 @@ from vo_service.odometry.direct.residuals import (
     student_curvature,
     student_weight,
 )
-from vo_service.odometry.direct.samples import (
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_U,
-    SAMPLE_V,
-)
-from vo_service.types import Estimate, OnlineFocalLength
+from vo_service.types import Estimate, NullStageTimer, OnlineFocalLength, StageTimer
 
 # Pose (6), gain, offset, focal length.
 _NUM_UNKNOWNS = 9

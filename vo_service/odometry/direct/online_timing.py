@@ -13,12 +13,11 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry import NullStageTimer, StageTimer
+from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.gauss_newton import marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImageTiming
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.motion import constant_velocity_motion
-from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import (
     FIRST_KEYFRAME_WEIGHT,
     HALF_WEIGHT_SPEED,
@@ -45,7 +44,7 @@ from vo_service.odometry.direct.timing_search import (
     TimingSearchResult,
     needs_search,
 )
-from vo_service.types import Estimate, OnlineTiming
+from vo_service.types import Estimate, NullStageTimer, OnlineTiming, StageTimer
 
 
 class OnlineTimingOdometry:

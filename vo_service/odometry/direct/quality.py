@@ -40,6 +40,12 @@ from vo_service.odometry.direct.parameters import (
     SUSPECT_USUAL_RATIO,
     USUAL_SIGMA_STEP,
 )
+from vo_service.odometry.direct.points import (
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_U,
+    SAMPLE_V,
+)
 from vo_service.odometry.direct.residuals import (
     BRIGHTNESS_AGREES,
     DEPTH_AGREES,
@@ -52,12 +58,6 @@ from vo_service.odometry.direct.residuals import (
     WITH_BRIGHTNESS,
     WITH_DEPTH,
     find_inliers,
-)
-from vo_service.odometry.direct.samples import (
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_U,
-    SAMPLE_V,
 )
 from vo_service.types import TrackingDebug
 

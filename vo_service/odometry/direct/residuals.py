@@ -15,12 +15,6 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.image_pyramid import GAIN_RANGE, NUM_CELLS
-from vo_service.odometry.direct.keyframe_points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_VARIANCE,
-)
 from vo_service.odometry.direct.parameters import (
     DEGREES_OF_FREEDOM,
     INITIAL_SIGMAS,
@@ -33,8 +27,12 @@ from vo_service.odometry.direct.parameters import (
     MIN_STATIC_WEIGHT,
     SENSOR_SIGMAS,
 )
-from vo_service.odometry.direct.samples import (
+from vo_service.odometry.direct.points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
     OCCLUDED,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_VARIANCE,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_DEPTH_RESIDUAL,

@@ -21,14 +21,6 @@ from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
 from vo_service.odometry.direct.gauss_newton import Jacobian, add_residual, jacobian
 from vo_service.odometry.direct.keyframe import DirectKeyframe
-from vo_service.odometry.direct.keyframe_points import (
-    HAS_SHAPE,
-    HAS_TEXTURE,
-    POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_GRADIENT,
-    POINT_BRIGHTNESS_VARIANCE,
-    POINT_DEPTH_GRADIENT,
-)
 from vo_service.odometry.direct.motion import (
     body_motion,
     compose,
@@ -44,6 +36,18 @@ from vo_service.odometry.direct.parameters import (
     TIMING_STEP_RATIO,
     TURN_INFORMATION,
 )
+from vo_service.odometry.direct.points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_DEPTH_GRADIENT,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_CELL,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_V,
+)
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
@@ -51,12 +55,6 @@ from vo_service.odometry.direct.residuals import (
     residual_variances,
     student_curvature,
     student_weight,
-)
-from vo_service.odometry.direct.samples import (
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_CELL,
-    SAMPLE_DEPTH_RESIDUAL,
-    SAMPLE_V,
 )
 
 # Pose (6), gain, offset, turn of the depth camera (2), readout, delay.

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, transport_covariance
-from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.icp.alignment import (
     COARSE_TO_FINE,
     FINE_ONLY,
@@ -27,7 +26,7 @@ from vo_service.odometry.icp.planes import find_planes
 from vo_service.odometry.icp.residuals import compute_residuals
 from vo_service.odometry.motion_model import ConstantVelocityModel
 from vo_service.odometry.uncertainty import MIN_OBSERVABILITY
-from vo_service.types import Estimate, TrackingDebug
+from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
 
 # Smallest share of the reference's planes in the gate.
 MIN_IN_GATE_SHARE = 0.3

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.features import MatchVerifier, match_features
 from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import find_unscaled_motion
@@ -30,7 +29,7 @@ from vo_service.odometry.sfm.trajectory_state import TrajectoryState, Trajectory
 from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refine_two_view
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import FeatureExtractor
-from vo_service.types import Estimate, TrackingDebug
+from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
 
 # Known points agree within a few pixels of their projections: few do so by chance.
 KNOWN_POINTS_VERIFIER = MatchVerifier(inlier_share_if_right=0.5, inlier_share_by_chance=0.05)

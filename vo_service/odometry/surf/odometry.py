@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry import NullStageTimer, StageTimer
 from vo_service.odometry.features import (
     FeatureView,
     SurfParameters,
@@ -23,7 +22,7 @@ from vo_service.odometry.features import (
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import Features, SurfExtractor
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
-from vo_service.types import Estimate, TrackingDebug
+from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
 
 
 class FeatureExtractor(Protocol):

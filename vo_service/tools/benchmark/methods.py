@@ -12,8 +12,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Trajectory, has_match
 from drivers.recording import Recording
 from vo_service.config import OdometryConfig
-from vo_service.odometry import StageTimer
-from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
+from vo_service.odometry import METHODS, MethodConfig, warm_up
 from vo_service.tools.benchmark.baselines import (
     BASELINE_NAMES,
     ORB_SLAM3,
@@ -23,7 +22,7 @@ from vo_service.tools.benchmark.baselines import (
 )
 from vo_service.tools.benchmark.baselines.orb_slam import OrbSlamFactory
 from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
-from vo_service.types import Odometry
+from vo_service.types import Odometry, StageTimer
 
 METHOD_NAMES = (*METHODS, *BASELINE_NAMES)
 

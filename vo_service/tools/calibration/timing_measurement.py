@@ -19,7 +19,7 @@ from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core import InputError
 from drivers.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
-from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.direct.timing_estimate import TimingEstimator
 from vo_service.terminal import Terminal

@@ -14,6 +14,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
+from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.alignment import (
     DirectAlignment,
     align,
@@ -21,10 +22,9 @@ from vo_service.odometry.direct.alignment import (
 )
 from vo_service.odometry.direct.brightness import BrightnessWeight
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
-from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.parameters import BRIGHTNESS_WEIGHT, BRIGHTNESS_WEIGHT_RANGE
+from vo_service.odometry.direct.points import select_points
 
 POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
 

@@ -28,8 +28,8 @@ from vo_service.odometry.direct.alignment import (
 )
 from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
-from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import ACCELERATION_START, change_frame, zero_motion
+from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.direct.quality import degradation_reason, rejection_reason
 
 POINTS = select_points(build_image_pyramid(render_view()), zero_motion(), ALL_STATIC)

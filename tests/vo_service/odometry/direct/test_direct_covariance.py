@@ -25,7 +25,7 @@ from vo_service.odometry.direct.gauss_newton import MotionPrior
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.samples import (
+from vo_service.odometry.direct.points import (
     NUM_ROW_BANDS,
 )
 

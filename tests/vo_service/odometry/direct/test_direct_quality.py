@@ -7,8 +7,8 @@ import pytest
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
+from vo_service.odometry.direct import points as sampled
 from vo_service.odometry.direct import residuals as columns
-from vo_service.odometry.direct import samples as sampled
 from vo_service.odometry.direct.alignment import (
     STATIC_PRIOR,
     DirectAlignment,
@@ -17,8 +17,8 @@ from vo_service.odometry.direct.alignment import (
     uniform_weights,
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
-from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.points import select_points
 from vo_service.odometry.direct.quality import (
     SUSPECT_SIGMAS,
     UsualSigmas,

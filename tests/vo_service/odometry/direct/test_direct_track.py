@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from tests.vo_service.odometry.direct.tracking_results import KEYFRAME, MOTION, make_result
+from vo_service.odometry.direct import DirectTrack
 from vo_service.odometry.direct.covariance import MotionUncertainty
-from vo_service.odometry.direct.odometry import DirectTrack
 from vo_service.odometry.uncertainty import DegeneracyAnalysis
 
 FOUND = make_result(np.zeros(6), np.zeros(6))

@@ -16,12 +16,15 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_sequence,
     render_view,
 )
-from vo_service.odometry import depth, direct, features, ransac
-from vo_service.odometry.registry import (
+from vo_service.odometry import (
     METHODS,
     STAGE_BUDGETS_MS,
     MethodConfig,
     StageReporter,
+    depth,
+    direct,
+    features,
+    ransac,
     warm_up,
 )
 from vo_service.odometry.surf import descriptor, detector

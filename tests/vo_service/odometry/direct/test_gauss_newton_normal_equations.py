@@ -22,14 +22,16 @@ from vo_service.odometry.direct.gauss_newton import (
     jacobian,
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
-from vo_service.odometry.direct.keyframe_points import (
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.points import (
     HAS_SHAPE,
     HAS_TEXTURE,
     POINT_BRIGHTNESS_GRADIENT,
     POINT_DEPTH_GRADIENT,
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_DEPTH_RESIDUAL,
     select_points,
 )
-from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.residuals import (
     GAIN,
     OFFSET,
@@ -37,10 +39,6 @@ from vo_service.odometry.direct.residuals import (
     SIGMA_DEPTH,
     fit_affine_brightness,
     weigh_samples,
-)
-from vo_service.odometry.direct.samples import (
-    SAMPLE_BRIGHTNESS,
-    SAMPLE_DEPTH_RESIDUAL,
 )
 
 READOUT_S, SKEW_S = 0.03, 0.012

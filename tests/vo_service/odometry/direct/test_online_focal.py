@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
-from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.online_focal import OnlineFocalOdometry
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.types import Estimate, OnlineFocalLength

@@ -15,7 +15,8 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_view,
 )
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
-from vo_service.odometry.direct import odometry as keyframe_odometry
+from vo_service.odometry import direct
+from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.alignment import (
     IDENTITY_BRIGHTNESS,
     DirectAlignment,
@@ -34,7 +35,6 @@ from vo_service.odometry.direct.image_pyramid import (
 from vo_service.odometry.direct.keyframe import make_keyframe
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
-from vo_service.odometry.direct.odometry import DirectOdometry
 from vo_service.odometry.direct.quality import TrackingResult
 from vo_service.odometry.direct.recovery import retry_without_half
 from vo_service.odometry.surf import SurfExtractor
@@ -131,7 +131,7 @@ def test_the_odometry_retries_when_it_follows_an_object(
     estimate_all(
         odometry, [replace(add_noise(render_view(), k), stamp_s=k * STEP_S) for k in range(3)]
     )
-    monkeypatch.setattr(keyframe_odometry, "align", align_the_left)
+    monkeypatch.setattr(direct, "align", align_the_left)
     moved = add_noise(with_object(render_view(), render_view(OTHER_WAY, STEP_S)), 3)
     estimate = odometry.estimate(replace(moved, stamp_s=3 * STEP_S))
     assert estimate.ok

@@ -29,19 +29,19 @@ from vo_service.odometry.direct.image_pyramid import (
     CELL_ROWS,
     build_image_pyramid,
 )
-from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.residuals import (
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-    weigh_regions,
-)
-from vo_service.odometry.direct.samples import (
+from vo_service.odometry.direct.points import (
     OCCLUDED,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_DEPTH_RESIDUAL,
     SAMPLE_OCCLUSION,
+    select_points,
+)
+from vo_service.odometry.direct.residuals import (
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    weigh_regions,
 )
 
 FRAME = add_noise(render_view(), 0)

@@ -2,9 +2,9 @@
 
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
-from vo_service.odometry import NullStageTimer, depth, features
-from vo_service.odometry.registry import METHODS, MethodConfig, warm_up
+from vo_service.odometry import METHODS, MethodConfig, depth, features, warm_up
 from vo_service.odometry.sfm import bundle_adjustment
+from vo_service.types import NullStageTimer
 
 KERNELS = [
     each

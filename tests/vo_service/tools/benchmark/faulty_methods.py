@@ -13,9 +13,8 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
 from drivers.recording import Recording
-from vo_service.odometry import StageTimer
 from vo_service.tools.benchmark.methods import MethodFactory
-from vo_service.types import Estimate
+from vo_service.types import Estimate, StageTimer
 
 
 def _identity(number: int) -> int:

@@ -9,9 +9,8 @@ from platform import machine
 from types import ModuleType
 
 from drivers.recording import Recording
-from vo_service.odometry import StageTimer
-from vo_service.odometry.registry import MethodConfig, StageReporter, run_warm_up_frames
-from vo_service.types import Odometry
+from vo_service.odometry import MethodConfig, StageReporter, run_warm_up_frames
+from vo_service.types import Odometry, StageTimer
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry import StageTimer
 from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.surf import Features
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.types import Estimate
+from vo_service.types import Estimate, StageTimer
 
 # After this many failed frames, tracking is reset, as in `SurfOdometry`.
 MAX_FAILURES = 30

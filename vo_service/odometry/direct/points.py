@@ -1,7 +1,10 @@
-"""Selection of a keyframe's points: the best pixel of each small block.
+"""Points of a keyframe: their selection, and their samples in a frame.
 
-In a block with texture it is the pixel of the steepest brightness; else its center, used for depth
-only. The depth of a point is that of a plane fitted around it, which averages the sensor's noise.
+The best pixel of each small block is selected. In a block with texture it is the pixel of the
+steepest brightness; else its center, used for depth only. The depth of a point is that of a plane
+fitted around it, which averages the sensor's noise.
+
+A sample is the brightness and depth of a frame where it sees a point, each row at its own time.
 """
 
 import numpy as np
@@ -13,6 +16,7 @@ from vo_service.odometry.depth import fit_plane
 from vo_service.odometry.direct.image_pyramid import ImagePyramid, LevelImages, cell_index
 from vo_service.odometry.direct.motion import (
     project,
+    project_rolling_shutter,
     propagate_motion,
     propagate_point,
     row_time,
@@ -20,7 +24,9 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     INTERPOLATION_PX,
     MAX_PLANE_RMS_PER_M,
+    MAX_SAME_SURFACE_PER_M,
     MAX_SURFACE_STEP_PER_M,
+    MIN_DEPTH_M,
     MIN_PLANE_SUPPORT,
     MIN_TEXTURE_GRADIENT,
     PLANE_RADIUS_PX,
@@ -42,6 +48,24 @@ from vo_service.odometry.direct.parameters import (
     HAS_SHAPE,
 ) = 0, 3, 4, 5, 8, 11, 12
 NUM_POINT_COLUMNS = 13
+# The image is divided into this many bands of rows; all rows of a band get the same time.
+NUM_ROW_BANDS = 16
+# Columns of a sample: brightness; 1/z of the surface minus that of the point (1/m, as seen from the
+# keyframe); the cell; the bands of the color and of the depth image; the pixel in the whole color
+# image; NaN or -1 where there is none. Then the occlusion: 1 if another surface is in front of the
+# point, -1 if the point is in free space. Such a sample has neither brightness nor depth.
+(
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_CELL,
+    SAMPLE_COLOR_BAND,
+    SAMPLE_DEPTH_BAND,
+    SAMPLE_U,
+    SAMPLE_V,
+    SAMPLE_OCCLUSION,
+) = range(8)
+NUM_SAMPLE_COLUMNS = 8
+OCCLUDED = 1.0
 # Depth pixels that a plane is fitted to, to either side.
 PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
 # The smallest gradient of texture, as the squared change over two pixels.
@@ -253,3 +277,164 @@ def _fit_surface(
     if w <= 0.0:
         return float(center), 0.0, 0.0, False
     return w + wu * (u - column) + wv * (v - row), wu, wv, squared <= MAX_PLANE_RMS_PER_M**2
+
+
+@kernel
+def empty_samples(count: int) -> Array:
+    """(N, COLUMNS) for the samples of N points; columns are contiguous, see `select_points`."""
+    return np.empty((NUM_SAMPLE_COLUMNS, count)).T
+
+
+@kernel
+def warp_and_sample(
+    points: Array, images: LevelImages, T_camera_keyframe: Array, motion: Array, samples: Array
+) -> None:
+    """Fill in the samples of points.
+
+    Args:
+        points: (N, COLUMNS) of a keyframe level.
+        images: The frame at that level.
+        T_camera_keyframe: 4x4.
+        motion: (9,) of the camera in its own axes at the frame's stamp, see `motion`.
+        samples: (N, COLUMNS), out.
+    """
+    u_color, v_color, u_depth, v_depth, inverse_z = project_rolling_shutter(
+        points, images, T_camera_keyframe, motion
+    )
+    scale = images.intrinsics[0] / images.depth_intrinsics[0]
+    brightness = _sample_brightness(images.gray, u_color, v_color, scale)
+    surface = _sample_inverse_depth(images.inverse_depth, u_depth, v_depth)
+    pixels = u_color, v_color, v_depth
+    _fill_samples(pixels, inverse_z, brightness, surface, points, images.inverse_depth, samples)
+    if images.vignetting != 0.0:
+        _correct_vignetting(images.vignetting, points, images.depth_intrinsics, samples)
+
+
+@kernel
+def _sample_brightness(gray: NDArray[np.uint8], u: Array, v: Array, scale: float) -> Array:
+    """(N,) bilinear brightness at pixels (N,) of the whole image; -1 outside of the level's image.
+
+    Args:
+        gray: (h, w) of the level.
+        u: (N,) columns in the whole image.
+        v: (N,) rows in the whole image.
+        scale: Size of the level's image relative to the whole one.
+    """
+    height, width = gray.shape
+    brightness = np.full(len(u), -1.0)
+    for n in range(len(u)):
+        x, y = (u[n] + 0.5) * scale - 0.5, (v[n] + 0.5) * scale - 0.5
+        if 0.0 <= x < width - 1 and 0.0 <= y < height - 1:
+            # Unsigned, so that no index is tested for counting from the end.
+            column, row = np.uint32(x), np.uint32(y)
+            right, down = x - column, y - row
+            a, b = float(gray[row, column]), float(gray[row, column + 1])
+            c, d = float(gray[row + 1, column]), float(gray[row + 1, column + 1])
+            above, below = a + right * (b - a), c + right * (d - c)
+            brightness[n] = above + down * (below - above)
+    return brightness
+
+
+@kernel
+def _sample_inverse_depth(inverse_depth: NDArray[np.float32], u: Array, v: Array) -> Array:
+    """(N,) bilinear 1/z, 1/m, at pixels (N,); 0 outside, at edges, and next to a missing reading.
+
+    Args:
+        inverse_depth: (H, W), 1/m; 0 = no reading.
+        u: (N,) columns.
+        v: (N,) rows.
+    """
+    height, width = inverse_depth.shape
+    surface, flat = np.zeros(len(u)), inverse_depth.ravel()
+    for n in range(len(u)):
+        if not (0.0 <= u[n] < width - 1 and 0.0 <= v[n] < height - 1):
+            continue
+        column, row = np.uint32(u[n]), np.uint32(v[n])
+        k = np.uint32(row * width + column)
+        a, b = float(flat[k]), float(flat[k + 1])
+        c, d = float(flat[k + width]), float(flat[k + width + 1])
+        lowest = min(min(a, b), min(c, d))
+        if lowest <= 0.0 or max(max(a, b), max(c, d)) - lowest > MAX_SURFACE_STEP_PER_M:
+            continue
+        right, down = u[n] - column, v[n] - row
+        above, below = a + right * (b - a), c + right * (d - c)
+        surface[n] = above + down * (below - above)
+    return surface
+
+
+@kernel
+def _fill_samples(
+    pixels: tuple[Array, Array, Array],
+    inverse_z: Array,
+    brightness: Array,
+    surface: Array,
+    points: Array,
+    inverse_depth: NDArray[np.float32],
+    samples: Array,
+) -> None:
+    """Fill in the samples. Without branches, so that the compiler vectorizes the loop.
+
+    Args:
+        pixels: (N,) column and row in the color image, row in the depth image.
+        inverse_z: (N,) 1/z of the points, 1/m.
+        brightness: (N,) of the frame; -1 outside.
+        surface: (N,) 1/z of the frame, 1/m; 0 without a reading.
+        points: (N, COLUMNS) of a keyframe level.
+        inverse_depth: (H, W) image of the frame, for its size.
+        samples: (N, COLUMNS), out.
+    """
+    height, width = inverse_depth.shape
+    per_width, per_height = 1.0 / width, 1.0 / height
+    u_color, v_color, v_depth = pixels
+    for n in range(len(samples)):
+        u, v, w_point, w = u_color[n], v_color[n], inverse_z[n], surface[n]
+        in_image = (brightness[n] >= 0.0) & (w_point > 0.0) & (w_point <= 1.0 / MIN_DEPTH_M)
+        difference = w - w_point
+        has_surface = in_image & (w > 0.0)
+        is_other_surface = has_surface & (abs(difference) > MAX_SAME_SURFACE_PER_M)
+        is_same_surface = has_surface & (not is_other_surface)
+        is_visible = in_image & (not is_other_surface)
+        samples[n, SAMPLE_U] = u if in_image else -1.0
+        samples[n, SAMPLE_V] = v if in_image else -1.0
+        samples[n, SAMPLE_CELL] = cell_index(u * per_width, v * per_height) if in_image else -1.0
+        samples[n, SAMPLE_OCCLUSION] = np.sign(difference) if is_other_surface else 0.0
+        residual = difference / (w_point * points[n, 2]) ** 2
+        samples[n, SAMPLE_DEPTH_RESIDUAL] = residual if is_same_surface else np.nan
+        depth_band = _row_band(v_depth[n] * per_height)
+        samples[n, SAMPLE_DEPTH_BAND] = depth_band if is_same_surface else -1.0
+        samples[n, SAMPLE_BRIGHTNESS] = brightness[n] if is_visible else np.nan
+        samples[n, SAMPLE_COLOR_BAND] = _row_band(v * per_height) if is_visible else -1.0
+
+
+@kernel
+def _correct_vignetting(
+    vignetting: float, points: Array, intrinsics: Array, samples: Array
+) -> None:
+    """Correct the brightness of samples (N, COLUMNS) to that at the keyframe's pixel."""
+    for n in range(len(points)):
+        u, v = samples[n, SAMPLE_U], samples[n, SAMPLE_V]
+        change = squared_radius_change(u, v, intrinsics, points[n])
+        samples[n, SAMPLE_BRIGHTNESS] *= 1.0 + vignetting * change
+
+
+@inline_kernel
+def squared_radius_change(u: float, v: float, intrinsics: Array, point: Array) -> float:
+    """Change of a point's squared radius from its keyframe to a pixel.
+
+    The radius is the tangent of the angle to the optical axis.
+
+    Args:
+        u: Pixel in the whole image.
+        v: See u.
+        intrinsics: (4,) of the whole image.
+        point: (COLUMNS,) of a keyframe.
+    """
+    x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
+    before = (point[0] * point[0] + point[1] * point[1]) / (point[2] * point[2])
+    return float(x * x + y * y - before)
+
+
+@inline_kernel
+def _row_band(v_share: float) -> int:
+    """Index of the band that a row belongs to, given as a share of the image's height."""
+    return min(max(int(v_share * NUM_ROW_BANDS), 0), NUM_ROW_BANDS - 1)

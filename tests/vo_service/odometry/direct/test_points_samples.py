@@ -22,10 +22,8 @@ from vo_service.odometry.direct.image_pyramid import (
     CELL_ROWS,
     build_image_pyramid,
 )
-from vo_service.odometry.direct.keyframe_points import POINT_BRIGHTNESS as POINT_BRIGHTNESS
-from vo_service.odometry.direct.keyframe_points import select_points
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.samples import (
+from vo_service.odometry.direct.points import (
     OCCLUDED,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
@@ -36,8 +34,10 @@ from vo_service.odometry.direct.samples import (
     SAMPLE_U,
     SAMPLE_V,
     empty_samples,
+    select_points,
     warp_and_sample,
 )
+from vo_service.odometry.direct.points import POINT_BRIGHTNESS as POINT_BRIGHTNESS
 
 STANDING = zero_motion()
 POINTS = select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC)[0]

@@ -23,7 +23,8 @@ from vo_service.odometry.direct.image_pyramid import (
     NUM_CELLS,
     build_image_pyramid,
 )
-from vo_service.odometry.direct.keyframe_points import (
+from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.points import (
     HAS_SHAPE,
     HAS_TEXTURE,
     POINT_BRIGHTNESS,
@@ -31,7 +32,6 @@ from vo_service.odometry.direct.keyframe_points import (
     POINT_DEPTH_GRADIENT,
     select_points,
 )
-from vo_service.odometry.direct.motion import zero_motion
 
 STANDING = zero_motion()
 

@@ -16,6 +16,7 @@ the odometry has changed.
 
 import argparse
 import ast
+import importlib.util
 import json
 import os
 import subprocess
@@ -25,6 +26,7 @@ from collections.abc import Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -35,11 +37,25 @@ from drivers.camera import PlaybackMode
 from drivers.core import InputError
 from drivers.core.geometry import Trajectory
 from drivers.recording_camera import RecordingCamera
-from vo_service.odometry.direct import parameters
+from vo_service import odometry
 from vo_service.tools.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import associate, count_gross_errors, tracked_steps
 
 BASELINE = "as it is"
+
+
+def _load_parameters() -> ModuleType:
+    """Load the parameters before the odometry, whose kernels are compiled with their values."""
+    path = Path(odometry.__file__).parent / "direct" / "parameters.py"
+    spec = importlib.util.spec_from_file_location(f"{odometry.__name__}.direct.parameters", path)
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[spec.name] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+parameters = _load_parameters()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

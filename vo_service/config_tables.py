@@ -10,7 +10,6 @@ from drivers.core import InputError
 from drivers.core.config import Field
 
 # Unit of the settings whose names end in _mb, bytes.
-MEGABYTE = 1_000_000
 # A recording of the running service leaves this much of the disk free.
 MIN_FREE_BYTES = 1_000_000_000
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7450"

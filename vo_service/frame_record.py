@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
+from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from drivers.core.process import RecordRingWriter, RingRecord
-from vo_service.config_tables import MEGABYTE
 from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.messages import Status
 

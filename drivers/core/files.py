@@ -16,6 +16,7 @@ from pathlib import Path
 
 from drivers.core import InputError, UserFacingError
 
+MEGABYTE = 1_000_000
 SOURCE_PACKAGES = ("drivers", "vo_service")
 # The files of compiled kernels, and those that they import: a change elsewhere compiles nothing.
 KERNEL_SOURCES = (

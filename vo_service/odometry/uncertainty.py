@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, transport_covariance
-from drivers.core.jit import kernel
 from vo_service.types import Estimate
 
 # Standard deviation of 1/z of one pixel, in 1/m. The Kinect reports disparity in steps of 1/8
@@ -88,7 +87,6 @@ def analyze_degeneracy(information: Array, noise_information: Array) -> Degenera
     return DegeneracyAnalysis(observability, whitening @ rotation)
 
 
-@kernel
 def point_information(moments: Array) -> Array:
     """6x6 information of points that are constrained in all three directions of space.
 
@@ -97,20 +95,19 @@ def point_information(moments: Array) -> Array:
     Args:
         moments: (4, 4), sum w q q^T with q = (p, 1).
     """
-    G = np.zeros((6, 6))
-    trace = moments[0, 0] + moments[1, 1] + moments[2, 2]
-    for i in range(3):
-        G[i, i] = moments[3, 3]
-        for j in range(3):
-            G[3 + i, 3 + j] = (trace if i == j else 0.0) - moments[i, j]
-    x, y, z = moments[0, 3], moments[1, 3], moments[2, 3]
-    G[3, 1] = G[1, 3] = -z
-    G[3, 2] = G[2, 3] = y
-    G[4, 0] = G[0, 4] = z
-    G[4, 2] = G[2, 4] = -x
-    G[5, 0] = G[0, 5] = -y
-    G[5, 1] = G[1, 5] = x
-    return G
+    # Lists: NumPy's scalars and slices are slow.
+    (xx, xy, xz, x), (yx, yy, yz, y), (zx, zy, zz, z), (*_, n) = moments.tolist()
+    trace = xx + yy + zz
+    return np.array(
+        [
+            [n, 0.0, 0.0, 0.0, z, -y],
+            [0.0, n, 0.0, -z, 0.0, x],
+            [0.0, 0.0, n, y, -x, 0.0],
+            [0.0, -z, y, trace - xx, -xy, -xz],
+            [z, 0.0, -x, -yx, trace - yy, -yz],
+            [-y, x, 0.0, -zx, -zy, trace - zz],
+        ]
+    )
 
 
 class CovarianceAccumulator:

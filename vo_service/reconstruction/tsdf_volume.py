@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
+from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Array, inverse
-from vo_service.config_tables import MEGABYTE
 from vo_service.odometry.uncertainty import depth_sigma_m
 from vo_service.reconstruction.mesh import Mesh, remove_small_components
 from vo_service.reconstruction.surface_nets import MESH_BYTES_PER_BLOCK, extract_surface

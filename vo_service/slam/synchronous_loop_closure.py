@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
+from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Trajectory, inverse
-from vo_service.config_tables import MEGABYTE, MapConfig
+from vo_service.config_tables import MapConfig
 from vo_service.odometry import run_warm_up_frames
 from vo_service.slam import ConstraintAccumulator, OdometryConstraint, RelocalizationResult
 from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe

@@ -108,7 +108,7 @@ def estimate_uncertainty(
         prior: The prior of its motion.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
     """
-    covariance, information, noise_information = _analyze_view(
+    covariance, information, moments = _analyze_view(
         points[0],
         (alignment.samples, alignment.cell_weights, alignment.residual_model),
         images.levels[0],
@@ -116,7 +116,9 @@ def estimate_uncertainty(
         prior,
         velocity_noise,
     )
-    return MotionUncertainty(covariance, analyze_degeneracy(information, noise_information))
+    return MotionUncertainty(
+        covariance, analyze_degeneracy(information, point_information(moments))
+    )
 
 
 @kernel
@@ -128,7 +130,7 @@ def _analyze_view(
     prior: MotionPrior,
     velocity_noise: Array,
 ) -> tuple[Array, Array, Array]:
-    """6x6 covariance in the camera's axes, and 6x6 information of the pose and of noise.
+    """6x6 covariance in the camera's axes, 6x6 information of the pose, and moments (4, 4).
 
     In one kernel, as each call from Python takes time. See its parts for the arguments.
 
@@ -152,7 +154,7 @@ def _analyze_view(
     Ad = se3_adjoint(T_camera_keyframe)
     in_camera = _multiply(_multiply(Ad, in_keyframe), Ad.T.copy())
     covariance = 0.5 * (in_camera + in_camera.T) + MIN_COVARIANCE
-    return covariance, H[:6, :6].copy(), point_information(moments)
+    return covariance, H[:6, :6].copy(), moments
 
 
 @kernel

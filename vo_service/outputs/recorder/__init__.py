@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.files import state_folder
+from drivers.core.files import MEGABYTE, state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from drivers.core.process import Heartbeat, RecordRingMemory, WorkerSpec
 from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
-from vo_service.config_tables import MEGABYTE, RecorderConfig
+from vo_service.config_tables import RecorderConfig
 from vo_service.frame_record import FrameHistory, StampedStatus
 from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, NotPossibleError

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import free_disk_bytes, is_disk_full, rotate_file
+from drivers.core.files import MEGABYTE, free_disk_bytes, is_disk_full, rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
-from vo_service.config_tables import MEGABYTE
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -6,8 +6,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.files import PARTIAL_SUFFIX, describe_write_error, folder_size_bytes, lock_folder
-from vo_service.config_tables import MEGABYTE
+from drivers.core.files import (
+    MEGABYTE,
+    PARTIAL_SUFFIX,
+    describe_write_error,
+    folder_size_bytes,
+    lock_folder,
+)
 from vo_service.slam import MAP_SUFFIX, MESH_SUFFIX
 
 

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core import UserFacingError
+from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Array
 from drivers.core.process import RingRecord
 from drivers.core.process.worker_main import set_oom_score
-from vo_service.config_tables import MEGABYTE, MapConfig
+from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata, unpack_depth
 from vo_service.slam import SaveMapResult, pose_distance_steps
 from vo_service.slam.mapper.map_store import MapStore

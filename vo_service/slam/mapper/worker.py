@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import check_writable
+from drivers.core.files import MEGABYTE, check_writable
 from drivers.core.geometry import Array
 from drivers.core.process import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
-from vo_service.config_tables import MEGABYTE, MapConfig
+from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_metadata
 from vo_service.slam import (
     LoadMapRequest,

@@ -28,6 +28,7 @@ from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     INITIAL_MODEL_UPDATES,
     INITIAL_SIGMAS,
+    MAX_EXTRAPOLATED_RATIOS,
     MAX_STEPS,
     MIN_STATIC_WEIGHT,
     MIN_STEP_SIZES,
@@ -58,7 +59,10 @@ Level = TypeVar("Level", Array, LevelImages)
 
 # Gain and offset of equal brightness.
 IDENTITY_BRIGHTNESS = (1.0, 0.0)
-STEP_LIMITS = tuple(StepLimits(*limits) for limits in zip(MAX_STEPS, MIN_STEP_SIZES, strict=True))
+STEP_LIMITS = tuple(
+    StepLimits(*limits)
+    for limits in zip(MAX_STEPS, MIN_STEP_SIZES, MAX_EXTRAPOLATED_RATIOS, strict=True)
+)
 # Information of a motion that is known, so that the images hardly change it.
 STATIC_INFORMATION = np.full(MOTION_SIZE, 1e6)
 # For a frame that is aligned with itself.

@@ -25,6 +25,8 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     DAMPING_SIGMAS,
     INITIAL_MODEL_UPDATES,
+    MIN_EXTRAPOLATED_COSINE,
+    MIN_EXTRAPOLATED_RATIO,
     TREMOR_SPAN_S,
 )
 from vo_service.odometry.direct.points import (
@@ -92,15 +94,17 @@ def velocity_information(sigma: Array) -> Array:
 
 
 class StepLimits(NamedTuple):
-    """When the steps on a level end.
+    """When the steps on a level end, and how far they are extrapolated.
 
     Attributes:
         max_steps: Largest number of steps.
         min_step_size: A smaller step, in m and rad, is the last one.
+        max_step_ratio: Largest ratio of a step to the last one that is extrapolated; with 0 none is.
     """
 
     max_steps: int
     min_step_size: float
+    max_step_ratio: float
 
 
 @kernel
@@ -131,6 +135,7 @@ def solve_level(
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
     samples = empty_samples(len(points))
+    last, is_extrapolated = np.zeros(NUM_UNKNOWNS), False
     for step in range(limits.max_steps):
         warp_and_sample(points, images, T, body_motion(T, motion), samples)
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
@@ -145,11 +150,39 @@ def solve_level(
         add_motion_prior(H, g, motion - expected, prior)
         add_damping(H)
         x = solve_cholesky(H, g)
+        # The step after an extrapolated one does not follow it.
+        factor = 1.0 if is_extrapolated else extrapolation(x, last, limits.max_step_ratio)
+        is_extrapolated, last = factor > 1.0, x
+        x = factor * x
         T = compose(T, se3_exp(-x[:6]))
         motion -= x[6:]
         if np.max(np.abs(x[:6])) < limits.min_step_size:
             break
     return T, motion
+
+
+@kernel
+def extrapolation(x: Array, last: Array, max_ratio: float) -> float:
+    """Factor of a step that goes the way of the last one; 1 if it goes another way.
+
+    With weights by the residuals before it, a step is too short: the steps to come are as a
+    geometric series, whose sum is that of Aitken (Proceedings of the Royal Society of Edinburgh
+    46, 1926).
+
+    Args:
+        x: (15,) step.
+        last: (15,) the step before; 0 if there is none.
+        max_ratio: Largest ratio of their lengths that is used.
+    """
+    product = squared = last_squared = 0.0
+    for i in range(6):
+        product += x[i] * last[i]
+        squared += x[i] * x[i]
+        last_squared += last[i] * last[i]
+    is_aligned = product > MIN_EXTRAPOLATED_COSINE * np.sqrt(squared * last_squared)
+    if not is_aligned or product < MIN_EXTRAPOLATED_RATIO * last_squared:
+        return 1.0
+    return 1.0 / (1.0 - min(product / last_squared, max_ratio))
 
 
 @kernel

@@ -99,7 +99,7 @@ class StepLimits(NamedTuple):
     Attributes:
         max_steps: Largest number of steps.
         min_step_size: A smaller step, in m and rad, is the last one.
-        max_step_ratio: Largest ratio of a step to the last one that is extrapolated; with 0 none is.
+        max_step_ratio: Largest ratio of a step to the last one that is extrapolated; 0 for none.
     """
 
     max_steps: int

@@ -43,25 +43,30 @@ def fit_plane(
     center = float(inverse_depth[row, column])
     if center <= 0.0:
         return none
-    n = su = sv = suu = suv = svv = sw = suw = svw = sww = 0.0
+    # Without branches; the sums without w are of integers.
+    count = su = sv = suu = suv = svv = 0
+    sw = suw = svw = sww = 0.0
     for j in range(-radius, radius + 1):
-        dv = j * step
+        dv, in_row, su_row = j * step, 0, 0
         for i in range(-radius, radius + 1):
             du = i * step
             sample = float(inverse_depth[row + dv, column + du])
             w = sample - center
-            if sample <= 0.0 or abs(w) > max_step_per_m:
-                continue
-            n += 1.0
-            su += du
-            sv += dv
-            suu += du * du
-            suv += du * dv
-            svv += dv * dv
+            is_same_surface = (sample > 0.0) & (abs(w) <= max_step_per_m)
+            w = w if is_same_surface else 0.0
+            in_row += 1 if is_same_surface else 0
+            su_row += du if is_same_surface else 0
+            suu += du * du if is_same_surface else 0
             sw += w
             suw += du * w
             svw += dv * w
             sww += w * w
+        count += in_row
+        su += su_row
+        sv += dv * in_row
+        suv += dv * su_row
+        svv += dv * dv * in_row
+    n = float(count)
     if n < min_support * (2 * radius + 1) ** 2:
         return none
     # Normal equations about the centroid, a 2x2 system for the two slopes.

@@ -6,7 +6,6 @@ delay of depth after color. Information is a (2, 3) array [A b] with A x = b at 
 
 from collections import deque
 from math import exp, sqrt
-from operator import gt, le, lt
 
 import numpy as np
 
@@ -85,7 +84,7 @@ class TimingEstimator:
     @property
     def is_settled(self) -> bool:
         """Whether the estimate is so good that few of the views are enough."""
-        return all(map(lt, self.sigmas_s.tolist(), SETTLED_TIMING_SIGMAS_S))
+        return _are_below(self.sigmas_s, SETTLED_TIMING_SIGMAS_S)
 
     def add(self, keyframe_stamp_s: float, speed: float, view: Array) -> bool:
         """Add a view; return whether the timing in use has changed.
@@ -106,7 +105,9 @@ class TimingEstimator:
         from_frames = self._from_frames()
         self.estimate, covariance = solve_information(self._prior + from_frames)
         self.sigmas_s = sigmas(covariance)
-        self.is_certain = self._views >= MIN_TIMING_VIEWS and _are_small(self.sigmas_s)
+        self.is_certain = self._views >= MIN_TIMING_VIEWS and _are_below(
+            self.sigmas_s, MAX_TIMING_SIGMAS_S
+        )
         has_changed = self._update_in_use()
         self.contradiction = self._contradiction(
             self._from_frames() if has_changed else from_frames
@@ -119,7 +120,7 @@ class TimingEstimator:
         if squared_disagreement(from_frames, self._told) <= CONTRADICTION_SIGMAS**2:
             return None
         by_frames, covariance = solve_information(from_frames)
-        return by_frames if _are_small(sigmas(covariance)) else None
+        return by_frames if _are_below(sigmas(covariance), MAX_TIMING_SIGMAS_S) else None
 
     def _weigh(self, view: Array) -> float:
         """Weight of a view by its squared error, which the usual one is updated with."""
@@ -186,8 +187,11 @@ class TimingEstimator:
             return False
         target = self._target()
         change = np.abs(target - self.in_use).tolist()
-        least = (MIN_TIMING_CHANGE_SIGMAS * self.sigmas_s).tolist()
-        if not any(map(gt, change, map(max, MIN_TIMING_CHANGES_S, least))):
+        significant = (MIN_TIMING_CHANGE_SIGMAS * self.sigmas_s).tolist()
+        if all(
+            each <= max(least, by_sigma)
+            for each, least, by_sigma in zip(change, MIN_TIMING_CHANGES_S, significant, strict=True)
+        ):
             return False
         # Residuals are linear in the timing for a short way only.
         flow_px = TIMING_RADIUS_PX * sqrt(self._squared_speed) * max(change[0] / 3.0, change[1])
@@ -211,9 +215,10 @@ class TimingEstimator:
         return np.array([max(estimate[0], instant[0]), estimate[1]])
 
 
-def _are_small(sigmas_s: Array) -> bool:
-    """Whether the sigmas (2,) are those of an estimate that is used."""
-    return all(map(le, sigmas_s.tolist(), MAX_TIMING_SIGMAS_S))
+def _are_below(sigmas_s: Array, limits_s: tuple[float, float]) -> bool:
+    """Whether the sigmas (2,) are smaller than their limits."""
+    readout_s, delay_s = sigmas_s.tolist()
+    return bool(readout_s < limits_s[0] and delay_s < limits_s[1])
 
 
 def _prior_information(mean: Array, sigmas_s: Array) -> Array:

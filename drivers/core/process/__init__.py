@@ -181,7 +181,9 @@ def create_shared_memory(name: str, size: int) -> int:
 
 
 # Number of records ever written, and the position up to which older records are overwritten.
-_HEADER = struct.Struct("<QQ")
+# They are written as whole numbers: `struct` clears the bytes first, and a reader would see zeros.
+_HEADER_DTYPE = np.dtype(np.uint64)
+_HEADER_SIZE = 2 * _HEADER_DTYPE.itemsize
 # Number and position of a record, and the lengths of its payload and of the metadata behind it.
 _ENTRY = struct.Struct("<QQQQ")
 # A position is lap * stride + offset. No lap is as long as the stride.
@@ -238,6 +240,7 @@ class RecordRingWriter:
         except (OSError, ValueError):
             os.close(self.memory.fd)
             raise
+        self._header = np.frombuffer(self._map, _HEADER_DTYPE, 2)
         self._data = np.frombuffer(self._map, np.uint8, offset=self._data_offset)
 
     @property
@@ -280,7 +283,7 @@ class RecordRingWriter:
         """
         end = self._offset + length + len(metadata)
         self._data[end - len(metadata) : end] = np.frombuffer(metadata, np.uint8)
-        entry = _HEADER.size + self._count % self.memory.entries * _ENTRY.size
+        entry = _HEADER_SIZE + self._count % self.memory.entries * _ENTRY.size
         position = self._lap * _LAP_STRIDE + self._offset
         _ENTRY.pack_into(self._map, entry, self._count, position, length, len(metadata))
         self._count += 1
@@ -293,7 +296,7 @@ class RecordRingWriter:
 
     def close(self) -> None:
         """Release the memory; it stays mapped in readers."""
-        del self._data
+        del self._header, self._data
         self._map.close()
         os.close(self.memory.fd)
 
@@ -323,7 +326,9 @@ class RecordRingWriter:
         self._overwritten_until = max(
             self._overwritten_until, self._lap * _LAP_STRIDE + until_offset
         )
-        _HEADER.pack_into(self._map, 0, self._count, self._overwritten_until)
+        # In this order a reader that sees a record also sees what it overwrites.
+        self._header[1] = self._overwritten_until
+        self._header[0] = self._count
 
 
 class RecordRingReader:
@@ -333,12 +338,12 @@ class RecordRingReader:
         self._memory = memory
         self._data_offset = _find_data_offset(memory.entries)
         self._map = mmap.mmap(memory.fd, 0, prot=mmap.PROT_READ)
+        self._header = np.frombuffer(self._map, _HEADER_DTYPE, 2)
 
     @property
     def record_count(self) -> int:
         """The number of records ever written, which is the next record's number."""
-        count: int = _HEADER.unpack_from(self._map)[0]
-        return count
+        return int(self._header[0])
 
     @property
     def oldest_number(self) -> int:
@@ -356,16 +361,17 @@ class RecordRingReader:
 
     def close(self) -> None:
         """Release the memory."""
+        del self._header
         self._map.close()
 
     def _copy(self, number: int, *, is_whole: bool) -> RingRecord | None:
-        entry = _HEADER.size + number % self._memory.entries * _ENTRY.size
+        entry = _HEADER_SIZE + number % self._memory.entries * _ENTRY.size
         entry_number, position, length, metadata_length = _ENTRY.unpack_from(self._map, entry)
         begin = self._data_offset + position % _LAP_STRIDE
         middle = begin + length
         payload = self._map[begin:middle] if is_whole else b""
         metadata = self._map[middle : middle + metadata_length]
-        count, overwritten_until = _HEADER.unpack_from(self._map)
+        count, overwritten_until = self._header.tolist()
         is_listed = entry_number == number < count < number + self._memory.entries
         is_intact = is_listed and overwritten_until <= position + _LAP_STRIDE
         return RingRecord(payload, metadata) if is_intact else None
@@ -373,5 +379,5 @@ class RecordRingReader:
 
 def _find_data_offset(entries: int) -> int:
     """Return the offset of the first record: the first page behind header and table."""
-    size = _HEADER.size + entries * _ENTRY.size
+    size = _HEADER_SIZE + entries * _ENTRY.size
     return size + -size % mmap.PAGESIZE

@@ -1,5 +1,7 @@
 """The ring: what a reader gets is whole or nothing, and the newest is always there."""
 
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -135,3 +137,32 @@ def test_a_reader_beside_a_fast_writer_never_reads_a_partial_record() -> None:
             stop.set()
             thread.join()
     assert seen > 0
+
+
+WATCH_THE_COUNTERS = """
+import sys
+from drivers.core.process import RecordRingMemory, RecordRingReader
+
+reader = RecordRingReader(RecordRingMemory(*map(int, sys.argv[1:])))
+print(min(reader.record_count for _ in range(5_000_000)))
+"""
+
+
+@pytest.mark.subprocess
+def test_another_process_never_sees_the_counters_cleared() -> None:
+    with ring() as (writer, _):
+        put(writer, 0, 100, 0.0)
+        watcher = subprocess.Popen(
+            [
+                sys.executable,
+                "-c",
+                WATCH_THE_COUNTERS,
+                str(writer.memory.fd),
+                str(writer.memory.entries),
+            ],
+            pass_fds=[writer.memory.fd],
+            stdout=subprocess.PIPE,
+        )
+        while watcher.poll() is None:
+            writer.reserve(100, 0.0)
+        assert watcher.communicate()[0] == b"1\n"

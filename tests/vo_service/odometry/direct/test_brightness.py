@@ -23,7 +23,11 @@ from vo_service.odometry.direct.alignment import (
 from vo_service.odometry.direct.brightness import BrightnessWeight
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.parameters import BRIGHTNESS_WEIGHT, BRIGHTNESS_WEIGHT_RANGE
+from vo_service.odometry.direct.parameters import (
+    BRIGHTNESS_WEIGHT,
+    BRIGHTNESS_WEIGHT_RANGE,
+    SHARED_ERROR_DECAY,
+)
 from vo_service.odometry.direct.points import select_points
 
 POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
@@ -67,6 +71,18 @@ def test_errors_of_whole_regions_lower_the_weight_to_its_minimum() -> None:
 def test_it_changes_gradually() -> None:
     once = weight_after(add_noise(render_view(), 1), views=1)
     assert BRIGHTNESS_WEIGHT < once < weight_after(add_noise(render_view(), 1))
+
+
+def test_after_many_views_every_third_is_measured_and_counts_for_three() -> None:
+    weight, alignment = BrightnessWeight(views=300), align_frame(add_noise(render_view(), 1))
+    errors = [weight.log_shared_error]
+    for _ in range(9):
+        weight = weight.update(POINTS[0], alignment)
+        errors.append(weight.log_shared_error)
+    changes = np.diff(errors)
+    assert np.count_nonzero(changes) == 3
+    # What is left of the distance shrinks by three views' worth each time.
+    assert changes[3] / changes[0] == pytest.approx(1.0 - 3 * (1.0 - SHARED_ERROR_DECAY))
 
 
 def test_a_keyframe_without_texture_changes_nothing() -> None:

@@ -4,9 +4,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from drivers.core.geometry import Array, is_rigid, rigid_transform, skew_matrix, so3_exp
+from drivers.core.geometry import (
+    Array,
+    adjoint,
+    inverse,
+    is_rigid,
+    orthonormalize,
+    rigid_transform,
+    skew_matrix,
+    so3_exp,
+)
 from tests.vo_service.odometry.direct.rolling_shutter_views import series_exponential
-from vo_service.odometry.direct.motion import compose, se3_exp, se3_log, transform_point
+from vo_service.odometry.direct.motion import (
+    compose,
+    invert,
+    orthonormalize_rotation,
+    se3_adjoint,
+    se3_exp,
+    se3_log,
+    transform_point,
+)
 
 FEW = settings(max_examples=30)
 NUMBERS = st.floats(-3.0, 3.0, allow_subnormal=False)
@@ -93,3 +110,13 @@ def test_a_point_is_transformed_as_by_the_matrix(twist: Array, point: Array) -> 
     T = se3_exp(twist)
     expected = T[:3, :3] @ point + T[:3, 3]
     np.testing.assert_allclose(transform_point(T, *point), expected, atol=1e-12)
+
+
+@FEW
+@given(twists(), st.floats(-1e-3, 1e-3))
+def test_the_kernels_are_those_of_the_geometry_of_all_methods(twist: Array, error: float) -> None:
+    T = se3_exp(twist)
+    np.testing.assert_allclose(invert(T), inverse(T), atol=1e-12)
+    np.testing.assert_allclose(se3_adjoint(T), adjoint(T), atol=1e-12)
+    T[0, 1] += error
+    np.testing.assert_allclose(orthonormalize_rotation(T), orthonormalize(T), atol=1e-12)

@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
+from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
-from vo_service.odometry.direct import DirectOdometry
-from vo_service.odometry.direct.online_focal import OnlineFocalOdometry
+from vo_service.odometry.direct import DirectOdometry, online_focal
+from vo_service.odometry.direct.online_focal import OnlineFocalOdometry, measure_focal_length
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.types import Estimate, OnlineFocalLength
 
@@ -93,6 +95,25 @@ def test_what_an_earlier_run_has_learned_is_used_from_the_first_frame() -> None:
     assert first.sigma == 0.01
     last = last_focal_length([odometry.estimate(frame) for frame in frames[1:]])
     assert abs(last.scale * 0.96 - 1.0) < 0.015
+
+
+def test_once_it_is_known_every_third_view_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    used: list[object] = []
+
+    def measure(*arguments: Any) -> Array:
+        used.append(arguments)
+        return measure_focal_length(*arguments)
+
+    monkeypatch.setattr(online_focal, "measure_focal_length", measure)
+    counts = []
+    for sigma in (0.02, 0.005):
+        used.clear()
+        odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
+        for frame in swinging_frames()[:31]:
+            odometry.estimate(replace(frame, focal_prior=FocalPrior(1.0, sigma)))
+        counts.append(len(used))
+    unknown, known = counts
+    assert known == unknown // 3 > 0
 
 
 def test_exact_frames_are_not_learned_from() -> None:

@@ -163,7 +163,7 @@ def solve_level(
 
 @kernel
 def extrapolation(x: Array, last: Array, max_ratio: float) -> float:
-    """Factor of a step that goes the way of the last one; 1 if it goes another way.
+    """Factor of a step in the direction of the last one; 1 for another direction.
 
     With weights by the residuals before it, a step is too short: the steps to come are as a
     geometric series, whose sum is that of Aitken (Proceedings of the Royal Society of Edinburgh

@@ -83,7 +83,7 @@ MAX_STEPS = (24, 24, 15, 12)
 # noise, at the others below what the next finer level corrects.
 MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
 # A step is extrapolated if the cosine of its angle to the last one, and its length relative to that
-# one, are larger. Largest ratio of the lengths that is used, by level: coarse levels need it not.
+# one, are larger. Largest ratio of the lengths that is used, by level; with 0 none is extrapolated.
 MIN_EXTRAPOLATED_COSINE, MIN_EXTRAPOLATED_RATIO = 0.9, 0.5
 MAX_EXTRAPOLATED_RATIOS = (0.6, 0.0, 0.0, 0.0)
 # Updates of the residual model in the first step; later steps have one.

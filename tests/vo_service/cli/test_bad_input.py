@@ -17,11 +17,11 @@ CopyRecording = Callable[..., Path]
 
 
 def assert_one_line(outcome: CommandResult, code: int, message: str) -> None:
-    assert outcome.out == ""
-    assert outcome.err.count("\n") == 1, outcome.err
-    assert outcome.err.startswith("kinect-vo: error: ")
-    assert message in outcome.err
-    assert outcome.code == code
+    *notes, error = outcome.err.splitlines()
+    assert (outcome.code, outcome.out) == (code, "")
+    assert all("preparing the numeric kernels" in note for note in notes)  # on a slow machine
+    assert error.startswith("kinect-vo: error: ")
+    assert message in error
 
 
 def edit(file: Path, change: Callable[[list[str]], list[str]]) -> None:

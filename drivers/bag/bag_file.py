@@ -116,9 +116,10 @@ def open_bag_file(path: Path) -> BagFile:
         raise InputError(f"{path}: no such file; check the path")
     storage = _find_storage(path)
     try:
-        if storage.suffix == ".mcap":
+        suffix = "" if storage.is_dir() else storage.suffix.lower()
+        if suffix == ".mcap":
             return McapFile(storage)
-        return Ros1File(storage) if storage.suffix == ".bag" else Ros2File(storage)
+        return Ros1File(storage) if suffix == ".bag" else Ros2File(storage)
     except InputError:
         raise
     except DAMAGE_ERRORS as error:

@@ -159,10 +159,19 @@ class Ros1Writer(RosbagsWriter):
 
 
 class Ros2Writer(RosbagsWriter):
-    """Writes a ROS 2 bag with SQLite into a new folder."""
+    """Writes a ROS 2 bag with SQLite into a new folder.
+
+    Args:
+        path: The folder.
+
+    Raises:
+        InputError: The path has characters that SQLite replaces.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(ros2_typestore())
+        if not {"%", "?", "#"}.isdisjoint(str(path)):  # rosbags opens it as a URI
+            raise InputError(f"{path}: a ROS 2 bag cannot have %, ? or # in its path; rename it")
         self._writer = Ros2LibraryWriter(
             path, version=ROS2_BAG_VERSION, storage_plugin=StoragePlugin.SQLITE3
         )

@@ -1,8 +1,10 @@
 """Lossless conversion of recordings between a folder, MCAP and bags."""
 
+import errno
 import heapq
 import logging
 import shutil
+import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from decimal import Decimal
@@ -118,8 +120,17 @@ class FolderSink:
 
 
 def choose_format(path: Path, requested: str | None) -> OutputFormat:
-    """Return the requested format, or that of the path's suffix; else a folder."""
-    return OutputFormat(requested or FORMATS_BY_SUFFIX.get(path.suffix, OutputFormat.FOLDER))
+    """Return the requested format, or that of the path's suffix; else a folder.
+
+    Raises:
+        InputError: The path has not the suffix by which the format is recognized.
+    """
+    usual = FORMATS_BY_SUFFIX.get(path.suffix.lower(), OutputFormat.FOLDER)
+    output_format = OutputFormat(requested or usual)
+    for suffix, each in FORMATS_BY_SUFFIX.items():
+        if each is output_format is not usual:
+            raise InputError(f"{path}: a file in the format {each} must end in {suffix}")
+    return output_format
 
 
 def convert(
@@ -154,13 +165,13 @@ def convert(
                     continue
                 count += 1
                 progress(count)
-    except OSError as error:
+    except BaseException as error:
         _remove(path)
-        what = "free some space" if is_disk_full(error) else "name a file that you may write"
-        raise UserFacingError(f"{path}: cannot be written: {error.strerror}; {what}") from error
-    except BaseException:
-        _remove(path)
-        raise
+        cause = error.__cause__ if isinstance(error, UserFacingError) else error
+        if not isinstance(cause, OSError):
+            raise
+        what = "free some space" if is_disk_full(cause) else "name a file that you may write"
+        raise UserFacingError(f"{path}: cannot be written: {cause.strerror}; {what}") from error
     finally:
         recording.close()
     return count
@@ -277,10 +288,14 @@ def _open_bag_writer(path: Path, output_format: OutputFormat) -> Iterator["BagWr
             yield mcap
             mcap.close()
         return
-    bag = Ros1Writer(path) if output_format is OutputFormat.ROS1 else Ros2Writer(path)
     try:
-        yield bag
-        bag.close()
-    except BaseException:
-        bag.abort()
-        raise
+        bag = Ros1Writer(path) if output_format is OutputFormat.ROS1 else Ros2Writer(path)
+        try:
+            yield bag
+            bag.close()
+        except BaseException:
+            bag.abort()
+            raise
+    except sqlite3.Error as error:  # of a ROS 2 bag
+        code = errno.ENOSPC if error.sqlite_errorcode == sqlite3.SQLITE_FULL else errno.EIO
+        raise OSError(code, str(error)) from error

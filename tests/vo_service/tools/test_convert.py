@@ -13,6 +13,7 @@ from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import FRAME, TF, BagWriter, stamp_ns
 from tests.drivers.bag.test_bag import make_bag, write_unregistered
+from tests.full_disk import limit_file_size
 from tests.vo_service.fakes import make_frame
 from vo_service.tools.convert import OutputFormat, choose_format, convert
 
@@ -163,6 +164,47 @@ def test_nothing_is_left_after_a_failure(copy_recording: CopyRecording, tmp_path
         convert_path(folder, tmp_path / "file" / "a.mcap")
     with pytest.raises(InputError, match="file: exists already"):
         convert_path(folder, tmp_path / "file")
+
+
+def test_a_full_disk_is_one_clear_error_and_leaves_nothing(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    folder = copy_recording()
+    for name, kind in [*OUTPUTS, ("folder", OutputFormat.FOLDER)]:
+        # SQLite does not tell a limit of the file size.
+        advice = "disk I/O error" if kind is OutputFormat.ROS2 else "free some space"
+        with (
+            limit_file_size(100_000),
+            pytest.raises(UserFacingError, match=f"{name}: cannot be written: .*{advice}"),
+        ):
+            convert_path(folder, tmp_path / "out" / name, kind)
+        assert not (tmp_path / "out" / name).exists()
+
+
+def test_a_format_is_read_whatever_the_name(copy_recording: CopyRecording, tmp_path: Path) -> None:
+    folder = copy_recording()
+    for name, kind in (
+        ("A.MCAP", None),
+        ("A.BAG", None),
+        ("folder.bag", OutputFormat.FOLDER),
+        ("bag.mcap", OutputFormat.ROS2),
+    ):
+        path = tmp_path / name
+        assert convert_path(folder, path, kind) == len(read_frames(path)) == 12
+
+
+def test_a_name_that_could_not_be_read_is_refused(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"a.bag: a file in the format mcap must end in .mcap"):
+        choose_format(Path("a.bag"), "mcap")
+    with pytest.raises(InputError, match=r"a: a file in the format ros1 must end in .bag"):
+        choose_format(Path("a"), "ros1")
+    folder = copy_recording()
+    for name in ("a#b", "a%20b", "a?b"):
+        with pytest.raises(InputError, match=r"a ROS 2 bag cannot have %, \? or # in its path"):
+            convert_path(folder, tmp_path / name, OutputFormat.ROS2)
+        assert list(tmp_path.glob("a*")) == []
 
 
 def test_stamps_that_ros_cannot_hold_are_refused(

@@ -21,6 +21,23 @@ LOOP_STOP_TIMEOUT_S = 2.5
 logger = logging.getLogger(__name__)
 
 
+class InterruptedBySignal(KeyboardInterrupt):
+    """SIGINT or SIGTERM was received.
+
+    Attributes:
+        exit_code: The shell's exit code for a program ended by this signal.
+    """
+
+    def __init__(self, exit_code: int) -> None:
+        """Make the exception of a signal.
+
+        Args:
+            exit_code: The shell's exit code for a program ended by the signal.
+        """
+        super().__init__()
+        self.exit_code = exit_code
+
+
 class StopSignal:
     """A stop request, set by the first SIGINT or SIGTERM. A second SIGINT interrupts at once.
 
@@ -51,9 +68,9 @@ class StopSignal:
             self.event.set()
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if a stop was requested."""
+        """Raise `InterruptedBySignal` if a stop was requested."""
         if self.event.is_set():
-            raise KeyboardInterrupt
+            raise InterruptedBySignal(self.exit_code or EXIT_CODE_SIGINT)
 
 
 @contextmanager
@@ -75,23 +92,6 @@ def stop_on_signals() -> Iterator[StopSignal]:
         yield stop
 
 
-class InterruptedBySignal(KeyboardInterrupt):
-    """SIGINT or SIGTERM was received.
-
-    Attributes:
-        exit_code: The shell's exit code for a program ended by this signal.
-    """
-
-    def __init__(self, number: int) -> None:
-        """Make the exception of a signal.
-
-        Args:
-            number: Number of the signal.
-        """
-        super().__init__()
-        self.exit_code = 128 + number
-
-
 @contextmanager
 def raise_on_signals() -> Iterator[None]:
     """Raise `InterruptedBySignal` on SIGINT or SIGTERM while the block runs.
@@ -100,7 +100,7 @@ def raise_on_signals() -> Iterator[None]:
     """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise InterruptedBySignal(number)
+        raise InterruptedBySignal(128 + number)
 
     with _handle(interrupt, signal.SIGINT, signal.SIGTERM):
         yield

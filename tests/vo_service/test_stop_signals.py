@@ -9,7 +9,12 @@ from typing import Any
 
 import pytest
 
-from vo_service.signals import force_exit_after, reload_on_sighup, stop_on_signals
+from vo_service.signals import (
+    InterruptedBySignal,
+    force_exit_after,
+    reload_on_sighup,
+    stop_on_signals,
+)
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -36,12 +41,14 @@ def test_afterwards_the_signal_handlers_are_restored() -> None:
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
-def test_a_check_raises_after_a_stop_request() -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_check_raises_after_a_stop_request(number: signal.Signals, code: int) -> None:
     with stop_on_signals() as stop:
         stop.check()
-        signal.raise_signal(signal.SIGINT)
-        with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+        with pytest.raises(InterruptedBySignal) as interruption:
             stop.check()
+    assert interruption.value.exit_code == code
 
 
 def test_sighup_sets_its_event() -> None:

@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from drivers.core import UserFacingError
 from drivers.core.files import kernel_folder
-from vo_service.signals import EXIT_CODE_SIGINT
+from vo_service.signals import EXIT_CODE_SIGINT, InterruptedBySignal
 from vo_service.terminal import clear_line, log_to_stderr
 
 # Each command by who needs it, and what it does. Its module is imported only when it is used.
@@ -80,6 +80,8 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
     try:
         with log_to_stderr():
             sys.exit(_run_reporting_errors(sys.argv[1:] if argv is None else argv))
+    except InterruptedBySignal as interruption:
+        sys.exit(interruption.exit_code)
     except KeyboardInterrupt:
         sys.exit(EXIT_CODE_SIGINT)
     finally:

@@ -13,6 +13,7 @@ import pytest
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.cli import COMMANDS, warm_up
+from vo_service.signals import InterruptedBySignal
 
 
 @pytest.mark.subprocess
@@ -173,12 +174,18 @@ def test_a_log_line_replaces_the_progress(
     assert outcome.err.endswith("\r\x1b[K")
 
 
-def test_ctrl_c_during_the_start_prints_no_traceback(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("interruption", "code"), [(KeyboardInterrupt(), 130), (InterruptedBySignal(143), 143)]
+)
+def test_a_signal_during_the_start_prints_no_traceback(
+    interruption: KeyboardInterrupt,
+    code: int,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def interrupt(name: str) -> None:
-        raise KeyboardInterrupt
+        raise interruption
 
     monkeypatch.setattr("importlib.import_module", interrupt)
     outcome = run_in_process(capfd, "replay", "room")
-    assert (outcome.code, outcome.out, outcome.err) == (130, "", "")
+    assert (outcome.code, outcome.out, outcome.err) == (code, "", "")

@@ -39,7 +39,7 @@ class InterruptedBySignal(KeyboardInterrupt):
 
 
 class StopSignal:
-    """A stop request, set by the first SIGINT or SIGTERM. A second SIGINT interrupts at once.
+    """A stop request, set by the first SIGINT or SIGTERM. A SIGINT after that interrupts at once.
 
     Attributes:
         event: Set once a stop is requested.
@@ -50,12 +50,16 @@ class StopSignal:
         self.event = threading.Event()
         self.exit_code = 0
         self._is_requested = False
+        self._may_raise = True
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal: the handler of SIGINT and SIGTERM."""
+        if self.exit_code and number == signal.SIGINT:
+            if not self._may_raise:
+                os._exit(self.exit_code)
+            raise InterruptedBySignal(self.exit_code)
         if not self._is_requested:
             self.exit_code = 128 + number
-            signal.signal(signal.SIGINT, signal.default_int_handler)
         self.request()
 
     def request(self) -> None:
@@ -66,6 +70,15 @@ class StopSignal:
         if not self._is_requested:
             self._is_requested = True
             self.event.set()
+
+    @contextmanager
+    def without_exceptions(self) -> Iterator[None]:
+        """End the process at a second SIGINT while the block runs: its callbacks must not raise."""
+        self._may_raise = False
+        try:
+            yield
+        finally:
+            self._may_raise = True
 
     def check(self) -> None:
         """Raise `InterruptedBySignal` if a stop was requested."""

@@ -34,6 +34,25 @@ def test_a_second_ctrl_c_interrupts_at_once() -> None:
             signal.raise_signal(signal.SIGINT)
 
 
+INTERRUPTED_TWICE = """
+import signal
+from vo_service.signals import stop_on_signals
+with stop_on_signals() as stop, stop.without_exceptions():
+    try:
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        print("the exception crashes a callback of LLVM", flush=True)
+"""
+
+
+@pytest.mark.subprocess
+def test_a_second_ctrl_c_ends_a_block_whose_callbacks_must_not_raise() -> None:
+    command = [sys.executable, "-c", INTERRUPTED_TWICE]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (143, "", "")
+
+
 def test_afterwards_the_signal_handlers_are_restored() -> None:
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     with stop_on_signals():

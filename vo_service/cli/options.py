@@ -288,7 +288,8 @@ def run_warm_up(
     # One thread: the service's latency must not depend on the load of the other cores.
     cv2.setNumThreads(1)
     label = "preparing the numeric kernels (longer the first time)"
-    with interruptible(stop.check), terminal.busy(label) as busy:
+    # LLVM calls Python when it loads a kernel: an exception there would crash the process.
+    with stop.without_exceptions(), interruptible(stop.check), terminal.busy(label) as busy:
         try:
             result = warm_up_function(busy.set_detail)
         except OSError as error:

@@ -10,7 +10,7 @@ from drivers.core import InputError
 PAGE = """# Speed
 
 ```console
-$ kinect-vo bench room \\
+$ kinect-vo compare room \\
     --methods direct  # 2026-01-01, abc
 old
 ```
@@ -19,7 +19,7 @@ old
 $ kinect-vo --version
 ```
 """
-BENCH = "kinect-vo bench room --methods direct"
+BENCH = "kinect-vo compare room --methods direct"
 
 
 def test_commands_are_found_over_several_lines_without_their_comment() -> None:

@@ -18,7 +18,7 @@ RECORDINGS = ("redkitchen", "room_desk", "room_rolling")
 def rows_of(method: str) -> list[list[str]]:
     """The words of a method's rows in the comparison of all methods: errors and times, in turn."""
     text = (ROOT / "docs/results/accuracy.md").read_text()
-    block = text.split("$ kinect-vo bench ")[1].split("```")[0]
+    block = text.split("$ kinect-vo compare ")[1].split("```")[0]
     return [line.split() for line in block.splitlines() if line.split()[:1] == [method]]
 
 

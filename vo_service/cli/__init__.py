@@ -45,8 +45,7 @@ COMMAND_GROUPS = {
         "download": "download sequences of the TUM RGB-D benchmark, ready to replay",
     },
     "research": {
-        "compare": "compare methods on recordings: tables, figures and a page with all of them",
-        "bench": "compare with other libraries on recordings: accuracy, gross errors, time, memory",
+        "compare": "compare methods and other packages on recordings: accuracy, robustness, cost",
     },
 }
 COMMANDS = {name: purpose for group in COMMAND_GROUPS.values() for name, purpose in group.items()}

@@ -3,57 +3,76 @@
 import argparse
 import json
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from drivers.core import InputError
 from drivers.core.files import create_output_folder
-from vo_service.cli.options import add_benchmark_options, load_config, requested_topics
-from vo_service.config import Config
+from vo_service.cli.options import (
+    add_topics_option,
+    load_config,
+    parse_count,
+    parse_seconds,
+    requested_topics,
+)
 from vo_service.odometry import METHODS
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
+from vo_service.tools.benchmark import RunState
+from vo_service.tools.benchmark.baselines import ORB_SLAM3
+from vo_service.tools.benchmark.baselines.orb_vocabulary import read_vocabulary_file
 from vo_service.tools.benchmark.batch import BatchPlan, run_batch
 from vo_service.tools.benchmark.methods import (
-    ConfiguredMethodFactory,
+    METHOD_NAMES,
     MethodFactory,
     SfmScale,
-    TrueScaleSfmFactory,
+    UnavailableMethods,
+    find_unavailable_methods,
+    make_method_factories,
 )
 from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
-from vo_service.tools.benchmark.recordings import BenchmarkRecording, open_recordings
-from vo_service.tools.benchmark.report import ComparisonMetadata
-from vo_service.tools.benchmark.report.comparison_report import (
-    ComparisonReport,
-    write_comparison_report,
+from vo_service.tools.benchmark.recordings import (
+    BenchmarkRecording,
+    FrameSelection,
+    open_recordings,
 )
-from vo_service.tools.benchmark.report.comparison_tables import (
-    error_table,
-    loop_closure_table,
-    time_table,
-)
+from vo_service.tools.benchmark.report import PAGE_FILE, report_content, write_report
+from vo_service.tools.benchmark.report.metadata import ReportMetadata
+from vo_service.tools.benchmark.report.tables import cost_table, error_table
 from vo_service.tools.benchmark.results import SequenceResults, collect_results
 
-EPILOG = """\
+ALL_METHODS = "all"
+
+EPILOG = f"""\
+{textwrap.fill("methods: " + ", ".join(METHOD_NAMES), 98, break_on_hyphens=False)}
+
 examples:
   kinect-vo compare recordings/desk recordings/kitchen
   kinect-vo compare rgbd_dataset_freiburg1_* --output output/freiburg1
+  kinect-vo compare recordings/* --methods all --every 1 5 10
+  kinect-vo compare recordings/desk --frames 200 --methods surf cv2-rgb-depth --against surf
   kinect-vo compare recordings/desk --methods surf --json | jq .sequences[0].methods.surf.ate_rmse_m
 
-Each method runs over each folder (TUM format, as for replay) in a process of its own, one after
-another. OUTPUT receives report.html, report.json, the tables as CSV, the figures as PNG and SVG,
-the effective config.toml and runs/ with the result of each run. Finished runs are cached: the same
+Each method runs over each recording in a process of its own, on one processor, one after another.
+Times do not include reading images. Methods of packages that are not installed are skipped; a note
+says how to install them. docs/guide/comparing-methods.md explains the columns.
+
+OUTPUT receives report.html, report.json, the tables as CSV, the figures as PNG and SVG, the
+effective config.toml and runs/ with the result of each run. Finished runs are cached: the same
 command resumes where it was stopped. They are re-run if the program, the settings, the computer or
 the recording changes, or with --force.
 
---loop-closure adds a table of each trajectory after optimization by loop closure. The methods do
-not use it, not even after a loss (unlike replay --loop-closure), so their own figures do not
-change, except for the memory.
+ORB-SLAM3 needs a DBoW2 vocabulary. Without --orb-vocabulary a small one is trained from each
+recording; a line below the tables says which was used.
 
-Without FOLDER/groundtruth.txt coverage, times and trajectories are reported, but no errors.
+--loop-closure also optimizes each trajectory by loop closure and adds columns for the result. The
+methods do not use it, not even after a loss (unlike replay --loop-closure), so their own figures do
+not change, except for the memory.
 
-exit codes: 0 all runs finished; 1 a run failed (see the report); 2 wrong input; 130 or 143 stopped,
+Without groundtruth.txt coverage, times and trajectories are reported, but no errors.
+
+exit codes: 0 all runs finished; 1 a run failed (see the tables); 2 wrong input; 130 or 143 stopped,
 with a report of the runs that finished.
 """
 
@@ -61,8 +80,26 @@ with a report of the runs that finished.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
-        "--methods", metavar="METHOD", nargs="+", choices=list(METHODS), default=list(METHODS),
-        help=f"methods to run, in this order (default: all: {', '.join(METHODS)})",
+        "folders", metavar="RECORDING", nargs="+", type=Path,
+        help="recordings: folders in TUM format, MCAP files or ROS bags",
+    )  # fmt: skip
+    parser.add_argument(
+        "--methods", metavar="METHOD", nargs="+", choices=[*METHOD_NAMES, ALL_METHODS],
+        default=list(METHODS),
+        help="methods to run, in this order, or all, also those of other packages (default: "
+        f"{' '.join(METHODS)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--every", metavar="N", nargs="+", type=parse_count, default=[1],
+        help="use every Nth frame; several values make several runs (default: 1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--frames", metavar="N", type=parse_count,
+        help="use only the first N frames of each recording",
+    )  # fmt: skip
+    parser.add_argument(
+        "--against", metavar="METHOD", choices=METHOD_NAMES,
+        help="also show figures relative to this one of the methods",
     )  # fmt: skip
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/compare"),
@@ -72,52 +109,96 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sfm-scale", choices=[str(scale) for scale in SfmScale], default=SfmScale.FIRST_DEPTH,
         help="source of the initial scale of sfm (default: %(default)s)",
     )  # fmt: skip
-    add_benchmark_options(parser)
+    parser.add_argument(
+        "--orb-vocabulary", metavar="FILE", type=Path,
+        help="DBoW2 vocabulary of orb-slam3, as text (default: train one from each recording)",
+    )  # fmt: skip
+    add_topics_option(parser)
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    parser.add_argument(
+        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) for all recordings"
+    )
+    parser.add_argument(
+        "--time-limit", metavar="SECONDS", type=parse_seconds, default=3600.0,
+        help="time limit of a run; a longer run is ended and reported (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--loop-closure", action="store_true",
+        help="also optimize each trajectory by loop closure; the methods' own figures stay",
+    )  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="re-run cached results")
+    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the methods, write the report, and print its main tables.
+    """Run the methods, print each recording's tables as they finish, and write the report.
 
     Raises:
         UserFacingError: If an option or a recording is not valid, or if the report cannot be
             written.
     """
     config = load_config(args)
-    methods = list(dict.fromkeys(args.methods))
-    camera_file = args.camera_file or config.camera.file
+    names = METHOD_NAMES if ALL_METHODS in args.methods else tuple(dict.fromkeys(args.methods))
+    unavailable = find_unavailable_methods(names)
+    vocabulary = read_vocabulary_file(args.orb_vocabulary) if args.orb_vocabulary else None
     scale = SfmScale(args.sfm_scale)
-    observer = LoopClosureObserverFactory(config.map) if args.loop_closure else NULL_OBSERVER
-    metadata = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, observer)
-    recordings = open_recordings(args.folders, camera_file, requested_topics(args))
-    factories = make_method_factories(config, methods, scale)
+    factories = make_method_factories(names, unavailable, config.odometry, scale, vocabulary)
+    _check_reference_method(args.against, factories, unavailable)
+    metadata = ReportMetadata(
+        methods=list(factories),
+        odometry=config.odometry,
+        time_limit_s=args.time_limit,
+        unavailable=unavailable,
+        reference_method=args.against,
+        frame_steps=list(dict.fromkeys(args.every)),
+        max_frames=args.frames,
+        sfm_scale=scale,
+        orb_vocabulary=str(factories[ORB_SLAM3].settings["vocabulary"])
+        if ORB_SLAM3 in factories
+        else None,
+        camera_file=args.camera_file or config.camera.file,
+        observer_factory=LoopClosureObserverFactory(config.map)
+        if args.loop_closure
+        else NULL_OBSERVER,
+    )
+    recordings = [
+        whole.select(FrameSelection(every, args.frames))
+        for whole in open_recordings(args.folders, metadata.camera_file, requested_topics(args))
+        for every in metadata.frame_steps
+    ]
     _check_ground_truth(recordings, factories)
-    runs = args.output / "runs"
-    plan = BatchPlan(recordings, factories, runs, args.time_limit, args.force, observer)
     create_output_folder(args.output)
-    terminal = Terminal()
+    runs = args.output / "runs"
+    plan = BatchPlan(
+        recordings, factories, runs, args.time_limit, args.force, metadata.observer_factory
+    )
+    terminal, results = Terminal(), []
     with stop_on_signals() as stop:
-        results = collect_results(run_batch(plan, terminal, stop.event))
-        report = write_comparison_report(args.output, results, metadata, terminal)
-    _print(report, results, args.json)
+        batch_results = run_batch(plan, terminal, stop.event)
+        for result in collect_results(batch_results, len(factories), args.against):
+            results.append(result)
+            if not args.json:
+                _print_tables(result, metadata)
+        write_report(args.output, metadata, results, terminal)
+    if args.json:
+        print(json.dumps(report_content(metadata, results)))
+    else:
+        print(*unavailable, f"report: {args.output / PAGE_FILE}", sep="\n")
     all_done = all(judged.is_done for result in results for judged in result.evaluations.values())
     return stop.exit_code or (0 if all_done else 1)
 
 
-def make_method_factories(
-    config: Config, methods: Sequence[str], scale: SfmScale
-) -> Mapping[str, MethodFactory]:
-    """Return the factory of each method by name.
-
-    Args:
-        config: Settings of the methods.
-        methods: Names of the methods.
-        scale: Source of the initial scale of sfm.
-    """
-    kinds = {"sfm": TrueScaleSfmFactory} if scale is SfmScale.GROUND_TRUTH else {}
-    return {
-        method: kinds.get(method, ConfiguredMethodFactory)(replace(config.odometry, method=method))
-        for method in methods
-    }
+def _check_reference_method(
+    requested: str | None,
+    factories: Mapping[str, MethodFactory],
+    unavailable: Sequence[UnavailableMethods],
+) -> None:
+    """Raise InputError if the baseline for relative figures is not among the methods."""
+    if requested is None or requested in factories:
+        return
+    missing = next((str(each) for each in unavailable if requested in each.methods), "")
+    reason = missing or f"it is not among --methods; name one of {', '.join(factories)}"
+    raise InputError(f"--against {requested}: {reason}")
 
 
 def _check_ground_truth(
@@ -132,14 +213,13 @@ def _check_ground_truth(
         )
 
 
-def _print(report: ComparisonReport, results: Sequence[SequenceResults], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(report.content))
+def _print_tables(result: SequenceResults, metadata: ReportMetadata) -> None:
+    """Print both tables and the vocabulary of ORB-SLAM3, unless no method has run."""
+    states = {judged.outcome.state for judged in result.evaluations.values()}
+    if states == {RunState.NOT_RUN}:
         return
-    tables = [error_table(results), time_table(results)]
-    if results[0].has_loop_closure:
-        tables.append(loop_closure_table(results))
-    for table in tables:
-        table.write(sys.stdout)
-        print()
-    print(f"report: {report.page}")
+    error_table(result).write(sys.stdout)
+    cost_table(result).write(sys.stdout)
+    if metadata.orb_vocabulary is not None:
+        print(f"{ORB_SLAM3}: vocabulary {metadata.orb_vocabulary}")
+    print(flush=True)

@@ -102,29 +102,6 @@ def add_prefix_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
-    """Add FOLDER... and the options of `bench` and `compare`."""
-    parser.add_argument(
-        "folders", metavar="RECORDING", nargs="+", type=Path,
-        help="recordings: folders in TUM format, MCAP files or ROS bags",
-    )  # fmt: skip
-    add_topics_option(parser)
-    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    parser.add_argument(
-        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
-    )
-    parser.add_argument(
-        "--time-limit", metavar="SECONDS", type=parse_seconds, default=3600.0,
-        help="time limit of a run; a longer run is ended and reported (default: %(default)g)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--loop-closure", action="store_true",
-        help="also optimize each trajectory by loop closure; the methods' own figures stay",
-    )  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="re-run cached results")
-    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
-
-
 def load_config(args: argparse.Namespace) -> Config:
     """Read the configuration file and apply the options of the command line.
 

@@ -1,5 +1,6 @@
 """``kinect-vo compare`` as it is typed."""
 
+import csv
 import json
 import os
 import signal
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from drivers.core import InputError
+from drivers.core.config import read_toml
 from tests.conftest import FRAMES
 from tests.forked_process import ForkedProcess
 from tests.resource_leaks import child_pids_of, command_line_of, find_child_running, is_alive
@@ -17,8 +20,11 @@ from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factories
 from tests.waiting import wait_until
 from vo_service.cli import compare
-from vo_service.tools.benchmark import batch
-from vo_service.tools.benchmark.report import comparison_report
+from vo_service.config import Config
+from vo_service.odometry import METHODS
+from vo_service.tools.benchmark import batch, report
+from vo_service.tools.benchmark.baselines import BASELINES, Baseline, BaselinePackage
+from vo_service.tools.benchmark.methods import METHOD_NAMES
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("forked_runs")]
 
@@ -44,7 +50,7 @@ def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
         1.0,
     )
     assert 0 < surf["mean_global_error_m"] < 0.003
-    assert surf["cpu_ms_per_frame"] > 0
+    assert 0 < surf["cpu_ms_median"] <= surf["cpu_ms_p99"]
     assert (output / "report.html").stat().st_size > 10_000
     replayed = tmp_path / "replayed.txt"
     run_in_process(
@@ -57,48 +63,88 @@ def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """They take most of the time of a report, and have tests of their own."""
-    monkeypatch.setattr(comparison_report, "_make_figures", lambda result: iter(()))
+    monkeypatch.setattr(report, "make_figures", lambda result: iter(()))
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_the_terminal_shows_two_tables_and_a_crash_is_a_row_and_an_exit_code(
+def test_a_baseline_is_measured_at_each_rate_and_reported(
+    recording: Path, tmp_path: Path, capfd: Capture
+) -> None:
+    output = tmp_path / "out"
+    method = "cv2-rgb-depth"
+    options = ("--methods", method, "--against", method, "--every", 1, 3, "--frames", 10)
+    done = run_in_process(capfd, "compare", recording, *options, "--output", output, "--json")
+    assert (done.code, done.error_lines) == (0, "")
+    content = json.loads(done.out)
+    assert [(each["every"], each["frames"]) for each in content["sequences"]] == [(1, 10), (3, 4)]
+    figures = content["sequences"][0]["methods"][method]
+    assert 0 < figures["ate_rmse_m"] < 0.02
+    assert (figures["coverage"], figures["gross_errors"], figures["steps"]) == (1.0, 0, 9)
+    assert figures["ratios"]["ate_rmse_m"] == 1.0
+    assert content["versions"]["opencv-python-headless"].startswith("5")
+    rows = list(csv.DictReader((output / "metrics.csv").read_text().splitlines()))
+    assert [row["every"] for row in rows] == ["1", "3"]
+    assert read_toml(output / "config.toml", Config) == Config()
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_the_terminal_shows_two_tables_per_sequence_and_a_note_of_skipped_methods(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="segfault"))
-    done = run_in_process(
-        capfd, "compare", recording, "--methods", "surf", "--output", tmp_path / "out"
+    package = BaselinePackage("nobodys_odometry", ("nobodys-odometry",))
+    monkeypatch.setitem(BASELINES, "open3d-icp", Baseline(package, BASELINES["orb"].make))
+    monkeypatch.setattr(
+        compare, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
     )
-    assert (done.code, done.err) == (
+    options = ("--methods", "surf", "icp", "open3d-icp", "--output", tmp_path / "out")
+    done = run_in_process(capfd, "compare", recording, *options)
+    assert (done.code, done.error_lines) == (
         1,
-        "kinect-vo: error: corner, surf (run 1 of 1): crashed (signal 11, Segmentation fault)\n",
+        "kinect-vo: error: corner, icp (run 2 of 2): crashed (signal 11, Segmentation fault)\n",
     )
-    title, _, row, _, second, *_, last = done.out.splitlines()
-    assert title == "Table I: mean global error, in millimeters"
-    assert row.split() == ["corner", "crashed"]
-    assert second == "Table II: processing time of the whole recording, in seconds"
+    title, head, surf, icp, _, cost, *_, note, last = done.out.splitlines()
+    assert title == f"corner, every frame: {FRAMES} frames in 0.4 s"
+    assert head.split()[0] == cost.split()[0] == "method"
+    assert surf.split()[0] == "surf"
+    assert icp.startswith("icp: crashed")
+    assert note == "not available: open3d-icp; run: pip install nobodys-odometry"
     assert last == f"report: {tmp_path / 'out' / 'report.html'}"
 
 
+def test_all_methods_are_those_of_other_packages_too(
+    recording: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(names: object, *_: object) -> None:
+        raise InputError(f"asked for {names}")
+
+    monkeypatch.setattr(compare, "make_method_factories", refuse)
+    done = run_in_process(capfd, "compare", recording, "--methods", "all")
+    assert f"asked for {METHOD_NAMES}" in done.err
+    done = run_in_process(capfd, "compare", recording)
+    assert f"asked for {tuple(METHODS)}" in done.err
+
+
 @pytest.mark.usefixtures("no_figures")
-def test_with_loop_closure_there_is_a_table_of_the_gain(
+def test_with_loop_closure_each_method_has_additional_figures(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="go on"))
-    options = ("--methods", "surf", "--loop-closure", "--output", tmp_path / "out")
-    done = run_in_process(capfd, "compare", recording, *options)
-    assert (done.code, done.error_lines) == (0, "")
-    *_, title, head, row, _, _ = done.out.splitlines()
-    assert title == "Loop closure"
-    assert "optimized ATE mm" in head
-    _, _, _, ate, corrected_ate, *_, places, loops, _, state = row.split()
-    assert (corrected_ate, places, loops, state) == (ate, "1", "0", "done")
-    assert (tmp_path / "out" / "loop_closures.csv").exists()
-    corrected = tmp_path / "out" / "runs" / "corner" / "surf" / "trajectory_optimized.txt"
-    assert len(corrected.read_text().splitlines()) == FRAMES
+    monkeypatch.setattr(
+        compare, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
+    )
+    options = ("--methods", "surf", "icp", "--loop-closure", "--output", tmp_path / "out")
+    content = json.loads(run_in_process(capfd, "compare", recording, *options, "--json").out)
+    methods = content["sequences"][0]["methods"]
+    assert content["loop_closure"]["keyframe_database_mb"] == 100
+    assert (methods["surf"]["map_keyframes"], methods["surf"]["loop_closures"]) == (1, 0)
+    assert methods["surf"]["optimized_ate_rmse_m"] == pytest.approx(methods["surf"]["ate_rmse_m"])
+    assert methods["surf"]["loop_closure_ms_per_frame"] > 0
+    assert methods["icp"]["loop_closures"] is None
+    optimized = tmp_path / "out" / "runs" / "corner" / "surf" / "trajectory_optimized.txt"
+    assert len(optimized.read_text().splitlines()) == FRAMES
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_without_truth_coverage_and_times_are_reported(
+def test_without_truth_coverage_and_cost_are_reported(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="lose it"))
@@ -108,8 +154,11 @@ def test_without_truth_coverage_and_times_are_reported(
     done = run_in_process(capfd, "compare", folder, *options)
     assert (done.code, done.error_lines) == (0, "")
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
-    assert (surf["coverage"], surf["ate_rmse_m"]) == (0.25, None)
+    assert (surf["coverage"], surf["failed"], surf["ate_rmse_m"]) == (0.25, 9, None)
     assert surf["no_evaluation"] == "there is no groundtruth.txt"
+    assert surf["gross_errors"] is None
+    assert surf["cpu_ms_mean"] > 0
+    assert surf["memory_mb"] > 10
 
 
 @pytest.mark.parametrize(
@@ -121,6 +170,9 @@ def test_without_truth_coverage_and_times_are_reported(
         (["corner", "--output", "file/out"], "name another with --output"),
         (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
         (["corner", "--time-limit", "0"], "0 is not a duration: give seconds, more than 0"),
+        (["corner", "--every", "1", "x"], "x is not a count: give a whole number, 1 or more"),
+        (["corner", "--frames", "-3"], "-3 is not a count"),
+        (["corner", "--methods", "surf", "--against", "orb"], "--against orb: it is not among"),
     ],
 )
 def test_invalid_input_is_one_line_before_any_run(
@@ -181,7 +233,6 @@ from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factorie
 from vo_service import cli
 from vo_service.cli import compare
 from vo_service.tools.benchmark import batch
-from vo_service.tools.benchmark.report import comparison_report
 compare.make_method_factories = make_faulty_factories(surf="go on", icp=sys.argv[1])
 batch.collect_versions = dict
 cli.main(["compare", *sys.argv[2:]])

@@ -114,11 +114,6 @@ class CompletedRun:
         return float(self.frames.wall_ms.sum()) / 1e3
 
     @property
-    def cpu_ms_per_frame(self) -> float:
-        """Median processor time of a frame, ms; 0 without frames."""
-        return float(np.median(self.frames.cpu_ms)) if len(self.frames) else 0.0
-
-    @property
     def failed(self) -> int:
         """Number of frames without a pose."""
         return int(np.count_nonzero(~self.frames.has_pose))

@@ -164,6 +164,7 @@ def make_method_factories(
     names: Sequence[str],
     unavailable: Sequence[UnavailableMethods],
     odometry: OdometryConfig,
+    sfm_scale: SfmScale = SfmScale.FIRST_DEPTH,
     orb_vocabulary: VocabularyFile | None = None,
 ) -> Mapping[str, MethodFactory]:
     """Return factories in the order of the names.
@@ -172,23 +173,24 @@ def make_method_factories(
         names: Names of the methods.
         unavailable: Those that cannot run.
         odometry: Settings of the methods.
+        sfm_scale: Source of the initial scale of sfm.
         orb_vocabulary: Vocabulary of ORB-SLAM3; None to train one from each recording.
 
     Raises:
         InputError: If none is available.
     """
+
+    def make_factory(name: str) -> MethodFactory:
+        if name == "sfm" and sfm_scale is SfmScale.GROUND_TRUTH:
+            return TrueScaleSfmFactory(replace(odometry, method=name))
+        if name in METHODS:
+            return ConfiguredMethodFactory(replace(odometry, method=name))
+        if name == ORB_SLAM3:
+            return OrbSlamFactory(odometry.feature_count, orb_vocabulary)
+        return BaselineFactory(name, MethodConfig(odometry.feature_count, odometry.upright))
+
     absent = {name for entry in unavailable for name in entry.methods}
-    present = [name for name in names if name not in absent]
-    if not present:
+    factories = {name: make_factory(name) for name in names if name not in absent}
+    if not factories:
         raise InputError("; ".join(map(str, unavailable)))
-    return {name: _make_method_factory(name, odometry, orb_vocabulary) for name in present}
-
-
-def _make_method_factory(
-    name: str, odometry: OdometryConfig, orb_vocabulary: VocabularyFile | None
-) -> MethodFactory:
-    if name in METHODS:
-        return ConfiguredMethodFactory(replace(odometry, method=name))
-    if name == ORB_SLAM3:
-        return OrbSlamFactory(odometry.feature_count, orb_vocabulary)
-    return BaselineFactory(name, MethodConfig(odometry.feature_count, odometry.upright))
+    return factories

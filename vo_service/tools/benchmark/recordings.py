@@ -30,6 +30,10 @@ class FrameSelection:
         """Return the selected frames."""
         return list(frames[: self.max_frames : self.step])
 
+    def __str__(self) -> str:
+        """Describe the step."""
+        return "every frame" if self.step == 1 else f"1 frame in {self.step}"
+
     @property
     def suffix(self) -> str:
         """Suffix for the recording's name; "" for all frames."""
@@ -71,6 +75,17 @@ class BenchmarkRecording:
             frame_selection=frame_selection,
             contents=contents,
         )
+
+    @property
+    def folder_name(self) -> str:
+        """Name of its folder or file, which all selections have in common."""
+        return self.folder.resolve().name
+
+    @property
+    def summary(self) -> str:
+        """Name, step and number of frames, as a heading."""
+        frames = f"{len(self.frame_stamps_s)} frames in {self.duration_s:.1f} s"
+        return f"{self.folder_name}, {self.frame_selection}: {frames}"
 
     @cached_property
     def frame_stamps_s(self) -> Array:

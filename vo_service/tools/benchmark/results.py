@@ -2,8 +2,9 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 from drivers.core import InputError
@@ -23,12 +24,9 @@ from vo_service.tools.evaluation.metrics import (
     rms,
     tracked_steps,
 )
-from vo_service.tools.evaluation.run_summary import LoopClosureSummary, evaluate_if_possible
+from vo_service.tools.evaluation.run_summary import evaluate_if_possible
 
 EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
-# These keys exist only with loop closure.
-LOOP_CLOSURE_MS_KEY = "loop_closure_ms_per_frame"
-LOOP_CLOSURE_KEYS = (*LoopClosureSummary(0, 0, None).as_json(), LOOP_CLOSURE_MS_KEY)
 # A method with a lower coverage may have poses of the easy frames only.
 MIN_RANKED_COVERAGE = 0.9
 
@@ -81,38 +79,22 @@ class RunEvaluation:
         return Counter(filter(None, reasons)).most_common()
 
     def as_json(self) -> dict[str, Any]:
-        """Return one flat object; null for unknown metrics."""
-        is_done = self.is_done
+        """Return state, run and evaluation as one flat object; null for unknown metrics."""
         run = run_as_json(self.outcome.run)
         metrics = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
         return {
             "state": self.outcome.state,
             "error": self.outcome.error,
             "no_evaluation": self.no_evaluation_reason,
-            **(run if is_done else dict.fromkeys(run)),
+            **(run if self.is_done else dict.fromkeys(run)),
             **metrics,
-            "coverage": self.coverage,
             "rpe_frame_without_gaps_m": self.rpe_frame_without_gaps_m,
-            "steps": self.steps,
-            "gross_errors": self.gross_errors,
             "gaps": [
                 {"across": str(outcome), **_gap_error_as_json(error)}
                 for outcome, error in zip(self.gap_outcomes, self.gap_errors, strict=True)
             ],
             "why_lost": dict(self.lost_reasons),
-            **self._loop_closure_as_json(),
         }
-
-    def _loop_closure_as_json(self) -> dict[str, Any]:
-        if not self.batch_result.has_loop_closure:
-            return {}
-        run = self.outcome.run.loop_closure
-        if run is None:
-            return dict.fromkeys(LOOP_CLOSURE_KEYS)
-        summary = LoopClosureSummary(
-            run.map_keyframes, run.loop_closures, self.optimized_evaluation
-        )
-        return {**summary.as_json(), LOOP_CLOSURE_MS_KEY: run.cpu_ms_per_frame}
 
 
 def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
@@ -179,10 +161,22 @@ def _gap_error_as_json(error: RelativeErrors | None) -> dict[str, float | None]:
 
 @dataclass(frozen=True)
 class SequenceResults:
-    """One recording and the evaluations of all methods on it."""
+    """One recording and the evaluations of all methods on it.
+
+    Attributes:
+        recording: The recording, or a selection of its frames.
+        evaluations: Evaluation of each method.
+        reference_method: Baseline for relative figures; None without.
+    """
 
     recording: BenchmarkRecording
     evaluations: Mapping[str, RunEvaluation]
+    reference_method: str | None = None
+
+    @property
+    def reference(self) -> RunEvaluation | None:
+        """Evaluation of the baseline for relative figures."""
+        return None if self.reference_method is None else self.evaluations[self.reference_method]
 
     @property
     def has_loop_closure(self) -> bool:
@@ -190,25 +184,6 @@ class SequenceResults:
         return any(
             evaluation.batch_result.has_loop_closure for evaluation in self.evaluations.values()
         )
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the facts of the recording and the metrics of each method."""
-        recording = self.recording
-        return {
-            "name": recording.name,
-            "folder": str(recording.folder.resolve()),
-            "frames": len(recording.frame_stamps_s),
-            "duration_s": recording.duration_s,
-            "path_m": recording.path_m,
-            "has_ground_truth": recording.truth is not None,
-            "gaps": [
-                {"begin_s": gap.begin_s, "end_s": gap.end_s, "length_s": gap.length_s}
-                for gap in recording.gaps
-            ],
-            "methods": {
-                method: evaluation.as_json() for method, evaluation in self.evaluations.items()
-            },
-        }
 
     def best_method(self, value: Callable[[RunEvaluation], float | None]) -> str | None:
         """Return the method with the smallest value, or None if fewer than two have one.
@@ -224,11 +199,16 @@ class SequenceResults:
         return min(known, key=lambda method: known[method]) if len(known) > 1 else None
 
 
-def collect_results(batch_results: Iterable[BatchResult]) -> list[SequenceResults]:
-    """Evaluate all runs, in their order."""
-    recordings: dict[str, BenchmarkRecording] = {}
-    evaluations: dict[str, dict[str, RunEvaluation]] = {}
-    for result in batch_results:
-        recordings[result.recording.name] = result.recording
-        evaluations.setdefault(result.recording.name, {})[result.method] = evaluate_run(result)
-    return [SequenceResults(recordings[name], evaluations[name]) for name in recordings]
+def collect_results(
+    batch_results: Iterator[BatchResult], method_count: int, reference_method: str | None = None
+) -> Iterator[SequenceResults]:
+    """Yield the evaluated runs of each recording as soon as its last run has ended.
+
+    Args:
+        batch_results: Results of a batch.
+        method_count: Number of runs of each recording.
+        reference_method: Baseline for relative figures; None without.
+    """
+    while results := list(islice(batch_results, method_count)):
+        evaluations = {result.method: evaluate_run(result) for result in results}
+        yield SequenceResults(results[0].recording, evaluations, reference_method)

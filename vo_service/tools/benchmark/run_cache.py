@@ -190,7 +190,6 @@ def run_as_json(run: CompletedRun) -> dict[str, object]:
         "new_epochs": run.new_epochs,
         "cpu_s": round(run.cpu_s, 6),
         "wall_s": round(run.wall_s, 6),
-        "cpu_ms_per_frame": round(run.cpu_ms_per_frame, 3),
         "stage_ms": {stage: round(ms, 3) for stage, ms in run.stage_ms.items()},
         "memory_mb": round(run.memory_mb, 1),
     }

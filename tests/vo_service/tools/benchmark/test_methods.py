@@ -10,8 +10,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Trajectory
 from tests.vo_service.tools.benchmark.sample_runs import make_recording
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
-from vo_service.cli.compare import make_method_factories as make_comparison_factories
-from vo_service.config import Config, OdometryConfig
+from vo_service.config import OdometryConfig
 from vo_service.odometry import METHODS, MethodConfig
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf.odometry import SurfOdometry
@@ -80,13 +79,10 @@ def test_a_package_has_its_version_if_installed() -> None:
 
 
 def make_factory(method: str, scale: SfmScale = SfmScale.FIRST_DEPTH) -> MethodFactory:
-    return make_comparison_factories(Config(), list(METHODS), scale)[method]
+    return make_method_factories([method], [], OdometryConfig(), scale)[method]
 
 
 def test_every_method_is_made_as_in_the_service() -> None:
-    assert set(make_comparison_factories(Config(), list(METHODS), SfmScale.FIRST_DEPTH)) == set(
-        METHODS
-    )
     surf = make_factory("surf")
     assert surf == ConfiguredMethodFactory(OdometryConfig(method="surf"))
     assert isinstance(surf.make(NullStageTimer(), make_recording().contents), SurfOdometry)

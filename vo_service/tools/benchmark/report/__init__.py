@@ -1,240 +1,232 @@
-"""Reports: tables, as text for people and as CSV for scripts, and settings and versions."""
+"""Report folder of a comparison: the HTML page, the data, and each table and figure as a file."""
 
-import csv
-import io
+import base64
 import json
-import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any
+from urllib.parse import quote
 
-from drivers.core.config import SCHEMA_VERSION
-from vo_service.config import Config, OdometryConfig
-from vo_service.terminal import make_console
-from vo_service.tools.benchmark import CompletedRun, LoopClosureRun, collect_versions
-from vo_service.tools.benchmark.methods import SfmScale
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
-from vo_service.tools.benchmark.results import RunEvaluation
+from drivers.core.files import create_output_folder
+from vo_service.terminal import Terminal
+from vo_service.tools.benchmark.report.figures import make_figures
+from vo_service.tools.benchmark.report.metadata import ReportMetadata
+from vo_service.tools.benchmark.report.tables import (
+    GLOBAL_ERROR,
+    cost_table,
+    error_table,
+    find_published_results,
+    gap_table,
+    lost_frames_table,
+    metric_values,
+    metrics_table,
+    paper_table,
+)
+from vo_service.tools.benchmark.results import SequenceResults
+from vo_service.tools.benchmark.run_cache import write_file
 
-if TYPE_CHECKING:
-    from rich.text import Text
-
-# A table that is wider than the terminal is not cut.
-MAX_WIDTH = 1000
+PAGE_FILE, DATA_FILE, CONFIG_FILE = "report.html", "report.json", "config.toml"
+# A lower coverage is named in the summary.
+MIN_FULL_COVERAGE = 0.99
+METHOD_DESCRIPTIONS = {
+    "surf": "color and depth: SURF features of a frame are matched with those of the previous "
+    "frame. RANSAC selects the matches that agree on one motion, and singular value decomposition "
+    "fits it. This is the method that the paper of Fontes and Maia proposes.",
+    "icp": "depth only: the surface in a frame is aligned with that of an earlier frame (iterative "
+    "closest point). It needs structure: if it sees hardly more than one plane, it gives no pose.",
+    "sfm": "color only: features are tracked from frame to frame, and give motion and points "
+    "together (structure from motion). Color alone has no scale: the first scale is given, and it "
+    "may drift from there.",
+    "direct": "color and depth: brightness and depth of every frame are aligned with those of a "
+    "keyframe, which stays as long as most of it is in view; each sensor row has its own time. "
+    "This is the default of the service.",
+    "cv2-rgb": "cv2.Odometry of OpenCV: the brightness of two frames is aligned.",
+    "cv2-rgb-depth": "cv2.Odometry of OpenCV: brightness and depth of two frames are aligned.",
+    "cv2-depth": "cv2.Odometry of OpenCV: the depth of two frames is aligned (ICP).",
+    "open3d-icp": "Open3D's point-to-plane ICP, on depth only.",
+    "open3d-hybrid": "Open3D's RGB-D odometry: brightness and depth of two frames are aligned.",
+    "small-gicp": "generalized ICP of small_gicp, on depth only.",
+    "sift": "as surf, with OpenCV's SIFT features.",
+    "orb": "as surf, with OpenCV's ORB features.",
+    "orb-slam3": "ORB-SLAM3 in its RGB-D mode; each pose as its tracking returns it.",
+}
 
 
 @dataclass(frozen=True)
-class TableCell:
-    """Cell with a value for scripts (None if not known) and a text for people."""
+class RenderedFigure:
+    """Figure: its path relative to the page without suffix, its caption and its SVG."""
 
-    value: float | str | None
-    text: str
-    is_best: bool = False
+    path: str
+    caption: str
+    svg: bytes
 
+    @property
+    def link(self) -> str:
+        """The path as the beginning of a URL."""
+        return quote(self.path)
 
-@dataclass(frozen=True)
-class Table:
-    """Table with named columns.
-
-    Attributes:
-        name: Name of its file.
-        title: Title for people.
-        keys: Column names for scripts.
-        headings: Column headings for people.
-        rows: Cells by row.
-    """
-
-    name: str
-    title: str
-    keys: Sequence[str]
-    headings: Sequence[str]
-    rows: Sequence[Sequence[TableCell]]
-
-    def as_csv(self) -> str:
-        """Return comma-separated values with full precision; empty if not known."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.keys)
-        for row in self.rows:
-            writer.writerow("" if cell.value is None else cell.value for cell in row)
-        return text.getvalue()
-
-    def as_text(self) -> str:
-        """Return aligned columns below the title; the best cell of a row has a star."""
-        text = io.StringIO()
-        self.write(text)
-        return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
-
-    def write(self, stream: TextIO) -> None:
-        """Write the same to a stream; on a terminal, headings and best cells are bold."""
-        from rich import table  # slow to import
-
-        columns = [
-            table.Column(f"{heading} ", justify="right" if number else "left", no_wrap=True)
-            for number, heading in enumerate(self.headings)
-        ]
-        grid = table.Table(*columns, box=None, pad_edge=False, header_style="bold")
-        for row in self.rows:
-            grid.add_row(*(_format_cell(cell) for cell in row))
-        console = make_console(stream, MAX_WIDTH)
-        console.print(self.title, style="bold")
-        console.print(grid)
+    @property
+    def data_url(self) -> str:
+        """URL of the SVG itself: as an image, because names in different SVGs could collide."""
+        return f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
 
 
-def _format_cell(cell: TableCell) -> "Text":
-    from rich.text import Text
-
-    return Text(f"{cell.text}*", style="bold green") if cell.is_best else Text(f"{cell.text} ")
-
-
-def number_cell(
-    value: float | None, digits: int, display_factor: float = 1.0, is_best: bool = False
-) -> TableCell:
-    """Make a cell of a number; digits and factor apply to the displayed text only.
+def write_report(
+    folder: Path, metadata: ReportMetadata, results: Sequence[SequenceResults], terminal: Terminal
+) -> None:
+    """Write everything, the page last. Raises InputError or UserFacingError as `write_file`.
 
     Args:
-        value: The number; None if not known.
-        digits: Displayed digits after the decimal point.
-        display_factor: Factor of the displayed number.
-        is_best: Whether it is the best of its row.
+        folder: Folder of the report.
+        metadata: Settings of the comparison.
+        results: Results by recording and frame step.
+        terminal: Shows the progress.
     """
-    if value is None:
-        return TableCell(None, "-")
-    return TableCell(value, f"{display_factor * value:.{digits}f}", is_best)
+    figures = {result.recording.name: _draw_figures(folder, result, terminal) for result in results}
+    tables = {"metrics": metrics_table(results), "gaps": gap_table(results)}
+    for name, table in {**tables, "paper": paper_table(results)}.items():
+        file = folder / f"{name}.csv"
+        if table.rows:
+            write_file(file, table.as_csv().encode())
+        else:  # there may be one of an earlier report
+            file.unlink(missing_ok=True)
+    content = json.dumps(report_content(metadata, results), indent=2)
+    write_file(folder / DATA_FILE, f"{content}\n".encode())
+    write_file(folder / CONFIG_FILE, metadata.config_text.encode())
+    write_file(folder / PAGE_FILE, render_page(metadata, results, figures).encode())
 
 
-def text_cell(value: str, text: str | None = None) -> TableCell:
-    """Make a cell of a text, with an optional other text for people."""
-    return TableCell(value, value if text is None else text)
+def _draw_figures(
+    folder: Path, result: SequenceResults, terminal: Terminal
+) -> list[RenderedFigure]:
+    """Write every figure as PNG and SVG, and remove those of an earlier report."""
+    figure_folder = folder / "figures"
+    create_output_folder(figure_folder)
+    for kind in ("frame_error", "global_error", "trajectory"):
+        for suffix in ("png", "svg"):
+            (figure_folder / f"{result.recording.name}-{kind}.{suffix}").unlink(missing_ok=True)
+    figures = []
+    for named in make_figures(result):
+        terminal.show(f"{result.recording.name}: drawing {named.name.replace('_', ' ')}")
+        path = figure_folder / f"{result.recording.name}-{named.name}"
+        write_file(path.with_name(f"{path.name}.png"), named.render("png"))
+        svg = named.render("svg")
+        write_file(path.with_name(f"{path.name}.svg"), svg)
+        figures.append(RenderedFigure(path.relative_to(folder).as_posix(), named.caption, svg))
+    terminal.clear()
+    return figures
 
 
-MetricFunction = Callable[[RunEvaluation], float | None]
+def report_content(metadata: ReportMetadata, results: Sequence[SequenceResults]) -> dict[str, Any]:
+    """Return the whole content of report.json.
 
-
-@dataclass(frozen=True)
-class MetricColumn:
-    """Column of a metric.
-
-    Attributes:
-        key: Name for scripts.
-        heading: Heading for people.
-        value: Function that returns the metric of a run.
-        digits: Displayed digits after the decimal point.
-        display_factor: Factor of the displayed value.
+    Args:
+        metadata: Settings of the comparison.
+        results: Results by recording and frame step.
     """
-
-    key: str
-    heading: str
-    value: MetricFunction
-    digits: int
-    display_factor: float = 1.0
+    sequences = [_sequence_as_json(result) for result in results]
+    return {"schema": 1, **metadata.as_json(), "sequences": sequences}
 
 
-def from_evaluation(key: str) -> MetricFunction:
-    """Return a function for a field of the `Evaluation`, None without one."""
-    return lambda evaluation: getattr(evaluation.evaluation, key) if evaluation.evaluation else None
+def _sequence_as_json(result: SequenceResults) -> dict[str, Any]:
+    """Return the facts of the recording, the metrics of each method, and the paper's results."""
+    recording = result.recording
+    return {
+        "name": recording.folder_name,
+        "folder": str(recording.folder.resolve()),
+        "every": recording.frame_selection.step,
+        "frames": len(recording.frame_stamps_s),
+        "duration_s": recording.duration_s,
+        "path_m": recording.path_m,
+        "has_ground_truth": recording.truth is not None,
+        "gaps": [
+            {"begin_s": gap.begin_s, "end_s": gap.end_s, "length_s": gap.length_s}
+            for gap in recording.gaps
+        ],
+        "methods": {
+            method: {**evaluation.as_json(), **metric_values(result, method)}
+            for method, evaluation in result.evaluations.items()
+        },
+        "paper": {
+            method: {"mean_global_error_m": known.mean_global_error_m, "time_s": known.time_s}
+            for method, known in find_published_results(recording).items()
+        },
+    }
 
 
-def from_optimized_evaluation(key: str) -> MetricFunction:
-    """Return a function for a field of the optimized trajectory's `Evaluation`."""
-    return lambda evaluation: (
-        getattr(evaluation.optimized_evaluation, key) if evaluation.optimized_evaluation else None
+def render_page(
+    metadata: ReportMetadata,
+    results: Sequence[SequenceResults],
+    figures: Mapping[str, Sequence[RenderedFigure]],
+) -> str:
+    """Return the page, which needs no other file and no network.
+
+    Args:
+        metadata: Settings of the comparison.
+        results: Results by recording and frame step.
+        figures: Figures by the recording's name.
+    """
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # rarely used
+
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    functions = (
+        *(describe_recording, describe_rpe_without_gaps, summarize_sequence),
+        *(error_table, cost_table, gap_table, lost_frames_table, paper_table),
+    )
+    environment.globals.update({function.__name__: function for function in functions})
+    return environment.get_template(PAGE_FILE).render(
+        metadata=metadata,
+        results=results,
+        figures=figures,
+        descriptions={
+            method: METHOD_DESCRIPTIONS.get(method, "a plug-in.") for method in metadata.methods
+        },
     )
 
 
-def from_loop_closure(value: Callable[[LoopClosureRun], float]) -> MetricFunction:
-    """Return a function for a value of a run's loop closure, None without it."""
-
-    def loop_closure_value(evaluation: RunEvaluation) -> float | None:
-        run = evaluation.outcome.run.loop_closure
-        return None if run is None else value(run)
-
-    return loop_closure_value
-
-
-def from_run(value: Callable[[CompletedRun], float]) -> MetricFunction:
-    """Return a function for a value of a complete run, None for others."""
-    return lambda evaluation: value(evaluation.outcome.run) if evaluation.is_done else None
+def describe_recording(result: SequenceResults) -> str:
+    """Return a sentence on the recording: path, truth and pauses."""
+    recording = result.recording
+    path = "" if recording.path_m is None else f"a path of {recording.path_m:.1f} m, "
+    truth = "with ground truth" if recording.truth is not None else "without ground truth"
+    pauses = len(recording.gaps)
+    paused_s = sum(gap.length_s for gap in recording.gaps)
+    count = "one pause" if pauses == 1 else f"{pauses} pauses"
+    gaps = f"{count} of {paused_s:.1f} s in total" if pauses else "no pauses"
+    return f"{path}{truth}, {gaps}.".capitalize()
 
 
-def format_effective_config(
-    odometry: OdometryConfig,
-    camera_file: Path | None,
-    tables: Mapping[str, Mapping[str, object]],
-    *notes: str,
-) -> str:
-    """Format a configuration for `--config`.
-
-    Args:
-        odometry: The table `[odometry]`.
-        camera_file: Camera file; None if not given.
-        tables: Additional tables by name.
-        *notes: Comments at the top.
-    """
-    camera = [] if camera_file is None else _format_table("camera", {"file": camera_file})
-    summary = "Settings of the methods; all other settings have default values or are not used."
-    comments = [f"# {note}" for note in (summary, *notes)]
-    odometry_lines = _format_table("odometry", asdict(odometry))
-    other_lines = [line for name, values in tables.items() for line in _format_table(name, values)]
-    lines = [*comments, f"schema = {SCHEMA_VERSION}", *camera, *odometry_lines, *other_lines]
-    return "\n".join(lines) + "\n"
-
-
-def _format_table(name: str, values: Mapping[str, object]) -> list[str]:
-    """Format a TOML table; texts, numbers and lists are written as in JSON."""
-    keys = [
-        f"{key} = {json.dumps(value, default=str, ensure_ascii=False)}"
-        for key, value in values.items()
-        if value is not None
+def describe_rpe_without_gaps(result: SequenceResults) -> str:
+    """Return a sentence on the RPE without pauses; "" if not known."""
+    known = [
+        f"{1e3 * evaluation.rpe_frame_without_gaps_m:.1f} mm for {method}"
+        for method, evaluation in result.evaluations.items()
+        if evaluation.rpe_frame_without_gaps_m is not None
     ]
-    return ["", f"[{name}]", *keys]
+    return f" Without the pauses, the RPE of one frame is {', '.join(known)}." if known else ""
 
 
-@dataclass(frozen=True)
-class ComparisonMetadata:
-    """Settings of a comparison.
+def summarize_sequence(result: SequenceResults) -> str:
+    """Return sentences on the best method, low coverage and failed runs."""
+    return " ".join(_summary_sentences(result))
 
-    Attributes:
-        methods: Methods that run, in order.
-        config: Configuration of our methods.
-        sfm_scale: Source of the first scale of `sfm`.
-        camera_file: Camera file for all recordings; None for each recording's own.
-        time_limit_s: Time limit of each run.
-        observer_factory: Made the observer of each run.
-        created: Time of the comparison.
-    """
 
-    methods: Sequence[str]
-    config: Config
-    sfm_scale: SfmScale
-    camera_file: Path | None
-    time_limit_s: float
-    observer_factory: ObserverFactory = NULL_OBSERVER
-    created: datetime = field(default_factory=lambda: datetime.now(UTC))
-
-    @property
-    def config_text(self) -> str:
-        """The effective configuration, in the format of `--config`."""
-        return format_effective_config(
-            self.config.odometry,
-            self.camera_file,
-            self.observer_factory.config_tables,
-            f"Methods: {', '.join(self.methods)}; `method` below applies to runs of the service.",
-            f"First scale of sfm: --sfm-scale {self.sfm_scale}",
-        )
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the settings and versions for report.json."""
-        return {
-            "created": self.created.isoformat(timespec="seconds"),
-            "methods": list(self.methods),
-            "odometry": asdict(self.config.odometry),
-            "sfm_scale": self.sfm_scale,
-            "camera_file": None if self.camera_file is None else str(self.camera_file),
-            "time_limit_s": self.time_limit_s,
-            **self.observer_factory.settings,
-            "versions": collect_versions(),
-            "processors": os.cpu_count(),
-        }
+def _summary_sentences(result: SequenceResults) -> Iterator[str]:
+    best = result.best_method(GLOBAL_ERROR.value)
+    if result.recording.truth is None:
+        yield "without ground truth, errors are not known."
+    elif best is not None:
+        error = GLOBAL_ERROR.cell(result.evaluations[best]).text
+        yield f"{best} has the smallest mean global error, {error} mm."
+    for method, evaluation in result.evaluations.items():
+        if not evaluation.is_done:
+            yield f"{method} has no result ({evaluation.outcome.state})."
+        elif evaluation.coverage is not None and evaluation.coverage < MIN_FULL_COVERAGE:
+            yield f"{method} has poses for only {100 * evaluation.coverage:.0f} % of the frames."

@@ -3,14 +3,14 @@
 They are drawn without pyplot: no global state, no window.
 """
 
-from collections.abc import Iterator, Mapping
+import io
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
-from vo_service.tools.benchmark.report.comparison_tables import describe_method
 from vo_service.tools.benchmark.results import SequenceResults
 from vo_service.tools.evaluation.metrics import ErrorSeries, error_series, first_pose_alignment
 from vo_service.tools.evaluation.plot import (
@@ -22,16 +22,21 @@ from vo_service.tools.evaluation.plot import (
 )
 
 if TYPE_CHECKING:  # rarely used, and slow to import
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colors for color-blind readers, too (Okabe and Ito).
+# Colors for color-blind readers, too (Okabe and Ito). Other methods have dashed lines.
 METHOD_COLORS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73", "direct": "#CC79A7"}
 OTHER_METHOD_COLORS = ("#56B4E9", "#E69F00", "#000000")
+OTHER_LINE_STYLES = ("--", ":", "-.")
+MAX_LEGEND_COLUMNS = 6
 # A thick line is the median of this many frames.
 SMOOTHING_FRAMES = 15
 # If the methods differ by more than this, a linear axis would hide the better ones.
 MAX_LINEAR_RATIO = 20.0
+THIN_STYLE: dict[str, Any] = {"linestyle": "-", "linewidth": 0.5, "alpha": 0.35}
+THICK_STYLE: dict[str, Any] = {"linewidth": 1.8}
 GAP_STYLE: dict[str, Any] = {"color": "0.45", "linestyle": (0, (4, 3)), "linewidth": 1.0}
 # The figure shows at most this many times the extent of the truth. Otherwise one diverging method
 # would shrink all others to a dot.
@@ -53,14 +58,38 @@ class NamedFigure:
     caption: str
     figure: "Figure"
 
+    def render(self, file_format: str) -> bytes:
+        """Return the content of a file, "svg" or "png". The same figure gives the same bytes."""
+        from matplotlib import rc_context
 
-def method_color(method: str, methods: list[str]) -> str:
-    """Return a method's color; known methods have the same color in all figures and reports."""
-    others = [other for other in methods if other not in METHOD_COLORS]
-    return (
-        METHOD_COLORS.get(method)
-        or OTHER_METHOD_COLORS[others.index(method) % len(OTHER_METHOD_COLORS)]
-    )
+        metadata = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}[file_format]
+        data = io.BytesIO()
+        with rc_context({"svg.hashsalt": self.name}):
+            self.figure.savefig(data, format=file_format, dpi=120, metadata=metadata)
+        return data.getvalue()
+
+
+def line_style(result: SequenceResults, method: str) -> dict[str, Any]:
+    """Return the color and dashes of a method; ours are the same in all figures and reports.
+
+    Args:
+        result: Results with all methods.
+        method: The method.
+    """
+    if method in METHOD_COLORS:
+        return {"color": METHOD_COLORS[method], "linestyle": "-"}
+    number = [other for other in result.evaluations if other not in METHOD_COLORS].index(method)
+    dashes, color = divmod(number, len(OTHER_METHOD_COLORS))
+    return {
+        "color": OTHER_METHOD_COLORS[color],
+        "linestyle": OTHER_LINE_STYLES[dashes % len(OTHER_LINE_STYLES)],
+    }
+
+
+def make_figures(result: SequenceResults) -> Iterator[NamedFigure]:
+    """Yield all figures for which the results are sufficient."""
+    yield from make_error_figures(result)
+    yield from make_trajectory_figures(result)
 
 
 def make_error_figures(result: SequenceResults) -> Iterator[NamedFigure]:
@@ -84,7 +113,7 @@ _FRAME_CAPTION = (
 _GLOBAL_CAPTION = (
     "Global error (as the paper's Figures 6 to 9): the distance between the estimated and the true "
     "camera, with both trajectories aligned at the first frame. Errors of single steps add up, "
-    "so the lines drift; their mean is the mean global error of Table I. Marks at the bottom, if "
+    "so the lines drift; their mean is the mean global error. Marks at the bottom, if "
     "any, are frames without a pose."
 )
 
@@ -95,11 +124,9 @@ def _draw_step_errors(result: SequenceResults, series: Mapping[str, ErrorSeries]
     label_axes(above, "", "", "error of a step (mm)")
     label_axes(below, "", "frame", "error of a step (degrees)")
     for method, errors in series.items():
-        color = method_color(method, list(result.evaluations))
-        _draw_smoothed(
-            above, result, errors.stamps_s[1:], 1e3 * errors.step_errors.translation_m, color
-        )
-        _draw_smoothed(below, result, errors.stamps_s[1:], errors.step_errors.rotation_deg, color)
+        style, steps_s = line_style(result, method), errors.stamps_s[1:]
+        _draw_smoothed(above, result, steps_s, 1e3 * errors.step_errors.translation_m, style)
+        _draw_smoothed(below, result, steps_s, errors.step_errors.rotation_deg, style)
     for plot in (above, below):
         _set_log_scale(plot)
         _draw_lost_frames(plot, result)
@@ -115,12 +142,8 @@ def _draw_global_errors(result: SequenceResults, series: Mapping[str, ErrorSerie
     is_log = max(largest) > MAX_LINEAR_RATIO * min(largest) > 0
     label_axes(plot, "", "frame", "distance from the truth (m)" + ", logarithmic" * is_log)
     for method, errors in series.items():
-        frames = _frame_numbers(result, errors.stamps_s)
-        values = np.column_stack(
-            [frames, _mask_non_positive(errors.global_error_m) if is_log else errors.global_error_m]
-        )
-        line = insert_nan_at_gaps(errors.stamps_s, values)
-        plot.plot(*line.T, color=method_color(method, list(result.evaluations)), linewidth=1.5)
+        values = _mask_non_positive(errors.global_error_m) if is_log else errors.global_error_m
+        _draw_values(plot, result, errors.stamps_s, values, line_style(result, method))
     if is_log:
         _set_log_scale(plot)
     else:
@@ -142,17 +165,24 @@ def new_figure(width: float, height: float) -> "Figure":
 
 
 def _draw_smoothed(
-    plot: "Axes", result: SequenceResults, stamps_s: Array, values: Array, color: str
+    plot: "Axes", result: SequenceResults, stamps_s: Array, values: Array, style: dict[str, Any]
 ) -> None:
     """Draw the values as a thin line and their median as a thick one, without lost frames."""
-    frames = _frame_numbers(result, stamps_s)
-    line = insert_nan_at_gaps(stamps_s, np.column_stack([frames, _mask_non_positive(values)]))
-    plot.plot(*line.T, color=color, linewidth=0.5, alpha=0.35)
+    middle = slice(None)
     if len(values) >= SMOOTHING_FRAMES:
+        _draw_values(plot, result, stamps_s, _mask_non_positive(values), style | THIN_STYLE)
         windows = np.lib.stride_tricks.sliding_window_view(values, SMOOTHING_FRAMES)
         middle = slice(SMOOTHING_FRAMES // 2, SMOOTHING_FRAMES // 2 + len(windows))
-        smooth = np.column_stack([frames[middle], _mask_non_positive(np.median(windows, axis=1))])
-        plot.plot(*insert_nan_at_gaps(stamps_s[middle], smooth).T, color=color, linewidth=1.8)
+        values = np.median(windows, axis=1)
+    _draw_values(plot, result, stamps_s[middle], _mask_non_positive(values), style | THICK_STYLE)
+
+
+def _draw_values(
+    plot: "Axes", result: SequenceResults, stamps_s: Array, values: Array, style: dict[str, Any]
+) -> None:
+    """Draw a line over the frames' numbers, without lost frames."""
+    line = np.column_stack([_frame_numbers(result, stamps_s), values])
+    plot.plot(*insert_nan_at_gaps(stamps_s, line).T, **style)
 
 
 def _set_log_scale(plot: "Axes") -> None:
@@ -169,14 +199,15 @@ def _mask_non_positive(values: Array) -> Array:
 
 
 def _draw_lost_frames(plot: "Axes", result: SequenceResults) -> None:
-    """Draw one row of marks per method at the bottom of the plot."""
-    for row, (method, evaluation) in enumerate(result.evaluations.items()):
-        log = evaluation.outcome.run.frames
+    """Draw one row of marks at the bottom of the plot per method with lost frames."""
+    logs = {m: evaluation.outcome.run.frames for m, evaluation in result.evaluations.items()}
+    for row, method in enumerate(m for m, log in logs.items() if not log.has_pose.all()):
+        log = logs[method]
         frames = _frame_numbers(result, log.stamps_s[~log.has_pose])
         heights = np.full(len(frames), 0.015 + 0.03 * row)
         plot.plot(
             frames, heights, "|",
-            color=method_color(method, list(result.evaluations)), markersize=5,
+            color=line_style(result, method)["color"], markersize=5,
             transform=plot.get_xaxis_transform(), clip_on=True, zorder=3,
         )  # fmt: skip
 
@@ -196,22 +227,21 @@ def _draw_legend(figure: "Figure", result: SequenceResults, methods: list[str]) 
     """Draw the legend above the plots, with lost frames and pauses if there are any."""
     from matplotlib.lines import Line2D
 
-    all_methods = list(result.evaluations)
     handles = [
-        Line2D(
-            [],
-            [],
-            color=method_color(method, all_methods),
-            linewidth=2,
-            label=describe_method(method).name,
-        )
+        Line2D([], [], **line_style(result, method), linewidth=2, label=method)
         for method in methods
     ]
     if any(evaluation.outcome.run.failed for evaluation in result.evaluations.values()):
         handles.append(Line2D([], [], color="0.3", marker="|", linestyle="", label="frame lost"))
     if result.recording.gaps:
         handles.append(Line2D([], [], **GAP_STYLE, label="pause in the recording"))
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
+    _place_legend(figure, handles)
+
+
+def _place_legend(figure: "Figure", handles: "Sequence[Artist]") -> None:
+    """Place a legend above the plots, in as many rows as it needs."""
+    columns = min(len(handles), MAX_LEGEND_COLUMNS)
+    figure.legend(handles=handles, loc="outside upper center", ncols=columns, frameon=False)
 
 
 def make_trajectory_figures(result: SequenceResults) -> Iterator[NamedFigure]:
@@ -271,17 +301,16 @@ def _draw_trajectories(
     for method, poses in trajectories.items():
         suffix = "" if bounds_m is None or _is_within(poses, bounds_m) else " (leaves the figure)"
         style: dict[str, Any] = {
-            "color": method_color(method, list(result.evaluations)),
+            **line_style(result, method),
             "linewidth": 1.3,
-            "label": describe_method(method).name + suffix,
+            "label": method + suffix,
         }
         draw_trajectory(plots, poses, np.eye(4), style)
     if bounds_m is not None and not all(
         _is_within(poses, bounds_m) for poses in trajectories.values()
     ):
         _limit_axes(plots, bounds_m)
-    handles, labels = plots["A"].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    _place_legend(figure, plots["A"].get_legend_handles_labels()[0])
     return figure
 
 

@@ -16,12 +16,12 @@ from tests.vo_service.tools.benchmark.sample_runs import (
     make_recording,
     make_results,
 )
-from vo_service.tools.benchmark.report.comparison_report import render_figure
 from vo_service.tools.benchmark.report.figures import (
     NamedFigure,
+    line_style,
     make_error_figures,
+    make_figures,
     make_trajectory_figures,
-    method_color,
 )
 from vo_service.tools.benchmark.results import SequenceResults
 
@@ -37,8 +37,7 @@ def walk(**options: object) -> SequenceResults:
 
 
 def figures(results: SequenceResults) -> dict[str, Figure]:
-    named_figures = [*make_error_figures(results), *make_trajectory_figures(results)]
-    return {named.name: named.figure for named in named_figures}
+    return {named.name: named.figure for named in make_figures(results)}
 
 
 def legend(figure: Figure) -> list[str]:
@@ -47,14 +46,14 @@ def legend(figure: Figure) -> list[str]:
 
 def curve(figure: Figure, plot: int, method: str) -> Array:
     """Return the points of the first line with a method's color, without gaps."""
-    color = method_color(method, ["surf", "icp", "sfm"])
+    color = line_style(walk(), method)["color"]
     line = next(line for line in figure.axes[plot].lines if line.get_color() == color)
     points = np.asarray(line.get_xydata(), np.float64)
     return points[np.isfinite(points[:, 1])]
 
 
 def test_there_is_one_figure_of_each_kind_with_a_caption() -> None:
-    named_figures = [*make_error_figures(walk()), *make_trajectory_figures(walk())]
+    named_figures = list(make_figures(walk()))
     assert [named.name for named in named_figures] == [
         "frame_error",
         "global_error",
@@ -91,11 +90,11 @@ def test_every_plot_has_axes_with_units_and_a_legend() -> None:
     left, right = figures_by_name["trajectory"].axes
     assert (left.get_xlabel(), left.get_ylabel()) == ("right (m)", "forward (m)")
     assert (right.get_xlabel(), right.get_ylabel()) == ("forward (m)", "up (m)")
-    known = ["SURF (proposed)", "ICP", "frame lost", "pause in the recording"]
+    known = ["surf", "icp", "frame lost", "pause in the recording"]
     assert (
         legend(figures_by_name["frame_error"]) == legend(figures_by_name["global_error"]) == known
     )
-    assert legend(figures_by_name["trajectory"]) == ["ground truth", "SURF (proposed)", "ICP"]
+    assert legend(figures_by_name["trajectory"]) == ["ground truth", "surf", "icp"]
 
 
 def test_very_different_methods_have_a_logarithmic_scale() -> None:
@@ -123,7 +122,7 @@ def test_a_diverging_method_does_not_shrink_the_others() -> None:
     )["trajectory"]
     low, high = figure.axes[0].get_xlim()
     assert high - low < 5 * STEP_M * FRAMES
-    assert "ICP (leaves the figure)" in legend(figure)
+    assert "icp (leaves the figure)" in legend(figure)
 
 
 def test_without_truth_there_are_only_trajectories() -> None:
@@ -132,8 +131,18 @@ def test_without_truth_there_are_only_trajectories() -> None:
         make_trajectory_figures(make_results(recording, surf=make_outcome(recording)))
     )
     assert list(make_error_figures(make_results(recording, surf=make_outcome(recording)))) == []
-    assert legend(figures_by_name[0].figure) == ["SURF (proposed)"]
+    assert legend(figures_by_name[0].figure) == ["surf"]
     assert "gray" not in figures_by_name[0].caption
+
+
+def test_many_methods_have_different_lines_and_a_legend_of_several_rows() -> None:
+    recording = make_recording()
+    outcome = make_outcome(recording)
+    others = {f"other-{k}": outcome for k in range(9)}
+    results = make_results(recording, False, direct=outcome, **others)
+    styles = [str(line_style(results, method)) for method in results.evaluations]
+    assert len(set(styles)) == 10
+    assert len(legend(figures(results)["global_error"])) == 10
 
 
 def test_without_any_result_there_is_no_figure() -> None:
@@ -144,7 +153,7 @@ def test_a_run_without_any_error_can_be_drawn() -> None:
     recording = make_recording()
     figures_by_name = figures(make_results(recording, surf=make_outcome(recording)))
     assert curve(figures_by_name["global_error"], 0, "surf")[:, 1].max() < 1e-9
-    assert render_figure(NamedFigure("frame_error", "", figures_by_name["frame_error"]), "svg")
+    assert NamedFigure("frame_error", "", figures_by_name["frame_error"]).render("svg")
 
 
 @pytest.mark.parametrize("lost", [range(3, FRAMES), range(16, FRAMES), range(FRAMES - 2)])
@@ -156,9 +165,9 @@ def test_a_run_with_few_poses_can_be_drawn(lost: range) -> None:
 @pytest.mark.slow
 def test_the_files_are_images_and_the_same_every_time() -> None:
     one, same = (next(iter(make_trajectory_figures(walk()))) for _ in range(2))
-    svg = render_figure(one, "svg")
-    assert svg == render_figure(same, "svg")
+    svg = one.render("svg")
+    assert svg == same.render("svg")
     assert ElementTree.fromstring(svg).tag.endswith("svg")
-    pixels = cv2.imdecode(np.frombuffer(render_figure(one, "png"), np.uint8), cv2.IMREAD_COLOR)
+    pixels = cv2.imdecode(np.frombuffer(one.render("png"), np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None
     assert pixels.std() > 5  # something is drawn on it

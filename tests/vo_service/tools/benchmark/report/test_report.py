@@ -11,6 +11,7 @@ import pytest
 from drivers.core.config import read_toml
 from tests.vo_service.tools.benchmark.sample_runs import (
     CRASH,
+    STEP_M,
     make_loop_closure_run,
     make_outcome,
     make_recording,
@@ -22,9 +23,14 @@ from vo_service.terminal import Terminal
 from vo_service.tools.benchmark import RunOutcome, RunState
 from vo_service.tools.benchmark.methods import SfmScale
 from vo_service.tools.benchmark.observers import LoopClosureObserverFactory
-from vo_service.tools.benchmark.report import ComparisonMetadata
-from vo_service.tools.benchmark.report.comparison_report import write_comparison_report
-from vo_service.tools.benchmark.report.comparison_tables import metrics_table
+from vo_service.tools.benchmark.report import (
+    describe_rpe_without_gaps,
+    report_content,
+    summarize_sequence,
+    write_report,
+)
+from vo_service.tools.benchmark.report.metadata import ReportMetadata
+from vo_service.tools.benchmark.report.tables import cost_table, error_table
 
 pytestmark = pytest.mark.slow
 
@@ -62,7 +68,7 @@ class Page(HTMLParser):
             self.terms.append(data)
 
 
-METADATA = ComparisonMetadata(["surf", "icp", "sfm"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0)
+METADATA = ReportMetadata(["surf", "icp", "sfm"], OdometryConfig(), 3600.0)
 
 
 @pytest.fixture(scope="module")
@@ -80,15 +86,14 @@ def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ),
         make_results(odd, surf=make_outcome(odd), icp=CRASH, sfm=error),
     ]
-    write_comparison_report(folder, results, METADATA, Terminal())
+    write_report(folder, METADATA, results, Terminal())
     return folder
 
 
 def test_the_folder_has_the_page_the_tables_the_figures_and_the_data(report_folder: Path) -> None:
     names = {path.name for path in report_folder.iterdir()}
     assert names == {
-        "report.html", "report.json", "config.toml", "figures", "metrics.csv", "gaps.csv",
-        "table_1_mean_global_error.csv", "table_2_processing_time.csv",
+        "report.html", "report.json", "config.toml", "figures", "metrics.csv", "gaps.csv"
     }  # fmt: skip
     figures = {path.name for path in (report_folder / "figures").iterdir()}
     assert figures == {*FIGURES, "<b>odd & #1-trajectory.png", "<b>odd & #1-trajectory.svg"}
@@ -110,25 +115,26 @@ def test_the_page_needs_no_other_source(report_folder: Path) -> None:
 def test_the_page_shows_results_and_errors(report_folder: Path) -> None:
     text = " ".join(Page((report_folder / "report.html").read_text()).text.split())
     for passage in (
-        "SURF (proposed) has the smallest mean global error, 0.00 mm; ICP 195.00 mm.",
-        "SfM: crashed (signal 11, Segmentation fault)",
-        "<b>odd & #1: without ground truth, errors are not known.",
-        "SfM: error: ValueError: <oh>",
+        "walk, every frame: surf has the smallest mean global error, 0.00 mm.",
+        "sfm: crashed (signal 11, Segmentation fault)",
+        "<b>odd & #1, every frame: without ground truth, errors are not known.",
+        "sfm: error: ValueError: <oh>",
         "Traceback <here>",
-        "40 frames in 2.3 s, a path of 0.4 m, with ground truth, one pause of 1.0 s in total.",
+        "walk, every frame: 40 frames in 2.3 s",
+        "A path of 0.4 m, with ground truth, one pause of 1.0 s in total.",
         "lost 3 frames, then recovered",
         "# of # matches agree",
-        "its first scale comes from the first depth images",
+        "the first scale comes from the first depth images",
     ):
         assert passage in text
 
 
 def test_every_metric_and_column_is_explained(report_folder: Path) -> None:
     html = (report_folder / "report.html").read_text()
-    assert "CPU is the processor time of all frames, wall is the elapsed time" in html
-    headings = metrics_table([make_results(make_recording())]).headings
-    for heading in set(headings[2:-2]) - {"CPU s", "wall s"}:
-        assert any(heading.startswith(term) for term in Page(html).terms), heading
+    results = make_results(make_recording())
+    for heading in (*error_table(results).headings[1:], *cost_table(results).headings[1:]):
+        if heading not in {"of", "median", "p95", "p99"}:
+            assert any(heading.startswith(term) for term in Page(html).terms), heading
     for caption in ("Error frame by frame (as", "Global error (as", "Trajectory of the camera (as"):
         assert caption in html
 
@@ -156,17 +162,17 @@ def test_a_report_has_no_figures_of_an_earlier_one(tmp_path: Path) -> None:
     figures.mkdir()
     for name in (*FIGURES, "other-trajectory.png"):
         (figures / name).touch()
-    write_comparison_report(
-        tmp_path, [make_results(make_recording(), surf=CRASH)], METADATA, Terminal()
-    )
+    (tmp_path / "gaps.csv").touch()
+    write_report(tmp_path, METADATA, [make_results(make_recording(), surf=CRASH)], Terminal())
+    assert not (tmp_path / "gaps.csv").exists()
     assert [path.name for path in figures.iterdir()] == ["other-trajectory.png"]
 
 
 def test_the_effective_configuration_can_be_read_again(tmp_path: Path) -> None:
     odometry = OdometryConfig(feature_count=700, upright=True)
     camera = Path('a "camera".toml')
-    metadata = ComparisonMetadata(
-        ["surf"], Config(odometry=odometry), SfmScale.GROUND_TRUTH, camera, 9.0
+    metadata = ReportMetadata(
+        ["surf"], odometry, 9.0, sfm_scale=SfmScale.GROUND_TRUTH, camera_file=camera
     )
     file = tmp_path / "config.toml"
     file.write_text(metadata.config_text)
@@ -177,24 +183,47 @@ def test_the_effective_configuration_can_be_read_again(tmp_path: Path) -> None:
 
 def test_the_report_shows_the_effect_of_loop_closure(tmp_path: Path) -> None:
     walk = make_recording("walk")
-    results = make_results(
-        walk, True, surf=make_outcome(walk, loop_closure=make_loop_closure_run(walk))
-    )
+    outcome = make_outcome(walk, loop_closure=make_loop_closure_run(walk))
+    results = [make_results(walk, True, surf=outcome)]
     loop_closure = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
-    metadata = ComparisonMetadata(
-        ["surf"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0, loop_closure
-    )
-    report = write_comparison_report(tmp_path, [results], metadata, Terminal())
-    text = " ".join(Page(report.page.read_text()).text.split())
-    assert "A place that is seen again shows how far the camera has drifted since." in text
-    assert report.content["loop_closure"]["keyframe_database_mb"] == 20
-    assert report.content["sequences"][0]["methods"]["surf"]["loop_closures"] == 2
-    (row,) = csv.DictReader((tmp_path / "loop_closures.csv").read_text().splitlines())
-    assert row["loop_closures"] == "2"
+    metadata = ReportMetadata(["surf"], OdometryConfig(), 3600.0, observer_factory=loop_closure)
+    write_report(tmp_path, metadata, results, Terminal())
+    text = " ".join(Page((tmp_path / "report.html").read_text()).text.split())
+    assert "shows how far the camera has drifted since" in text
+    content = report_content(metadata, results)
+    assert content["loop_closure"]["keyframe_database_mb"] == 20
+    assert content["sequences"][0]["methods"]["surf"]["loop_closures"] == 2
     assert read_toml(tmp_path / "config.toml", Config).map.keyframe_database_mb == 20
 
 
 def test_without_loop_closure_the_report_does_not_mention_it(report_folder: Path) -> None:
-    assert not (report_folder / "loop_closures.csv").exists()
-    assert "loop_closure" not in (report_folder / "report.html").read_text()
-    assert "loop_closure" not in (report_folder / "report.json").read_text()
+    for name in ("report.html", "report.json", "metrics.csv"):
+        assert "loop_closure" not in (report_folder / name).read_text()
+
+
+def test_the_papers_results_are_in_the_report_of_its_recordings(tmp_path: Path) -> None:
+    floor = make_recording("freiburg1_floor")
+    results = [make_results(floor, surf=make_outcome(floor))]
+    write_report(tmp_path, METADATA, results, Terminal())
+    text = Page((tmp_path / "report.html").read_text()).text
+    assert "Fontes and Maia, “Visual" in text
+    assert (tmp_path / "paper.csv").exists()
+    paper = report_content(METADATA, results)["sequences"][0]["paper"]
+    assert paper["surf"] == {"mean_global_error_m": 0.05, "time_s": 458}
+
+
+def test_the_summary_names_the_best_the_partial_and_the_failed() -> None:
+    walk = make_recording()
+    surf, icp = make_outcome(walk, lost=range(4)), make_outcome(walk, step_m=0.02)
+    assert summarize_sequence(make_results(walk, icp=icp, surf=surf, sfm=CRASH)) == (
+        "surf has the smallest mean global error, 0.00 mm. "
+        "surf has poses for only 90 % of the frames. sfm has no result (crashed)."
+    )
+
+
+def test_the_rpe_is_also_given_without_pauses() -> None:
+    walk = make_recording(gap_s=1.0)
+    results = make_results(walk, surf=make_outcome(walk, step_m=STEP_M + 0.001))
+    assert describe_rpe_without_gaps(results) == (
+        " Without the pauses, the RPE of one frame is 1.0 mm for surf."
+    )

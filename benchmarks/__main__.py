@@ -1,7 +1,7 @@
 """Run one benchmark, or list them.
 
 python -m benchmarks                          lists all
-python -m benchmarks NAME [OPTIONS]           runs one; --help explains it
+python -m benchmarks NAME [OPTIONS]           runs one; --help explains it and lists its variants
 python -m benchmarks results KEPT             runs those of docs/results and writes the pages
 """
 
@@ -21,7 +21,7 @@ def find_benchmarks() -> dict[str, str]:
     return {
         name: (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
         for name, source in sources.items()
-        if "\ndef add_arguments(" in source
+        if "\ndef add_arguments(" in source or "\nVARIANTS" in source
     }
 
 
@@ -34,7 +34,7 @@ def main(command_line: Sequence[str]) -> int:
         print("\n".join(f"{known:20}  {purpose}" for known, purpose in purposes.items()))
         return 2 if name and not name.startswith("-") else 0
     module = import_module(f"benchmarks.{name}")
-    return run_benchmark(name, module.__doc__, module.add_arguments, module.main, arguments)
+    return run_benchmark(name, module, arguments)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ INIT = """\
 #!/bin/sh
 for controller in cpu cpuacct memory pids devices; do
     mount -o remount,bind,rw /sys/fs/cgroup/$controller 2>/dev/null
-result
+done
 exec /lib/systemd/systemd
 """
 SETTINGS = """{{mode: "peer", connect: {{endpoints: ["tcp/127.0.0.1:{port}"]}},

@@ -1,6 +1,6 @@
 """Consistency of a method's covariance: its errors compared with the covariance it reports.
 
-    python -m benchmarks covariance FOLDER... [--method direct] [--every N] [--json]
+    python -m benchmarks covariance FOLDER... [--method direct]
     python -m benchmarks covariance --rooms FOLDER [--seeds 101 102 ...]
 
 Each FOLDER is a TUM folder with an exact ground truth. --rooms renders five seconds for each seed
@@ -13,25 +13,22 @@ contains the truth.
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import add_json_option, make_printer, print_json
+from benchmarks.harness import Table
 from benchmarks.rendered_sequences import render_all
-from benchmarks.tracking import read_all_frames
-from drivers.camera import PlaybackMode
+from benchmarks.tracking import open_frames_with_truth
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
-from drivers.recording_camera import RecordingCamera
 from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
 from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
 from vo_service.odometry.uncertainty import CovarianceAccumulator
 from vo_service.tools.evaluation.metrics import (
     STAMP_ROUNDING_S,
-    NeesStatistics,
     motion_error,
     nees,
     summarize_nees,
@@ -46,9 +43,9 @@ TIMINGS = {
     "rolling-10": ShutterTiming(0.020, 0.010),
     "rolling--12": ShutterTiming(0.020, -0.012),
 }
-ConsistencyRow = Mapping[str, NeesStatistics | None]
-
-HEAD = f"{'':42}{'motions':>8}{'since: mean':>13}{'in 95 %':>9}{'step: mean':>12}{'in 95 %':>9}"
+TABLE = Table(
+    *(42, "motions:8d", "since: mean:13.2f", "in 95 %:9.1f", "step: mean:12.2f", "in 95 %:9.1f")
+)
 
 
 def make_configs(seeds: Sequence[int]) -> dict[str, SyntheticConfig]:
@@ -106,25 +103,15 @@ class NormalizedErrorCollector:
         self.squares.step.append(nees(step, self._covariance.step))
 
 
-def _measure(method: str, folder: Path, every: int) -> NormalizedErrors:
-    """Run a method on every `every`-th frame of a TUM folder.
-
-    Raises:
-        InputError: A frame has no true pose.
-    """
-    odometry, collector = (
-        METHODS[method](MethodConfig(), CpuStageTimer()),
-        NormalizedErrorCollector(),
-    )
-    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-        truth = camera.ground_truth
-        if truth is None:
-            raise InputError(f"{folder}: has no groundtruth.txt; errors need a ground truth")
-        for number, frame in enumerate(read_all_frames(camera)):
-            if number % every == 0:
-                estimate = odometry.estimate(frame)
-                if estimate.ok:
-                    collector.add(estimate, _true_pose(truth, frame.stamp_s, folder))
+def _measure(method: str, folder: Path) -> NormalizedErrors:
+    """Run a method on a TUM folder. Raises InputError if a frame has no true pose."""
+    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
+    collector = NormalizedErrorCollector()
+    with open_frames_with_truth(folder) as (frames, truth):
+        for frame in frames:
+            estimate = odometry.estimate(frame)
+            if estimate.ok:
+                collector.add(estimate, _true_pose(truth, frame.stamp_s, folder))
     return collector.squares
 
 
@@ -146,14 +133,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="seeds of the rooms")
     parser.add_argument("--processes", type=int, default=1, help="rendering processes")
     parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--every", type=int, default=1, help="use every N-th frame")
-    add_json_option(parser)
 
 
 def main(args: argparse.Namespace) -> None:
     """Render missing rooms, measure and print."""
-    results = _run(_folders(args), args.method, args.every, make_printer(args))
-    print_json(args, results)
+    print(TABLE.head)
+    together = NormalizedErrors()
+    for folder in _folders(args):
+        squares = _measure(args.method, folder)
+        together.extend(squares)
+        print(_format_row(folder.name, squares), flush=True)
+    print(_format_row("together", together))
 
 
 def _folders(args: argparse.Namespace) -> list[Path]:
@@ -168,31 +158,11 @@ def _folders(args: argparse.Namespace) -> list[Path]:
     return [*args.folder, *wanted]
 
 
-def _run(
-    folders: list[Path], method: str, every: int, print_line: Callable[[str], None]
-) -> dict[str, ConsistencyRow]:
-    """Measure each folder; return a row for each and one for all together."""
-    print_line(HEAD)
-    together, results = NormalizedErrors(), dict[str, ConsistencyRow]()
-    for folder in folders:
-        squares = _measure(method, folder, every)
-        together.extend(squares)
-        results[str(folder)] = _consistency_row(squares)
-        print_line(_format_row(folder.name, results[str(folder)]))
-    results["together"] = _consistency_row(together)
-    print_line(_format_row("together", results["together"]))
-    return results
-
-
-def _consistency_row(squares: NormalizedErrors) -> ConsistencyRow:
-    return {"since": summarize_nees(squares.since_reference), "step": summarize_nees(squares.step)}
-
-
-def _format_row(name: str, row: ConsistencyRow) -> str:
-    since, step = row["since"], row["step"]
-    if since is None or step is None:
-        return f"{name:42}{0:8}"
-    return (
-        f"{name:42}{since.count:8}{since.mean_per_dof:13.2f}{100 * since.fraction_within_95:9.1f}"
-        f"{step.mean_per_dof:12.2f}{100 * step.fraction_within_95:9.1f}"
-    )
+def _format_row(name: str, squares: NormalizedErrors) -> str:
+    cells: list[float] = []
+    for values in (squares.since_reference, squares.step):
+        statistics = summarize_nees(values)
+        if statistics is None:
+            return f"{name:42}{0:8}"
+        cells += [statistics.mean_per_dof, 100 * statistics.fraction_within_95]
+    return TABLE.row(name, len(squares.step), *cells)

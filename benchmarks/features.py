@@ -8,34 +8,336 @@ distances are in pixels of the original. Repeatability: fraction of the features
 that are repeated within 2 px at a scale within a factor of 1.5. Score: fraction of the same
 features that are matched within 3 px (nearest descriptor, ratio test 0.8). Precision: fraction of
 all matches that are correct. The columns of the transform groups count correct matches.
+
+The scores follow Mikolajczyk and Schmid, "A Performance Evaluation of Local Descriptors" (PAMI 27,
+2005), with points and scales instead of overlapping ellipses.
 """
 
 import argparse
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.feature_scores import (
-    FeatureMethod,
-    FeatureScore,
-    Gray,
-    all_transforms,
-    make_all_methods,
-    score_features,
-)
-from benchmarks.harness import add_json_option, format_table, make_printer, print_json
+from benchmarks.harness import format_table, measure_cpu_ms, median
 from drivers.core import InputError
+from drivers.core.geometry import Array
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.tum import read_frame_pairs
+from vo_service.odometry.surf import SurfExtractor
 
 SYNTHETIC = SyntheticConfig(duration_s=18.0, rate_hz=1 / 3)  # six views, far apart
 TIMING_ROUNDS = 5
+Gray = NDArray[np.uint8]
+Corners = list[tuple[float, float]]
+
+# Blur of a camera's own optics, in its pixels (Lowe 2004, Section 3.3).
+CAMERA_BLUR_PX = 0.5
+
+
+def _identity(image: Gray) -> Gray:
+    return image
+
+
+@dataclass(frozen=True)
+class ImageTransform:
+    """One transform, as by a camera motion or a change of the light.
+
+    Attributes:
+        group: Its group in the table.
+        warp: (width, height) -> homography (3, 3) from original to transformed pixels.
+        zoom: Size of objects in the transformed image relative to the original.
+        change_brightness: Change of the brightness after the warp.
+    """
+
+    group: str
+    warp: Callable[[int, int], Array] = field(default=lambda width, height: np.eye(3))
+    zoom: float = 1.0
+    change_brightness: Callable[[Gray], Gray] = _identity
+
+    def homography(self, image: Gray) -> Array:
+        """Homography (3, 3) from pixels of the original to pixels of the transformed image."""
+        return self.warp(image.shape[1], image.shape[0])
+
+    def apply(self, image: Gray) -> Gray:
+        """Transform an image; the result has the same size."""
+        size = (image.shape[1], image.shape[0])
+        H = self.homography(image)
+        sharp = image if np.array_equal(H, np.eye(3)) else _resample(image, H, size, self.zoom)
+        return self.change_brightness(sharp)
+
+
+def all_transforms() -> list[ImageTransform]:
+    """Make the 34 transforms of the benchmark."""
+    return [
+        *(
+            ImageTransform("rotation", make_rotation(angle))
+            for angle in (10, 20, 30, 45, 60, 90, 135, 180)
+        ),
+        *(
+            ImageTransform("scale", make_rotation(0, z), z)
+            for z in (0.5, 0.63, 0.8, 1.25, 1.6, 2.0)
+        ),
+        *(
+            ImageTransform("both", make_rotation(angle, zoom), zoom)
+            for angle, zoom in ((30, 0.7), (45, 1.4), (100, 0.8), (160, 1.6))
+        ),
+        *(ImageTransform("perspective", make_perspective_tilt(*tilt)) for tilt in TILTS),
+        *(
+            ImageTransform("blur", change_brightness=partial(blur, sigma))
+            for sigma in (1.0, 1.5, 2.0, 3.0)
+        ),
+        *(
+            ImageTransform("light", change_brightness=partial(_change_lighting, *light))
+            for light in LIGHTS
+        ),
+        *(
+            ImageTransform("noise", change_brightness=partial(add_noise, sigma))
+            for sigma in (5.0, 10.0, 15.0, 20.0)
+        ),
+    ]
+
+
+# Share of the width and height by which the far side shrinks: left, right, top, bottom.
+TILTS = ((0.1, 0, 0, 0), (0, 0.2, 0, 0), (0, 0, 0.15, 0), (0.1, 0, 0, 0.15))
+# Gamma, contrast and offset.
+LIGHTS = ((0.5, 1.0, 0.0), (2.0, 1.0, 0.0), (1.0, 0.5, 0.0), (1.0, 1.3, 20.0))
+
+
+def make_rotation(angle_deg: float, zoom: float = 1.0) -> Callable[[int, int], Array]:
+    """Rotate about the center of the image and zoom in."""
+
+    def warp(width: int, height: int) -> Array:
+        middle = ((width - 1) / 2, (height - 1) / 2)
+        H = np.eye(3)
+        H[:2] = cv2.getRotationMatrix2D(middle, angle_deg, zoom)
+        return H
+
+    return warp
+
+
+def make_perspective_tilt(
+    left: float, right: float, top: float, bottom: float
+) -> Callable[[int, int], Array]:
+    """Tilt the scene away from the camera: one side becomes shorter.
+
+    Args:
+        left: Fraction of the image by which the left corners move inwards.
+        right: The same for the right corners.
+        top: The same for the upper corners.
+        bottom: The same for the lower corners.
+    """
+
+    def warp(width: int, height: int) -> Array:
+        right_px, bottom_px = width - 1.0, height - 1.0
+        corners: Corners = [(0, 0), (right_px, 0), (right_px, bottom_px), (0, bottom_px)]
+        moved: Corners = [
+            (width * (left + top), height * (top + left)),
+            (right_px - width * (right + top), height * (top + right)),
+            (right_px - width * (right + bottom), bottom_px - height * (bottom + right)),
+            (width * (left + bottom), bottom_px - height * (bottom + left)),
+        ]
+        H = cv2.getPerspectiveTransform(np.array(corners, np.float32), np.array(moved, np.float32))
+        return np.asarray(H, np.float64)
+
+    return warp
+
+
+def blur(sigma_px: float, image: Gray) -> Gray:
+    """Blur an image as if out of focus."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
+
+
+def _change_lighting(gamma: float, contrast: float, offset: float, image: Gray) -> Gray:
+    """Change light and exposure; bright values are clipped."""
+    levels = 255.0 * (np.arange(256) / 255.0) ** gamma
+    table = np.clip(np.rint(contrast * levels + offset), 0, 255).astype(np.uint8)
+    return table[image]
+
+
+def add_noise(sigma: float, image: Gray) -> Gray:
+    """Add sensor noise, the same in every run."""
+    noise = np.random.default_rng(0).normal(0.0, sigma, image.shape)
+    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+
+
+def _resample(image: Gray, H: Array, size: tuple[int, int], zoom: float) -> Gray:
+    """Warp; where the image shrinks, first blur it like the camera's optics."""
+    blur_px = CAMERA_BLUR_PX * np.sqrt(max(1.0 / zoom**2 - 1.0, 0.0))
+    smooth = blur(float(blur_px), image) if blur_px > 0 else image
+    # The border is replicated: there is no edge along it and no mirrored copy beyond it.
+    warped = cv2.warpPerspective(
+        smooth, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(warped, np.uint8)
+
+
+COUNT = 1000
+MAX_REPEAT_ERROR_PX = 2.0
+MAX_CORRECT_ERROR_PX = 3.0
+MAX_SCALE_RATIO = 1.5
+MATCH_RATIO = 0.8
+
+
+@dataclass(frozen=True)
+class FeatureSet:
+    """Features of one image.
+
+    Attributes:
+        position_px: (N, 2) float64, (x, y).
+        scale_px: (N,) float64, in the method's own unit.
+        descriptor: (N, D), float32 for Euclidean distance or uint8 for Hamming distance.
+    """
+
+    position_px: NDArray[np.float64]
+    scale_px: NDArray[np.float64]
+    descriptor: NDArray[Any]
+
+    def __len__(self) -> int:
+        return len(self.position_px)
+
+
+FeatureMethod = Callable[[Gray], FeatureSet]
+
+
+def make_surf(upright: bool = False) -> FeatureMethod:
+    """Make our SURF with the strongest 1000 features."""
+    extractor = SurfExtractor(COUNT, upright)
+
+    def extract(image: Gray) -> FeatureSet:
+        features = extractor.extract(image)
+        return FeatureSet(
+            features.position_px.astype(np.float64),
+            features.scale_px.astype(np.float64),
+            features.descriptor,
+        )
+
+    return extract
+
+
+def make_opencv_method(detector: cv2.Feature2D) -> FeatureMethod:
+    """Make a method from one of OpenCV's detectors."""
+
+    def extract(image: Gray) -> FeatureSet:
+        keypoints, descriptors = detector.detectAndCompute(image, np.ones_like(image))
+        position_px = np.array([k.pt for k in keypoints], np.float64).reshape(-1, 2)
+        scale_px = np.array([k.size for k in keypoints], np.float64)
+        return FeatureSet(position_px, scale_px, np.asarray(descriptors))
+
+    return extract
+
+
+def make_all_methods() -> dict[str, FeatureMethod]:
+    """Make the methods of the table, by name."""
+    return {
+        "SURF": make_surf(),
+        "SIFT": make_opencv_method(cv2.SIFT_create(COUNT)),  # type: ignore[attr-defined]
+        "ORB": make_opencv_method(cv2.ORB_create(COUNT)),  # type: ignore[attr-defined]
+    }
+
+
+def _match(original: FeatureSet, changed: FeatureSet, ratio: float) -> NDArray[np.int64]:
+    """Match descriptors by brute force and the ratio test (Lowe 2004, Section 7.1).
+
+    Returns:
+        Pairs (M, 2) of indices of nearest neighbors.
+    """
+    if len(original) == 0 or len(changed) < 2:
+        return np.empty((0, 2), np.int64)
+    is_binary = original.descriptor.dtype == np.uint8
+    matcher = cv2.BFMatcher(cv2.NORM_HAMMING if is_binary else cv2.NORM_L2)
+    two_nearest = matcher.knnMatch(original.descriptor, changed.descriptor, k=2)
+    pairs = [(a.queryIdx, a.trainIdx) for a, b in two_nearest if a.distance < ratio * b.distance]
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class FeatureScore:
+    """Scores of one image's features under one transform. Distances are pixels of the original.
+
+    Attributes:
+        possible: Features that are inside both images: the smaller count of the two.
+        repeated: Features repeated within 2 px at a scale within a factor of 1.5.
+        matches: Matches that pass the ratio test.
+        errors_px: (correct,) distances of the matches within 3 px of their true position.
+    """
+
+    max_repeatable: int
+    repeated: int
+    matches: int
+    errors_px: Array
+
+    @property
+    def correct(self) -> int:
+        """Number of correct matches."""
+        return len(self.errors_px)
+
+
+def score_features(
+    original: FeatureSet, changed: FeatureSet, H: Array, size: tuple[int, int]
+) -> FeatureScore:
+    """Compare the features of an image, (width, height), with those of its transformed version.
+
+    `H` is the homography (3, 3) from pixels of the original to pixels of the transformed image.
+    """
+    seen_again = is_inside(transform_points(H, original.position_px), size)
+    back_px = transform_points(np.asarray(np.linalg.inv(H), np.float64), changed.position_px)
+    is_of_original = is_inside(back_px, size)
+    back_scale = changed.scale_px / scale_at(H, back_px)
+    repeated = _count_repeated(
+        original.position_px[seen_again],
+        original.scale_px[seen_again],
+        back_px[is_of_original],
+        back_scale[is_of_original],
+    )
+    pairs = _match(original, changed, MATCH_RATIO)
+    away_px = original.position_px[pairs[:, 0]] - back_px[pairs[:, 1]]
+    errors_px = np.asarray(np.linalg.norm(away_px, axis=1), np.float64)
+    return FeatureScore(
+        max_repeatable=int(min(seen_again.sum(), is_of_original.sum())),
+        repeated=repeated,
+        matches=len(pairs),
+        errors_px=errors_px[errors_px <= MAX_CORRECT_ERROR_PX],
+    )
+
+
+def transform_points(H: Array, points_px: Array) -> Array:
+    """Transform pixels (N, 2) by a homography."""
+    if len(points_px) == 0:
+        return points_px
+    return np.asarray(cv2.perspectiveTransform(points_px[None], H)[0], np.float64)
+
+
+def scale_at(H: Array, points_px: Array) -> Array:
+    """Local scale (N,) of a homography at pixels (N, 2): sqrt |det J|."""
+    w = points_px @ H[2, :2] + H[2, 2]
+    return np.asarray(np.sqrt(np.abs(np.linalg.det(H) / w**3)))
+
+
+def is_inside(points_px: Array, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which pixels (N, 2) are inside an image of (width, height)."""
+    return np.asarray(np.all((points_px >= 0) & (points_px <= np.array(size) - 1.0), axis=1))
+
+
+def _count_repeated(a_px: Array, a_scale: Array, b_px: Array, b_scale: Array) -> int:
+    """Count features with a counterpart of similar position and scale; the smaller count of both.
+
+    The assignment is not one to one: two features on the same spot both count.
+    """
+    if len(a_px) == 0 or len(b_px) == 0:
+        return 0
+    distance_px = np.linalg.norm(a_px[:, None] - b_px[None], axis=2)
+    scale_step = np.abs(np.log(a_scale[:, None] / b_scale[None]))
+    is_same = (distance_px <= MAX_REPEAT_ERROR_PX) & (scale_step < np.log(MAX_SCALE_RATIO))
+    return int(min(is_same.any(axis=1).sum(), is_same.any(axis=0).sum()))
 
 
 @dataclass(frozen=True)
@@ -43,8 +345,8 @@ class FeatureBenchmarkResult:
     """Means of one method over all images and transforms.
 
     `repeatability`, `score` and `precision` are 0 to 1. `correct` are correct matches per pair of
-    images. `error_px` is the median error of correct matches. `features`, `cpu_ms` and
-    `cpu_us_per_feature` are those of an original image, on one thread.
+    images. `error_px` is the median error of correct matches. `features` and `cpu_ms` are those of
+    an original image, on one thread.
     """
 
     features: float
@@ -55,7 +357,6 @@ class FeatureBenchmarkResult:
     correct_by_change: dict[str, float]
     error_px: float
     cpu_ms: float
-    cpu_us_per_feature: float
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +365,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "source", nargs="*", type=Path, help="TUM folder or image (default: the virtual Kinect)"
     )
     parser.add_argument("--frames", type=int, default=2, help="frames of each folder (2)")
-    add_json_option(parser)
 
 
 def main(args: argparse.Namespace) -> None:
@@ -74,13 +374,11 @@ def main(args: argparse.Namespace) -> None:
     for name, method in make_all_methods().items():
         print(f"measuring {name} ...", file=sys.stderr)
         results[name] = measure(method, images)
-    print_line = make_printer(args)
-    print_line(f"{len(images)} images, {len(all_transforms())} transforms of each")
-    print_line(format_scores(results))
-    print_json(args, results)
+    print(f"{len(images)} images, {len(all_transforms())} transforms of each")
+    print(format_scores(results))
 
 
-def load_images(sources: list[Path], frames: int) -> Iterator[Gray]:
+def load_images(sources: Sequence[Path], frames: int) -> Iterator[Gray]:
     """Yield gray images of folders (`frames` each, evenly spread) and files.
 
     Without sources they are views of the virtual Kinect. Raises InputError if one cannot be read.
@@ -91,10 +389,15 @@ def load_images(sources: list[Path], frames: int) -> Iterator[Gray]:
                 yield camera.read(timeout_s=60.0).gray
     for source in sources:
         for file in sample_images(source, frames) if source.is_dir() else [source]:
-            image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
-            if image is None:
-                raise InputError(f"{file}: not a readable image")
-            yield np.asarray(image, np.uint8)
+            yield read_gray(file)
+
+
+def read_gray(file: Path) -> Gray:
+    """Read an image. Raises InputError if it cannot be read."""
+    image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise InputError(f"{file}: not a readable image")
+    return np.asarray(image, np.uint8)
 
 
 def sample_images(folder: Path, count: int) -> list[Path]:
@@ -104,12 +407,11 @@ def sample_images(folder: Path, count: int) -> list[Path]:
     return [pairs[i].color.file for i in chosen]
 
 
-def measure(method: FeatureMethod, images: list[Gray]) -> FeatureBenchmarkResult:
+def measure(method: FeatureMethod, images: Sequence[Gray]) -> FeatureBenchmarkResult:
     """Measure a method on all transforms of all images, and its time on the originals."""
-    cpu_s, features = np.mean([measure_cost(method, image) for image in images], axis=0)
+    cpu_ms, features = np.mean([measure_cost(method, image) for image in images], axis=0)
     scores = [pair for image in images for pair in score_method(method, image)]
     every = [score for _, score in scores]
-    groups = dict.fromkeys(group for group, _ in scores)
     return FeatureBenchmarkResult(
         features=float(features),
         repeatability=mean([s.repeated / s.max_repeatable for s in every if s.max_repeatable]),
@@ -117,11 +419,11 @@ def measure(method: FeatureMethod, images: list[Gray]) -> FeatureBenchmarkResult
         precision=mean([s.correct / s.matches for s in every if s.matches]),
         correct=mean([s.correct for s in every]),
         correct_by_change={
-            group: mean([s.correct for kind, s in scores if kind == group]) for group in groups
+            group: mean([s.correct for kind, s in scores if kind == group])
+            for group in dict.fromkeys(group for group, _ in scores)
         },
-        error_px=float(np.median(np.concatenate([s.errors_px for s in every]))),
-        cpu_ms=float(1e3 * cpu_s),
-        cpu_us_per_feature=float(1e6 * cpu_s / features),
+        error_px=median(np.concatenate([s.errors_px for s in every]).tolist()),
+        cpu_ms=float(cpu_ms),
     )
 
 
@@ -135,22 +437,20 @@ def score_method(method: FeatureMethod, image: Gray) -> Iterator[tuple[str, Feat
 
 
 def measure_cost(method: FeatureMethod, image: Gray) -> tuple[float, int]:
-    """Measure CPU seconds (median after a round that compiles) and the number of features."""
+    """Measure CPU milliseconds (median after a round that compiles) and the number of features."""
     features = len(method(image))
-    spent_s = []
-    for _ in range(TIMING_ROUNDS):
-        start_s = time.process_time()
-        method(image)
-        spent_s.append(time.process_time() - start_s)
-    return float(np.median(spent_s)), features
+    spent_ms = [
+        measure_cpu_ms(partial(method, image), time.process_time)[1] for _ in range(TIMING_ROUNDS)
+    ]
+    return median(spent_ms), features
 
 
-def mean(values: list[float]) -> float:
+def mean(values: Sequence[float]) -> float:
     """Arithmetic mean; 0 for no values."""
     return float(np.mean(values)) if values else 0.0
 
 
-def format_scores(results: dict[str, FeatureBenchmarkResult]) -> str:
+def format_scores(results: Mapping[str, FeatureBenchmarkResult]) -> str:
     """Format the table, one line for each method."""
     groups = list(next(iter(results.values())).correct_by_change)
     heads = ["features", "repeat.", "score", "precision", "correct", *groups]
@@ -160,6 +460,6 @@ def format_scores(results: dict[str, FeatureBenchmarkResult]) -> str:
         cells = [f"{r.features:.0f}"]
         cells += [f"{share:.3f}" for share in (r.repeatability, r.score, r.precision)]
         cells += [f"{count:.0f}" for count in (r.correct, *r.correct_by_change.values())]
-        cells += [f"{r.error_px:.2f}", f"{r.cpu_ms:.1f}", f"{r.cpu_us_per_feature:.1f}"]
+        cells += [f"{r.error_px:.2f}", f"{r.cpu_ms:.1f}", f"{1e3 * r.cpu_ms / r.features:.1f}"]
         rows[name] = cells
     return format_table(heads, rows)

@@ -17,13 +17,14 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import zenoh
 
-from benchmarks.service_load import measure_processor_use
+from benchmarks.harness import Table
+from benchmarks.service_load import make_update, measure_processor_use
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from tests.ports import free_port
@@ -33,7 +34,6 @@ from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.ros_messages.decoding import decode_odometry
 from vo_service.tools.certificates import CertificateAuthority
-from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
 TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"
 HOST = "127.0.0.1"
@@ -42,6 +42,12 @@ POSES_PER_SECOND = 30
 ROUTER = (KINECT_VO, "router")
 ROBOTS = (sys.executable, "-m", "benchmarks.fleet", "robots")
 READER = (sys.executable, "-m", "benchmarks.fleet", "reader")
+TABLE = Table(
+    *(10, "poses:8d", "lost:6d", "p50 ms:8.2f", "p99 ms:8.2f", "max ms:8.1f"),
+    *("router CPU %:14.1f", "reader CPU %:14.1f", "robots CPU %:14.1f", "steal %:9.1f"),
+)
+CONNECT_TIMEOUT_S = 30.0
+DRAIN_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -131,7 +137,7 @@ def main(args: argparse.Namespace) -> int:
     """Measure and print a table."""
     with tempfile.TemporaryDirectory() as folder:
         outcome = _measure(Path(folder), args.robots, args.seconds, args.processes)
-    print(_format_table(outcome, args.robots, args.seconds))
+    print(f"{TABLE.head}\n{_format_row(outcome, args.robots)}")
     return 1 if outcome.lost_poses else 0
 
 
@@ -169,24 +175,15 @@ def _measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetRe
     )
 
 
-def _format_table(outcome: FleetResult, robots: int, seconds: int) -> str:
-    """Format the table with its one row."""
-    p50, p99 = np.percentile(outcome.latency_ms, (50, 99)) if len(outcome.latency_ms) else (0, 0)
-    cells = {
-        "robots": f"{robots}",
-        "seconds": f"{seconds}",
-        "poses": f"{outcome.sent}",
-        "lost": f"{outcome.lost_poses}",
-        "p50 ms": f"{p50:.2f}",
-        "p99 ms": f"{p99:.2f}",
-        "max ms": f"{outcome.latency_ms.max(initial=0.0):.1f}",
-        "router CPU %": f"{outcome.router_percent:.1f}",
-        "reader CPU %": f"{outcome.reader_percent:.1f}",
-        "robots CPU %": f"{outcome.robots_percent:.1f}",
-        "steal %": f"{outcome.steal_percent:.1f}",
-    }
-    return "\n".join(
-        f"| {' | '.join(row)} |" for row in (cells.keys(), ["---"] * len(cells), cells.values())
+def _format_row(outcome: FleetResult, robots: int) -> str:
+    """The one row of the table."""
+    ms = outcome.latency_ms
+    p50_ms, p99_ms = np.percentile(ms, (50, 99)) if len(ms) else (0.0, 0.0)
+    return TABLE.row(
+        f"{robots} robots",
+        *(outcome.sent, outcome.lost_poses, p50_ms, p99_ms, ms.max(initial=0.0)),
+        *(outcome.router_percent, outcome.reader_percent, outcome.robots_percent),
+        outcome.steal_percent,
     )
 
 
@@ -246,16 +243,6 @@ def read_poses(file: Path) -> None:
     print(json.dumps(list(latency_ms.values())), flush=True)
 
 
-CONNECT_TIMEOUT_S = 30.0
-DRAIN_S = 1.0
-_CAMERA = PinholeCamera(2, 2, 1.0, 1.0, 0.5, 0.5)
-_I = np.eye(4)
-_FRAME = RgbdFrame(
-    0, 0.0, 0.0, np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.uint16), 1e3, _CAMERA
-)
-_ESTIMATE = Estimate(True, "", _I, _I, np.eye(6), 500, 200, 150)
-
-
 def publish_poses(seconds: int, files: list[Path]) -> None:
     """Publish as several robots do, 30 poses per second each.
 
@@ -266,6 +253,8 @@ def publish_poses(seconds: int, files: list[Path]) -> None:
         ZenohOutput(ZenohConfig(prefix=file.parent.name, config_file=file, listen=()), LIVE_QOS)
         for file in files
     ]
+    image, camera = np.zeros((2, 2), np.uint16), PinholeCamera(2, 2, 1.0, 1.0, 0.5, 0.5)
+    update = make_update(RgbdFrame(0, 0.0, 0.0, np.zeros((2, 2, 3), np.uint8), image, 1e3, camera))
     if not all(robot.wait_for_subscriber(CONNECT_TIMEOUT_S) for robot in robots):
         raise SystemExit("no reader")
     print("ready", flush=True)
@@ -275,32 +264,13 @@ def publish_poses(seconds: int, files: list[Path]) -> None:
         # The robots publish one after another, evenly over the thirtieth of a second.
         due_s = begin_s + turn / (POSES_PER_SECOND * len(robots))
         time.sleep(max(0.0, due_s - time.monotonic()))
-        robots[turn % len(robots)].on_update(_make_update(turn // len(robots), time.monotonic()))
+        # The stamp is on CLOCK_MONOTONIC, which the reader compares.
+        pose = replace(update, seq=turn // len(robots), stamp_s=time.monotonic())
+        robots[turn % len(robots)].on_update(pose)
     time.sleep(DRAIN_S)
     print("ready", flush=True)
     for robot in robots:
         robot.close()
-
-
-def _make_update(seq: int, stamp_s: float) -> OdometryUpdate:
-    """Make a pose with a stamp on CLOCK_MONOTONIC, which the reader compares."""
-    return OdometryUpdate(
-        seq=seq,
-        stamp_s=stamp_s,
-        state=TrackingState.TRACKING,
-        reason="",
-        epoch=1,
-        T_world_camera=_I,
-        T_odom_base=_I,
-        T_odom_camera=_I,
-        pose_covariance=np.eye(6),
-        twist=np.zeros(6),
-        twist_covariance=np.eye(6),
-        frame=_FRAME,
-        estimate=_ESTIMATE,
-        stage_ms={},
-        latency_s=0.0,
-    )
 
 
 if __name__ == "__main__":  # a process of the fleet

@@ -1,111 +1,225 @@
-"""Tracking in hard cases: a table with one row for each case.
+"""Tracking in hard cases of the virtual Kinect: difficult scenes, and standing still.
 
-    python -m benchmarks hard_cases FOLDER [--method direct] [--only dark wall] [--json]
-
-FOLDER stores the sequences of config/sequences, which are rendered the first time (twenty minutes
-of one core). A gross error is a step with an error above 5 cm or 3 degrees; in brackets are those
-at a frame in state `tracking`. "longest" is the longest time without a pose. "recovery" is the
-longest time from the end of a fault until a frame in state `tracking`. ATE and largest error are
-over all poses, in millimeters. "slow" creeps at a millimeter per second for a minute. "still"
-stands still for --still-frames frames with fresh noise in each (an hour is 108000).
+python -m benchmarks hard_cases scenes FOLDER [--method direct] [--only dark wall]
+python -m benchmarks hard_cases still [--minutes 60] [--seed 1] [--method direct]
 """
 
 import argparse
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.harness import add_json_option, make_printer, print_json
-from benchmarks.rendered_sequences import StaticView, render_all
-from benchmarks.tracking import HardCaseResult, measure, read_all_frames, track
-from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.core.geometry import Array, inverse, rotation_angle_rad
-from drivers.recording_camera import RecordingCamera
-from drivers.synthetic import SyntheticConfig
+from benchmarks.harness import Table, Variants, measure_cpu_ms, to_mm
+from benchmarks.rendered_sequences import THREADS, make_frame, prefetch, render_all
+from benchmarks.tracking import (
+    TrackedSequence,
+    evaluate_trajectory,
+    open_frames_with_truth,
+    track,
+)
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, Trajectory, inverse, so3_log
+from drivers.synthetic import MotionKind, SyntheticConfig
+from drivers.synthetic.renderer import NoiselessFrame, Renderer, make_renderer
+from drivers.synthetic.sensors import gain_at
 from vo_service.config import read_config
 from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig, warm_up
-from vo_service.tools.evaluation.metrics import associate
+from vo_service.tools.evaluation.metrics import (
+    PosePairs,
+    associate,
+    count_gross_errors,
+    tracked_steps,
+)
+from vo_service.types import TrackingState
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"
-FAULT_CASES = (
-    "object-8",
-    "object-20",
-    "person",
-    "wall",
-    "dark",
-    "covered",
-    "gap",
-    "fast-turn",
-    "floor",
+SCENES = (
+    *("object-8", "object-20", "person", "wall", "dark", "covered", "gap", "fast-turn", "floor"),
+    SLOW,
 )
-CASES = (*FAULT_CASES, SLOW, STILL)
-STILL_FRAMES = 9000
-HEAD = (
-    f"{'':12}{'frames':>8}{'degraded':>10}{'lost':>6}{'epochs':>8}{'gross':>9}{'longest s':>11}"
-    f"{'recovery s':>12}{'ATE':>8}{'largest':>9}"
+MIN_POSES = 3
+# Period of the exposure's hunting.
+PERIOD_S = 20.0
+# Size of the pool of noise; random offsets make all frames differ.
+POOL_SIZE = 1 << 24
+SCENE_TABLE = Table(
+    *(12, "frames:8d", "degraded:10d", "lost:6d", "epochs:8d", "gross:9", "longest s:11.2f"),
+    *("recovery s:12.2f", "ATE:8.1f", "largest:9.1f"),
 )
+STILL_TABLE = Table(
+    *(7, "frames:8d", "lost:6d", "at most mm:12.3f", "deg:8.4f", "RMS mm:9.3f", "deg:8.4f"),
+    *("drift mm:10.3f", "deg:8.4f", "CPU ms:8.2f"),
+)
+
+
+def read_scene(name: str) -> SyntheticConfig:
+    """Read the configuration of a scene or of `STILL`."""
+    return replace(read_config(SEQUENCES / f"{name}.toml").synthetic, loop=False)
 
 
 @dataclass(frozen=True)
-class StationaryResult:
-    """Distance from the first pose, at most and in the last frame."""
+class SceneResult:
+    """Result of one sequence. None: not available.
+
+    Attributes:
+        frames: Number of frames.
+        degraded: Frames in state `degraded`.
+        lost: Frames in state `lost`.
+        epochs: Epochs begun after the first.
+        gross: Steps between frames with a pose with an error above 5 cm or 3 degrees.
+        gross_tracking: Those that end at a frame in state `tracking`.
+        longest_gap_s: Longest time without a pose.
+        recovery_s: Longest time from the end of a fault until a frame in state `tracking`;
+            infinite if there is none.
+        ate_m: ATE RMSE of the poses.
+        max_error_m: Largest error of the poses, after the best alignment.
+    """
 
     frames: int
+    degraded: int
     lost: int
-    max_error_m: float
-    max_error_deg: float
-    end_m: float
-    end_deg: float
+    epochs: int
+    gross: int
+    gross_tracking: int
+    longest_gap_s: float
+    recovery_s: float | None
+    ate_m: float | None
+    max_error_m: float | None
+
+    def format_row(self, name: str) -> str:
+        """The line of the table."""
+        return SCENE_TABLE.row(
+            name,
+            *(self.frames, self.degraded, self.lost, self.epochs),
+            f"{self.gross} ({self.gross_tracking})",
+            *(self.longest_gap_s, self.recovery_s, to_mm(self.ate_m), to_mm(self.max_error_m)),
+        )
 
 
-@dataclass(frozen=True)
-class CreepResult:
-    """Tracked distance of a slow motion, projected onto the true motion, and the true distance."""
-
-    frames: int
-    lost: int
-    true_distance_m: float
-    tracked_distance_m: float
+def add_scenes_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_scenes`."""
+    parser.add_argument("folder", type=Path, help="folder of the sequences")
+    parser.add_argument("--method", choices=METHODS, default="direct")
+    parser.add_argument("--only", nargs="+", choices=SCENES, default=SCENES, metavar="CASE")
 
 
-CaseResult = HardCaseResult | CreepResult | StationaryResult
+def measure_scenes(args: argparse.Namespace) -> None:
+    """Tracking in difficult scenes: a table with one row for each.
+
+    FOLDER stores the sequences of config/sequences, which are rendered the first time (twenty
+    minutes of one core). A gross error is a step with an error above 5 cm or 3 degrees; in brackets
+    are those at a frame in state `tracking`. "longest" is the longest time without a pose.
+    "recovery" is the longest time from the end of a fault until a frame in state `tracking`. ATE
+    and largest error are over all poses, in millimeters. "slow" creeps at a millimeter per second
+    for a minute: its row has the tracked distance.
+    """
+    configs = {name: read_scene(name) for name in SCENES if name in args.only}
+    args.folder.mkdir(parents=True, exist_ok=True)
+    longest_first = sorted(configs, key=lambda name: -configs[name].frame_count)
+    sequences = {args.folder / name: configs[name] for name in longest_first}
+    render_all(sequences, print, os.cpu_count() or 1)
+    warm_up(args.method, lambda stage: None)
+    print(f"{args.method}\n{SCENE_TABLE.head}")
+    for name, config in configs.items():
+        with open_frames_with_truth(args.folder / name) as (frames, truth):
+            tracked = track(args.method, frames)
+        if name == SLOW:
+            print(f"{name:12}{format_creep(tracked, truth)}", flush=True)
+        else:
+            print(evaluate_scene(tracked, truth, config).format_row(name), flush=True)
 
 
-def measure_stationary(method: str, frames: Iterable[RgbdFrame]) -> StationaryResult:
-    """Track a camera that never moves, without storing its frames."""
-    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
-    lost, count = 0, 0
-    farthest, end = np.zeros(2), np.zeros(2)
-    T_camera_first = np.eye(4)
-    for frame in frames:
-        estimate = odometry.estimate(frame)
-        count += 1
-        if not estimate.ok:
-            lost += 1
-            continue
-        if count == lost + 1:
-            T_camera_first = inverse(estimate.T_world_camera)
-        end = _size(T_camera_first @ estimate.T_world_camera)
-        farthest = np.maximum(farthest, end)
-    return StationaryResult(count, lost, *map(float, (*farthest, *end)))
+def evaluate_scene(
+    tracked: TrackedSequence, truth: Trajectory, config: SyntheticConfig
+) -> SceneResult:
+    """Evaluate a sequence.
+
+    Args:
+        tracked: Its tracked frames.
+        truth: Its true trajectory.
+        config: What it was rendered from.
+    """
+    evaluation = evaluate_trajectory(tracked.estimates, tracked.stamps_s, truth)
+    gross, gross_tracking = _count_gross_errors(tracked, truth)
+    begin_s = tracked.stamps_s[0] if len(tracked.stamps_s) else 0.0
+    ends_s = [begin_s + end_s for end_s in fault_end_times_s(config)]
+    return SceneResult(
+        frames=len(tracked.stamps_s),
+        degraded=tracked.states.count(TrackingState.DEGRADED),
+        lost=tracked.states.count(TrackingState.LOST),
+        epochs=tracked.resets,
+        gross=gross,
+        gross_tracking=gross_tracking,
+        longest_gap_s=longest_gap_s(tracked.stamps_s, tracked.has_pose),
+        recovery_s=max_recovery_s(tracked, ends_s),
+        ate_m=None if evaluation is None else evaluation.ate_rmse_m,
+        max_error_m=None if evaluation is None else evaluation.ate_max_m,
+    )
 
 
-def measure_creep(method: str, folder: Path) -> CreepResult:
-    """Track a sequence of the motion "creep". Raises InputError with too few poses."""
-    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-        tracked = track(method, read_all_frames(camera))
-        truth = camera.ground_truth
-    assert truth is not None, "a rendered sequence has a ground truth"
+def fault_end_times_s(config: SyntheticConfig) -> list[float]:
+    """When each fault and each moving object ends, in seconds from the first frame."""
+    faults = [(fault.first + fault.count) / config.rate_hz for fault in config.faults]
+    return [*faults, *(moving.end_s for moving in config.movers)]
+
+
+def max_recovery_s(tracked: TrackedSequence, fault_ends_s: Sequence[float]) -> float | None:
+    """Longest time from the end of a fault until a frame in state `tracking`; None if no fault."""
+    is_tracking = np.array([state is TrackingState.TRACKING for state in tracked.states])
+    tracked_s = tracked.stamps_s[is_tracking]
+    waits_s = []
+    for end_s in fault_ends_s:
+        after_s = tracked_s[tracked_s >= end_s - 1e-6]
+        waits_s.append(float(after_s[0] - end_s) if len(after_s) else np.inf)
+    return max(0.0, *waits_s) if waits_s else None
+
+
+def longest_gap_s(stamps_s: Array, has_pose: NDArray[np.bool_]) -> float:
+    """Longest time from a frame with a pose to the next, beyond the median frame interval."""
+    with_pose_s = stamps_s[has_pose]
+    if not len(with_pose_s):
+        return float("inf")
+    marks_s = np.concatenate([stamps_s[:1], with_pose_s, stamps_s[-1:]])
+    usual_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.0
+    return max(0.0, float(np.diff(marks_s).max()) - usual_s)
+
+
+def _count_gross_errors(tracked: TrackedSequence, truth: Trajectory) -> tuple[int, int]:
+    """Count gross errors: all, and those that end at a frame in state `tracking`."""
+    trajectory = tracked.trajectory
+    if len(trajectory) < MIN_POSES:
+        return 0, 0
+    matched = associate(trajectory, truth)
+    steps = tracked_steps(matched, trajectory.stamps_s, tracked.epochs[tracked.has_pose])
+    frames = np.searchsorted(tracked.stamps_s, matched.stamps_s[steps.later])
+    states = [tracked.states[frame] is TrackingState.TRACKING for frame in frames]
+    is_tracking = np.array(states, np.bool_)
+    tracking_steps = PosePairs(steps.earlier[is_tracking], steps.later[is_tracking])
+    return count_gross_errors(matched, steps), count_gross_errors(matched, tracking_steps)
+
+
+def format_creep(tracked: TrackedSequence, truth: Trajectory) -> str:
+    """Format the tracked distance of a slow motion, projected onto the true one.
+
+    Raises:
+        InputError: There are too few poses.
+    """
     matched = associate(tracked.trajectory, truth)
-    true_way = _displacement_m(matched.T_truth_camera)
-    length_m = float(np.linalg.norm(true_way))
-    followed_m = float(_displacement_m(matched.T_world_camera) @ true_way) / length_m
+    true_m = _displacement_m(matched.T_truth_camera)
+    length_m = float(np.linalg.norm(true_m))
+    followed_m = float(_displacement_m(matched.T_world_camera) @ true_m) / length_m
     lost = int(np.count_nonzero(~tracked.has_pose))
-    return CreepResult(len(tracked.stamps_s), lost, length_m, followed_m)
+    return (
+        f"{len(tracked.stamps_s):8}{'':10}{lost:6}    {1e3 * followed_m:.2f} of "
+        f"{1e3 * length_m:.2f} mm: {100.0 * followed_m / length_m:.1f} %"
+    )
 
 
 def _displacement_m(T_world_camera: Array) -> Array:
@@ -114,92 +228,148 @@ def _displacement_m(T_world_camera: Array) -> Array:
     return displacement_m
 
 
-def _size(T: Array) -> Array:
-    """Distance in meters and angle in degrees of a motion."""
-    return np.array([np.linalg.norm(T[:3, 3]), np.degrees(rotation_angle_rad(T[:3, :3]))])
+class PooledNoise(np.random.Generator):
+    """Normal noise from random offsets in a pool that is drawn once; three times as fast."""
+
+    def __init__(self, pool: NDArray[np.float32], seed: list[int]) -> None:
+        super().__init__(np.random.PCG64(seed))
+        self._pool = pool
+
+    def standard_normal(  # type: ignore[override]
+        self, size: tuple[int, ...], dtype: Any = np.float32
+    ) -> NDArray[np.float32]:
+        """As of any generator, but always float32 and read-only."""
+        count = int(np.prod(size))
+        start = int(self.integers(len(self._pool) - count))
+        return self._pool[start : start + count].reshape(size)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument("folder", type=Path, help="folder of the sequences")
+@dataclass(frozen=True)
+class StaticView:
+    """The view of a stationary virtual Kinect, with fresh noise and exposure in each frame."""
+
+    config: SyntheticConfig
+    renderer: Renderer
+    noiseless: NoiselessFrame
+    pool: NDArray[np.float32]
+
+    @classmethod
+    def render(cls, config: SyntheticConfig) -> "StaticView":
+        """Render the first frame of `config` without noise."""
+        still = replace(config, motion=MotionKind.STILL, duration_s=PERIOD_S)
+        renderer = make_renderer(still, THREADS)
+        pool = np.random.default_rng([config.seed, 8]).standard_normal(POOL_SIZE, dtype=np.float32)
+        pool.flags.writeable = False
+        return cls(still, renderer, renderer.render_noiseless(0), pool)
+
+    def frame(self, seq: int) -> RgbdFrame:
+        """Make frame `seq`; its bytes are the same in every run."""
+        config, stamp_s = self.config, seq / self.config.rate_hz
+        sight = replace(self.noiseless, gain=gain_at(config.color, stamp_s, PERIOD_S))
+        images = self.renderer.apply_sensor_noise(
+            sight, PooledNoise(self.pool, [config.seed, 9, seq])
+        )
+        return make_frame(config, seq, stamp_s, images)
+
+    def frames(self, count: int) -> Iterator[RgbdFrame]:
+        """Yield the first `count` frames; a few are made ahead."""
+        return prefetch(self.frame, count)
+
+
+@dataclass(frozen=True)
+class DriftResult:
+    """Drift so far; arrays (2,) are meters and degrees.
+
+    Attributes:
+        frames: Number of frames.
+        lost: Frames without a pose.
+        max_error: Largest distance from the first pose.
+        rms: RMS distance from the first pose.
+        drift: Distance of the last minute's mean from that of the first.
+        cpu_ms: Mean processor time of a frame.
+    """
+
+    frames: int
+    lost: int
+    max_error: Array
+    rms: Array
+    drift: Array
+    cpu_ms: float
+
+    def format_row(self, minutes: int) -> str:
+        """The line of the table."""
+        pairs = (self.max_error, self.rms, self.drift)
+        sizes = [size for meters, degrees in pairs for size in (1e3 * meters, degrees)]
+        return STILL_TABLE.row(f"{minutes:7}", self.frames, self.lost, *sizes, self.cpu_ms)
+
+
+def add_still_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_standing_still`."""
+    parser.add_argument("--minutes", type=int, default=60, help="minutes of frames")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the room and of the noise")
     parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, metavar="CASE")
-    parser.add_argument("--still-frames", type=int, default=STILL_FRAMES)
-    add_json_option(parser)
 
 
-def main(args: argparse.Namespace) -> None:
-    """Render, measure and print."""
-    print_line = make_printer(args)
-    results = _run(args.folder, args.method, args.only, args.still_frames, print_line)
-    print_json(args, results)
+def measure_standing_still(args: argparse.Namespace) -> None:
+    """Drift of a stationary camera's pose, by default over an hour of frames.
+
+    The virtual Kinect of config/sequences/still.toml stands still, with rolling shutter, skew,
+    hunting exposure and fresh noise in each frame. Each minute of frames prints a line: the frames
+    so far and those without a pose; the distance from the first pose, at most and RMS; the distance
+    of this minute's mean from that of the first; and the processor time of a frame. An hour of
+    frames takes less than an hour of one core.
+    """
+    config = replace(read_scene(STILL), seed=args.seed)
+    warm_up(args.method, lambda stage: None)
+    minute_frames = round(60 * config.rate_hz)
+    print(STILL_TABLE.head, flush=True)
+    frames = StaticView.render(config).frames(args.minutes * minute_frames)
+    for minutes, result in enumerate(measure_drift(args.method, frames, minute_frames), 1):
+        print(result.format_row(minutes), flush=True)
 
 
-def _run(
-    folder: Path,
-    method: str,
-    names: list[str],
-    still_frames: int,
-    print_line: Callable[[str], None],
-) -> Mapping[str, CaseResult]:
-    """Measure each case and print its row. Raises as `render_all`."""
-    configs = {name: case_config(name) for name in names}
-    folder.mkdir(parents=True, exist_ok=True)
-    longest_first = sorted(names, key=lambda name: -configs[name].frame_count)
-    sequences = {folder / name: configs[name] for name in longest_first if name != STILL}
-    render_all(sequences, print_line, os.cpu_count() or 1)
-    warm_up(method, lambda stage: None)
-    results: dict[str, CaseResult] = {}
-    for name in (name for name in CASES if name in names):
-        if not results:
-            print_line(f"{method}\n{HEAD}")
-        results[name] = _measure_case(name, folder / name, configs[name], method, still_frames)
-        print_line(f"{name:12}{format_row(results[name])}")
-    return results
+def measure_drift(
+    method: str, frames: Iterable[RgbdFrame], frames_per_report: int
+) -> Iterator[DriftResult]:
+    """Track a camera that never moves; yield the drift after each `frames_per_report` frames.
+
+    Args:
+        method: The method.
+        frames: Frames of a still camera.
+        frames_per_report: Frames between two results.
+    """
+    odometry = METHODS[method](MethodConfig(), CpuStageTimer())
+    T_first_world, means = np.eye(4), list[Array]()
+    max_error, squares, cpu_ms, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()
+    for count, frame in enumerate(frames, 1):
+        estimate, spent_ms = measure_cpu_ms(partial(odometry.estimate, frame))
+        cpu_ms += spent_ms
+        if estimate.ok:
+            if count == lost + 1:
+                T_first_world = inverse(estimate.T_world_camera)
+            minute.append(_pose_twist(T_first_world @ estimate.T_world_camera))
+            size = _twist_size(minute[-1])
+            max_error, squares = np.maximum(max_error, size), squares + size**2
+        lost += not estimate.ok
+        if count % frames_per_report == 0 and minute:
+            means.append(np.mean(minute, axis=0))
+            minute.clear()
+            rms, drift = np.sqrt(squares / (count - lost)), _twist_size(means[-1] - means[0])
+            yield DriftResult(count, lost, max_error, rms, drift, cpu_ms / count)
 
 
-def case_config(name: str) -> SyntheticConfig:
-    """Read the configuration of a case."""
-    return replace(read_config(SEQUENCES / f"{name}.toml").synthetic, loop=False)
+def _pose_twist(T: Array) -> Array:
+    """Twist (6,) of a small motion, meters and degrees."""
+    return np.concatenate([T[:3, 3], np.degrees(so3_log(T[:3, :3]))])
 
 
-def _measure_case(
-    name: str, folder: Path, config: SyntheticConfig, method: str, still_frames: int
-) -> CaseResult:
-    if name == STILL:
-        return measure_stationary(method, StaticView.render(config).frames(still_frames))
-    if name == SLOW:
-        return measure_creep(method, folder)
-    return measure(method, folder, config)
+def _twist_size(twist: Array) -> Array:
+    """Size (2,) of a twist, meters and degrees."""
+    size: Array = np.linalg.norm(twist.reshape(2, 3), axis=1)
+    return size
 
 
-def format_row(figures: CaseResult) -> str:
-    """One row of the table, without the name."""
-    match figures:
-        case HardCaseResult():
-            gross = f"{figures.gross} ({figures.gross_tracking})"
-            return (
-                f"{figures.frames:8}{figures.degraded:10}{figures.lost:6}{figures.epochs:8}"
-                f"{gross:>9}{figures.longest_gap_s:11.2f}"
-                f"{_format_number(figures.recovery_s, 1.0, 12, 2)}"
-                f"{_format_number(figures.ate_m, 1e3, 8, 1)}"
-                f"{_format_number(figures.max_error_m, 1e3, 9, 1)}"
-            )
-        case CreepResult():
-            share = 100.0 * figures.tracked_distance_m / figures.true_distance_m
-            return (
-                f"{figures.frames:8}{'':10}{figures.lost:6}    "
-                f"{1e3 * figures.tracked_distance_m:.2f} of "
-                f"{1e3 * figures.true_distance_m:.2f} mm: {share:.1f} %"
-            )
-        case StationaryResult():
-            return (
-                f"{figures.frames:8}{'':10}{figures.lost:6}    "
-                f"at most {1e3 * figures.max_error_m:.3f} mm and "
-                f"{figures.max_error_deg:.4f} degrees away, in the end "
-                f"{1e3 * figures.end_m:.3f} mm and {figures.end_deg:.4f} degrees"
-            )
-
-
-def _format_number(value: float | None, scale: float, width: int, digits: int) -> str:
-    return f"{'-':>{width}}" if value is None else f"{scale * value:{width}.{digits}f}"
+VARIANTS: Variants = {
+    "scenes": (add_scenes_arguments, measure_scenes),
+    "still": (add_still_arguments, measure_standing_still),
+}

@@ -1,54 +1,60 @@
-"""The harness of the benchmarks: command line, errors, tables, and results that are kept.
+"""The harness of the benchmarks: command line, errors, times, tables, and results that are kept.
 
-A benchmark is a module with a docstring, which is its help, `add_arguments(parser)` and
-`main(args)`, which measures, prints, and returns an exit code or None.
+A benchmark is a module whose docstring is its help. It has `add_arguments(parser)`, which declares
+options, and `main(args)`, which measures, prints, and returns an exit code or None. A benchmark
+with several variants has these two functions of each in `VARIANTS`, by name; the help of a variant
+is the docstring of its second function.
 """
 
 import argparse
 import json
+import re
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from inspect import cleandoc
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, TypeVar
 
 import cv2
+import numpy as np
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
 
 Json = dict[str, Any]
+AddArguments = Callable[[argparse.ArgumentParser], None]
+Main = Callable[[argparse.Namespace], int | None]
+Variants = Mapping[str, tuple[AddArguments, Main]]
+T = TypeVar("T")
 
 
-def run_benchmark(
-    name: str,
-    description: str | None,
-    add_arguments: Callable[[argparse.ArgumentParser], None],
-    main: Callable[[argparse.Namespace], int | None],
-    arguments: Sequence[str] | None = None,
-) -> int:
+def run_benchmark(name: str, module: ModuleType, arguments: Sequence[str]) -> int:
     """Run a benchmark with the options of the command line.
 
     Args:
         name: Name of the benchmark.
-        description: Its help: the docstring of its module.
-        add_arguments: Declares its options.
-        main: Measures and prints.
-        arguments: The options; None: those of this process.
+        module: Its module.
+        arguments: The options.
 
     Returns:
         The exit code: that of `main`, of an error that the user can fix, or 130 after Ctrl-C.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m benchmarks {name}",
-        description=description,
+        description=module.__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_arguments(parser)
+    if hasattr(module, "VARIANTS"):
+        _add_variants(parser, module.VARIANTS)
+    else:
+        module.add_arguments(parser)
+        parser.set_defaults(main=module.main)
     args = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     try:
-        return main(args) or 0
+        return int(args.main(args) or 0)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -57,18 +63,73 @@ def run_benchmark(
         return 130
 
 
-def add_json_option(parser: argparse.ArgumentParser) -> None:
-    """Declare --json."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+def _add_variants(parser: argparse.ArgumentParser, variants: Variants) -> None:
+    commands = parser.add_subparsers(required=True, metavar="VARIANT")
+    for name, (add_arguments, main) in variants.items():
+        description = cleandoc(main.__doc__ or "")
+        command = commands.add_parser(
+            name,
+            help=description.partition("\n")[0],
+            description=description,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        add_arguments(command)
+        command.set_defaults(main=main)
 
 
-def make_printer(args: argparse.Namespace) -> Callable[[str], None]:
-    """Return a function that prints a line at once; with --json it prints nothing."""
-    return (lambda line: None) if args.json else (lambda line: print(line, flush=True))
+def measure_cpu_ms(
+    work: Callable[[], T], clock_s: Callable[[], float] = time.thread_time
+) -> tuple[T, float]:
+    """Return the result of some work, and its processor time in milliseconds.
+
+    Args:
+        work: What is measured.
+        clock_s: The clock: of this thread, or of the whole process.
+    """
+    begin_s = clock_s()
+    result = work()
+    return result, 1e3 * (clock_s() - begin_s)
+
+
+def median(values: Sequence[float]) -> float:
+    """The median; 0 for no values."""
+    return float(np.median(values)) if len(values) else 0.0
+
+
+class Table:
+    """A table of fixed columns, whose lines are printed one by one, as the results come."""
+
+    def __init__(self, name_width: int, *columns: str) -> None:
+        """Set the columns.
+
+        Args:
+            name_width: Width of the first column, with the rows' names.
+            columns: Heading and format of each, with its width: "frames:8d", "ATE:8.1f".
+        """
+        headings, self._formats = zip(*(column.rsplit(":", 1) for column in columns), strict=True)
+        self._name_width = name_width
+        self._widths = [int(re.findall(r"\d+", each)[0]) for each in self._formats]
+        self.head = self.text_row("", *headings)
+
+    def text_row(self, name: str, *cells: str) -> str:
+        """Format a row of texts, such as the headings."""
+        return f"{name:{self._name_width}}" + "".join(
+            f"{cell:>{width}}" for cell, width in zip(cells, self._widths, strict=True)
+        )
+
+    def row(self, name: str, *cells: float | str | None) -> str:
+        """Format a row; a text is right-aligned, and None is "-"."""
+        return self.text_row(
+            name,
+            *(
+                "-" if cell is None else cell if isinstance(cell, str) else f"{cell:{format_}}"
+                for cell, format_ in zip(cells, self._formats, strict=True)
+            ),
+        )
 
 
 def format_table(headings: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Format aligned columns: the rows' names, then their cells, right-aligned."""
+    """Format a whole table with aligned columns: the rows' names, then their cells."""
     lines = [("", *headings), *((name, *cells) for name, cells in rows.items())]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
@@ -78,17 +139,22 @@ def format_table(headings: Sequence[str], rows: Mapping[str, Sequence[str]]) -> 
     )
 
 
-def print_json(args: argparse.Namespace, results: Mapping[str, object]) -> None:
-    """Print the results as one JSON object if --json is given; dataclasses become objects."""
-    if args.json:
-        print(json.dumps(results, default=asdict))
+def format_mm(value_m: float | None, digits: int = 1) -> str:
+    """Format a length in millimeters; "-" for None."""
+    return "-" if value_m is None else f"{1e3 * value_m:.{digits}f}"
+
+
+def to_mm(value_m: float | None) -> float | None:
+    """Convert a length to millimeters, if there is one."""
+    return None if value_m is None else 1e3 * value_m
 
 
 class ResultCache:
     """JSON objects by name in FOLDER/results.json, written after each."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises InputError if the file was not written by this class."""
+        """Make the folder. Raises InputError if the file was not written by this class."""
+        folder.mkdir(parents=True, exist_ok=True)
         self._file = folder / "results.json"
         self._results: dict[str, Json] = {}
         if self._file.exists():

@@ -23,15 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Json, ResultCache
-from benchmarks.relocalization import SEQUENCE_S
-from benchmarks.relocalization_trials import open_cached_sequence
-from benchmarks.rendered_views import compute_true_poses, make_tour_config, make_tour_frame
-from benchmarks.tour_record import LoopClosureRunner
+from benchmarks.harness import Json, ResultCache, Table
+from benchmarks.relocalization import TourSequence
+from benchmarks.tours import LoopClosureRunner
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance
-from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.sensors import ImageSource
 from vo_service.config_tables import MapConfig
 from vo_service.odometry import METHODS, warm_up
 from vo_service.slam import pose_distance_steps
@@ -47,35 +43,10 @@ from vo_service.types import OdometryUpdate
 
 # Most frames of a start in the second session, and frames after its relocalization.
 MAX_FRAMES, SETTLE_FRAMES = 300, 30
-HEAD = (
-    f"{'':12}{'starts':>8}{'known':>8}{'wrong':>8}{'frames':>8}{'median':>9}{'largest':>9}{'deg':>7}"
-    f"{'near':>7}{'a second later':>16}{'deg':>7}"
+TABLE = Table(
+    *(12, "starts:8d", "known:8d", "wrong:8d", "frames:8.0f", "median:9.1f", "largest:9.1f"),
+    *("deg:7.2f", "near:7.1f", "a second later:16.1f", "deg:7.2f"),
 )
-
-
-@dataclass(frozen=True)
-class TourSequence:
-    """A rendered sequence and its true poses T_room_camera (N, 4, 4)."""
-
-    config: SyntheticConfig
-    images: ImageSource
-    T_room_camera: Array
-
-    @property
-    def second_half_start(self) -> int:
-        """The first frame of the second half."""
-        return len(self.T_room_camera) // 2
-
-    def T_room_map_near(self, contents: MapContents, T_map_camera: Array) -> Array:
-        """T_room_map (4, 4) by the keyframe of a map of this tour that is nearest to a camera."""
-        T_map_keyframe = np.array([node.T_map_keyframe for node in contents.nodes])
-        nearest = int(np.argmin(pose_distance_steps(T_map_camera, T_map_keyframe)))
-        number = round(contents.keyframes[nearest].stamp_s * self.config.rate_hz)
-        return np.asarray(self.T_room_camera[number] @ inverse(T_map_keyframe[nearest]))
-
-    def frame(self, number: int) -> RgbdFrame:
-        """Read a frame."""
-        return make_tour_frame(self.config, number, self.images(number))
 
 
 @dataclass(frozen=True)
@@ -104,6 +75,25 @@ class SessionStartResult:
         return self.settled_error_m > GROSS_ERROR_M or self.settled_error_deg > GROSS_ERROR_DEG
 
 
+def second_half_start(tour: TourSequence) -> int:
+    """The first frame of the second half."""
+    return len(tour.T_room_camera) // 2
+
+
+def T_room_map_near(tour: TourSequence, contents: MapContents, T_map_camera: Array) -> Array:
+    """T_room_map (4, 4) by the keyframe of a map of this tour that is nearest to a camera.
+
+    Args:
+        tour: The tour.
+        contents: The map.
+        T_map_camera: (4, 4) pose of the camera.
+    """
+    T_map_keyframe = np.array([node.T_map_keyframe for node in contents.nodes])
+    nearest = int(np.argmin(pose_distance_steps(T_map_camera, T_map_keyframe)))
+    number = round(contents.keyframes[nearest].stamp_s * tour.config.rate_hz)
+    return np.asarray(tour.T_room_camera[number] @ inverse(T_map_keyframe[nearest]))
+
+
 def build_map(method: str, tour: TourSequence, file: Path) -> Array:
     """Save the map of the first half; return T_room_map (4, 4).
 
@@ -114,7 +104,7 @@ def build_map(method: str, tour: TourSequence, file: Path) -> Array:
     """
     runner = LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
     T_room_map = np.eye(4)
-    for number in range(tour.second_half_start):
+    for number in range(second_half_start(tour)):
         update = _track_frame(runner, tour.frame(number))
         if number == 0:
             T_room_map = tour.T_room_camera[0] @ inverse(update.T_odom_camera)
@@ -151,7 +141,7 @@ def relocalize_in_map(
             error_m, error_rad = pose_distance(truth, T_room_map @ T_map_camera)
             if not errors:
                 nearby_m, _ = pose_distance(
-                    truth, tour.T_room_map_near(contents, T_map_camera) @ T_map_camera
+                    truth, T_room_map_near(tour, contents, T_map_camera) @ T_map_camera
                 )
             errors.append((error_m, math.degrees(error_rad)))
         count += 1
@@ -180,15 +170,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Run the seeds without stored results, and print all."""
-    run(args)
-
-
-def run(args: argparse.Namespace) -> list[SessionStartResult]:
-    """Run all seeds. Raises InputError if the folder cannot be used."""
-    args.folder.mkdir(parents=True, exist_ok=True)
     cache, together = ResultCache(args.folder), list[SessionStartResult]()
     warm_up(args.method, lambda stage: None)
-    print(HEAD)
+    print(TABLE.head)
     for seed in args.seeds:
         name = f"next-day-{seed}-{args.method}-{args.starts}"
         result = cache.get_or_run(name, partial(_measure, args, seed))
@@ -196,19 +180,15 @@ def run(args: argparse.Namespace) -> list[SessionStartResult]:
         together += outcomes
         print(format_row(f"seed {seed}", outcomes), flush=True)
     print(format_row("together", together))
-    return together
 
 
 def _measure(args: argparse.Namespace, seed: int) -> Json:
-    terminal, config = Terminal(), make_tour_config(seed, SEQUENCE_S, False)
-    tour = TourSequence(
-        config, open_cached_sequence(args.folder, config, terminal), compute_true_poses(config)
-    )
+    terminal = Terminal()
+    tour = TourSequence.open(args.folder, seed, terminal)
     file = args.folder / f"day-{seed}.keyframes"
     T_room_map = build_map(args.method, tour, file)
-    starts = np.linspace(
-        tour.second_half_start, len(tour.T_room_camera) - MAX_FRAMES, args.starts, dtype=np.int64
-    )
+    last = len(tour.T_room_camera) - MAX_FRAMES
+    starts = np.linspace(second_half_start(tour), last, args.starts, dtype=np.int64)
     outcomes = []
     for number, first in enumerate(starts, 1):
         terminal.progress(f"room {seed}: start", number, args.starts)
@@ -221,18 +201,16 @@ def format_row(name: str, outcomes: Sequence[SessionStartResult]) -> str:
     """One row of the table."""
     known = [each for each in outcomes if each.frames is not None]
     counts = (len(outcomes), len(known), sum(each.is_wrong for each in known))
-    row = f"{name:12}{''.join(f'{count:8}' for count in counts)}"
     if not known:
-        return row
-    frames = np.median([each.frames for each in known])
-    error_mm = [1e3 * each.error_m for each in known]
-    settled_mm = [1e3 * each.settled_error_m for each in known]
-    error_deg, settled_deg = (
-        [each.error_deg for each in known],
-        [each.settled_error_deg for each in known],
-    )
-    return (
-        f"{row}{frames:8.0f}{np.median(error_mm):9.1f}{max(error_mm):9.1f}{max(error_deg):7.2f}"
-        f"{1e3 * max(each.nearby_error_m for each in known):7.1f}"
-        f"{max(settled_mm):16.1f}{max(settled_deg):7.2f}"
+        return TABLE.row(name, *counts, *[None] * 7)
+    return TABLE.row(
+        name,
+        *counts,
+        np.median([each.frames for each in known if each.frames is not None]),
+        1e3 * np.median([each.error_m for each in known]),
+        1e3 * max(each.error_m for each in known),
+        max(each.error_deg for each in known),
+        1e3 * max(each.nearby_error_m for each in known),
+        1e3 * max(each.settled_error_m for each in known),
+        max(each.settled_error_deg for each in known),
     )

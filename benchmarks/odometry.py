@@ -1,26 +1,38 @@
-"""SURF compared with SIFT and ORB in the same odometry: errors and cost.
+"""CPU time of the odometry by stage: against its budget, with other features, and within SURF.
 
-    python -m benchmarks odometry FOLDER... [--methods SURF SIFT ORB] [--json]
+    python -m benchmarks odometry budget FOLDER... [--method direct] [--every 1]
+    python -m benchmarks odometry features FOLDER... [--methods SURF SIFT ORB]
+    python -m benchmarks odometry surf FOLDER... [--frames 50] [--count 1000]
 
-Each FOLDER is a TUM folder. Only the features differ: points, matching, RANSAC and SVD are those of
-the service. Times are CPU milliseconds of one thread, the median over the frames, without decoding.
-Distances are in millimeters; `kinect-vo evaluate` explains the figures.
+Each FOLDER is a TUM folder. Times are CPU milliseconds of one thread, without decoding.
 """
 
 import argparse
-import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from benchmarks.harness import add_json_option, format_table, make_printer, print_json
-from benchmarks.tracking import evaluate_trajectory, read_all_frames
-from drivers.camera import PlaybackMode
-from drivers.recording_camera import RecordingCamera
-from vo_service.odometry import CpuStageTimer
+from benchmarks.features import Gray, read_gray
+from benchmarks.harness import Table, Variants, format_mm, format_table, measure_cpu_ms, median
+from benchmarks.tracking import evaluate_trajectory, open_frames
+from drivers.camera import RgbdFrame
+from drivers.core import InputError
+from drivers.tum import read_frame_pairs
+from vo_service.odometry import METHODS, STAGE_BUDGETS_MS, CpuStageTimer, MethodConfig, warm_up
 from vo_service.odometry.features import SurfParameters
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.surf import LAYERS, NEXT_THRESHOLD_RATIO, SurfExtractor
+from vo_service.odometry.surf.descriptor import (
+    DESCRIPTOR_SIZE,
+    build_pyramid,
+    describe,
+    make_templates,
+)
+from vo_service.odometry.surf.detector import find_maxima
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.tools.benchmark.baselines.frame_to_frame import (
     MATCH_RATIO,
@@ -28,125 +40,307 @@ from vo_service.tools.benchmark.baselines.frame_to_frame import (
     sift_odometry,
 )
 from vo_service.tools.evaluation import Evaluation
-from vo_service.types import Estimate, StageTimer
+from vo_service.types import Estimate, Odometry, StageTimer
 
-METHODS = ("SURF", "SIFT", "ORB")
-COUNT = 1000
-STAGES = ("surf", "points", "match", "ransac", "svd")
-
-
-def make_odometry(method: str, stopwatch: StageTimer) -> SurfOdometry:
-    """Make the service's odometry with the features of one of METHODS."""
-    if method == "SIFT":
-        return sift_odometry(COUNT, stopwatch)
-    if method == "ORB":
-        return orb_odometry(COUNT, stopwatch)
-    parameters = SurfParameters(match_ratio=MATCH_RATIO)
-    return SurfOdometry(SurfExtractor(COUNT), parameters, timer=stopwatch)
+WHOLE_FRAME = "whole frame"
+BUDGET_TABLE = Table(
+    *(12, "frames:8d", "median:8.2f", "99 %:8.2f", "most:8.2f", "mean:8.2f", "budget:8.1f"),
+    "share:8.0%",
+)
+FEATURE_METHODS = ("SURF", "SIFT", "ORB")
+FEATURE_COUNT = 1000
+FEATURE_STAGES = ("surf", "points", "match", "ransac", "svd")
+SURF_ROUNDS = 5
 
 
 @dataclass(frozen=True)
-class OdometryResult:
-    """Result of one method on one folder.
+class MeasuredFrame:
+    """Estimate of one frame, and its milliseconds by stage, including `WHOLE_FRAME`."""
+
+    stamp_s: float
+    estimate: Estimate
+    stage_ms: Mapping[str, float]
+
+
+def measure_frames(
+    odometry: Odometry, clock: CpuStageTimer, frames: Iterable[RgbdFrame]
+) -> Iterator[MeasuredFrame]:
+    """Yield the estimate and the times of each frame.
+
+    Args:
+        odometry: The method.
+        clock: Its timer.
+        frames: The frames.
+    """
+    for frame in frames:
+        estimate, whole_ms = measure_cpu_ms(partial(odometry.estimate, frame))
+        stage_ms = {**clock.take_stage_ms(), WHOLE_FRAME: whole_ms}
+        yield MeasuredFrame(frame.stamp_s, estimate, stage_ms)
+
+
+@dataclass(frozen=True)
+class StageTiming:
+    """Processor time of a stage, in milliseconds.
+
+    `frames` is the number of frames in which the stage ran; the median, the 99th percentile and the
+    maximum are over these. `mean` is over all frames. `budget` is for the mean; None if there is
+    none.
+    """
+
+    frames: int
+    median: float
+    p99: float
+    max: float
+    mean: float
+    budget: float | None
+
+    @classmethod
+    def from_samples(
+        cls, spent_ms: Sequence[float], frames: int, budget_ms: float | None
+    ) -> "StageTiming":
+        """Summarize the times of a stage in the frames in which it ran."""
+        median_ms, p99_ms = (float(p) for p in np.percentile(spent_ms, (50, 99)))
+        mean_ms = sum(spent_ms) / frames
+        return cls(len(spent_ms), median_ms, p99_ms, max(spent_ms), mean_ms, budget_ms)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the mean exceeds the budget."""
+        return self.budget is not None and self.mean > self.budget
+
+    def format_row(self, stage: str) -> str:
+        """The line of the table."""
+        share = None if self.budget is None else self.mean / self.budget
+        times = (self.median, self.p99, self.max, self.mean, self.budget, share)
+        return BUDGET_TABLE.row(stage, self.frames, *times) + "  OVER" * self.is_over
+
+
+def add_budget_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_budget`."""
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--method", choices=METHODS, default="direct")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame")
+
+
+def measure_budget(args: argparse.Namespace) -> int:
+    """CPU time of each stage of a method, compared with its budget.
+
+    "mean" is over all frames: the means add up to the cost of a frame, and the budget is for them.
+    The other figures are over the frames in which the stage ran. Exit code 1 if a mean exceeds its
+    budget.
+    """
+    if args.every < 1:
+        raise InputError(f"--every {args.every}: must be at least 1")
+    warm_up(args.method, lambda stage: None)
+    is_over = False
+    for folder in args.folder:
+        clock = CpuStageTimer()
+        with open_frames(folder) as (frames, _):
+            odometry = METHODS[args.method](MethodConfig(), clock)
+            measured = measure_frames(odometry, clock, islice(frames, None, None, args.every))
+            stages = compare_with_budget(args.method, [each.stage_ms for each in measured])
+        print(folder, BUDGET_TABLE.head.replace(" " * 12, f"{'stage':12}", 1), sep="\n")
+        print(*(spent.format_row(stage) for stage, spent in stages.items()), "", sep="\n")
+        is_over |= any(spent.is_over for spent in stages.values())
+    return int(is_over)
+
+
+def compare_with_budget(
+    method: str, times_ms: Sequence[Mapping[str, float]]
+) -> dict[str, StageTiming]:
+    """Summarize milliseconds by stage of frames: stages with a budget first, the whole frame last.
+
+    Args:
+        method: The method.
+        times_ms: Milliseconds by stage of each frame.
+    """
+    budget_ms = STAGE_BUDGETS_MS.get(method, {})
+    ran = {stage: None for of_frame in times_ms for stage in of_frame}
+    stages = [*budget_ms, *(s for s in ran if s not in budget_ms and s != WHOLE_FRAME), WHOLE_FRAME]
+    limits_ms = {**budget_ms, WHOLE_FRAME: sum(budget_ms.values()) or None}
+    spent_ms = {stage: [t[stage] for t in times_ms if stage in t] for stage in stages}
+    return {
+        stage: StageTiming.from_samples(spent, len(times_ms), limits_ms.get(stage))
+        for stage, spent in spent_ms.items()
+        if spent
+    }
+
+
+def make_odometry(method: str, stopwatch: StageTimer) -> SurfOdometry:
+    """Make the service's `surf` with the features of one of FEATURE_METHODS."""
+    if method == "SIFT":
+        return sift_odometry(FEATURE_COUNT, stopwatch)
+    if method == "ORB":
+        return orb_odometry(FEATURE_COUNT, stopwatch)
+    parameters = SurfParameters(match_ratio=MATCH_RATIO)
+    return SurfOdometry(SurfExtractor(FEATURE_COUNT), parameters, timer=stopwatch)
+
+
+@dataclass(frozen=True)
+class FeatureResult:
+    """Result of the odometry with one kind of features on one folder.
 
     Attributes:
         frames: Number of frames.
         failed: Frames without a pose.
         inliers: Median over the frames with a pose.
-        stage_ms: Median CPU time by stage.
-        cpu_ms: Median CPU time of a frame.
+        stage_ms: Median CPU time by stage, and of the whole frame.
         evaluation: None without ground truth.
     """
 
     frames: int
     failed: int
     inliers: float
-    stage_ms: dict[str, float]
-    cpu_ms: float
+    stage_ms: Mapping[str, float]
     evaluation: Evaluation | None
 
+    @property
+    def errors_m(self) -> list[float | None]:
+        """ATE, mean global error, RPE per frame and per second."""
+        e = self.evaluation
+        if e is None:
+            return [None] * 4
+        return [e.ate_rmse_m, e.mean_global_error_m, e.rpe_frame_m, e.rpe_1s_m]
 
-def format_results(results: dict[str, OdometryResult]) -> str:
-    """Format one line for each method; then ratios to SIFT, if it is one of them."""
-    heads = ["frames", "failed", "inliers", "ATE", "global", "RPE/frame", "RPE/1s", "cover %"]
-    heads += [*STAGES, "CPU ms"]
-    rows = {name: table_cells(result) for name, result in results.items()}
-    if "SIFT" in results:
-        for name in (name for name in results if name != "SIFT"):
-            rows[f"{name}/SIFT"] = ratio_cells(results[name], results["SIFT"])
-    return format_table(heads, rows)
+    @property
+    def cells(self) -> list[str]:
+        """The columns of the table."""
+        covered = self.evaluation.coverage if self.evaluation else None
+        return [
+            *(f"{self.frames}", f"{self.failed}", f"{self.inliers:.0f}"),
+            *map(format_mm, self.errors_m),
+            "-" if covered is None else f"{100 * covered:.1f}",
+            *(f"{spent_ms:.2f}" for spent_ms in self.stage_ms.values()),
+        ]
 
-
-def table_cells(result: OdometryResult) -> list[str]:
-    """The columns of one method."""
-    counts = [f"{result.frames}", f"{result.failed}", f"{result.inliers:.0f}"]
-    errors = [f"{1e3 * e:.1f}" if e is not None else "-" for e in errors_m(result)]
-    covered = result.evaluation.coverage if result.evaluation else None
-    times_ms = [*(result.stage_ms[name] for name in STAGES), result.cpu_ms]
-    share = "-" if covered is None else f"{100 * covered:.1f}"
-    return [*counts, *errors, share, *(f"{spent:.2f}" for spent in times_ms)]
-
-
-def ratio_cells(result: OdometryResult, other: OdometryResult) -> list[str]:
-    """The same columns as ratios to those of another method."""
-    errors = [
-        f"{mine / theirs:.2f}" if mine is not None and theirs else "-"
-        for mine, theirs in zip(errors_m(result), errors_m(other), strict=True)
-    ]
-    stages = [f"{result.stage_ms[s] / max(other.stage_ms[s], 1e-9):.2f}" for s in STAGES]
-    inliers = f"{result.inliers / max(other.inliers, 1.0):.2f}"
-    return ["", "", inliers, *errors, "", *stages, f"{result.cpu_ms / other.cpu_ms:.2f}"]
+    def ratio_cells(self, other: "FeatureResult") -> list[str]:
+        """The same columns as ratios to those of another kind of features."""
+        errors = [
+            f"{mine / theirs:.2f}" if mine is not None and theirs else "-"
+            for mine, theirs in zip(self.errors_m, other.errors_m, strict=True)
+        ]
+        times = [self.stage_ms[s] / max(other.stage_ms[s], 1e-9) for s in self.stage_ms]
+        inliers = f"{self.inliers / max(other.inliers, 1.0):.2f}"
+        return ["", "", inliers, *errors, "", *(f"{ratio:.2f}" for ratio in times)]
 
 
-def errors_m(result: OdometryResult) -> list[float | None]:
-    """ATE, mean global error, RPE per frame and per second, in meters."""
-    e = result.evaluation
-    if e is None:
-        return [None] * 4
-    return [e.ate_rmse_m, e.mean_global_error_m, e.rpe_frame_m, e.rpe_1s_m]
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+def add_feature_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_features`."""
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
-    add_json_option(parser)
-
-
-def main(args: argparse.Namespace) -> None:
-    """Measure and print."""
-    results: dict[str, dict[str, OdometryResult]] = {}
-    print_line = make_printer(args)
-    for folder in args.folder:
-        results[str(folder)] = {name: measure(name, folder) for name in args.methods}
-        print_line(f"{folder}\n{format_results(results[str(folder)])}\n")
-    print_json(args, results)
-
-
-def measure(method: str, folder: Path) -> OdometryResult:
-    """Run a method on all frames of a folder."""
-    clock = CpuStageTimer()
-    odometry = make_odometry(method, clock)
-    estimates: list[Estimate] = []
-    stamps_s, stages_ms, cpu_ms = [], [], []
-    with RecordingCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
-        for frame in read_all_frames(camera):
-            begin_s = time.thread_time()
-            estimates.append(odometry.estimate(frame))
-            cpu_ms.append((time.thread_time() - begin_s) * 1e3)
-            stages_ms.append(clock.take_stage_ms())
-            stamps_s.append(frame.stamp_s)
-        truth = camera.ground_truth
-    return OdometryResult(
-        frames=len(estimates),
-        failed=sum(not e.ok for e in estimates),
-        inliers=median([e.inliers for e in estimates if e.ok]),
-        stage_ms={name: median([s[name] for s in stages_ms if name in s]) for name in STAGES},
-        cpu_ms=median(cpu_ms),
-        evaluation=evaluate_trajectory(estimates, stamps_s, truth),
+    parser.add_argument(
+        "--methods", nargs="+", choices=FEATURE_METHODS, default=list(FEATURE_METHODS)
     )
 
 
-def median(values: list[float] | list[int]) -> float:
-    """The median; 0 for no values."""
-    return float(np.median(values)) if values else 0.0
+def measure_features(args: argparse.Namespace) -> None:
+    """SURF compared with SIFT and ORB in the same odometry: errors and cost.
+
+    Only the features differ: points, matching, RANSAC and SVD are those of the service. Times are
+    medians over the frames. Distances are in millimeters; `kinect-vo evaluate` explains the
+    figures.
+    """
+    for folder in args.folder:
+        results = {name: measure_method(name, folder) for name in args.methods}
+        print(f"{folder}\n{format_results(results)}\n", flush=True)
+
+
+def measure_method(method: str, folder: Path) -> FeatureResult:
+    """Run the odometry with one kind of features on all frames of a folder."""
+    clock = CpuStageTimer()
+    with open_frames(folder) as (frames, truth):
+        measured = list(measure_frames(make_odometry(method, clock), clock, frames))
+    estimates = [each.estimate for each in measured]
+    return FeatureResult(
+        frames=len(measured),
+        failed=sum(not e.ok for e in estimates),
+        inliers=median([e.inliers for e in estimates if e.ok]),
+        stage_ms={
+            stage: median([each.stage_ms[stage] for each in measured if stage in each.stage_ms])
+            for stage in (*FEATURE_STAGES, WHOLE_FRAME)
+        },
+        evaluation=evaluate_trajectory(estimates, [each.stamp_s for each in measured], truth),
+    )
+
+
+def format_results(results: Mapping[str, FeatureResult]) -> str:
+    """Format one line for each kind of features; then ratios to SIFT, if it is one of them."""
+    heads = ["frames", "failed", "inliers", "ATE", "global", "RPE/frame", "RPE/1s", "cover %"]
+    rows = {name: result.cells for name, result in results.items()}
+    if "SIFT" in results:
+        for name in (name for name in results if name != "SIFT"):
+            rows[f"{name}/SIFT"] = results[name].ratio_cells(results["SIFT"])
+    return format_table([*heads, *FEATURE_STAGES, "CPU ms"], rows)
+
+
+def add_surf_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_surf`."""
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--frames", type=int, default=50, help="frames of each folder (50)")
+    parser.add_argument(
+        "--count", type=int, default=FEATURE_COUNT, help="features of a frame (1000)"
+    )
+
+
+def measure_surf(args: argparse.Namespace) -> None:
+    """CPU time of each stage of SURF: layers, selection, image pyramid, descriptors.
+
+    The first frames of each folder are used: for each frame the median of five rounds, and of these
+    the median. A layer is named by the lobe of its filter, and has the search for its maxima.
+    "whole" is the extraction as one call.
+    """
+    results = []
+    for folder in args.folder:
+        pairs = read_frame_pairs(folder).pairs[: max(args.frames, 1)]
+        results.append(measure_images([read_gray(pair.color.file) for pair in pairs], args.count))
+    rows = {stage: [f"{ms[stage]:.2f}" for ms in results] for stage in results[0]}
+    print(format_table([folder.name for folder in args.folder], rows))
+
+
+def measure_images(images: Sequence[Gray], count: int) -> dict[str, float]:
+    """Milliseconds by stage: medians over the images."""
+    extractor = SurfExtractor(count)
+    extractor.extract(images[0])  # compiles
+    of_images = [_measure_in_turn(_surf_stages(extractor, image)) for image in images]
+    return {stage: median([ms[stage] for ms in of_images]) for stage in of_images[0]}
+
+
+def _surf_stages(extractor: SurfExtractor, image: Gray) -> dict[str, Callable[[], object]]:
+    """The stages for one image; the threshold is that of an equal image before."""
+    weakest = extractor.extract(image).response.min(initial=np.inf)
+    threshold = np.float32(NEXT_THRESHOLD_RATIO * weakest)
+    integral = np.empty((image.shape[0] + 1, image.shape[1] + 1), np.int32)
+    keypoints = extractor.detect(image)
+    strongest = extractor.select_strongest(keypoints)
+    pyramid, templates = build_pyramid(image), make_templates()
+    directions = np.empty((len(strongest), 2), np.float32)
+    descriptors = np.empty((len(strongest), DESCRIPTOR_SIZE), np.float32)
+    return {
+        "integral image": partial(cv2.integral, image, integral),
+        **{
+            f"lobe {layer.lobes[1]}, every {layer.step} px": partial(
+                find_maxima, integral, layer, threshold
+            )
+            for layer in LAYERS
+        },
+        "selection": lambda: extractor.select_strongest(keypoints),
+        "image pyramid": partial(build_pyramid, image, pyramid.packed),
+        "descriptors": lambda: describe(
+            pyramid, strongest, False, templates, directions, descriptors
+        ),
+        "whole": lambda: extractor.extract(image),
+    }
+
+
+def _measure_in_turn(stages: Mapping[str, Callable[[], object]]) -> dict[str, float]:
+    """Median milliseconds of each stage over the rounds; a round runs all of them."""
+    rounds = [
+        {stage: measure_cpu_ms(run)[1] for stage, run in stages.items()} for _ in range(SURF_ROUNDS)
+    ]
+    return {stage: median([spent_ms[stage] for spent_ms in rounds]) for stage in stages}
+
+
+VARIANTS: Variants = {
+    "budget": (add_budget_arguments, measure_budget),
+    "features": (add_feature_arguments, measure_features),
+    "surf": (add_surf_arguments, measure_surf),
+}

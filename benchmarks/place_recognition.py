@@ -1,32 +1,33 @@
-"""Place recognition: recall, accuracy, cost and false matches.
+"""Place recognition: recall, accuracy, cost and false matches; and training of its vocabulary.
 
-    python -m benchmarks place_recognition [--rooms 201 202 ...] [--recordings FOLDER...]
-
-Each room is a room of the virtual Kinect with views around a few spots. A recording has a view
-every half second, and a ground truth. Every view is also a keyframe, and every view is matched with
-every other keyframe of all scenes. A match is wrong if its error is above 5 cm or 3 degrees, or if
-it is of another scene.
+python -m benchmarks place_recognition measure [--rooms 201 202 ...] [--recordings FOLDER...]
+python -m benchmarks place_recognition train FOLDER...
 """
 
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.rendered_views import (
-    VIEW_OFFSETS,
-    PosedView,
-    views_of_recording,
-    views_of_room,
-)
-from drivers.core.geometry import Array, inverse, rotation_angle_rad
-from vo_service.odometry.direct.motion import se3_log
+from benchmarks.harness import Table, Variants, measure_cpu_ms
+from benchmarks.rendered_sequences import make_frame
+from benchmarks.tracking import open_frames, open_frames_with_truth
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse, rigid_transform, rotation_angle_rad
+from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.camera_motion import CameraMotion, look_rotations, rotations_from_vectors
+from drivers.synthetic.renderer import Renderer, RoomModel
+from vo_service import slam
+from vo_service.odometry.direct.motion import se3_exp, se3_log
+from vo_service.odometry.surf import SurfExtractor
 from vo_service.slam.keyframe_database import (
     LOST_VELOCITY_SIGMA,
     TRACKED_VELOCITY_SIGMA,
@@ -36,11 +37,108 @@ from vo_service.slam.keyframe_database import (
 )
 from vo_service.slam.place_recognizer import PlaceRecognizer
 
+# Each spot of a room has a first view, and others at these distances (m) and angles (degrees).
+VIEW_OFFSETS = ((0.1, 5.0), (0.2, 10.0), (0.3, 20.0), (0.45, 30.0), (0.6, 40.0))
+SPOTS_PER_ROOM = 6
+# Speeds of the hand during a view, m/s and rad/s along each axis.
+SPEEDS = np.repeat([0.15, 0.25], 3)
+# Time between views of a recording.
+VIEW_PERIOD_S = 0.5
 MAX_ERROR_M, MAX_ERROR_DEG = 0.05, 3.0
-HEADING = "distance | trials | candidates | verified | mm | 95 % | max | degrees | sigmas | wrong"
+TABLE = Table(
+    *(18, "trials:8d", "candidates:12d", "verified:10d", "mm:7.1f", "95 %:7.1f", "max:7.1f"),
+    *("degrees:9.3f", "sigmas:8.1f", "wrong:7d"),
+)
 # Numbers of most similar keyframes that the ranking checks.
 TOP_RANKS = (1, 3, 5, 10)
+OUTPUT = Path(slam.__file__).with_name("vlad_vocabulary.npy")
+CLUSTERS, FEATURES_PER_IMAGE, FRAME_STRIDE = 32, 500, 30
+# k-means: most iterations, and number of attempts.
+MAX_ITERATIONS, ATTEMPTS = 100, 3
 Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class PosedView:
+    """A frame with the pose and velocity of the camera.
+
+    Attributes:
+        scene: Room or recording; poses of two scenes cannot be compared.
+        frame: The frame.
+        T_world_camera: Pose of the camera (4, 4) in the scene.
+        velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
+    """
+
+    scene: str
+    frame: RgbdFrame
+    T_world_camera: Array
+    velocity: Array
+
+
+class PiecewiseMotion(CameraMotion):
+    """A camera that is near one pose for each frame, with a velocity."""
+
+    def __init__(self, poses: list[Array], velocities: list[Array], rate_hz: float) -> None:
+        self._poses, self._velocities, self._rate_hz = poses, velocities, rate_hz
+
+    def poses(self, times_s: Array) -> Array:
+        frames = np.clip(np.rint(times_s * self._rate_hz), 0, len(self._poses) - 1).astype(int)
+        delays_s = times_s - frames / self._rate_hz
+        return np.array(
+            [
+                self._poses[n] @ se3_exp(delay_s * self._velocities[n])
+                for n, delay_s in zip(frames, delays_s, strict=True)
+            ]
+        )
+
+    def clearance_points_m(self, times_s: Array) -> Array:
+        return np.array(self._poses)[:, :3, 3]
+
+
+def views_of_room(seed: int) -> Iterator[PosedView]:
+    """Yield views of a furnished room from a moving hand."""
+    rng = np.random.default_rng([seed, 77])
+    poses = [pose for _ in range(SPOTS_PER_ROOM) for pose in poses_around(_random_pose(rng), rng)]
+    velocities = [SPEEDS * rng.normal(size=6) for _ in poses]
+    rate_hz = SyntheticConfig.rate_hz
+    config = SyntheticConfig(seed=seed, duration_s=len(poses) / rate_hz)
+    motion = PiecewiseMotion(poses, velocities, rate_hz)
+    renderer = Renderer(config, motion, RoomModel.build(config, motion, 1))
+    for seq, (T_world_camera, velocity) in enumerate(zip(poses, velocities, strict=True)):
+        images = renderer.render(seq)
+        frame = make_frame(config, seq, seq / rate_hz, images)
+        yield PosedView(f"room {seed}", frame, T_world_camera, velocity)
+
+
+def _random_pose(rng: np.random.Generator) -> Array:
+    """A random pose in the room, looking in any direction, a little down."""
+    yaw, down, roll = rng.uniform(-np.pi, np.pi), rng.uniform(0.05, 0.45), rng.normal(0.0, 0.05)
+    R = look_rotations(np.array([yaw]), np.array([down]), np.array([roll]))[0]
+    return rigid_transform(R, rng.uniform([-1.3, -1.0, 1.0], [1.3, 1.0, 1.6]))
+
+
+def poses_around(T_world_spot: Array, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield the pose, then poses at the distances and angles of VIEW_OFFSETS, mostly level."""
+    yield T_world_spot
+    for distance_m, degrees in VIEW_OFFSETS:
+        axis, direction = rng.normal(size=3) * (0.5, 1.0, 0.3), rng.normal(size=3) * (1.0, 0.3, 1.0)
+        R = rotations_from_vectors(np.radians(degrees) * axis[None] / np.linalg.norm(axis))[0]
+        yield T_world_spot @ rigid_transform(R, distance_m * direction / np.linalg.norm(direction))
+
+
+def views_of_recording(folder: Path) -> Iterator[PosedView]:
+    """Yield the views of a recording. Raises InputError without a ground truth."""
+    with open_frames_with_truth(folder) as (frames, truth):
+        next_s = -np.inf
+        for frame in frames:
+            n = int(np.searchsorted(truth.stamps_s, frame.stamp_s - 1e-4))
+            if frame.stamp_s < next_s or not 0 < n < len(truth) - 1:
+                continue
+            next_s = frame.stamp_s + VIEW_PERIOD_S
+            T = truth.T_world_camera
+            duration_s = truth.stamps_s[n + 1] - truth.stamps_s[n - 1]
+            velocity = se3_log(inverse(T[n - 1]) @ T[n + 1]) / duration_s
+            yield PosedView(folder.name, frame, T[n], velocity)
 
 
 @dataclass(frozen=True)
@@ -90,20 +188,25 @@ class CpuTimer:
         self.times_ms: dict[str, list[float]] = {}
 
     def measure(self, what: str, work: Callable[[], Result]) -> Result:
-        begin_s = time.process_time()
-        result = work()
-        self.times_ms.setdefault(what, []).append(1e3 * (time.process_time() - begin_s))
+        result, spent_ms = measure_cpu_ms(work, time.process_time)
+        self.times_ms.setdefault(what, []).append(spent_ms)
         return result
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+def add_measure_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure`."""
     parser.add_argument("--rooms", nargs="*", type=int, default=list(range(201, 207)))
     parser.add_argument("--recordings", nargs="*", type=Path, default=[])
 
 
-def main(args: argparse.Namespace) -> None:
-    """Measure and print."""
+def measure(args: argparse.Namespace) -> None:
+    """Recall, accuracy, cost and false matches of place recognition.
+
+    Each room is a room of the virtual Kinect with views around a few spots. A recording has a view
+    every half second, and a ground truth. Every view is also a keyframe, and every view is matched
+    with every other keyframe of all scenes. A match is wrong if its error is above 5 cm or 3
+    degrees, or if it is of another scene.
+    """
     timer, recognizer = CpuTimer(), PlaceRecognizer()
     scenes = chain(map(views_of_room, args.rooms), map(views_of_recording, args.recordings))
     views: list[DescribedView] = []
@@ -187,7 +290,7 @@ def _size(T: Array) -> tuple[float, float]:
 
 
 def _print_trials(title: str, trials: Sequence[RecognitionTrial]) -> None:
-    print(f"\n{title}\n{HEADING}")
+    print(f"\n{title}\n{TABLE.head}")
     rest = list(trials)
     for step in VIEW_OFFSETS:
         chosen = [each for each in rest if each.is_within(*step)]
@@ -199,15 +302,16 @@ def _print_trials(title: str, trials: Sequence[RecognitionTrial]) -> None:
 
 def _print_row(name: str, trials: Sequence[RecognitionTrial]) -> None:
     verified = [each for each in trials if each.error_m is not None]
-    row = [name, len(trials), sum(each.is_candidate for each in trials), len(verified)]
-    error_mm = np.array([1e3 * (each.error_m or 0.0) for each in verified])
-    if len(verified):
-        row += [f"{value:.1f}" for value in (*np.percentile(error_mm, [50, 95]), error_mm.max())]
-        row.append(f"{np.median([each.error_deg for each in verified]):.3f}")
-        row.append(f"{np.percentile([each.normalized_error for each in verified], 95):.1f}")
-    else:
-        row += ["-"] * 5
-    print(" | ".join(map(str, [*row, sum(each.is_wrong for each in verified)])))
+    counts = (len(trials), sum(each.is_candidate for each in trials), len(verified))
+    figures: list[float | None] = [None] * 5
+    if verified:
+        error_mm = np.array([1e3 * (each.error_m or 0.0) for each in verified])
+        figures = [
+            *(*np.percentile(error_mm, [50, 95]), error_mm.max()),
+            float(np.median([each.error_deg for each in verified])),
+            float(np.percentile([each.normalized_error for each in verified], 95)),
+        ]
+    print(TABLE.row(name, *counts, *figures, sum(each.is_wrong for each in verified)))
 
 
 def _print_ranking(views: Sequence[DescribedView], timer: CpuTimer) -> None:
@@ -242,3 +346,48 @@ def _is_near(a: DescribedView, b: DescribedView) -> bool:
         inverse(a.posed_view.T_world_camera) @ b.posed_view.T_world_camera
     )
     return RecognitionTrial(distance_m, angle_deg, False).is_within(*VIEW_OFFSETS[2])
+
+
+def add_train_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `train`."""
+    parser.add_argument("folders", nargs="+", type=Path, help="training recordings")
+    parser.add_argument("--count", type=int, default=CLUSTERS, help="number of visual words")
+    parser.add_argument("--output", type=Path, default=OUTPUT)
+
+
+def train(args: argparse.Namespace) -> None:
+    """Train the VLAD vocabulary of place recognition on recordings in TUM format.
+
+    It writes vo_service/slam/vlad_vocabulary.npy: the integer centers of k-means clusters of SURF
+    descriptors. The same folders give the same vocabulary. Measure place recognition on other
+    recordings than these.
+    """
+    descriptors = np.concatenate([d for f in args.folders for d in extract_descriptors(f)])
+    np.save(args.output, fit_centers(descriptors, args.count))
+    print(f"{args.count} visual words of {len(descriptors)} features in {args.output}")
+
+
+def extract_descriptors(folder: Path) -> Iterator[NDArray[np.float32]]:
+    """Yield the SURF descriptors (N, 64) of evenly spaced frames of a recording."""
+    extractor = SurfExtractor(FEATURES_PER_IMAGE)
+    with open_frames(folder) as (frames, _):
+        for frame in frames:
+            if frame.seq % FRAME_STRIDE == 0:
+                yield extractor.extract(frame.gray).descriptor
+
+
+def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8]:
+    """Cluster descriptors; returns centers (count, 64), sorted by their first component."""
+    cv2.setRNGSeed(1)
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, MAX_ITERATIONS, 0.01)
+    _, _, centers = cv2.kmeans(
+        descriptors, count, np.empty(0), criteria, ATTEMPTS, cv2.KMEANS_PP_CENTERS
+    )
+    whole = np.clip(np.rint(centers), -127, 127).astype(np.int8)
+    return whole[np.lexsort(whole.T[::-1])]
+
+
+VARIANTS: Variants = {
+    "measure": (add_measure_arguments, measure),
+    "train": (add_train_arguments, train),
+}

@@ -1,130 +1,432 @@
-"""Distance of maps of a virtual room from its true surfaces, for true and estimated poses.
+"""Distance of reconstructed surfaces of a virtual room from the true ones.
 
-    python -m benchmarks reconstruction [--seconds 20] [--seed 1] [--voxels 0.01 0.02] [--json]
+    python -m benchmarks reconstruction poses [--seconds 20] [--seed 1] [--voxels 0.01 0.02]
+    python -m benchmarks reconstruction maps CONFIG RECORDING MAP...
+    python -m benchmarks reconstruction volumes [--seconds 10] [--seed 1] [--only NAME ...]
 
-The virtual Kinect has all sensor faults: depth noise and quantization, shadows, ragged edges, a
-rolling shutter, depth 10 ms after color. Each map is made with the true poses and with those of
-the odometry, whose first pose is aligned with the true one. Distances are from every vertex of the
-mesh to the nearest true surface.
+Distances are from every vertex or point to the nearest true surface, in millimeters. Times are CPU
+milliseconds of one thread, the median over the frames.
 """
 
 import argparse
-import time
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any, Protocol
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.harness import add_json_option, make_printer, print_json
-from benchmarks.map_error import SurfaceError, make_solids, render_with_truth, scaled_camera
-from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, Trajectory
+from benchmarks.harness import Table, Variants, measure_cpu_ms, median
+from benchmarks.tracking import read_all_frames, track
+from drivers.camera import PlaybackMode, RgbdFrame
+from drivers.core import InputError
+from drivers.core.files import cache_folder
+from drivers.core.geometry import (
+    Array,
+    Trajectory,
+    inverse,
+    read_trajectory,
+    rigid_transform,
+    transform_points,
+)
 from drivers.synthetic import SyntheticConfig
-from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.motions import make_motion
+from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
+from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
+from drivers.synthetic.solids import Solid, SolidKind
+from vo_service.config import read_config
 from vo_service.reconstruction.reconstructor import FramePoses
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.metrics import associate, first_pose_alignment
+
+GOOD_DISTANCE_M = 0.015
+# A vertex of `reconstruct`: position, normal, color.
+VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
+SURFACE_COLUMNS = ("vertices:10d", "median:8.1f", "90 %:7.1f", "99 %:7.1f", "in 15 mm:10.1%")
+POSES_TABLE = Table(20, "ATE:7.1f", *SURFACE_COLUMNS, "ms a frame:12.1f", "mesh s:8.2f")
+MAPS_TABLE = Table(40, "ATE:7.1f", *SURFACE_COLUMNS)
+VOLUMES_TABLE = Table(
+    22, "ms a frame:12.1f", "slowest:9.1f", "fetch s:9.2f", "MB:7.0f", *SURFACE_COLUMNS
+)
+MEMORY_MB = 2000
+MAX_DEPTH_M = TsdfConfig().max_depth_m
+TRUNCATION_VOXELS = 4.0
+RAYCAST_EVERY = 60
+# The box of a dense volume: the room and its walls.
+BOX_M = (7.04, 6.40, 3.20)
+MAX_POINTS = 200_000
+
+
+def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
+    """Yield each frame and its true pose T_world_camera in the room."""
+    render_options = RenderOptions(cache_folder() / "sequences")
+    with SyntheticCamera(config, PlaybackMode.LOCKSTEP, render_options) as camera:
+        truth: Trajectory | None = None
+        for frame in read_all_frames(camera):
+            truth = truth or camera.ground_truth
+            assert truth is not None, "a sequence without a loop has a ground truth"
+            yield frame, truth.T_world_camera[frame.seq]
 
 
 @dataclass(frozen=True)
-class ReconstructionBenchmarkResult:
-    """Result of one map.
+class SurfaceError:
+    """Distances of a map's vertices from the true surface.
 
-    `poses` is the source of the poses, and `ate_rmse_m` their ATE. `add_ms` is the median CPU time
-    of a frame, and `mesh_s` that of the mesh.
+    `median_m`, `p90_m` and `p99_m` are percentiles of the distance. `within_15mm` is the fraction
+    of the vertices within that distance.
     """
 
-    voxel_m: float
-    poses: str
-    ate_rmse_m: float
-    surface: SurfaceError
-    add_ms: float
-    mesh_s: float
+    vertices: int
+    median_m: float
+    p90_m: float
+    p99_m: float
+    within_15mm: float
+
+    @classmethod
+    def from_vertices(cls, vertices_m: Array, solids: Sequence[Solid]) -> "SurfaceError":
+        """Compute the errors of vertices (N, 3) in the room."""
+        off_m = distances_m(vertices_m, solids)
+        return cls(
+            vertices=len(off_m),
+            median_m=float(np.median(off_m)),
+            p90_m=float(np.percentile(off_m, 90)),
+            p99_m=float(np.percentile(off_m, 99)),
+            within_15mm=float(np.mean(off_m <= GOOD_DISTANCE_M)),
+        )
+
+    @property
+    def cells(self) -> tuple[float, ...]:
+        """The cells of `SURFACE_COLUMNS`."""
+        distances_mm = (1e3 * each for each in (self.median_m, self.p90_m, self.p99_m))
+        return (self.vertices, *distances_mm, self.within_15mm)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+def make_solids(config: SyntheticConfig) -> Sequence[Solid]:
+    """Make the solids of the room of a configuration."""
+    path = make_motion(config, ROOM_HEIGHT_M)
+    checks = max(2, int(config.duration_s * CLEARANCE_CHECKS_PER_S))
+    free_m = path.clearance_points_m(np.linspace(0.0, config.duration_s, checks))
+    return build_room(config.seed, free_m, config.bare_wall, config.twin_corners)
+
+
+def distances_m(points_m: Array, solids: Sequence[Solid]) -> Array:
+    """Distances (N,) from points (N, 3) in the room to the nearest surface of any solid."""
+    nearest_m = np.full(len(points_m), np.inf)
+    for solid in solids:
+        local_m = transform_points(inverse(solid.T_world_solid), points_m)
+        # Only points that may be nearer than the best distance so far are computed.
+        outside_m = np.linalg.norm(np.maximum(np.abs(local_m) - solid.half_m, 0.0), axis=1)
+        near = np.flatnonzero(outside_m < nearest_m)
+        nearest_m[near] = np.minimum(nearest_m[near], _distance_m(local_m[near], solid))
+    return nearest_m
+
+
+def _distance_m(local_m: Array, solid: Solid) -> Array:
+    """Distances (N,) of points in the solid's frame to its surface; to first order for a sphere."""
+    half_m = solid.half_m
+    distance_m: Array
+    if solid.kind is SolidKind.CYLINDER:  # width equals depth, and the ends are open
+        across_m = np.hypot(local_m[:, 0], local_m[:, 1]) - half_m[0]
+        distance_m = np.hypot(across_m, np.maximum(np.abs(local_m[:, 2]) - half_m[2], 0.0))
+    elif solid.kind is SolidKind.SPHERE:
+        unit = np.linalg.norm(local_m / half_m, axis=1)
+        slope = np.linalg.norm(local_m / half_m**2, axis=1)
+        distance_m = np.abs(unit * (unit - 1.0) / np.maximum(slope, 1e-9))
+    else:
+        beyond_m = np.abs(local_m) - half_m
+        outside_m = np.linalg.norm(np.maximum(beyond_m, 0.0), axis=1)
+        distance_m = np.abs(outside_m + np.minimum(beyond_m.max(axis=1), 0.0))
+    return distance_m
+
+
+def add_poses_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_poses`."""
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--scale", type=float, default=1.0, help="image size: 0.5 = 320 x 240")
     parser.add_argument("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M")
-    add_json_option(parser)
 
 
-def main(args: argparse.Namespace) -> None:
-    """Measure and print."""
-    config = SyntheticConfig(
-        seed=args.seed, duration_s=args.seconds, camera=scaled_camera(args.scale)
-    )
-    print_line = make_printer(args)
-    for result in measure(config, args.voxels):
-        print_line(format_row(result))
-        print_json(args, asdict(result))
+def measure_poses(args: argparse.Namespace) -> None:
+    """Maps of a virtual room with true poses, and with those of the odometry.
 
-
-def measure(
-    config: SyntheticConfig, voxels_m: Sequence[float]
-) -> Iterator[ReconstructionBenchmarkResult]:
-    """Yield a result for each voxel size and each source of poses."""
+    The virtual Kinect has all sensor faults: depth noise and quantization, shadows, ragged edges, a
+    rolling shutter, depth 10 ms after color. The first pose of the odometry (`surf`) is aligned
+    with the true one.
+    """
+    config = SyntheticConfig(seed=args.seed, duration_s=args.seconds)
     frames, poses = zip(*render_with_truth(config), strict=True)
     truth = Trajectory(np.array([frame.stamp_s for frame in frames]), np.array(poses))
-    tracked = _track(frames, truth)
-    for voxel_m in voxels_m:
-        for name, known in (("truth", truth), ("surf", tracked)):
-            yield _measure_map(config, frames, voxel_m, name, known, truth)
+    tracked = track("surf", frames).trajectory
+    in_room = Trajectory(tracked.stamps_s, poses[0] @ tracked.T_world_camera)
+    solids = make_solids(config)
+    print(POSES_TABLE.head)
+    for voxel_m in args.voxels:
+        for name, known in (("truth", truth), ("surf", in_room)):
+            volume = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=MEMORY_MB))
+            add_ms = _integrate(volume, frames, FramePoses(known))
+            mesh, mesh_ms = measure_cpu_ms(volume.extract_mesh)
+            surface = SurfaceError.from_vertices(mesh.vertices_m.astype(np.float64), solids)
+            ate_mm = 1e3 * evaluate(known, truth).ate_rmse_m
+            costs = (median(add_ms), mesh_ms / 1e3)
+            print(
+                POSES_TABLE.row(f"{1e3 * voxel_m:g} mm, {name}", ate_mm, *surface.cells, *costs),
+                flush=True,
+            )
 
 
-def format_row(result: ReconstructionBenchmarkResult) -> str:
-    """Format a line of text."""
-    surface = result.surface
-    return (
-        f"voxel {1000 * result.voxel_m:3.0f} mm  poses {result.poses:5}  "
-        f"ATE {1000 * result.ate_rmse_m:6.1f} mm  vertices {surface.vertices:8d}  distance: median "
-        f"{1000 * surface.median_m:5.1f} mm, 90 % {1000 * surface.p90_m:5.1f} mm, "
-        f"99 % {1000 * surface.p99_m:6.1f} mm, {100 * surface.within_15mm:5.1f} % within 15 mm  "
-        f"{result.add_ms:5.1f} ms a frame, mesh {result.mesh_s:.2f} s"
-    )
-
-
-def _measure_map(
-    config: SyntheticConfig,
-    frames: Sequence[RgbdFrame],
-    voxel_m: float,
-    name: str,
-    poses: Trajectory,
-    truth: Trajectory,
-) -> ReconstructionBenchmarkResult:
-    fusion = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=2000))
-    poses_at = FramePoses(poses)
+def _integrate(volume: TsdfVolume, frames: Sequence[RgbdFrame], poses: FramePoses) -> list[float]:
+    """Fuse the frames that have a pose; return the milliseconds of each."""
     add_ms = []
     for frame in frames:
-        T = poses_at.find(frame.stamp_s)
+        T = poses.find(frame.stamp_s)
         if T is not None:
-            begin_s = time.thread_time()
-            fusion.integrate(frame.depth_m, frame.color_bgr, frame.camera, T)
-            add_ms.append(1e3 * (time.thread_time() - begin_s))
-    begin_s = time.thread_time()
-    mesh = fusion.extract_mesh()
-    mesh_s = time.thread_time() - begin_s
-    return ReconstructionBenchmarkResult(
-        voxel_m=voxel_m,
-        poses=name,
-        ate_rmse_m=evaluate(poses, truth).ate_rmse_m,
-        surface=SurfaceError.from_vertices(mesh.vertices_m.astype(np.float64), make_solids(config)),
-        add_ms=float(np.median(add_ms)),
-        mesh_s=mesh_s,
+            add = partial(volume.integrate, frame.depth_m, frame.color_bgr, frame.camera, T)
+            add_ms.append(measure_cpu_ms(add)[1])
+    return add_ms
+
+
+def add_maps_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_maps`."""
+    parser.add_argument("config", metavar="CONFIG", type=Path)
+    parser.add_argument("recording", metavar="RECORDING", type=Path)
+    parser.add_argument("maps", metavar="MAP", type=Path, nargs="+")
+
+
+def measure_maps(args: argparse.Namespace) -> None:
+    """Distance of maps of a virtual room from its true surfaces.
+
+    RECORDING was made by `kinect-vo record --config CONFIG`. Each MAP is the output folder of
+    `kinect-vo reconstruct RECORDING --output MAP`, without a TRAJECTORY. The first pose of a map is
+    aligned with the true one.
+    """
+    solids = make_solids(read_config(args.config).synthetic)
+    truth = read_trajectory(args.recording / "groundtruth.txt")
+    print(MAPS_TABLE.head)
+    for folder in args.maps:
+        ate_m, surface = measure_map(folder, truth, solids)
+        print(MAPS_TABLE.row(str(folder), 1e3 * ate_m, *surface.cells), flush=True)
+
+
+def measure_map(
+    folder: Path, truth: Trajectory, solids: Sequence[Solid]
+) -> tuple[float, SurfaceError]:
+    """Measure the ATE RMSE of a map's poses, and its surface.
+
+    Args:
+        folder: Folder with the map.
+        truth: True trajectory.
+        solids: True surfaces.
+
+    Raises:
+        InputError: There is no map in the folder.
+    """
+    poses = read_trajectory(folder / "trajectory.txt")
+    T_room_map = first_pose_alignment(associate(poses, truth))
+    in_room_m = transform_points(T_room_map, read_vertices_m(folder / "map.ply"))
+    return evaluate(poses, truth).ate_rmse_m, SurfaceError.from_vertices(in_room_m, solids)
+
+
+def read_vertices_m(path: Path) -> Array:
+    """Read the vertices (N, 3) of a mesh of `reconstruct`. Raises InputError for other files."""
+    try:
+        header, _, body = path.read_bytes().partition(b"end_header\n")
+        words = header.split()
+        count = int(words[words.index(b"vertex") + 1])
+        return np.frombuffer(body, VERTEX, count)["position"].astype(np.float64)
+    except (OSError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: is not a map of `kinect-vo reconstruct`: {error}") from error
+
+
+class FusionVolume(Protocol):
+    """A volume that fuses frames into a surface."""
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """Fuse one frame."""
+        ...
+
+    def points_m(self) -> Array:
+        """Points (N, 3) of the surface, in the world."""
+        ...
+
+
+class ServiceVolume:
+    """The volume of `kinect-vo reconstruct`."""
+
+    def __init__(self, voxel_m: float) -> None:
+        self._fusion = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=MEMORY_MB))
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `FusionVolume`."""
+        self._fusion.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
+
+    def points_m(self) -> Array:
+        """See `FusionVolume`; the points are those of the mesh."""
+        return self._fusion.extract_mesh().vertices_m.astype(np.float64)
+
+
+class OpenCvVolume:
+    """Base of OpenCV's volumes."""
+
+    def __init__(self, kind: int, voxel_m: float) -> None:
+        self._settings = cv2.VolumeSettings(kind)
+        self._settings.setVoxelSize(voxel_m)
+        self._settings.setTsdfTruncateDistance(TRUNCATION_VOXELS * voxel_m)
+        self._settings.setMaxDepth(MAX_DEPTH_M)
+        self._kind = kind
+        self._volume: cv2.Volume | None = None
+
+    def get_volume(self, frame: RgbdFrame) -> cv2.Volume:
+        """Return the volume; create it for the first frame's camera and depth format."""
+        if self._volume is None:
+            self._settings.setDepthFactor(frame.depth_factor)
+            self._settings.setIntegrateWidth(frame.camera.width)
+            self._settings.setIntegrateHeight(frame.camera.height)
+            self._settings.setCameraIntegrateIntrinsics(frame.camera.K.astype(np.float32))
+            self._settings.setRaycastWidth(frame.camera.width)
+            self._settings.setRaycastHeight(frame.camera.height)
+            self._settings.setCameraRaycastIntrinsics(frame.camera.K.astype(np.float32))
+            self._volume = cv2.Volume(self._kind, self._settings)
+        return self._volume
+
+
+class OpenCvHashVolume(OpenCvVolume):
+    """OpenCV's sparse volume: points without colors, no triangles.
+
+    `fetchPointsNormals` returns every voxel near the surface (opencv/opencv issue 22896), so the
+    surface is ray-cast from some of the poses.
+    """
+
+    def __init__(self, voxel_m: float) -> None:
+        super().__init__(cv2.VolumeType_HashTSDF, voxel_m)
+        self._poses: list[Array] = []
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `FusionVolume`."""
+        depth = frame.depth_raw.astype(np.float32)
+        self.get_volume(frame).integrate(depth, T_world_camera.astype(np.float32))
+        self._poses.append(T_world_camera)
+
+    def points_m(self) -> Array:
+        """See `FusionVolume`."""
+        return np.vstack([self._raycast_points_m(T) for T in self._poses[::RAYCAST_EVERY]])
+
+    def _raycast_points_m(self, T_world_camera: Array) -> Array:
+        assert self._volume is not None, "call add first"
+        points_m = _to_points_m(
+            np.asarray(self._volume.raycast(T_world_camera.astype(np.float32))[0])
+        )
+        met = np.all(np.isfinite(points_m), axis=1)
+        return transform_points(T_world_camera, points_m[met])
+
+
+class OpenCvDenseVolume(OpenCvVolume):
+    """OpenCV's dense volume: a fixed box; points with colors, no triangles."""
+
+    def __init__(self, voxel_m: float) -> None:
+        super().__init__(cv2.VolumeType_ColorTSDF, voxel_m)
+        resolution = np.array([round(side / voxel_m) for side in BOX_M], np.int32)
+        self._settings.setVolumeResolution(resolution)
+        corner_m = [-BOX_M[0] / 2, -BOX_M[1] / 2, -0.2]
+        self._settings.setVolumePose(rigid_transform(np.eye(3), corner_m).astype(np.float32))
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `FusionVolume`."""
+        depth = frame.depth_raw.astype(np.float32)
+        # The binding only accepts four float channels.
+        color = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
+        pose = T_world_camera.astype(np.float32)
+        self.get_volume(frame).integrateColor(depth, color, pose)
+
+    def points_m(self) -> Array:
+        """See `FusionVolume`."""
+        assert self._volume is not None, "call add first"
+        return _to_points_m(self._volume.fetchPointsNormalsColors()[0])
+
+
+def _to_points_m(points: NDArray[Any]) -> Array:
+    xyz: Array = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)
+    return xyz
+
+
+CANDIDATES: Mapping[str, Callable[[], FusionVolume]] = {
+    "ours, 10 mm": partial(ServiceVolume, 0.01),
+    "cv2 HashTSDF, 10 mm": partial(OpenCvHashVolume, 0.01),
+    "ours, 20 mm": partial(ServiceVolume, 0.02),
+    "cv2 HashTSDF, 20 mm": partial(OpenCvHashVolume, 0.02),
+    "cv2 ColorTSDF, 20 mm": partial(OpenCvDenseVolume, 0.02),
+}
+
+
+def add_volumes_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_volumes`."""
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", nargs="+", choices=CANDIDATES, default=list(CANDIDATES))
+
+
+def measure_volumes(args: argparse.Namespace) -> None:
+    """Our TSDF fusion compared with OpenCV's volumes, on the virtual room with true poses.
+
+    Each method runs in a separate process. Memory is the growth of the process with map and
+    surface, without images. OpenCV's dense volumes allocate their memory at the start and are
+    limited to a box, here around the room; at 10 mm they would take 8 times the memory of 20 mm.
+    Its surfaces are points; ours is a mesh with colors.
+    """
+    config = SyntheticConfig(seed=args.seed, duration_s=args.seconds)
+    for _ in render_with_truth(config):  # rendered once, before anything is measured
+        break
+    print(VOLUMES_TABLE.head)
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as processes:
+        for name in args.only:
+            cells = processes.apply(measure_volume, (name, config))
+            print(VOLUMES_TABLE.row(name, *cells), flush=True)
+
+
+def measure_volume(name: str, config: SyntheticConfig) -> tuple[float, ...]:
+    """Fuse the whole sequence and extract the surface; return the cells of its row."""
+    cv2.setNumThreads(1)
+    make = CANDIDATES[name]
+    _fuse(make(), islice(render_with_truth(config), 1))  # compiles the kernels
+    before_mb = _private_memory_mb()
+    volume = make()
+    add_ms, fetch_s, points_m = _fuse(volume, render_with_truth(config))
+    memory_mb = _private_memory_mb() - before_mb
+    del volume
+    surface = SurfaceError.from_vertices(
+        points_m[:: 1 + len(points_m) // MAX_POINTS], make_solids(config)
     )
+    return (median(add_ms), max(add_ms), fetch_s, memory_mb, *surface.cells)
 
 
-def _track(frames: Sequence[RgbdFrame], truth: Trajectory) -> Trajectory:
-    """Poses of the odometry in the room, of the frames that have one."""
-    odometry = METHODS["surf"](MethodConfig(), CpuStageTimer())
-    stamps_s: list[float] = []
-    poses: list[Array] = []
-    for frame in frames:
-        estimate = odometry.estimate(frame)
-        if estimate.ok:
-            stamps_s.append(frame.stamp_s)
-            poses.append(truth.T_world_camera[0] @ estimate.T_world_camera)
-    return Trajectory(np.array(stamps_s), np.array(poses))
+def _fuse(
+    volume: FusionVolume, frames: Iterable[tuple[RgbdFrame, Array]]
+) -> tuple[list[float], float, Array]:
+    """Return milliseconds of each frame, seconds for the surface, and its points (N, 3)."""
+    add_ms = []
+    for frame, T_world_camera in frames:
+        frame.depth_m  # noqa: B018 (derived before the clock starts)
+        add_ms.append(measure_cpu_ms(partial(volume.add, frame, T_world_camera))[1])
+    points_m, fetch_ms = measure_cpu_ms(volume.points_m)
+    return add_ms, fetch_ms / 1e3, points_m
+
+
+def _private_memory_mb() -> float:
+    """Memory of this process that is not shared with files."""
+    status = Path("/proc/self/status").read_text()
+    kilobytes = next(line for line in status.splitlines() if line.startswith("RssAnon"))
+    return float(kilobytes.split()[1]) / 1e3
+
+
+VARIANTS: Variants = {
+    "poses": (add_poses_arguments, measure_poses),
+    "maps": (add_maps_arguments, measure_maps),
+    "volumes": (add_volumes_arguments, measure_volumes),
+}

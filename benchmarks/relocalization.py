@@ -1,6 +1,6 @@
 """Relocalization of a camera that is covered and then uncovered at another place.
 
-    python -m benchmarks relocalization FOLDER [--tries 100] [--seeds 1 2 3] [--unseen] [--twins]
+    python -m benchmarks relocalization FOLDER [--tries 100] [--seeds 1 2 3] [--unseen]
 
 In each trial the camera follows a tour for 20 s, is covered for 3 s, and is uncovered at a place
 that it saw before on another lap; with --unseen at a place that it did not see. View overlap is
@@ -18,26 +18,22 @@ the first pose. "median", "largest" (mm) and "deg" are its errors in the old map
 
 import argparse
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, add_json_option, make_printer, print_json
-from benchmarks.relocalization_trials import (
-    FRAMES_BEFORE,
-    FRAMES_COVERED,
-    choose_trials,
-    open_cached_sequence,
-    sample_views,
-    trial_frames,
-)
-from benchmarks.rendered_views import compute_true_poses, make_tour_config
-from benchmarks.tour_record import TrajectoryRunner, make_runner
-from drivers.camera import RgbdFrame
-from drivers.core.geometry import Array, inverse, pose_distance
+from benchmarks.harness import Json, ResultCache, Table, to_mm
+from benchmarks.rendered_sequences import THREADS
+from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.geometry import Array, inverse, pose_distance, transform_points
+from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.frame_provider import render_all
+from drivers.synthetic.sensors import ImageSource, RenderedImages
 from vo_service.odometry import METHODS, warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
@@ -45,19 +41,184 @@ from vo_service.types import Estimate
 
 # Two laps.
 SEQUENCE_S = 60.0
-COLUMNS = (
-    "tries",
-    "old",
-    "in 1 s",
-    "new",
-    "nowhere",
-    "wrong",
-    "frames",
-    "median",
-    "largest",
-    "deg",
+# Frames before, during and after the cover.
+FRAMES_BEFORE, FRAMES_COVERED, FRAMES_AFTER = 600, 90, 60
+# Views are compared with this stride. A place is seen if all views of its first SEEN_FRAMES have at
+# least MIN_SEEN_OVERLAP; it is unseen if all its views have at most MAX_UNSEEN_OVERLAP.
+VIEW_STRIDE = 15
+MIN_SEEN_OVERLAP, MAX_UNSEEN_OVERLAP = 0.5, 0.02
+SEEN_FRAMES = 30
+MAX_PROMPT_FRAMES = 30
+# Stride of the grid of pixels that represents a view.
+STEP_PX = 32
+# A point is visible in another view if its depth there agrees within this distance.
+MAX_SAME_DISTANCE_M = 0.10
+TABLE = Table(
+    *(28, "tries:9d", "old:9d", "in 1 s:9d", "new:9d", "nowhere:9d", "wrong:9d", "frames:9.1f"),
+    *("median:9.1f", "largest:9.1f", "deg:9.1f"),
 )
-HEAD = f"{'':28}{''.join(f'{head:>9}' for head in COLUMNS)}"
+
+
+@dataclass(frozen=True)
+class TourSequence:
+    """A rendered tour: its frames, and its true poses T_room_camera (N, 4, 4)."""
+
+    config: SyntheticConfig
+    images: ImageSource
+    T_room_camera: Array
+
+    @classmethod
+    def open(cls, folder: Path, seed: int, terminal: Terminal) -> "TourSequence":
+        """Open the tour of a seed in FOLDER/sequences; render missing frames.
+
+        Args:
+            folder: Folder of the benchmark.
+            seed: Seed of the room.
+            terminal: Shows the progress.
+        """
+        config = make_tour_config(seed, SEQUENCE_S, aliased_corners=False)
+        # Each has its own folder: a cache folder is too small for two of this length.
+        progress = terminal.progress_callback(f"rendering room {seed}: frame")
+        sequence = render_all(config, folder / "sequences" / f"tour-{seed}", progress, THREADS)
+
+        def read_images(index: int) -> RenderedImages:
+            images = sequence.read(index % config.frame_count)
+            assert images is not None, "all frames are rendered"
+            return images
+
+        return cls(config, read_images, compute_true_poses(config))
+
+    def frame(self, number: int, seq: int | None = None) -> RgbdFrame:
+        """Read a frame; it gets the number and the stamp of `seq`, by default its own."""
+        seq = number if seq is None else seq
+        return make_tour_frame(self.config, seq, self.images(number))
+
+
+@dataclass(frozen=True)
+class ObservedView:
+    """Points (N, 3) in the room at a grid of pixels, and the camera.
+
+    `depth_m` is the whole image (H, W) as float16, 0 = no reading.
+    """
+
+    camera: PinholeCamera
+    T_room_camera: Array
+    points_m: Array
+    depth_m: NDArray[np.float16]
+
+    @classmethod
+    def from_frame(cls, frame: RgbdFrame, T_room_camera: Array) -> "ObservedView":
+        """Make the view of a frame with a known pose."""
+        camera, half = frame.camera, STEP_PX // 2
+        v, u = np.mgrid[half : camera.height : STEP_PX, half : camera.width : STEP_PX]
+        z = frame.depth_m[v, u].astype(np.float64)
+        rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(z)])
+        points_m = (rays * z)[:, z > 0].T
+        return cls(
+            camera,
+            T_room_camera,
+            transform_points(T_room_camera, points_m),
+            frame.depth_m.astype(np.float16),
+        )
+
+    def overlap_with(self, other: "ObservedView") -> float:
+        """Fraction of the other view's points that are visible in this view."""
+        if not len(other.points_m):
+            return 0.0
+        x, y, z = transform_points(inverse(self.T_room_camera), other.points_m).T
+        ahead = np.maximum(z, 1e-6)
+        u = np.rint(self.camera.fx * x / ahead + self.camera.cx).astype(int)
+        v = np.rint(self.camera.fy * y / ahead + self.camera.cy).astype(int)
+        height, width = self.depth_m.shape
+        inside = (z > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        there_m = self.depth_m[v[inside], u[inside]].astype(np.float64)
+        is_same = (there_m > 0) & (np.abs(there_m - z[inside]) < MAX_SAME_DISTANCE_M)
+        return float(np.count_nonzero(is_same)) / len(other.points_m)
+
+
+def max_overlap(view: ObservedView, before: Sequence[ObservedView]) -> float:
+    """Largest overlap of a view with one of the views before."""
+    return max((one.overlap_with(view) for one in before), default=0.0)
+
+
+@dataclass(frozen=True)
+class RelocalizationTrial:
+    """A trial on the frames of a tour.
+
+    Attributes:
+        first: First of the FRAMES_BEFORE frames before the cover.
+        return_frame: First frame after the cover.
+        overlap_frame: The frame before the cover that shows most of the view at `return_frame`.
+    """
+
+    first: int
+    return_frame: int
+    overlap_frame: int
+
+    @property
+    def source_frames(self) -> NDArray[np.int64]:
+        """(F,) index in the tour of each frame; the last one before the cover while covered."""
+        before = np.arange(self.first, self.first + FRAMES_BEFORE)
+        covered = np.full(FRAMES_COVERED, before[-1])
+        return np.concatenate(
+            [before, covered, np.arange(self.return_frame, self.return_frame + FRAMES_AFTER)]
+        )
+
+
+def choose_trials(
+    views: Sequence[ObservedView], count: int, unseen: bool, rng: np.random.Generator
+) -> list[RelocalizationTrial]:
+    """Choose up to `count` trials with different first frames.
+
+    Args:
+        views: Views of the tour from `sample_views`.
+        count: The number of trials.
+        unseen: Whether the place of the return is unseen before the cover, or seen.
+        rng: Generator of the choice.
+    """
+    fits = _is_return_unseen if unseen else _is_return_seen
+    span, after = FRAMES_BEFORE // VIEW_STRIDE, FRAMES_AFTER // VIEW_STRIDE
+    chosen: list[RelocalizationTrial] = []
+    for first in rng.permutation(len(views) - span):
+        before = views[first : first + span]
+        later = np.arange(first + span + FRAMES_COVERED // VIEW_STRIDE, len(views) - after)
+        # Later places are tried in random order.
+        for back in rng.permutation(later):
+            if fits(before, views[back : back + after + 1]):
+                overlap = first + np.argmax([view.overlap_with(views[back]) for view in before])
+                chosen.append(
+                    RelocalizationTrial(
+                        *(VIEW_STRIDE * int(view) for view in (first, back, overlap))
+                    )
+                )
+                break
+        if len(chosen) == count:
+            break
+    return chosen
+
+
+def _is_return_seen(before: Sequence[ObservedView], after: Sequence[ObservedView]) -> bool:
+    first_second = after[: SEEN_FRAMES // VIEW_STRIDE + 1]
+    return all(max_overlap(view, before) >= MIN_SEEN_OVERLAP for view in first_second)
+
+
+def _is_return_unseen(before: Sequence[ObservedView], after: Sequence[ObservedView]) -> bool:
+    return all(max_overlap(view, before) <= MAX_UNSEEN_OVERLAP for view in after)
+
+
+def trial_frames(trial: RelocalizationTrial, tour: TourSequence) -> Iterator[RgbdFrame]:
+    """Yield the frames of a trial, with evenly spaced stamps.
+
+    Args:
+        trial: The trial.
+        tour: Its tour.
+    """
+    for seq, source in enumerate(trial.source_frames):
+        frame = tour.frame(int(source), seq)
+        if FRAMES_BEFORE <= seq < FRAMES_BEFORE + FRAMES_COVERED:
+            dark = np.zeros_like(frame.color_bgr), np.zeros_like(frame.depth_raw)
+            frame = replace(frame, color_bgr=dark[0], depth_raw=dark[1])
+        yield frame
 
 
 @dataclass(frozen=True)
@@ -99,19 +260,13 @@ class RelocalizationSummary:
     largest_m: float | None
     largest_deg: float | None
 
-
-MAX_PROMPT_FRAMES = 30
-
-
-def _run_trial(
-    runner: TrajectoryRunner, frames: Iterable[RgbdFrame], T_room_camera: Array, overlap_frame: int
-) -> RelocalizationOutcome:
-    """Run one trial; the other arguments are as for `evaluate_trial`."""
-    estimates = []
-    for frame in frames:
-        estimates.append(runner.estimate_pose(frame))
-        runner.update_map()
-    return evaluate_trial(estimates, T_room_camera, overlap_frame)
+    def format_row(self, name: str) -> str:
+        """The line of the table."""
+        return TABLE.row(
+            name,
+            *(self.trials, self.old_map, self.prompt, self.new_map, self.nowhere, self.wrong),
+            *(self.median_frames, to_mm(self.median_m), to_mm(self.largest_m), self.largest_deg),
+        )
 
 
 def evaluate_trial(
@@ -183,80 +338,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unseen", action="store_true", help="uncover the camera at places that it did not see"
     )
-    parser.add_argument("--twins", action="store_true", help="two corners look the same")
     parser.add_argument("--method", choices=METHODS, default="direct")
-    parser.add_argument("--alone", action="store_true", help="only the odometry, without a map")
-    add_json_option(parser)
 
 
 def main(args: argparse.Namespace) -> None:
     """Run the seeds without stored results; print all of them, then all together."""
-    print_json(args, run(args))
-
-
-def run(args: argparse.Namespace) -> Mapping[str, RelocalizationSummary]:
-    """Results by seed, and together. Raises InputError if the folder cannot be used."""
-    args.folder.mkdir(parents=True, exist_ok=True)
-    cache = ResultCache(args.folder)
+    cache, together = ResultCache(args.folder), list[RelocalizationOutcome]()
     warm_up(args.method, lambda stage: None)
-    results, together = dict[str, RelocalizationSummary](), list[RelocalizationOutcome]()
-    print_line = make_printer(args)
-    print_line(HEAD)
+    print(TABLE.head)
     for index, seed in enumerate(args.seeds):
         count = args.tries // len(args.seeds) + (index < args.tries % len(args.seeds))
-        seen = "unseen" if args.unseen else "seen"
-        alone = "-alone" if args.alone else ""
-        name = f"{'twins' if args.twins else 'tour'}-{seed}-{seen}-{args.method}{alone}"
+        name = f"tour-{seed}-{'unseen' if args.unseen else 'seen'}-{args.method}"
         result = cache.get_or_run(f"{name}-{count}", partial(_measure, args, seed, count))
         outcomes = [RelocalizationOutcome(**each) for each in result["outcomes"]]
         together += outcomes
-        results[name] = summarize(outcomes)
-        print_line(format_row(name, results[name]))
-    results["together"] = summarize(together)
-    print_line(format_row("together", results["together"]))
-    return results
+        print(summarize(outcomes).format_row(name), flush=True)
+    print(summarize(together).format_row("together"))
 
 
 def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
     """Run the trials of one seed."""
-    terminal, config = Terminal(), make_tour_config(seed, SEQUENCE_S, args.twins)
-    T_room_camera = compute_true_poses(config)
-    sequence = open_cached_sequence(args.folder, config, terminal)
-    rng = np.random.default_rng([seed, 12])
-    trials = choose_trials(sample_views(config, sequence, T_room_camera), count, args.unseen, rng)
-    outcomes: list[RelocalizationOutcome] = []
+    terminal = Terminal()
+    tour = TourSequence.open(args.folder, seed, terminal)
+    views = [
+        ObservedView.from_frame(tour.frame(number), tour.T_room_camera[number])
+        for number in range(0, len(tour.T_room_camera), VIEW_STRIDE)
+    ]
+    trials = choose_trials(views, count, args.unseen, np.random.default_rng([seed, 12]))
+    outcomes = []
     for number, trial in enumerate(trials, 1):
         terminal.progress(f"room {seed}: trial", number, len(trials))
-        truth = T_room_camera[trial.source_frames]
-        frames = trial_frames(trial, config, sequence)
-        outcomes.append(
-            _run_trial(
-                make_runner(args.method, args.alone),
-                frames,
-                truth,
-                trial.overlap_frame - trial.first,
-            )
-        )
+        runner, estimates = make_runner(args.method), list[Estimate]()
+        for frame in trial_frames(trial, tour):
+            estimates.append(runner.estimate_pose(frame))
+            runner.update_map()
+        truth = tour.T_room_camera[trial.source_frames]
+        outcomes.append(evaluate_trial(estimates, truth, trial.overlap_frame - trial.first))
     terminal.clear()
     return {"tries": list(map(asdict, trials)), "outcomes": list(map(asdict, outcomes))}
-
-
-def format_row(name: str, result: RelocalizationSummary) -> str:
-    """One row of the table."""
-    counts = (
-        result.trials,
-        result.old_map,
-        result.prompt,
-        result.new_map,
-        result.nowhere,
-        result.wrong,
-    )
-    figures = (
-        (result.median_frames, 1.0),
-        (result.median_m, 1e3),
-        (result.largest_m, 1e3),
-        (result.largest_deg, 1.0),
-    )
-    cells = [str(count) for count in counts]
-    cells += ["-" if value is None else f"{scale * value:.1f}" for value, scale in figures]
-    return f"{name:28}{''.join(f'{cell:>9}' for cell in cells)}"

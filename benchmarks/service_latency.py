@@ -1,52 +1,222 @@
-"""Latency from a frame's arrival until another process has its pose, under disturbances.
+"""Latency of the service: from a frame to its pose, and from the start to the first pose.
 
-    python -m benchmarks service_latency [--seconds 20] [--rounds 3] [--case NAME] [--quick]
-
-The real `kinect-vo run` on the virtual Kinect at 30 frames per second, with a viewer that records
-the images, and a subscriber in a separate process. Each case has a disturbance: a frozen, killed or
-missing viewer or subscriber, or a restarted router. Each round runs all cases once; the table has
-the median of the rounds, and the worst maximum.
-
-The virtual Kinect's frames arrive a known time after their stamps, and poses have the stamps of
-their frames. So the latency is exact; it includes waking up, the odometry, Zenoh and decoding.
-`dropped` are frames that the odometry missed; `lost` are poses that the subscriber missed. CPU
-times are milliseconds per frame. Exit code 1 if a limit is exceeded: 25 and 45 ms (median and 99 %)
-and no dropped frame in the first case, 1.2 times its latencies and no lost pose in the others. If
-the host takes more than 1 % of the machine's time ("steal"), the result is not conclusive, and the
-table says so.
+python -m benchmarks service_latency poses [--seconds 20] [--rounds 3] [--case NAME]
+python -m benchmarks service_latency start [--rounds 3]
 """
 
 import argparse
+import importlib.util
+import json
+import os
+import signal
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from benchmarks.interference import CASES, InterferenceCase, InterferenceSetup
+from benchmarks.harness import Table, Variants
 from benchmarks.service_load import (
     ArrivalRecorder,
     ProcessorUse,
     descendants_of,
     measure_processor_use,
+    prerender_room,
     running_recorder,
 )
-from drivers.core.files import cache_folder
 from drivers.synthetic import SyntheticConfig
-from drivers.synthetic.frame_provider import render_all
-from tests.vo_service.service_process import ServiceProcess, running_service
-from tests.vo_service.subscriber import StatusContent
-from vo_service.terminal import Terminal
+from tests.ports import free_port
+from tests.resource_leaks import find_child_running
+from tests.simulators.zenoh_router import running_router
+from tests.vo_service.service_process import KINECT_VO, ServiceProcess, running_service
+from vo_service import CommandRefused, PoseClient
+from vo_service.types.commands import SaveMapCommand
 
 WARM_UP_S = 4.0
 # Poses of the last frames may still be in flight.
 DRAIN_S = 0.5
 MAX_P50_MS, MAX_P99_MS, MAX_RATIO = 25.0, 45.0, 1.2
 MAX_STEAL_PERCENT = 1.0
+TABLE = Table(
+    *(24, "p50:7.1f", "p99:7.1f", "max:8.1f", "p50 x:7.2f", "p99 x:7.2f", "dropped:8d"),
+    *("lost:5d", "service:9.2f", "viewer:7.2f", "reader:7.2f", "steal %:8.1f", "limits:8"),
+)
+START_TIMEOUT_S = 300.0
+POLL_PERIOD_S = 0.05
+JPEG = b"\xff\xd8\xff"
+Action = Callable[[ServiceProcess], None]
+
+
+@dataclass(frozen=True)
+class InterferenceSetup:
+    """Configuration of the service, and actions at fractions of the measured time, in order."""
+
+    more_config: str
+    actions: tuple[tuple[float, Action], ...] = ()
+
+
+@contextmanager
+def record_to_viewer_file(folder: Path) -> Iterator[InterferenceSetup]:
+    """No disturbance; the viewer records into a file."""
+    yield InterferenceSetup(_viewers(_recording(folder)))
+
+
+@contextmanager
+def freeze_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
+    """Stop the service's viewer process by SIGSTOP."""
+    yield InterferenceSetup(
+        _viewers(_recording(folder)), ((0.0, _make_viewer_signal_action(signal.SIGSTOP)),)
+    )
+
+
+@contextmanager
+def kill_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
+    """Kill the service's viewer process."""
+    yield InterferenceSetup(
+        _viewers(_recording(folder)), ((0.3, _make_viewer_signal_action(signal.SIGKILL)),)
+    )
+
+
+@contextmanager
+def freeze_viewer(folder: Path) -> Iterator[InterferenceSetup]:
+    """Stop the Rerun viewer to which the service is connected."""
+    with _rerun_server() as (server, port):
+        stop = _make_signal_action(server, signal.SIGSTOP)
+        yield InterferenceSetup(
+            _viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.0, stop),)
+        )
+
+
+@contextmanager
+def kill_viewer(folder: Path) -> Iterator[InterferenceSetup]:
+    """Kill the Rerun viewer to which the service is connected."""
+    with _rerun_server() as (server, port):
+        kill = _make_signal_action(server, signal.SIGKILL)
+        yield InterferenceSetup(
+            _viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.3, kill),)
+        )
+
+
+@contextmanager
+def missing_viewer(folder: Path) -> Iterator[InterferenceSetup]:
+    """There is no viewer at the service's target."""
+    yield InterferenceSetup(_viewers(_recording(folder), f"connect:127.0.0.1:{free_port()}"))
+
+
+@contextmanager
+def freeze_subscriber(folder: Path) -> Iterator[InterferenceSetup]:
+    """Stop a second subscriber beside the measuring one."""
+    frozen: list[int] = []
+    contexts = []
+
+    def freeze(service: ServiceProcess) -> None:
+        context = running_recorder(f"tcp/127.0.0.1:{service.port}", folder / "frozen.npz")
+        listener = context.__enter__()
+        contexts.append(context)
+        time.sleep(0.5)
+        os.kill(listener.process.pid, signal.SIGSTOP)
+        frozen.append(listener.process.pid)
+
+    try:
+        yield InterferenceSetup(_viewers(_recording(folder)), ((0.0, freeze),))
+    finally:
+        for context in contexts:
+            context.__exit__(None, None, None)
+
+
+@contextmanager
+def restart_router(folder: Path) -> Iterator[InterferenceSetup]:
+    """Kill and restart a router to which the service is connected."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with running_router(endpoint) as router:
+        config = f"connect = {json.dumps([endpoint])}\n{_viewers(_recording(folder))}"
+        acts: tuple[tuple[float, Action], ...] = (
+            (0.3, lambda service: router.kill()),
+            (0.6, lambda service: router.start()),
+        )
+        yield InterferenceSetup(config, acts)
+
+
+@contextmanager
+def save_maps(folder: Path) -> Iterator[InterferenceSetup]:
+    """Save a fine map four times: the mapper is busy most of the time."""
+    config = f"{_viewers(_recording(folder))}[map]\nvoxel_m = 0.01\n"
+    yield InterferenceSetup(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
+
+
+@contextmanager
+def disable_loop_closure(folder: Path) -> Iterator[InterferenceSetup]:
+    """No disturbance and no loop closure: the other cases show its cost."""
+    yield InterferenceSetup(f"{_viewers(_recording(folder))}[map]\nloop_closure = false\n")
+
+
+# A case prepares the environment of the service, with a folder for its files.
+InterferenceCase = Callable[[Path], AbstractContextManager[InterferenceSetup]]
+CASES: Mapping[str, InterferenceCase] = {
+    "viewer recording": record_to_viewer_file,
+    "viewer's process frozen": freeze_viewer_process,
+    "viewer's process killed": kill_viewer_process,
+    "viewer frozen": freeze_viewer,
+    "viewer killed": kill_viewer,
+    "viewer never started": missing_viewer,
+    "subscriber frozen": freeze_subscriber,
+    "router killed and back": restart_router,
+    "maps saved": save_maps,
+    "no loop closure": disable_loop_closure,
+}
+
+
+def _recording(folder: Path) -> str:
+    return str(folder / "viewer.rrd")
+
+
+def _viewers(*targets: str) -> str:
+    return f"[rerun]\ntargets = {json.dumps(targets)}\n"
+
+
+def _make_viewer_signal_action(number: signal.Signals) -> Action:
+    def send(service: ServiceProcess) -> None:
+        os.kill(
+            find_child_running(service.process.pid, "vo_service.outputs.rerun.worker:run_viewer"),
+            number,
+        )
+
+    return send
+
+
+def _save_map(service: ServiceProcess) -> None:
+    with PoseClient(connect=f"tcp/127.0.0.1:{service.port}") as client:
+        client.wait_for_publisher(5.0)
+        with suppress(CommandRefused):  # the previous save is not finished
+            client.send(SaveMapCommand(f"map-{time.monotonic_ns()}"))
+
+
+def _make_signal_action(process: "subprocess.Popen[bytes]", number: signal.Signals) -> Action:
+    return lambda service: process.send_signal(number)
+
+
+@contextmanager
+def _rerun_server() -> Iterator[tuple["subprocess.Popen[bytes]", int]]:
+    """Run Rerun's server in place of a viewer; kill it at the end."""
+    package = importlib.util.find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise RuntimeError("Rerun is not installed")
+    program, port = Path(package.origin).with_name("rerun"), free_port()
+    options = ["--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
+    command = [str(program), *options, "--server-memory-limit", "100MB"]
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(command, stdout=quiet, stderr=quiet) as process:
+        try:
+            time.sleep(1.0)
+            yield process, port
+        finally:
+            process.kill()
 
 
 @dataclass(frozen=True)
@@ -62,38 +232,41 @@ class LatencyResult:
     children_ms: float
     subscriber_ms: float
     steal_percent: float
-    status: StatusContent
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
+def add_poses_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_latency`."""
     parser.add_argument(
         "--seconds", type=float, default=20.0, help="duration of a run (default: 20)"
     )
     parser.add_argument("--rounds", type=int, default=3, help="runs of each case (default: 3)")
-    parser.add_argument("--case", action="append", choices=[case.name for case in CASES])
-    parser.add_argument("--quick", action="store_true", help="one round of 6 seconds")
+    parser.add_argument("--case", action="append", choices=CASES)
 
 
-def main(args: argparse.Namespace) -> int:
-    """Measure and print."""
-    seconds, rounds = (6.0, 1) if args.quick else (args.seconds, args.rounds)
-    chosen = [case for case in CASES if not args.case or case.name in args.case]
-    prerender_room()
-    runs: dict[str, list[LatencyResult]] = {case.name: [] for case in chosen}
-    for number in range(rounds):
+def measure_latency(args: argparse.Namespace) -> int:
+    """Latency from a frame's arrival until another process has its pose, under disturbances.
+
+    The real `kinect-vo run` on the virtual Kinect at 30 frames per second, with a viewer that
+    records the images, and a subscriber in a separate process. Each case has a disturbance: a
+    frozen, killed or missing viewer or subscriber, or a restarted router. Each round runs all cases
+    once; the table has the median of the rounds, and the worst maximum.
+
+    The virtual Kinect's frames arrive a known time after their stamps, and poses have the stamps of
+    their frames. So the latency is exact; it includes waking up, the odometry, Zenoh and decoding.
+    `dropped` are frames that the odometry missed; `lost` are poses that the subscriber missed. CPU
+    times are milliseconds per frame. Exit code 1 if a limit is exceeded: 25 and 45 ms (median and
+    99 %) and no dropped frame in the first case, 1.2 times its latencies and no lost pose in the
+    others. If the host takes more than 1 % of the machine's time ("steal"), the result is not
+    conclusive.
+    """
+    chosen = [case for case in CASES if not args.case or case in args.case]
+    prerender_room(SyntheticConfig.fast())
+    runs: dict[str, list[LatencyResult]] = {case: [] for case in chosen}
+    for number in range(args.rounds):
         for case in chosen:
-            print(f"round {number + 1} of {rounds}: {case.name}", file=sys.stderr, flush=True)
-            runs[case.name].append(run(case, seconds))
-    outcomes = {name: combine_runs(each) for name, each in runs.items()}
-    return report(outcomes, seconds * rounds)
-
-
-def prerender_room() -> None:
-    """Render the room into the cache, if needed, for the services started later."""
-    print("rendering the room (a minute or two, unless it is cached)", file=sys.stderr)
-    progress = Terminal().progress_callback("rendering the room: frame")
-    render_all(SyntheticConfig.fast(), cache_folder() / "sequences", progress).close()
+            print(f"round {number + 1} of {args.rounds}: {case}", file=sys.stderr, flush=True)
+            runs[case].append(run(CASES[case], args.seconds))
+    return report({name: combine_runs(each) for name, each in runs.items()})
 
 
 def run(case: InterferenceCase, seconds: float) -> LatencyResult:
@@ -101,7 +274,7 @@ def run(case: InterferenceCase, seconds: float) -> LatencyResult:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with (
-            case.setup(folder) as scene,
+            case(folder) as scene,
             running_service(
                 folder / "service", {}, source="synthetic", more_config=scene.more_config
             ) as service,
@@ -157,7 +330,6 @@ def measure(
         children_ms=per_frame_ms(used, count, *children),
         subscriber_ms=per_frame_ms(used, count, processes[1]),
         steal_percent=used.steal_percent,
-        status=status,
     )
 
 
@@ -184,42 +356,104 @@ def combine_runs(runs: Sequence[LatencyResult]) -> LatencyResult:
         children_ms=median(each.children_ms for each in runs),
         subscriber_ms=median(each.subscriber_ms for each in runs),
         steal_percent=max(each.steal_percent for each in runs),
-        status=runs[-1].status,
     )
 
 
-def report(outcomes: dict[str, LatencyResult], seconds: float) -> int:
+def report(outcomes: Mapping[str, LatencyResult]) -> int:
     """Print the table; return 1 if a limit is exceeded."""
     base = next(iter(outcomes.values()))
-    print(f"\n{seconds:.0f} s of each case; latencies and CPU times in ms\n")
-    print(
-        f"{'case':24} {'p50':>6} {'p99':>6} {'max':>7} {'p50 x':>6} {'p99 x':>6} {'dropped':>7} "
-        f"{'lost':>4} {'service':>8} {'viewer':>6} {'reader':>6} {'steal':>6}"
-    )
-    missed = [_report_line(name, each, base) for name, each in outcomes.items()]
-    stages = base.status.get("timing", {}).get("stage_ms", {})
-    print("\nCPU ms per frame of the odometry by stage, medians of the first case:")
-    print("  " + ", ".join(f"{stage} {spent_ms:.2f}" for stage, spent_ms in stages.items()))
-    print(f"  total {base.status.get('cpu_ms_per_frame', 0.0):.2f}")
-    return 1 if any(missed) else 0
+    print(f"latencies and CPU times in ms\n{TABLE.head}")
+    are_good = []
+    for name, each in outcomes.items():
+        p50_ratio, p99_ratio = each.p50_ms / base.p50_ms, each.p99_ms / base.p99_ms
+        is_good = each.lost == 0 and max(p50_ratio, p99_ratio) <= MAX_RATIO
+        if each is base:
+            is_good = is_good and each.p50_ms <= MAX_P50_MS and each.p99_ms <= MAX_P99_MS
+            is_good = is_good and each.dropped == 0
+        are_good.append(is_good)
+        row = TABLE.row(
+            name,
+            *(each.p50_ms, each.p99_ms, each.max_ms, p50_ratio, p99_ratio, each.dropped, each.lost),
+            *(each.service_ms, each.children_ms, each.subscriber_ms, each.steal_percent),
+            "pass" if is_good else "FAIL",
+        )
+        print(f"{row}{', inconclusive' * (each.steal_percent > MAX_STEAL_PERCENT)}")
+    return 0 if all(are_good) else 1
 
 
-def _report_line(name: str, outcome: LatencyResult, base: LatencyResult) -> bool:
-    """Print one case; return whether it exceeds a limit."""
-    p50_ratio, p99_ratio = outcome.p50_ms / base.p50_ms, outcome.p99_ms / base.p99_ms
-    if outcome is base:
-        is_good = outcome.p50_ms <= MAX_P50_MS and outcome.p99_ms <= MAX_P99_MS
-        is_good = is_good and outcome.dropped == 0
-    else:
-        is_good = max(p50_ratio, p99_ratio) <= MAX_RATIO
-    is_good = is_good and outcome.lost == 0
-    verdict = "pass" if is_good else "FAIL"
-    if outcome.steal_percent > MAX_STEAL_PERCENT:
-        verdict += ", inconclusive: too much steal"
-    print(
-        f"{name:24} {outcome.p50_ms:6.1f} {outcome.p99_ms:6.1f} {outcome.max_ms:7.1f} "
-        f"{p50_ratio:6.2f} {p99_ratio:6.2f} {outcome.dropped:7d} {outcome.lost:4d} "
-        f"{outcome.service_ms:8.2f} {outcome.children_ms:6.2f} {outcome.subscriber_ms:6.2f} "
-        f"{outcome.steal_percent:5.1f}%  {verdict}"
-    )
-    return not is_good
+def add_start_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_start`."""
+    parser.add_argument("--rounds", type=int, default=3, help="starts of each (default: 3)")
+
+
+def measure_start(args: argparse.Namespace) -> None:
+    """Time to the virtual Kinect's first pose and first picture with an empty cache.
+
+    "first pose" is from the start of `kinect-vo run --camera synthetic` until a client has a pose.
+    "first picture" is from the start of `kinect-vo demo` until its Rerun recording has an image.
+    The recording is written every two seconds, so the page shows the image up to two seconds
+    sooner. Each start has an empty cache folder: kernels are compiled by the setup, but no room is
+    rendered.
+    """
+    cases = {
+        "first pose of run": _measure_first_pose_s,
+        "first picture of demo": _measure_first_picture_s,
+    }
+    for name, measure in cases.items():
+        taken_s = sorted(measure_start_s(measure) for _ in range(args.rounds))
+        each = ", ".join(f"{seconds:.1f}" for seconds in taken_s)
+        print(f"{name}: {median(taken_s):.1f} s (all: {each})", flush=True)
+
+
+def measure_start_s(measure: Callable[[Path, Path, int], float]) -> float:
+    """Measure one start in an empty folder, with a configuration that uses a free port."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, port = Path(name), free_port()
+        config = folder / "kinect.toml"
+        config.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n')
+        return measure(folder, config, port)
+
+
+def _measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
+    """Measure the seconds until a client has the first pose of the service."""
+    begin_s = time.monotonic()
+    with (
+        running_command(folder, "run", "--camera", "synthetic", "--config", config),
+        PoseClient(connect=f"tcp/127.0.0.1:{port}") as client,
+    ):
+        next(iter(client.poses(timeout_s=START_TIMEOUT_S)))
+        return time.monotonic() - begin_s
+
+
+def _measure_first_picture_s(folder: Path, config: Path, port: int) -> float:
+    """Measure the seconds until the demo's recording has an image."""
+    recording = folder / "demo" / "demo.rrd"
+    begin_s = time.monotonic()
+    with running_command(
+        folder, "demo", "--config", config, "--output", recording.parent
+    ) as process:
+        while not (recording.exists() and JPEG in recording.read_bytes()):
+            if process.poll() is not None or time.monotonic() - begin_s > START_TIMEOUT_S:
+                raise RuntimeError("the demo recorded no image")
+            time.sleep(POLL_PERIOD_S)
+        return time.monotonic() - begin_s
+
+
+@contextmanager
+def running_command(folder: Path, *arguments: object) -> Iterator["subprocess.Popen[bytes]"]:
+    """Run a command with its own cache; end it at the end of the block."""
+    caches = {"XDG_CACHE_HOME": folder / "cache", "XDG_STATE_HOME": folder / "state"}
+    environment = os.environ | {name: str(path) for name, path in caches.items()}
+    command = [str(part) for part in (KINECT_VO, *arguments)]
+    devnull = subprocess.DEVNULL
+    with subprocess.Popen(command, env=environment, stdout=devnull, stderr=devnull) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+VARIANTS: Variants = {
+    "poses": (add_poses_arguments, measure_latency),
+    "start": (add_start_arguments, measure_start),
+}

@@ -1,24 +1,29 @@
-"""Load of a running service: processor time, a processor limit, and the arrival of its poses."""
+"""Load of running processes, the arrival of poses, and updates without an odometry."""
 
 import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 import zenoh
 
+from drivers.camera import RgbdFrame
+from drivers.core.files import cache_folder
 from drivers.core.geometry import Array
+from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.frame_provider import render_all
 from tests.resource_leaks import child_pids_of
 from vo_service.ros_messages.decoding import decode_odometry
+from vo_service.terminal import Terminal
+from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
-PERIOD_US = 100_000  # as systemd
-STOP_TIMEOUT_S = 10.0
+KEY = "kinect/odom"
+RECORDER_STOP_TIMEOUT_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -65,76 +70,6 @@ def _cpu_s(process: int) -> float:
         return time.clock_gettime(~process << 3 | 2)
     except OSError:
         return 0.0
-
-
-@contextmanager
-def limit_processor(percent: float) -> Iterator[Callable[[Iterable[int]], None]]:
-    """Create a control group whose processes together get `percent` of one processor.
-
-    At the end its processes return to the parent group.
-
-    Yields:
-        A function that moves processes into the group; their later children are in it too.
-
-    Raises:
-        RuntimeError: Control groups cannot be created.
-    """
-    parent, write_limit = _find_cpu_cgroup()
-    try:
-        group = Path(mkdtemp(prefix="slow-machine-", dir=parent))
-        write_limit(group, round(percent / 100.0 * PERIOD_US))
-    except OSError as error:
-        raise RuntimeError(
-            f"{parent}: cannot create a control group: {error}; run as root"
-        ) from error
-    try:
-        yield lambda processes: _move(processes, group)
-    finally:
-        _remove_cgroup(group, parent)
-
-
-def _find_cpu_cgroup() -> tuple[Path, Callable[[Path, int], None]]:
-    """Return the top group of the cpu controller, and the function that writes a limit."""
-    first = Path("/sys/fs/cgroup/cpu")
-    if (first / "cpu.shares").exists():
-        return first, _write_cgroup_v1
-    return Path("/sys/fs/cgroup"), _write_cgroup_v2
-
-
-def _write_cgroup_v1(group: Path, quota_us: int) -> None:
-    (group / "cpu.cfs_period_us").write_text(str(PERIOD_US))
-    (group / "cpu.cfs_quota_us").write_text(str(quota_us))
-
-
-def _write_cgroup_v2(group: Path, quota_us: int) -> None:
-    (group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
-
-
-def _remove_cgroup(group: Path, parent: Path) -> None:
-    """Remove a group; retry, because ending processes hold it for a moment."""
-    deadline_s = time.monotonic() + STOP_TIMEOUT_S
-    while True:
-        _move(map(int, (group / "cgroup.procs").read_text().split()), parent)
-        try:
-            group.rmdir()
-        except OSError:
-            if time.monotonic() > deadline_s:
-                raise
-            time.sleep(0.1)
-        else:
-            return
-
-
-def _move(processes: Iterable[int], group: Path) -> None:
-    for process in processes:
-        try:
-            (group / "cgroup.procs").write_text(str(process))
-        except ProcessLookupError:
-            continue  # the process has ended
-
-
-KEY = "kinect/odom"
-RECORDER_STOP_TIMEOUT_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -242,6 +177,35 @@ def wall_clock_offset_s() -> float:
         before_s, wall_s, after_s = time.monotonic(), time.time(), time.monotonic()
         readings.append((after_s - before_s, wall_s - 0.5 * (before_s + after_s)))
     return min(readings)[1]
+
+
+def prerender_room(config: SyntheticConfig) -> None:
+    """Render the room of a configuration into the cache, for the services started later."""
+    print("rendering the room (a minute or two, unless it is cached)", file=sys.stderr)
+    progress = Terminal().progress_callback("rendering the room: frame")
+    render_all(config, cache_folder() / "sequences", progress).close()
+
+
+def make_update(frame: RgbdFrame) -> OdometryUpdate:
+    """Make the update of a camera at rest that sees the frame, with its number and stamp."""
+    identity, covariance = np.eye(4), np.eye(6)
+    return OdometryUpdate(
+        seq=frame.seq,
+        stamp_s=frame.stamp_s,
+        state=TrackingState.TRACKING,
+        reason="",
+        epoch=1,
+        T_world_camera=identity,
+        T_odom_base=identity,
+        T_odom_camera=identity,
+        pose_covariance=covariance,
+        twist=np.zeros(6),
+        twist_covariance=covariance,
+        frame=frame,
+        estimate=Estimate(True, "", identity, identity, covariance),
+        stage_ms={},
+        latency_s=0.0,
+    )
 
 
 if __name__ == "__main__":  # the subscriber

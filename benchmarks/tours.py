@@ -8,8 +8,8 @@ FOLDER stores the arrays of each tour (stamps, truth, poses, milliseconds, memor
 figures in results.json. Finished tours are not run again; remove FOLDER to measure again. With
 --twins two corners of the room look the same.
 
-"ATE" is that of all estimated poses, in millimeters; "with loops" that of the optimized poses at
-the end. Gross errors are steps, and wrong loops are loop closures, with an error above 5 cm or 3
+"ATE" is that of all estimated poses, in millimeters; "optimized" that of the optimized poses at the
+end. Gross errors are steps, and wrong loop closures are those, with an error above 5 cm or 3
 degrees. CPU is that of the pose thread, milliseconds per frame in the first and in the last minute.
 MB is the memory of the whole program in these minutes, including the virtual Kinect.
 """
@@ -17,43 +17,246 @@ MB is the memory of the whole program in these minutes, including the virtual Ki
 import argparse
 import math
 import os
-import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
-from benchmarks.harness import Json, ResultCache, add_json_option, make_printer, print_json
-from benchmarks.rendered_views import compute_true_poses, make_tour_config, render_frames
-from benchmarks.tour_record import (
-    LoopClosureRecord,
-    TourRecord,
-    TrajectoryRunner,
-    make_runner,
-    save_plot,
-)
+from benchmarks.harness import Json, ResultCache, Table, measure_cpu_ms, to_mm
+from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, poses_close
-from drivers.synthetic import SyntheticConfig
-from vo_service.odometry import METHODS, warm_up
+from drivers.synthetic import MotionKind, SyntheticConfig
+from drivers.synthetic.motions import make_motion
+from drivers.synthetic.renderer import make_renderer
+from drivers.synthetic.room import ROOM_HEIGHT_M
+from drivers.synthetic.sensors import RenderedImages
+from tests.resource_leaks import resident_memory_kb
+from vo_service.config_tables import MapConfig
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig, warm_up
+from vo_service.slam.synchronous_loop_closure import (
+    SynchronousLoopClosure,
+    create_synchronous_loop_closure,
+)
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import (
     GROSS_ERROR_DEG,
     GROSS_ERROR_M,
     associate,
+    best_alignment,
     count_gross_errors,
+    position_errors_m,
     tracked_steps,
 )
+from vo_service.types import Estimate, OdometryUpdate
 
 MINUTE_S = 60.0
-PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
-COLUMNS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loop_closures", "wrong")
-PAIRS = f"{'CPU ms':>15}{'of loops':>15}{'MB':>13}"
-HEAD = f"{'':30}{''.join(f'{head:>11}' for head in COLUMNS)}{PAIRS}"
+# Times and memory are plotted as mean and 99th percentile of windows of this length.
+WINDOW_S = 10.0
+LABELS = ("distance from the truth, mm", "CPU, ms per frame", "memory, MB")
+# The arrays of a record that have a row for each frame.
+ARRAYS = (
+    *("stamp_s", "T_room_camera", "T_world_camera", "has_pose", "epoch"),
+    *("cpu_ms", "loop_closure_ms", "memory_mb"),
+)
+TABLE = Table(
+    *(30, "frames:8d", "cover %:9.1f", "epochs:8d", "gross:7d", "ATE:8.1f", "optimized:11.1f"),
+    *("loop closures:15d", "wrong:7d", "CPU ms:13", "of loop closure:17", "MB:13"),
+)
+
+
+def make_tour_config(seed: int, seconds: float, aliased_corners: bool) -> SyntheticConfig:
+    """Make the configuration of a tour with noise, depth quantization and rolling shutter.
+
+    Motion blur and smooth edges are off, because they are slow to render.
+
+    Args:
+        seed: Seed of the room.
+        seconds: Length, s.
+        aliased_corners: Whether two corners of the room look the same.
+    """
+    config = SyntheticConfig(
+        seed=seed,
+        duration_s=seconds,
+        motion=MotionKind.TOUR,
+        twin_corners=aliased_corners,
+        texel_m=0.003,
+    )
+    return replace(config, color=replace(config.color, exposure_s=0.0, smooth_edges=False))
+
+
+def compute_true_poses(config: SyntheticConfig) -> Array:
+    """True poses T_room_camera (N, 4, 4) of all frames."""
+    times_s = np.arange(config.frame_count) / config.rate_hz
+    return make_motion(config, ROOM_HEIGHT_M).poses(times_s)
+
+
+def render_frames(config: SyntheticConfig) -> Iterator[RgbdFrame]:
+    """Yield all frames in order; two threads render a few ahead."""
+    renderer = make_renderer(config, THREADS)
+    for seq, images in enumerate(prefetch(renderer.render, config.frame_count)):
+        yield make_tour_frame(config, seq, images)
+
+
+def make_tour_frame(config: SyntheticConfig, seq: int, images: RenderedImages) -> RgbdFrame:
+    """Make frame `seq` of a camera of `config` from its images, with a stamp in microseconds.
+
+    Args:
+        config: The tour.
+        seq: Number of the frame.
+        images: Its color and depth.
+    """
+    return make_frame(config, seq, round(seq / config.rate_hz, 6), images)
+
+
+@dataclass(frozen=True)
+class LoopClosureRecord:
+    """An accepted loop closure: T_keyframe_camera (4, 4) between two frames."""
+
+    keyframe_stamp_s: float
+    stamp_s: float
+    T_keyframe_camera: Array
+
+
+@dataclass(frozen=True)
+class TourRecord:
+    """Measurements of F frames, in order.
+
+    Attributes:
+        stamp_s: (F,).
+        T_room_camera: (F, 4, 4) true poses.
+        T_world_camera: (F, 4, 4) estimated poses.
+        has_pose: (F,) whether the estimate is valid.
+        epoch: (F,).
+        cpu_ms: (F,) processor time of the thread for the pose.
+        loop_closure_ms: (F,) processor time after that, for the map.
+        memory_mb: (F,) memory of the process, including the virtual Kinect.
+        optimized: The optimized poses at the end.
+        loop_closures: All loop closures.
+    """
+
+    stamp_s: Array
+    T_room_camera: Array
+    T_world_camera: Array
+    has_pose: NDArray[np.bool_]
+    epoch: NDArray[np.int64]
+    cpu_ms: Array
+    loop_closure_ms: Array
+    memory_mb: Array
+    optimized: Trajectory
+    loop_closures: Sequence[LoopClosureRecord]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Estimated trajectory of the frames with a pose."""
+        return Trajectory(self.stamp_s[self.has_pose], self.T_world_camera[self.has_pose])
+
+    @property
+    def truth(self) -> Trajectory:
+        """True trajectory of all frames."""
+        return Trajectory(self.stamp_s, self.T_room_camera)
+
+    def save(self, file: Path) -> None:
+        """Save the arrays in a .npz file."""
+        loops = self.loop_closures
+        np.savez_compressed(
+            file,
+            optimized_s=self.optimized.stamps_s,
+            T_optimized=self.optimized.T_world_camera,
+            loop_stamps_s=[(loop.keyframe_stamp_s, loop.stamp_s) for loop in loops],
+            T_keyframe_camera=[loop.T_keyframe_camera for loop in loops],
+            **{name: getattr(self, name) for name in ARRAYS},
+        )
+
+    @classmethod
+    def load(cls, file: Path) -> "TourRecord":
+        """Load a file of `save`."""
+        with np.load(file) as arrays:
+            stamps_s, T = arrays["loop_stamps_s"].tolist(), arrays["T_keyframe_camera"]
+            return cls(
+                **{name: arrays[name] for name in ARRAYS},
+                optimized=Trajectory(arrays["optimized_s"], arrays["T_optimized"]),
+                loop_closures=[
+                    LoopClosureRecord(keyframe_s, stamp_s, T_loop)
+                    for (keyframe_s, stamp_s), T_loop in zip(stamps_s, T, strict=True)
+                ],
+            )
+
+
+class TrajectoryRunner(Protocol):
+    """Estimates the poses of frames, and the optimized trajectory at the end."""
+
+    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
+        """Estimate the pose of the next frame."""
+        ...
+
+    def update_map(self) -> None:
+        """Do the map's work after the pose of a frame."""
+        ...
+
+    def optimized_trajectory(self) -> Trajectory:
+        """Return the optimized poses after the last frame."""
+        ...
+
+    def loop_closures(self) -> Sequence[LoopClosureRecord]:
+        """Return all loop closures so far."""
+        ...
+
+
+class LoopClosureRunner:
+    """An odometry with synchronous loop closure.
+
+    Attributes:
+        map: The map.
+        last_update: The update of the last frame.
+    """
+
+    def __init__(self, method: str, loop_closure: SynchronousLoopClosure) -> None:
+        """`loop_closure` may have a loaded map."""
+        self.map = loop_closure
+        self._odometry = loop_closure.wrap(METHODS[method](MethodConfig(), CpuStageTimer()))
+        self._tracker = OdomFrame()
+        self.last_update: OdometryUpdate | None = None
+
+    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
+        """See `TrajectoryRunner`."""
+        estimate = self._odometry.estimate(frame)
+        self.last_update = self._tracker.update(
+            StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0
+        )
+        return estimate
+
+    def update_map(self) -> None:
+        """See `TrajectoryRunner`."""
+        if self.last_update is not None:
+            self.map.on_update(self.last_update)
+
+    def optimized_trajectory(self) -> Trajectory:
+        """See `TrajectoryRunner`."""
+        return self.map.trajectory
+
+    def loop_closures(self) -> Sequence[LoopClosureRecord]:
+        """See `TrajectoryRunner`. Those of a culled keyframe belong to its neighbor."""
+        database = self.map.loop_closer.database
+        return [
+            LoopClosureRecord(database[edge.a].stamp_s, database[edge.b].stamp_s, edge.T_a_b)
+            for edge in self.map.loop_closer.graph.edges
+            if edge.is_loop
+        ]
+
+
+def make_runner(method: str) -> TrajectoryRunner:
+    """Make the runner of a method with loop closure."""
+    return LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
 
 
 @dataclass(frozen=True)
@@ -86,6 +289,17 @@ class TourResult:
     loop_closure_ms: tuple[float, float]
     memory_mb: tuple[float, float]
 
+    def format_row(self, name: str) -> str:
+        """The line of the table."""
+        return TABLE.row(
+            name,
+            *(self.frames, 100.0 * self.coverage, self.epochs, self.gross),
+            *(to_mm(self.ate_m), to_mm(self.ate_optimized_m)),
+            *(self.loop_closures, self.wrong_loop_closures),
+            *("{:.2f} {:.2f}".format(*pair) for pair in (self.cpu_ms, self.loop_closure_ms)),
+            "{:.0f} {:.0f}".format(*self.memory_mb),
+        )
+
 
 def run_tour(
     runner: TrajectoryRunner,
@@ -101,41 +315,29 @@ def run_tour(
         T_room_camera: Their true poses (N, 4, 4).
         progress: Called after each frame.
     """
-    stamps_s, poses, ok, is_reset = [], [], [], []
-    cpu_ms, loop_closure_ms, memory_mb = [], [], []
+    rows = []
     for frame in frames:
-        begin_s = time.thread_time()
-        estimate = runner.estimate_pose(frame)
-        estimated_s = time.thread_time()
-        runner.update_map()
-        cpu_ms.append((estimated_s - begin_s) * 1e3)
-        loop_closure_ms.append((time.thread_time() - estimated_s) * 1e3)
-        stamps_s.append(frame.stamp_s)
-        poses.append(estimate.T_world_camera)
-        ok.append(estimate.ok)
-        is_reset.append(estimate.is_reset)
-        memory_mb.append(resident_mb())
-        progress(len(stamps_s), len(T_room_camera))
-    stamp_s, T_world_camera, is_ok = np.array(stamps_s), np.array(poses), np.array(ok, np.bool_)
-    trajectory = Trajectory(stamp_s[is_ok], T_world_camera[is_ok])
+        estimate, cpu_ms = measure_cpu_ms(partial(runner.estimate_pose, frame))
+        _, map_ms = measure_cpu_ms(runner.update_map)
+        pose = (estimate.T_world_camera, estimate.ok, estimate.is_reset)
+        memory_mb = resident_memory_kb(os.getpid()) / 1e3
+        rows.append((frame.stamp_s, *pose, cpu_ms, map_ms, memory_mb))
+        progress(len(rows), len(T_room_camera))
+    stamp_s, T_world_camera, is_ok, is_reset, pose_ms, loop_closure_ms, used_mb = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
     return TourRecord(
         stamp_s,
-        T_room_camera[: len(stamps_s)],
+        T_room_camera[: len(rows)],
         T_world_camera,
         is_ok,
         np.cumsum(is_reset),
-        np.array(cpu_ms),
-        np.array(loop_closure_ms),
-        np.array(memory_mb),
-        runner.optimized_trajectory(trajectory),
+        pose_ms,
+        loop_closure_ms,
+        used_mb,
+        runner.optimized_trajectory(),
         tuple(runner.loop_closures()),
     )
-
-
-def resident_mb() -> float:
-    """Resident memory of this process."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * PAGE_BYTES / 1e6
 
 
 def summarize(record: TourRecord) -> TourResult:
@@ -188,6 +390,52 @@ def _first_and_last(values: Array, stamps_s: Array) -> tuple[float, float]:
     return float(first.mean()), float(last.mean())
 
 
+def save_plot(records: Mapping[str, TourRecord], file: Path) -> None:
+    """Plot all tours together. Raises InputError if one has too few poses."""
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(len(LABELS), 1, sharex=True, figsize=(8, 8), layout="tight")
+    for name, record in records.items():
+        _draw(axes, name, record)
+    for axis, label in zip(axes, LABELS, strict=True):
+        axis.set_ylabel(label)
+        axis.set_ylim(bottom=0)
+        axis.grid(visible=True, alpha=0.3)
+        axis.legend(loc="upper left", fontsize="small")
+    axes[-1].set_xlabel("minutes")
+    figure.savefig(file, dpi=100)
+    pyplot.close(figure)
+
+
+def _draw(axes: list[Axes], name: str, record: TourRecord) -> None:
+    for what, poses in (("estimated", record.trajectory), ("optimized", record.optimized)):
+        stamps_s, errors_m = _errors(poses, record.truth)
+        axes[0].plot(stamps_s / 60.0, 1e3 * errors_m, label=f"{name}, {what}", linewidth=1)
+    parts = _windows(record)
+    minutes = [(n + 0.5) * WINDOW_S / 60.0 for n in range(len(parts))]
+    lines = (
+        (axes[1], "poses, mean", [record.cpu_ms[part].mean() for part in parts]),
+        (axes[1], "poses, 99 %", [np.percentile(record.cpu_ms[part], 99) for part in parts]),
+        (axes[1], "loop closure, mean", [record.loop_closure_ms[part].mean() for part in parts]),
+        (axes[2], "", [record.memory_mb[part].mean() for part in parts]),
+    )
+    for axis, what, values in lines:
+        axis.plot(minutes, values, label=f"{name}, {what}".rstrip(", "), linewidth=1)
+
+
+def _windows(record: TourRecord) -> list[NDArray[np.intp]]:
+    """Indices of the frames of each window, in order."""
+    window = ((record.stamp_s - record.stamp_s[0]) // WINDOW_S).astype(int)
+    return [np.flatnonzero(window == each) for each in np.unique(window)]
+
+
+def _errors(poses: Trajectory, truth: Trajectory) -> tuple[Array, Array]:
+    """Stamps, and distances of the poses from the truth after the best alignment."""
+    matched = associate(poses, truth)
+    return matched.stamps_s, position_errors_m(matched, best_alignment(matched))
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("folder", type=Path, help="folder of the results")
@@ -196,73 +444,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
     parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
-    parser.add_argument(
-        "--alone", action="store_true", help="only the odometry, without loop closure"
-    )
-    add_json_option(parser)
 
 
 def main(args: argparse.Namespace) -> None:
     """Run the tours without stored results, and print all."""
-    results = run(args)
-    if args.plot:
-        names = {name: args.folder / f"{name}.npz" for name in results}
-        save_plot({name: TourRecord.load(file) for name, file in names.items()}, args.plot)
-    print_json(args, results)
-
-
-def run(args: argparse.Namespace) -> dict[str, Json]:
-    """Figures of each tour by name. Raises InputError if the folder cannot be used."""
-    args.folder.mkdir(parents=True, exist_ok=True)
-    cache, results = ResultCache(args.folder), dict[str, Json]()
+    cache, names = ResultCache(args.folder), list[str]()
     warm_up(args.method, lambda stage: None)
-    print_line = make_printer(args)
-    print_line(HEAD)
+    print(TABLE.head)
     for seed in args.seeds:
-        alone = "-alone" if args.alone else ""
-        name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}{alone}"
+        name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}"
         config = make_tour_config(seed, args.seconds, args.twins)
-        results[name] = cache.get_or_run(name, partial(_measure, args, config, name))
-        print_line(format_row(name, results[name]))
-    return results
+        file = args.folder / f"{name}.npz"
+        result = cache.get_or_run(name, partial(_measure, args.method, config, file))
+        print(TourResult(**result).format_row(name), flush=True)
+        names.append(name)
+    if args.plot:
+        records = {name: TourRecord.load(args.folder / f"{name}.npz") for name in names}
+        save_plot(records, args.plot)
 
 
-def _measure(args: argparse.Namespace, config: SyntheticConfig, name: str) -> Json:
+def _measure(method: str, config: SyntheticConfig, file: Path) -> Json:
     terminal = Terminal()
-    progress = terminal.progress_callback(f"{name}: frame")
     record = run_tour(
-        make_runner(args.method, args.alone),
+        make_runner(method),
         render_frames(config),
         compute_true_poses(config),
-        progress,
+        terminal.progress_callback(f"{file.stem}: frame"),
     )
-    record.save(args.folder / f"{name}.npz")
+    record.save(file)
     terminal.clear()
     return asdict(summarize(record))
-
-
-def format_row(name: str, result: Json) -> str:
-    """One row of the table."""
-    cells = [
-        f"{result['frames']}",
-        f"{100.0 * result['coverage']:.1f}",
-        f"{result['epochs']}",
-        f"{result['gross']}",
-        _format_mm(result["ate_m"]),
-        _format_mm(result["ate_optimized_m"]),
-        f"{result['loop_closures']}",
-        f"{result['wrong_loop_closures']}",
-    ]
-    row = "".join(f"{cell:>11}" for cell in cells)
-    times = (
-        f"{_format_pair(result['cpu_ms'], 2):>15}{_format_pair(result['loop_closure_ms'], 2):>15}"
-    )
-    return f"{name:30}{row}{times}{_format_pair(result['memory_mb'], 0):>13}"
-
-
-def _format_mm(value_m: float | None) -> str:
-    return "-" if value_m is None else f"{1e3 * value_m:.1f}"
-
-
-def _format_pair(values: Sequence[float], digits: int) -> str:
-    return " ".join(f"{value:.{digits}f}" for value in values)

@@ -1,4 +1,4 @@
-"""The table of hard cases, with an odometry of scripted errors."""
+"""Hard cases, with an odometry of scripted errors, and the drift of a stationary camera."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,11 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.hard_cases import CASES, case_config, format_row, measure_creep, measure_stationary
+from benchmarks.hard_cases import (
+    SCENES,
+    STILL,
+    DriftResult,
+    SceneResult,
+    StaticView,
+    evaluate_scene,
+    format_creep,
+    longest_gap_s,
+    measure_drift,
+    read_scene,
+)
 from benchmarks.rendered_sequences import render
-from benchmarks.tracking import longest_gap_s, measure
+from benchmarks.tracking import TrackedSequence, open_frames_with_truth, track
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import PluginGroup
+from drivers.core.geometry import Trajectory, rigid_transform, so3_exp
 from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig
 from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate
@@ -60,13 +72,22 @@ def make_method(monkeypatch: pytest.MonkeyPatch, odometry: ScriptedEstimates) ->
     return "make_method"
 
 
+def tracked(method: str, folder: Path) -> tuple[TrackedSequence, Trajectory]:
+    with open_frames_with_truth(folder) as (frames, truth):
+        return track(method, frames), truth
+
+
+def measure(method: str, folder: Path) -> SceneResult:
+    return evaluate_scene(*tracked(method, folder), CONFIG)
+
+
 def test_lost_frames_and_the_recovery_time_are_reported(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
     method = make_method(
         monkeypatch, ScriptedEstimates(lambda seq: 0.0, is_lost=lambda seq: 10 <= seq < 18)
     )
-    case = measure(method, folder, CONFIG)
+    case = measure(method, folder)
     assert (case.frames, case.lost, case.degraded, case.gross) == (30, 8, 0, 0)
     assert case.longest_gap_s == pytest.approx(8 / 30, abs=1e-5)
     assert case.recovery_s == pytest.approx(3 / 30, abs=1e-5)
@@ -78,12 +99,12 @@ def test_a_jump_is_a_gross_error_and_counted_apart_while_tracking(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
     odometry = ScriptedEstimates(lambda seq: 0.06 * (seq >= 5) + 0.06 * (seq >= 20))
-    case = measure(make_method(monkeypatch, odometry), folder, CONFIG)
+    case = measure(make_method(monkeypatch, odometry), folder)
     assert (case.gross, case.gross_tracking, case.degraded) == (2, 2, 0)
     unsure = replace(odometry, inliers=lambda seq: 10 if seq == 20 else 100)
-    case = measure(make_method(monkeypatch, unsure), folder, CONFIG)
+    case = measure(make_method(monkeypatch, unsure), folder)
     assert (case.gross, case.gross_tracking, case.degraded) == (2, 1, 1)
-    assert "2 (1)" in format_row(case)
+    assert "2 (1)" in case.format_row("case")
 
 
 def test_without_recovery_its_time_is_infinite(
@@ -92,32 +113,19 @@ def test_without_recovery_its_time_is_infinite(
     method = make_method(
         monkeypatch, ScriptedEstimates(lambda seq: 0.0, is_lost=lambda seq: seq >= 10)
     )
-    case = measure(method, folder, CONFIG)
+    case = measure(method, folder)
     assert case.recovery_s == np.inf
-    assert "inf" in format_row(case)
+    assert "inf" in case.format_row("case")
     lost = measure(
         make_method(monkeypatch, ScriptedEstimates(lambda seq: 0.0, lambda seq: True)),
         folder,
-        CONFIG,
     )
     assert (lost.lost, lost.ate_m, lost.gross) == (30, None, 0)
 
 
 def test_the_tracked_distance_of_a_creep(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    stands = measure_creep(make_method(monkeypatch, ScriptedEstimates(lambda seq: 0.0)), folder)
-    assert stands.true_distance_m == pytest.approx(29 / 30 * 0.001, rel=1e-3)
-    assert stands.tracked_distance_m == 0.0
-    assert "0.0 %" in format_row(stands)
-
-
-def test_standing_still_is_measured_from_the_first_pose(monkeypatch: pytest.MonkeyPatch) -> None:
-    method = make_method(
-        monkeypatch, ScriptedEstimates(lambda seq: 0.5 - 0.01 * (seq == 3) + 0.002 * (seq == 5))
-    )
-    stood = measure_stationary(method, [replace(make_frame(0), seq=seq) for seq in range(6)])
-    assert (stood.frames, stood.lost) == (6, 0)
-    assert stood.max_error_m == pytest.approx(0.010)
-    assert stood.end_m == pytest.approx(0.002)
+    stands = tracked(make_method(monkeypatch, ScriptedEstimates(lambda seq: 0.0)), folder)
+    assert format_creep(*stands).split() == ["30", "0", "0.00", "of", "0.97", "mm:", "0.0", "%"]
 
 
 def test_a_pause_between_frames_is_time_without_a_pose() -> None:
@@ -126,5 +134,58 @@ def test_a_pause_between_frames_is_time_without_a_pose() -> None:
     assert longest_gap_s(stamps_s[:3], np.array([True, False, False])) == pytest.approx(0.1)
 
 
-def test_every_case_has_a_sequence() -> None:
-    assert {case_config(name).loop for name in CASES} == {False}
+def test_every_scene_has_a_sequence() -> None:
+    assert {read_scene(name).loop for name in (*SCENES, STILL)} == {False}
+
+
+# Six frames.
+STILL_CONFIG = SyntheticConfig(camera=TINY, duration_s=0.2, texel_m=0.05, motion=MotionKind.STILL)
+
+
+class DriftingOdometry:
+    """An odometry that drifts by a millimeter and a tenth of a degree per frame; one is lost."""
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Return the drifted pose."""
+        turn = so3_exp([0.0, 0.0, np.radians(0.1 * frame.seq)])
+        T = rigid_transform(turn, [0.5 + 0.001 * frame.seq, 0.0, 0.0])
+        return Estimate(frame.seq != 1, "", T, np.eye(4), np.eye(6))
+
+
+@pytest.fixture
+def minutes(monkeypatch: pytest.MonkeyPatch) -> list[DriftResult]:
+    monkeypatch.setattr(
+        PluginGroup, "__getitem__", lambda methods, name: lambda *_: DriftingOdometry()
+    )
+    frames = (replace(make_frame(0), seq=seq) for seq in range(6))
+    return list(measure_drift("creeping", frames, 3))
+
+
+def test_each_minute_is_reported_from_the_first_pose_on(minutes: list[DriftResult]) -> None:
+    assert [(stood.frames, stood.lost) for stood in minutes] == [(3, 1), (6, 1)]
+    np.testing.assert_allclose(minutes[0].max_error, [0.002, 0.2], atol=1e-9)
+    np.testing.assert_allclose(minutes[1].max_error, [0.005, 0.5], atol=1e-9)
+    squares = np.mean([0, 4, 9, 16, 25])
+    np.testing.assert_allclose(minutes[1].rms, np.sqrt(squares) * np.array([0.001, 0.1]), atol=1e-9)
+
+
+def test_drift_is_from_the_first_minute_to_the_last(minutes: list[DriftResult]) -> None:
+    np.testing.assert_allclose(minutes[0].drift, [0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(minutes[1].drift, [0.003, 0.3], atol=1e-9)
+
+
+def test_a_line_is_in_millimeters_and_degrees(minutes: list[DriftResult]) -> None:
+    line = minutes[1].format_row(2)
+    assert line.split()[:5] == ["2", "6", "1", "5.000", "0.5000"]
+
+
+def test_frames_of_a_static_view_differ_only_in_their_noise() -> None:
+    view = StaticView.render(STILL_CONFIG)
+    frames = list(view.frames(8))
+    assert [frame.seq for frame in frames] == list(range(8))
+    np.testing.assert_array_equal(frames[5].color_bgr, view.frame(5).color_bgr)
+    np.testing.assert_array_equal(frames[5].depth_raw, view.frame(5).depth_raw)
+    assert np.any(frames[0].color_bgr != frames[1].color_bgr)
+    assert np.any(frames[0].depth_raw != frames[1].depth_raw)
+    both = (frames[0].depth_raw > 0) & (frames[1].depth_raw > 0)
+    assert np.median(np.abs(frames[0].depth_m - frames[1].depth_m)[both]) < 0.03

@@ -1,6 +1,5 @@
 """Relocalization trials: their choice by view overlap, and their evaluation by the truth."""
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,28 +8,30 @@ import numpy as np
 import pytest
 
 from benchmarks import relocalization
-from benchmarks.relocalization import RelocalizationOutcome, evaluate_trial, summarize
-from benchmarks.relocalization_trials import (
+from benchmarks.__main__ import main
+from benchmarks.relocalization import (
     FRAMES_AFTER,
     FRAMES_BEFORE,
     FRAMES_COVERED,
     VIEW_STRIDE,
+    ObservedView,
+    RelocalizationOutcome,
     RelocalizationTrial,
+    TourSequence,
     choose_trials,
+    evaluate_trial,
+    max_overlap,
+    summarize,
     trial_frames,
 )
-from benchmarks.rendered_views import (
-    ObservedView,
-    compute_true_poses,
-    make_tour_config,
-    max_overlap,
-)
+from benchmarks.tours import compute_true_poses, make_tour_config
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 from tests.vo_service.fakes import make_frame
-from vo_service.types import Estimate
+from vo_service.odometry import METHODS, MethodConfig
+from vo_service.types import Estimate, NullStageTimer
 
 CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
@@ -113,7 +114,8 @@ def test_covered_frames_are_black_and_have_increasing_stamps() -> None:
             np.full((48, 64, 3), number % 251, np.uint8), np.full((48, 64), number, np.uint16)
         )
 
-    frames = list(trial_frames(RelocalizationTrial(30, 900, 30), config, read_images))
+    tour = TourSequence(config, read_images, np.empty((0, 4, 4)))
+    frames = list(trial_frames(RelocalizationTrial(30, 900, 30), tour))
     assert [each.seq for each in frames] == list(range(len(frames)))
     np.testing.assert_allclose(np.diff([each.stamp_s for each in frames]), 1 / 30, atol=2e-6)
     assert [each.depth_raw.max() for each in frames[FRAMES_BEFORE - 1 : BACK + 2]] == [
@@ -237,33 +239,43 @@ def test_trials_are_counted_by_their_outcome() -> None:
     assert (all_of_them.new_map, all_of_them.nowhere, all_of_them.wrong) == (1, 1, 1)
     assert (all_of_them.median_frames, all_of_them.largest_m) == (3.0, 0.3)
     assert summarize([]).median_m is None
-    assert "300.0" in relocalization.format_row("together", all_of_them)
+    assert "300.0" in all_of_them.format_row("together")
 
 
 @pytest.mark.slow
 def test_finished_seeds_are_not_measured_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def tiny(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
-        return replace(make_tour_config(seed, seconds, twins), camera=TINY, texel_m=0.05)
+    def tiny(seed: int, seconds: float, aliased_corners: bool) -> SyntheticConfig:
+        config = make_tour_config(seed, seconds, aliased_corners)
+        return replace(config, camera=TINY, texel_m=0.05)
 
     monkeypatch.setattr(relocalization, "make_tour_config", tiny)
+    monkeypatch.setattr(relocalization, "make_runner", OdometryRunner)
     monkeypatch.setattr(relocalization, "SEQUENCE_S", 27.0)
     monkeypatch.setattr(relocalization, "choose_trials", _two_trials)
-    args = argparse.Namespace(
-        folder=tmp_path,
-        tries=3,
-        seeds=[1],
-        unseen=False,
-        twins=False,
-        method="icp",
-        alone=True,
-        json=True,
-    )
-    first = relocalization.run(args)
-    assert first["together"].trials == 2
+    arguments = ["relocalization", str(tmp_path), "--tries", "3", "--seeds", "1"]
+    arguments += ["--method", "icp"]
+    assert main(arguments) == 0
+    first = capsys.readouterr().out
+    assert first.splitlines()[-1].split()[:2] == ["together", "2"]
     monkeypatch.setattr(relocalization, "compute_true_poses", lambda config: 1 / 0)
-    assert relocalization.run(args) == first
+    assert main(arguments) == 0
+    assert capsys.readouterr().out == first
+
+
+class OdometryRunner:
+    """A runner without a map."""
+
+    def __init__(self, method: str) -> None:
+        self._odometry = METHODS[method](MethodConfig(), NullStageTimer())
+
+    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
+        """Estimate the pose of the next frame."""
+        return self._odometry.estimate(frame)
+
+    def update_map(self) -> None:
+        """Do nothing."""
 
 
 def _two_trials(

@@ -3,12 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.rendered_sequences import (
     TIMINGS,
-    StaticView,
     is_complete,
     make_configs,
     render,
@@ -86,15 +84,3 @@ def test_a_shorter_track_is_rendered_to_its_end(tmp_path: Path) -> None:
     assert config(20.0).duration_s == 3.0
     with pytest.raises(InputError, match="ends after 23 s; start earlier than at 25 s"):
         config(25.0)
-
-
-def test_frames_of_a_static_view_differ_only_in_their_noise() -> None:
-    view = StaticView.render(CONFIG)
-    frames = list(view.frames(8))
-    assert [frame.seq for frame in frames] == list(range(8))
-    np.testing.assert_array_equal(frames[5].color_bgr, view.frame(5).color_bgr)
-    np.testing.assert_array_equal(frames[5].depth_raw, view.frame(5).depth_raw)
-    assert np.any(frames[0].color_bgr != frames[1].color_bgr)
-    assert np.any(frames[0].depth_raw != frames[1].depth_raw)
-    both = (frames[0].depth_raw > 0) & (frames[1].depth_raw > 0)
-    assert np.median(np.abs(frames[0].depth_m - frames[1].depth_m)[both]) < 0.03

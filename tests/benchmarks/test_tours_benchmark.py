@@ -1,6 +1,5 @@
 """Long tours: rendering on demand, evaluation by the truth, and the cache of results."""
 
-import argparse
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -10,16 +9,19 @@ import numpy as np
 import pytest
 
 from benchmarks import tours
+from benchmarks.__main__ import main
 from benchmarks.harness import ResultCache
-from benchmarks.rendered_views import (
-    PREFETCH_COUNT,
+from benchmarks.rendered_sequences import PREFETCH_COUNT, prefetch
+from benchmarks.tours import (
+    LoopClosureRecord,
+    TourRecord,
     compute_true_poses,
     make_tour_config,
-    prefetch,
     render_frames,
+    run_tour,
+    save_plot,
+    summarize,
 )
-from benchmarks.tour_record import LoopClosureRecord, OdometryRunner, TourRecord, save_plot
-from benchmarks.tours import run_tour, summarize
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse
@@ -51,11 +53,11 @@ class ScriptedRunner:
     def update_map(self) -> None:
         """Do nothing."""
 
-    def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
+    def optimized_trajectory(self) -> Trajectory:
         """Shift every other pose up."""
-        poses = trajectory.T_world_camera.copy()
+        poses = self.poses.copy()
         poses[::2, 2, 3] += self.offset_m
-        return replace(trajectory, T_world_camera=poses)
+        return Trajectory(np.arange(len(poses)) / 30.0, poses)
 
     def loop_closures(self) -> Sequence[LoopClosureRecord]:
         """Return the scripted loop closures."""
@@ -143,22 +145,20 @@ def test_a_finished_tour_is_not_run_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(tours, "make_tour_config", tiny_tour)
-    args = argparse.Namespace(
-        folder=tmp_path / "new",
-        seconds=0.2,
-        seeds=[1, 2],
-        twins=False,
-        method="icp",
-        alone=True,
-        json=False,
-    )
-    first = tours.run(args)
-    assert list(first) == ["tour-0.2s-1-icp-alone", "tour-0.2s-2-icp-alone"]
-    assert all(result["frames"] == 6 for result in first.values())
-    assert (args.folder / "tour-0.2s-2-icp-alone.npz").exists()
+    poses = compute_true_poses(tiny_tour(1, 0.2, twins=False))
+    monkeypatch.setattr(tours, "make_runner", lambda method: ScriptedRunner(poses))
+    folder = tmp_path / "new"
+    arguments = ["tours", str(folder), "--seconds", "0.2", "--seeds", "1", "2", "--method", "icp"]
+    assert main(arguments) == 0
+    first = capsys.readouterr().out
+    assert [line.split()[:2] for line in first.splitlines()[1:]] == [
+        ["tour-0.2s-1-icp", "6"],
+        ["tour-0.2s-2-icp", "6"],
+    ]
+    assert (folder / "tour-0.2s-2-icp.npz").exists()
     monkeypatch.setattr(tours, "render_frames", lambda config: 1 / 0)
-    assert tours.run(args) == first
-    assert capsys.readouterr().out.count("tour-0.2s-1-icp-alone") == 2
+    assert main(arguments) == 0
+    assert capsys.readouterr().out == first
 
 
 def test_a_file_of_other_results_is_not_changed(tmp_path: Path) -> None:
@@ -169,11 +169,3 @@ def test_a_file_of_other_results_is_not_changed(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot read it"):
         ResultCache(tmp_path)
     assert (tmp_path / "results.json").read_text() == "thesis"
-
-
-def test_the_odometry_alone_has_no_loop_closures() -> None:
-    runner = OdometryRunner("icp")
-    estimate = runner.estimate_pose(make_frame(0))
-    trajectory = Trajectory(np.zeros(1), estimate.T_world_camera[None])
-    assert runner.optimized_trajectory(trajectory) is trajectory
-    assert runner.loop_closures() == ()

@@ -134,7 +134,7 @@ class VladVocabulary:
 
     @classmethod
     def default(cls) -> Self:
-        """Load the packaged vocabulary, made by `python -m benchmarks train_vlad`."""
+        """Load the packaged vocabulary, made by `python -m benchmarks place_recognition train`."""
         with files(__package__).joinpath("vlad_vocabulary.npy").open("rb") as file:
             return cls(np.load(file, allow_pickle=False).astype(np.float32))
 

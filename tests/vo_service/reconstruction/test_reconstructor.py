@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.map_error import distances_m, make_solids
+from benchmarks.reconstruction import distances_m, make_solids
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, Trajectory, rigid_transform, transform_points
 from drivers.synthetic import SyntheticConfig

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.service_soak import SoakRecord, SoakSample, check_soak, save_plot, slope
+from benchmarks.soak import SoakRecord, SoakSample, check_soak, save_plot, slope
 
 FLAT = SoakSample(
     run=0, frame=0, seconds=0.0, service_mb=300.0, others_mb=200.0, handles=40, threads=20,
@@ -57,7 +57,7 @@ def test_a_leak_is_one_megabyte_in_ten_thousand_frames(
 
 def test_each_run_has_its_own_offset(tmp_path: Path) -> None:
     runs = run_of(10) + run_of(10, run=1, base_mb=350.0)
-    assert slope(runs, lambda sample: sample.service_mb) == pytest.approx(0.0, abs=1e-9)
+    assert slope(runs, "service_mb") == pytest.approx(0.0, abs=1e-9)
 
 
 def test_growth_during_the_warm_up_is_not_a_leak(tmp_path: Path) -> None:

@@ -1,11 +1,15 @@
+"""Views of place recognition, and its trained words."""
+
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.rendered_views import (
+from benchmarks.place_recognition import (
     VIEW_OFFSETS,
     PiecewiseMotion,
+    extract_descriptors,
+    fit_centers,
     poses_around,
     views_of_recording,
 )
@@ -42,3 +46,20 @@ def test_a_recording_without_truth_is_rejected(recording: Path, tmp_path: Path) 
             (tmp_path / each.name).symlink_to(each)
     with pytest.raises(InputError, match="name a recording with one"):
         next(views_of_recording(tmp_path))
+
+
+def test_visual_words_are_cluster_centers_and_repeatable() -> None:
+    random = np.random.default_rng(1)
+    centers = random.integers(-60, 60, (4, 64)).astype(np.float32)
+    descriptors = np.repeat(centers, 50, axis=0) + random.integers(-1, 2, (200, 64))
+    words = fit_centers(descriptors.astype(np.float32), 4)
+    by_order = centers[np.lexsort(centers.T[::-1])]
+    assert words.dtype == np.int8
+    assert np.abs(words - by_order).max() <= 1.0
+    assert np.array_equal(words, fit_centers(descriptors.astype(np.float32), 4))
+
+
+def test_a_recording_is_described_every_thirtieth_frame(recording: Path) -> None:
+    descriptors = list(extract_descriptors(recording))
+    assert len(descriptors) == 1
+    assert descriptors[0].shape[1] == 64

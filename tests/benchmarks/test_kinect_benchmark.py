@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.stamp_instant import exposed_fraction, find_lit_pixels, fit_timing
+from benchmarks.kinect import exposed_fraction, find_lit_pixels, fit_timing
 from drivers.core.geometry import Array
 
 STAMPS_S = 100.0 + np.arange(120) / 30

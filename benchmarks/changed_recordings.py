@@ -1,0 +1,398 @@
+"""Accuracy on changed recordings: tiny changes, a wrong calibration, and corrupted frames.
+
+    python -m benchmarks changed_recordings tiny KEPT FOLDER... [--count 20]
+    python -m benchmarks changed_recordings calibration FOLDER... [--method direct]
+    python -m benchmarks changed_recordings corrupted FOLDER...
+
+Each FOLDER is a TUM folder with ground truth. ATE RMSE, mean global error and RPE over a second are
+in millimeters.
+"""
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.harness import (
+    Json,
+    ResultCache,
+    Table,
+    Variants,
+    format_mm,
+    measure_cpu_ms,
+    median,
+    to_mm,
+)
+from benchmarks.tracking import FrameChange, evaluate_trajectory, open_frames, track_changed
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, Trajectory, so3_exp
+from vo_service.odometry import DEFAULT_METHOD, METHODS, warm_up
+from vo_service.odometry.features import FeatureView, SurfParameters
+from vo_service.odometry.surf.odometry import SurfOdometry
+from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
+
+Frames = list[RgbdFrame]
+Image = NDArray[np.integer[Any]]
+FrameTransform = Callable[[Frames], Frames]  # the corrupted frames, perhaps fewer
+
+MAX_FOCAL_ERROR_PX = 0.5
+MAX_DELAY_ERROR_S = 0.0003
+UNCHANGED = "unchanged"
+FIGURES = {"ATE": "ate_m", "RPE/1s": "rpe_1s_m", "failed": "failed"}
+TINY_TABLE = Table(28, "unchanged:11", "smallest:11", "median:11", "largest:11", "ratio:11")
+CALIBRATION_TABLE = Table(28, "ATE:10.2f", "global:10.2f", "RPE/1s:10.2f", "failed:10d")
+BLUR_SAMPLES = 9  # views within the exposure that are averaged for motion blur
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """A tiny change of all frames of a recording."""
+
+    seed: int
+    focal_px: float
+    delay_s: float
+
+    def __str__(self) -> str:
+        return f"{self.seed}: {self.focal_px:+.2f} px {1e3 * self.delay_s:+.2f} ms"
+
+    def apply(self, frame: RgbdFrame) -> RgbdFrame:
+        """Change a frame; its noise depends on the seed and the frame's number alone."""
+        rng = np.random.default_rng([self.seed, frame.seq])
+        noise = rng.integers(-1, 2, (*frame.depth_raw.shape, 1), np.int16)
+        camera = frame.camera
+        return replace(
+            frame,
+            color_bgr=np.clip(frame.color_bgr + noise, 0, 255).astype(np.uint8),
+            camera=replace(camera, fx=camera.fx + self.focal_px, fy=camera.fy + self.focal_px),
+            skew_s=frame.skew_s + self.delay_s,
+        )
+
+
+def make_perturbation(seed: int) -> Perturbation:
+    """Draw the perturbation of a seed."""
+    focal, delay = np.random.default_rng(seed).uniform(-1.0, 1.0, 2).tolist()
+    return Perturbation(seed, MAX_FOCAL_ERROR_PX * focal, MAX_DELAY_ERROR_S * delay)
+
+
+def add_tiny_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_tiny_changes`."""
+    parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of stored results")
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder with ground truth")
+    parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
+    parser.add_argument("--count", type=int, default=20, help="perturbations of each recording")
+
+
+def measure_tiny_changes(args: argparse.Namespace) -> None:
+    """Sensitivity of a method to tiny changes of a recording.
+
+    Each perturbation changes the focal length by up to 0.5 px, the delay of depth by up to 0.3 ms,
+    and each pixel's brightness by -1, 0 or 1 gray level, at random but the same in every run.
+    Errors of a robust method hardly change: the largest should be at most 1.5 times the smallest.
+    "failed" are frames without a pose. Finished runs are stored in KEPT/results.json, and the same
+    command continues with the next. Remove KEPT when the odometry has changed.
+    """
+    cache = ResultCache(args.kept)
+    warm_up(args.method, lambda stage: None)
+    for folder in args.folder:
+
+        def run(name: str, change: FrameChange, folder: Path = folder) -> Json:
+            return cache.get_or_run(
+                f"{folder.resolve()} {args.method} {name}",
+                lambda: asdict(track_changed(args.method, folder, change)[1]),
+            )
+
+        unchanged = run(UNCHANGED, lambda frame: frame)
+        perturbations = map(make_perturbation, range(1, args.count + 1))
+        changed = [run(str(each), each.apply) for each in perturbations]
+        print(f"{folder}\n{format_spread(args.method, unchanged, changed)}", flush=True)
+
+
+def format_spread(method: str, unchanged: Json, changed: Sequence[Json]) -> str:
+    """A row for each figure: without change, and the range over all perturbations.
+
+    Args:
+        method: The method.
+        unchanged: Accuracy without change.
+        changed: Accuracy of each perturbation.
+    """
+    lines = [f"{method}, {len(changed)} perturbations", TINY_TABLE.head]
+    for label, key in FIGURES.items():
+        values = [result[key] for result in changed]
+        spread: Sequence[float | None] = [None] * 3
+        if None not in values:
+            spread = [min(values), median(values), max(values)]
+        ratio = "-" if key == "failed" or not spread[0] else f"{max(values) / spread[0]:.2f}"
+        cells = [_format_figure(key, value) for value in (unchanged[key], *spread)]
+        lines.append(TINY_TABLE.row(label, *cells, ratio))
+    return "\n".join(lines)
+
+
+def _format_figure(key: str, value: float | None) -> str:
+    return f"{value:g}" if key == "failed" and value is not None else format_mm(value, 2)
+
+
+def add_calibration_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_wrong_calibration`."""
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
+
+
+def measure_wrong_calibration(args: argparse.Namespace) -> None:
+    """Errors from a wrong calibration: the same recordings with one changed camera parameter.
+
+    "failed" are the frames without a pose. The calibration of the recordings must be exact: use
+    rendered ones.
+    """
+    for folder in args.folder:
+        print(f"{folder}\n{CALIBRATION_TABLE.head}")
+        for name, change in make_calibration_errors().items():
+            _, result = track_changed(args.method, folder, change)
+            errors_m = (result.ate_m, result.global_m, result.rpe_1s_m)
+            print(CALIBRATION_TABLE.row(name, *map(to_mm, errors_m), result.failed), flush=True)
+
+
+def make_calibration_errors() -> Mapping[str, FrameChange]:
+    """Calibration errors by name."""
+    return {
+        "correct": lambda frame: frame,
+        "focal length + 1 %": lambda frame: _scale_focal_length(frame, 1.01),
+        "focal length - 1 %": lambda frame: _scale_focal_length(frame, 0.99),
+        "focal length + 3 %": lambda frame: _scale_focal_length(frame, 1.03),
+        "focal length - 3 %": lambda frame: _scale_focal_length(frame, 0.97),
+        "center + 3 px": lambda frame: replace(
+            frame, camera=replace(frame.camera, cx=frame.camera.cx + 3.0)
+        ),
+        "depth scale + 1 %": lambda frame: replace(frame, depth_factor=frame.depth_factor / 1.01),
+        "depth scale - 1 %": lambda frame: replace(frame, depth_factor=frame.depth_factor / 0.99),
+        "readout + 5 ms": lambda frame: replace(frame, readout_s=frame.readout_s + 0.005),
+        "readout - 5 ms": lambda frame: replace(frame, readout_s=max(frame.readout_s - 0.005, 0.0)),
+        "depth offset + 5 ms": lambda frame: replace(frame, skew_s=frame.skew_s + 0.005),
+        "without timing": lambda frame: replace(frame, readout_s=0.0, skew_s=0.0),
+    }
+
+
+def _scale_focal_length(frame: RgbdFrame, factor: float) -> RgbdFrame:
+    camera = frame.camera
+    return replace(frame, camera=replace(camera, fx=factor * camera.fx, fy=factor * camera.fy))
+
+
+@dataclass(frozen=True)
+class SwingMotion:
+    """A swing about the camera's own axes: to one side, back, and to the other side.
+
+    Attributes:
+        furthest_rad: (3,) rotation vector of the largest deviation.
+    """
+
+    max_rotation_rad: tuple[float, float, float]
+    rate_hz: float
+    exposure_s: float
+
+    def rotation_at(self, time_s: float) -> Array:
+        """R_mounting_camera, 3x3."""
+        furthest_rad = np.array(self.max_rotation_rad)
+        return so3_exp(furthest_rad * np.sin(2 * np.pi * self.rate_hz * time_s))
+
+
+@dataclass(frozen=True)
+class FrameCorruption:
+    """A corruption of `pieces` evenly spread pieces of `frames` frames each."""
+
+    corrupt: FrameTransform
+    frames: int
+    pieces: int
+
+    def apply(self, frames: Frames) -> Frames:
+        """Return the frames with corrupted pieces; frames between the pieces do not change."""
+        out: Frames = []
+        begin = 0
+        for n in range(self.pieces):
+            first = (2 * n + 1) * len(frames) // (2 * self.pieces) - self.frames // 2
+            last = first + self.frames
+            out += frames[begin:first] + self.corrupt(frames[first:last])
+            begin = last
+        return out + frames[begin:]
+
+
+def blacken(piece: Frames) -> Frames:
+    """Make color black; depth needs no light."""
+    return [replace(f, color_bgr=np.zeros_like(f.color_bgr)) for f in piece]
+
+
+def freeze(piece: Frames) -> Frames:
+    """Repeat the first images with new stamps."""
+    first = piece[0]
+    return [replace(f, color_bgr=first.color_bgr, depth_raw=first.depth_raw) for f in piece]
+
+
+def replace_with_noise(piece: Frames) -> Frames:
+    """Replace color and depth by noise."""
+    return [_noise_frame(f) for f in piece]
+
+
+def remove(piece: Frames) -> Frames:
+    """Remove all frames."""
+    return piece[:0]
+
+
+def add_swing(piece: Frames, motion: SwingMotion) -> Frames:
+    """Swing the camera and return it, with motion blur."""
+    begin_s = piece[0].stamp_s
+    return [_rotate(f, motion, f.stamp_s - begin_s) for f in piece]
+
+
+def _noise_frame(frame: RgbdFrame) -> RgbdFrame:
+    random = np.random.default_rng(frame.seq)
+    shape = frame.color_bgr.shape
+    gray = random.integers(0, 256, (*shape[:2], 1), np.uint8)
+    farthest = int(5.0 * frame.depth_factor)
+    return replace(
+        frame,
+        color_bgr=np.repeat(gray, 3, axis=2),
+        depth_raw=random.integers(0, farthest, shape[:2]).astype(np.uint16),
+    )
+
+
+def _rotate(frame: RgbdFrame, swing: SwingMotion, time_s: float) -> RgbdFrame:
+    exposed_s = time_s + swing.exposure_s * np.linspace(-0.5, 0.5, BLUR_SAMPLES)
+    shots = [
+        _warp(frame.color_bgr, frame, swing.rotation_at(t), cv2.INTER_LINEAR) for t in exposed_s
+    ]
+    R = swing.rotation_at(time_s)
+    depth = _warp(frame.depth_raw, frame, R, cv2.INTER_NEAREST)
+    return replace(
+        frame,
+        color_bgr=np.mean(shots, axis=0).astype(np.uint8),
+        depth_raw=np.rint(depth * _depth_scale(frame, R)).astype(np.uint16),
+    )
+
+
+def _warp(image: Image, frame: RgbdFrame, R: Array, interpolation: int) -> Image:
+    """Warp an image to the view of the rotated camera, by its pixel rays rotated back."""
+    K = frame.camera.K
+    size = frame.camera.width, frame.camera.height
+    flags = interpolation | cv2.WARP_INVERSE_MAP
+    mapping = K @ R @ np.linalg.inv(K)
+    return np.asarray(cv2.warpPerspective(image, mapping, size, flags=flags))
+
+
+def _depth_scale(frame: RgbdFrame, R: Array) -> Array:
+    """Depth (H, W) along the rotated camera's axis of one meter along the original axis."""
+    camera = frame.camera
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    share: Array = 1.0 / (R[2, 0] * x[None, :] + R[2, 1] * y[:, None] + R[2, 2])
+    return share
+
+
+# A push against the robot: at most 14 degrees per frame.
+SHAKE = SwingMotion((0.15, 0.4, 0.1), rate_hz=2.75, exposure_s=0.012)
+# A turn to both sides in a dim room: at most 4 degrees per frame.
+PAN = SwingMotion((0.15, 0.7, 0.1), rate_hz=0.5, exposure_s=0.025)
+
+CORRUPTIONS: Mapping[str, FrameCorruption] = {
+    "black 0.5 s": FrameCorruption(blacken, 15, 4),
+    "frozen 0.5 s": FrameCorruption(freeze, 15, 4),
+    "noise 0.5 s": FrameCorruption(replace_with_noise, 15, 4),
+    "shaken 1 s": FrameCorruption(partial(add_swing, motion=SHAKE), 30, 3),
+    "panned 2 s": FrameCorruption(partial(add_swing, motion=PAN), 60, 2),
+    "missing 0.5 s": FrameCorruption(remove, 15, 4),
+    "missing 1 s": FrameCorruption(remove, 30, 3),
+    "missing 2 s": FrameCorruption(remove, 60, 2),
+    "missing 3 s": FrameCorruption(remove, 90, 1),
+}
+
+
+class NullRecovery(SurfRecovery):
+    """Never recovers."""
+
+    def recover(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
+        """See `SurfRecovery`."""
+        return None
+
+
+RECOVERIES = {"without": NullRecovery, "with": SurfRecovery}
+CORRUPTED_FIGURES = ("lost", "epochs", "ATE", "CPU ms")
+CORRUPTED_TABLE = Table(16, "frames:9", *[":9"] * 8)
+
+
+@dataclass(frozen=True)
+class RecoveryOutcome:
+    """Result of one pass: frames, frames without a pose, new epochs, error, largest CPU time."""
+
+    frames: int
+    lost: int
+    epochs: int
+    ate_m: float | None
+    cpu_ms: float
+
+
+def add_corrupted_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_corrupted`."""
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+
+
+def measure_corrupted(args: argparse.Namespace) -> None:
+    """Tracking by `surf` of recordings with corrupted pieces, with and without recovery.
+
+    Each FOLDER has some hundred frames, which are all held in memory. A frame is lost if it has no
+    pose; after 30 in a row tracking restarts in a new epoch. The ATE is that of all published
+    poses, across epochs. CPU milliseconds are the largest of any frame, without decoding. "without"
+    compares each frame with the last good one only.
+    """
+    warm_up("surf", lambda stage: None)
+    for folder in args.folder:
+        with open_frames(folder) as (all_frames, truth):
+            frames = list(all_frames)
+        print(f"{folder}\n{format_corrupted_header()}")
+        for name, corruption in CORRUPTIONS.items():
+            corrupted = corruption.apply(frames)
+            both = [
+                _track_corrupted(corrupted, truth, recovery) for recovery in RECOVERIES.values()
+            ]
+            print(format_corrupted_row(name, both), flush=True)
+
+
+def _track_corrupted(
+    frames: Frames, truth: Trajectory | None, make_recovery: type[SurfRecovery]
+) -> RecoveryOutcome:
+    """Track all frames once."""
+    parameters = SurfParameters()
+    odometry = SurfOdometry(parameters=parameters, recovery=make_recovery(parameters))
+    measured = [measure_cpu_ms(partial(odometry.estimate, frame)) for frame in frames]
+    estimates = [estimate for estimate, _ in measured]
+    evaluation = evaluate_trajectory(estimates, [frame.stamp_s for frame in frames], truth)
+    return RecoveryOutcome(
+        frames=len(frames),
+        lost=sum(not e.ok for e in estimates),
+        epochs=sum(e.is_reset for e in estimates),
+        ate_m=evaluation.ate_rmse_m if evaluation else None,
+        cpu_ms=max(spent_ms for _, spent_ms in measured),
+    )
+
+
+def format_corrupted_header() -> str:
+    """Format the column heads."""
+    names = [part for name in CORRUPTED_FIGURES for part in (name, "")]
+    heads = (("frames", *names), ("", *tuple(RECOVERIES) * len(CORRUPTED_FIGURES)))
+    return "\n".join(CORRUPTED_TABLE.text_row("", *line) for line in heads)
+
+
+def format_corrupted_row(name: str, both: Sequence[RecoveryOutcome]) -> str:
+    """Format one corruption: each figure without recovery, then with it."""
+    cells = [f"{both[0].frames}", *(f"{o.lost}" for o in both), *(f"{o.epochs}" for o in both)]
+    cells += [*(format_mm(o.ate_m) for o in both), *(f"{o.cpu_ms:.1f}" for o in both)]
+    return CORRUPTED_TABLE.text_row(name, *cells)
+
+
+VARIANTS: Variants = {
+    "tiny": (add_tiny_arguments, measure_tiny_changes),
+    "calibration": (add_calibration_arguments, measure_wrong_calibration),
+    "corrupted": (add_corrupted_arguments, measure_corrupted),
+}

@@ -1,0 +1,389 @@
+"""The service in bad conditions: faults of camera and environment, and too little processor time.
+
+    python -m benchmarks service_faults camera
+    python -m benchmarks service_faults environment [--rounds 3]
+    python -m benchmarks service_faults slow [--percent 60 --percent 40] [--seconds 30] [--rounds 2]
+
+The real `kinect-vo run`, with a subscriber to its status and poses. "report" is from the beginning
+of a fault until the status names it, "recovery" from its end until the first pose, or until the
+warning ends. Both are in seconds, the slowest of all rounds.
+"""
+
+import argparse
+import json
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from statistics import mean
+from tempfile import mkdtemp
+
+from benchmarks.harness import Table, Variants
+from benchmarks.service_load import descendants_of, measure_processor_use, prerender_room
+from drivers.core import UserFacingError
+from drivers.synthetic import SyntheticConfig
+from tests.ports import free_port
+from tests.simulators.kinect_simulator import KinectSimulator
+from tests.simulators.zenoh_router import running_router
+from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
+from tests.vo_service.environment_faults import ENVIRONMENT_FAULTS, ServiceEnvironment
+from tests.vo_service.environment_faults import run_fault as run_environment_fault
+from tests.vo_service.sensor_faults import (
+    MAX_RECOVERY_S,
+    MAX_REPORT_S,
+    NO_KINECT_REASON,
+    SENSOR_FAULTS,
+    FaultTiming,
+    run_fault,
+)
+from tests.vo_service.service_process import (
+    KINECT_VO,
+    START_TIMEOUT_S,
+    ServiceProcess,
+    running_service,
+)
+from tests.vo_service.service_runner import CAMERA, ServiceRunner, service_runner
+from tests.waiting import wait_until
+
+# How much longer each fault of the camera lasts after its report, one round after the other.
+DURATIONS_S = (0.0, 1.1, 2.7, 6.0)
+FAULT_TABLE = Table(34, "report:8.2f", "limit:7.1f", "recovery:10.2f", "limit:7.1f")
+WARM_UP_S = 6.0
+PERCENTS = (75.0, 60.0, 45.0)
+VIEWER_PAUSED_TEXT = "the viewer is paused"
+SLOW_TABLE = Table(
+    *(8, "adapt:6", "poses/s:9.1f", "dropped:9.0f", "late:6.0f", "features:10d", "steal %:9.1f")
+)
+PERIOD_US = 100_000  # as systemd
+STOP_TIMEOUT_S = 10.0
+
+
+def slowest_round(rounds: Sequence[FaultTiming]) -> FaultTiming:
+    """Return the slowest report and the slowest recovery."""
+    return FaultTiming(
+        max(each.report_s for each in rounds), max(each.recovery_s for each in rounds)
+    )
+
+
+def add_camera_arguments(parser: argparse.ArgumentParser) -> None:
+    """`measure_camera_faults` has no options."""
+
+
+def measure_camera_faults(args: argparse.Namespace) -> int:
+    """Time until the service reports a fault of a Kinect, and until it recovers.
+
+    The Kinect is simulated. The recovery of a killed or stopped driver is from the beginning of the
+    fault. Each fault is repeated and lasts up to six seconds after its report. Exit code 1 if a
+    limit is exceeded.
+    """
+    print(FAULT_TABLE.head)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with make_corner_kinect(folder, write_corner_frames(folder)) as kinect:
+            kinect.unplug()
+            with running_service(folder, kinect.environment) as service:
+                plug_in = measure_plug_in(kinect, service)
+                results = [
+                    report_camera("no Kinect at start", plug_in, MAX_REPORT_S, MAX_RECOVERY_S)
+                ]
+                for fault in SENSOR_FAULTS:
+                    pauses = [partial(time.sleep, last_s) for last_s in DURATIONS_S]
+                    rounds = [run_fault(fault, kinect, service, pause) for pause in pauses]
+                    limits_s = (fault.max_report_s, fault.max_recovery_s)
+                    results.append(report_camera(fault.name, slowest_round(rounds), *limits_s))
+                if service.stop() != 0:
+                    raise UserFacingError(f"the service did not exit cleanly: {service.log}")
+    return 0 if all(results) else 1
+
+
+def measure_plug_in(kinect: KinectSimulator, service: ServiceProcess) -> FaultTiming:
+    """Measure a service that was started without a Kinect."""
+    begin_s = time.monotonic()
+    reported_s = service.wait_for_reason(NO_KINECT_REASON, begin_s)
+    time.sleep(DURATIONS_S[-1])
+    end_s = time.monotonic()
+    kinect.plug()
+    return FaultTiming(reported_s - begin_s, service.wait_until_streaming(end_s) - end_s)
+
+
+def report_camera(
+    name: str, timing: FaultTiming, max_report_s: float, max_recovery_s: float
+) -> bool:
+    """Print a line; return whether it is within the limits.
+
+    Args:
+        name: Name of the fault.
+        timing: Measured times.
+        max_report_s: Limit of the time until the report, s.
+        max_recovery_s: Limit of the time until the recovery, s.
+    """
+    is_good = timing.report_s <= max_report_s and timing.recovery_s <= max_recovery_s
+    times = (timing.report_s, max_report_s, timing.recovery_s, max_recovery_s)
+    print(f"{FAULT_TABLE.row(name, *times)}  {'pass' if is_good else 'FAIL'}", flush=True)
+    return is_good
+
+
+def add_environment_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_environment_faults`."""
+    parser.add_argument("--rounds", type=int, default=3, help="rounds of each fault (default: 3)")
+
+
+def measure_environment_faults(args: argparse.Namespace) -> None:
+    """Time until the service reports a fault of its environment, and until it recovers.
+
+    It measures the faults of `tests/vo_service/environment_faults.py`, a `kill -9`, and a port in
+    use.
+    """
+    # Compile the kernels first: that is not part of the measured times.
+    subprocess.run([KINECT_VO, "warm-up"], check=True)
+    print(FAULT_TABLE.head, flush=True)
+    # The recorder of a killed service may still write.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        measure_live_faults(folder, args.rounds)
+        with service_runner(folder / "own", folder / "sequences") as runner:
+            name = "killed, until its first pose"
+            report_environment(name, [measure_restart(runner) for _ in range(args.rounds)])
+            runner.service.stop()
+            name = "port taken"
+            report_environment(name, [measure_port_in_use(runner) for _ in range(args.rounds)])
+
+
+def measure_live_faults(folder: Path, rounds: int) -> None:
+    """Measure all faults of the environment on one service."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config = f"connect = {json.dumps([endpoint])}\n{CAMERA}"
+    with (
+        running_router(endpoint) as router,
+        service_runner(folder / "around", folder / "sequences", config) as runner,
+    ):
+        runner.start().wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
+        for fault in ENVIRONMENT_FAULTS:
+            environment = ServiceEnvironment(runner, router)
+            report_environment(
+                fault.name, [run_environment_fault(fault, environment) for _ in range(rounds)]
+            )
+        runner.service.stop()
+        runner.check()
+
+
+def measure_restart(runner: ServiceRunner) -> FaultTiming:
+    """Kill the service; measure from the next start, with kernels and room cached, to poses."""
+    if runner.has_started:
+        runner.service.process.send_signal(signal.SIGKILL)
+        runner.service.process.wait()
+    begin_s = time.monotonic()
+    first_pose_s = runner.start().wait_until_streaming(begin_s, START_TIMEOUT_S)
+    return FaultTiming(0.0, first_pose_s - begin_s)
+
+
+def measure_port_in_use(runner: ServiceRunner) -> FaultTiming:
+    """Measure from the start until the log line, and from the free port until poses."""
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(("127.0.0.1", runner.port))
+        listener.listen()
+        begin_s = time.monotonic()
+        service = runner.start()
+        wait_until(lambda: "the port is in use" in service.log)
+        report_s = time.monotonic() - begin_s
+    free_s = time.monotonic()
+    first_pose_s = service.wait_until_streaming(free_s, START_TIMEOUT_S)
+    service.stop()
+    return FaultTiming(report_s, first_pose_s - free_s)
+
+
+def report_environment(name: str, timings: Sequence[FaultTiming]) -> None:
+    """Print the slowest times."""
+    slowest = slowest_round(timings)
+    print(FAULT_TABLE.row(name, slowest.report_s, None, slowest.recovery_s, None), flush=True)
+
+
+@dataclass(frozen=True)
+class SlowMachineResult:
+    """One run under a limit."""
+
+    poses_per_s: float
+    dropped: int
+    late: int
+    features: int
+    degradations: str
+    steal_percent: float
+
+
+def add_slow_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_slow_machine`."""
+    parser.add_argument(
+        "--percent", type=float, action="append", help="limit, percent of one processor"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=30.0, help="duration of a run (default: 30)"
+    )
+    parser.add_argument("--rounds", type=int, default=2, help="runs of each case (default: 2)")
+
+
+def measure_slow_machine(args: argparse.Namespace) -> int:
+    """Dropped frames on a machine that is too slow, with and without `load.adapt`.
+
+    The virtual Kinect at 30 frames per second, with a recording viewer. Once the service runs, all
+    its processes together are limited to a percentage of one processor (a control group; needs
+    root), with `load.adapt` on and off in turn. `poses/s` and `dropped` are those of the limited
+    time. `late` are the frames dropped in its second half, after the load was shed. At the end of
+    the line is what the status reports at the end. Exit code 1 if adapting dropped more frames in
+    any case.
+    """
+    prerender_room(SyntheticConfig.fast())
+    percents = args.percent or PERCENTS
+    runs: dict[tuple[float, bool], list[SlowMachineResult]] = {}
+    for number in range(args.rounds):
+        for percent in percents:
+            for adapts in (True, False):
+                print(
+                    f"round {number + 1}: {percent:.0f} %, {adapts=}", file=sys.stderr, flush=True
+                )
+                runs.setdefault((percent, adapts), []).append(
+                    run_limited(percent, adapts, args.seconds)
+                )
+    return report_slow_machine(runs)
+
+
+def run_limited(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
+    """Start everything, warm up, then limit the processor time and measure."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        config = (
+            f"[load]\nadapt = {str(adapts).lower()}\n"
+            f'[rerun]\ntargets = ["{folder}/viewer.rrd"]\npicture_hz = 30.0\n'
+        )
+        with (
+            limit_processor(percent) as limit,
+            running_service(
+                folder / "service", {}, source="synthetic", more_config=config
+            ) as service,
+        ):
+            service.wait_until_streaming(time.monotonic())
+            time.sleep(WARM_UP_S)
+            limit([service.process.pid, *descendants_of(service.process.pid)])
+            return measure_limited(service, seconds)
+
+
+def measure_limited(service: ServiceProcess, seconds: float) -> SlowMachineResult:
+    """Measure for `seconds` from now on."""
+    before, machine = service.status, measure_processor_use()
+    time.sleep(seconds / 2)
+    middle = service.status
+    time.sleep(seconds / 2)
+    after = service.status
+    warnings = [clause for clause in after["warnings"] if VIEWER_PAUSED_TEXT in clause]
+    return SlowMachineResult(
+        poses_per_s=(after["tracking"]["frames"] - before["tracking"]["frames"]) / seconds,
+        dropped=after["camera"]["dropped"] - before["camera"]["dropped"],
+        late=after["camera"]["dropped"] - middle["camera"]["dropped"],
+        features=after["tracking"]["features"],
+        degradations="; ".join(warnings),
+        steal_percent=measure_processor_use().since(machine).steal_percent,
+    )
+
+
+def report_slow_machine(runs: dict[tuple[float, bool], list[SlowMachineResult]]) -> int:
+    """Print the table; return 1 if adapting did not help."""
+    print(f"{SLOW_TABLE.head}  shed")
+    for (percent, adapts), outcomes in runs.items():
+        row = SLOW_TABLE.row(
+            f"{percent:.0f} %",
+            "yes" if adapts else "no",
+            mean(each.poses_per_s for each in outcomes),
+            mean(each.dropped for each in outcomes),
+            mean(each.late for each in outcomes),
+            outcomes[-1].features,
+            max(each.steal_percent for each in outcomes),
+        )
+        print(f"{row}  {outcomes[-1].degradations or '-'}")
+    dropped = {case: sum(each.dropped for each in outcomes) for case, outcomes in runs.items()}
+    worse = [
+        f"{percent:.0f} %"
+        for percent, adapts in runs
+        if adapts and dropped[percent, True] > dropped[percent, False]
+    ]
+    print(f"adapting dropped more: {', '.join(worse) or 'never'}")
+    return 1 if worse else 0
+
+
+@contextmanager
+def limit_processor(percent: float) -> Iterator[Callable[[Iterable[int]], None]]:
+    """Create a control group whose processes together get `percent` of one processor.
+
+    At the end its processes return to the parent group.
+
+    Yields:
+        A function that moves processes into the group; their later children are in it too.
+
+    Raises:
+        RuntimeError: Control groups cannot be created.
+    """
+    parent, write_limit = _find_cpu_cgroup()
+    try:
+        group = Path(mkdtemp(prefix="slow-machine-", dir=parent))
+        write_limit(group, round(percent / 100.0 * PERIOD_US))
+    except OSError as error:
+        raise RuntimeError(
+            f"{parent}: cannot create a control group: {error}; run as root"
+        ) from error
+    try:
+        yield lambda processes: _move(processes, group)
+    finally:
+        _remove_cgroup(group, parent)
+
+
+def _find_cpu_cgroup() -> tuple[Path, Callable[[Path, int], None]]:
+    """Return the top group of the cpu controller, and the function that writes a limit."""
+    first = Path("/sys/fs/cgroup/cpu")
+    if (first / "cpu.shares").exists():
+        return first, _write_cgroup_v1
+    return Path("/sys/fs/cgroup"), _write_cgroup_v2
+
+
+def _write_cgroup_v1(group: Path, quota_us: int) -> None:
+    (group / "cpu.cfs_period_us").write_text(str(PERIOD_US))
+    (group / "cpu.cfs_quota_us").write_text(str(quota_us))
+
+
+def _write_cgroup_v2(group: Path, quota_us: int) -> None:
+    (group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
+
+
+def _remove_cgroup(group: Path, parent: Path) -> None:
+    """Remove a group; retry, because ending processes hold it for a moment."""
+    deadline_s = time.monotonic() + STOP_TIMEOUT_S
+    while True:
+        _move(map(int, (group / "cgroup.procs").read_text().split()), parent)
+        try:
+            group.rmdir()
+        except OSError:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(0.1)
+        else:
+            return
+
+
+def _move(processes: Iterable[int], group: Path) -> None:
+    for process in processes:
+        try:
+            (group / "cgroup.procs").write_text(str(process))
+        except ProcessLookupError:
+            continue  # the process has ended
+
+
+VARIANTS: Variants = {
+    "camera": (add_camera_arguments, measure_camera_faults),
+    "environment": (add_environment_arguments, measure_environment_faults),
+    "slow": (add_slow_arguments, measure_slow_machine),
+}

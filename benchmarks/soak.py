@@ -1,0 +1,518 @@
+"""Soak tests of the whole service: growth of its resources, and lost frames of a Kinect.
+
+    python -m benchmarks soak service STATE.json [--frames 200000] [--rate 60] [--plot FILE.png]
+    python -m benchmarks soak kinect [--minutes 10] [--patient] [--recording FOLDER]
+
+The real `kinect-vo run`, and a separate subscriber that receives every pose.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from benchmarks.harness import Variants
+from benchmarks.service_load import (
+    descendants_of,
+    measure_processor_use,
+    prerender_room,
+    wall_clock_offset_s,
+)
+from drivers.core.files import atomic_write
+from drivers.core.geometry import Array
+from tests.resource_leaks import count_open_files_of, is_alive, resident_memory_kb
+from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
+from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, LoopMode
+from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
+from tests.vo_service.service_process import ServiceProcess, running_service
+from tests.vo_service.subscriber import StatusContent, SubscribedPose
+from vo_service.config import read_config
+
+SLOPE_FRAMES = 10_000
+SAMPLE_FRAMES = 1000
+# The service stores the processor times of its last 20,000 frames; until then its memory grows.
+WARM_UP_FRAMES = 25_000
+SEQUENCE_FRAMES = 300
+# A busy machine may be slower than the frame rate by this factor.
+TIMEOUT_FACTOR = 10.0
+CONFIG = """
+[rerun]
+targets = ["{folder}/viewer.rrd"]
+file_mb = 50
+files_kept = 2
+[recorder]
+folder = "{folder}/incidents"
+total_mb = 100
+[map]
+max_mb = 10
+[load]
+adapt = false
+[synthetic]
+rate_hz = {rate}
+duration_s = {duration_s}
+loop = true
+texel_m = 0.004
+color = {{ distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges = false }}
+timing = {{ readout_s = 0.0, skew_s = 0.0 }}
+"""
+
+
+WARM_UP_S = 3.0
+FIRST_REPORT_S = 60.0
+FIRST_WRAP_S = 20.0
+TICKS_PER_S = 60_000_000
+COUNTERS = (
+    ("camera", "dropped"), ("camera", "skipped"), ("camera", "lost_packets"), ("tracking", "failed")
+)  # fmt: skip
+# Frames in flight when the counters are read.
+MAX_IN_FLIGHT = 3
+
+
+@dataclass(frozen=True)
+class SoakSample:
+    """One sample of the service.
+
+    Attributes:
+        run: Number of earlier starts of the service.
+        frame: Poses received since this start.
+        seconds: Seconds since this start.
+        service_mb: Resident memory of the service's process.
+        others_mb: Resident memory of its children together; shared memory counts in both.
+        handles: Open files of the service.
+        threads: Threads of the service.
+        children: Number of its descendants.
+        p50_ms: Median latency since the last sample, from a frame's arrival to its received pose.
+        p99_ms: 99th percentile of that latency.
+        cpu_ms: Processor time per frame since the last sample, all processes together.
+        dropped: Frames that the odometry missed since this start.
+        lost: Poses that the subscriber missed since this start.
+    """
+
+    run: int
+    frame: int
+    seconds: float
+    service_mb: float
+    others_mb: float
+    handles: int
+    threads: int
+    children: int
+    p50_ms: float
+    p99_ms: float
+    cpu_ms: float
+    dropped: int
+    lost: int
+
+
+@dataclass(frozen=True)
+class SoakCheck:
+    """One figure and its limit."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+
+    @property
+    def is_within_limit(self) -> bool:
+        """Whether the value is within the limit."""
+        return self.value <= self.limit
+
+
+@dataclass
+class SoakRecord:
+    """All samples in their order."""
+
+    file: Path
+    samples: list[SoakSample] = field(default_factory=list)
+
+    @classmethod
+    def load(cls, file: Path) -> "SoakRecord":
+        """Load the samples of a file; an empty record if there is none."""
+        if not file.exists():
+            return cls(file)
+        return cls(file, [SoakSample(**each) for each in json.loads(file.read_text())])
+
+    def add(self, sample: SoakSample) -> None:
+        """Add a sample and store it, so that an interruption loses nothing."""
+        self.samples.append(sample)
+        atomic_write(self.file, json.dumps([asdict(each) for each in self.samples]).encode())
+
+    @property
+    def run_ends(self) -> list[SoakSample]:
+        """The last sample of each start of the service."""
+        return list({sample.run: sample for sample in self.samples}.values())
+
+    @property
+    def runs(self) -> int:
+        """Number of starts of the service."""
+        return len(self.run_ends)
+
+    @property
+    def frames(self) -> int:
+        """Number of received poses in all runs."""
+        return sum(sample.frame for sample in self.run_ends)
+
+
+def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
+    """Check that memory, handles, threads and latency are constant, and that nothing was lost.
+
+    Args:
+        record: The samples.
+        warm_up: Frames of each run that do not count.
+
+    Raises:
+        ValueError: A run has fewer than three samples after its warm-up.
+    """
+    warm = [sample for sample in record.samples if sample.frame > warm_up]
+    if len(warm) < 3:
+        raise ValueError("too few samples after the warm-up")
+    return [
+        SoakCheck("memory of the service", slope(warm, "service_mb"), 1.0, "MB/10,000"),
+        SoakCheck("memory of its children", slope(warm, "others_mb"), 1.0, "MB/10,000"),
+        SoakCheck("open handles", slope(warm, "handles"), 0.5, "/10,000"),
+        SoakCheck("threads", slope(warm, "threads"), 0.5, "/10,000"),
+        SoakCheck("children", slope(warm, "children"), 0.1, "/10,000"),
+        SoakCheck("latency, median, end to start", growth(warm, "p50_ms"), 1.2, "times"),
+        SoakCheck("latency, 99 %, end to start", growth(warm, "p99_ms"), 1.5, "times"),
+        SoakCheck("poses lost in transmission", sum(s.lost for s in record.run_ends), 0, ""),
+    ]
+
+
+def slope(samples: Sequence[SoakSample], name: str) -> float:
+    """Growth in 10,000 frames: least squares over all runs, each with its own offset.
+
+    Args:
+        samples: The samples.
+        name: Name of a figure of a sample.
+    """
+    frames, values = _center(samples, "frame"), _center(samples, name)
+    spread = float(frames @ frames)
+    return SLOPE_FRAMES * float(frames @ values) / spread if spread else 0.0
+
+
+def growth(samples: Sequence[SoakSample], name: str) -> float:
+    """Ratio of the median of the last third to that of the first.
+
+    Args:
+        samples: The samples.
+        name: Name of a figure of a sample.
+    """
+    third, values = max(1, len(samples) // 3), values_of(samples, name)
+    return float(np.median(values[-third:]) / np.median(values[:third]))
+
+
+def values_of(samples: Sequence[SoakSample], name: str) -> Array:
+    """The figures of all samples."""
+    return np.array([getattr(sample, name) for sample in samples], np.float64)
+
+
+def _center(samples: Sequence[SoakSample], name: str) -> Array:
+    """Values of each run minus their mean."""
+    runs, values = values_of(samples, "run"), values_of(samples, name)
+    for run in np.unique(runs):
+        values[runs == run] -= values[runs == run].mean()
+    return values
+
+
+# The lines of each panel of the plot: figures of a sample, by their name in the plot.
+PANELS: Mapping[str, Mapping[str, str]] = {
+    "memory, MB": {"service": "service_mb", "its children": "others_mb"},
+    "count": {"open handles": "handles", "threads": "threads", "children": "children"},
+    "latency, ms": {"median": "p50_ms", "99 %": "p99_ms"},
+    "CPU, ms per frame": {"all processes": "cpu_ms"},
+}
+
+
+def save_plot(record: SoakRecord, file: Path) -> None:
+    """Plot all samples; dotted lines mark restarts of the service."""
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    before = np.cumsum([0, *(sample.frame for sample in record.run_ends)])[:-1]
+    at = [(before[sample.run] + sample.frame) / 1000 for sample in record.samples]
+    figure, axes = pyplot.subplots(len(PANELS), 1, sharex=True, figsize=(8, 9), layout="tight")
+    for axis, (label, lines) in zip(axes, PANELS.items(), strict=True):
+        for line, name in lines.items():
+            axis.plot(at, values_of(record.samples, name), label=line, linewidth=1)
+        for frames in before[1:]:
+            axis.axvline(frames / 1000, color="gray", linestyle=":")
+        axis.set_ylabel(label)
+        axis.set_ylim(bottom=0)
+        axis.grid(visible=True, alpha=0.3)
+        axis.legend(loc="lower right", fontsize="small")
+    axes[-1].set_xlabel("thousand frames")
+    figure.savefig(file, dpi=100)
+    pyplot.close(figure)
+
+
+def add_service_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `soak_service`."""
+    parser.add_argument("state", type=Path, help="file of samples; an existing one is continued")
+    parser.add_argument(
+        "--frames", type=int, default=200_000, help="total frames (default: 200000)"
+    )
+    parser.add_argument("--rate", type=float, default=60.0, help="frames per second (default: 60)")
+    parser.add_argument(
+        "--warm-up",
+        type=int,
+        default=WARM_UP_FRAMES,
+        help="skipped frames of each run (default: 25000)",
+    )
+    parser.add_argument("--plot", type=Path, help="plot to write")
+
+
+def soak_service(args: argparse.Namespace) -> int:
+    """Growth of the service's resources in hundreds of thousands of frames.
+
+    The service plays the virtual Kinect's 300 frames in a loop at `--rate`. The viewer records into
+    rotating files, and the flight recorder runs. Every 1000 frames a sample is taken: memory, open
+    handles, threads, children, latency, processor time.
+
+    Samples are stored in STATE.json at once. After an interruption (Ctrl-C, a crash, a reboot) the
+    same command starts the service again and continues until all poses are received. Slopes are
+    fitted over all runs, each with its own offset and without its warm-up. Exit code 1 if memory
+    grows by 1 MB or more in 10,000 frames, or another resource is not constant.
+    """
+    record = SoakRecord.load(args.state)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        config = CONFIG.format(
+            folder=folder, rate=args.rate, duration_s=SEQUENCE_FRAMES / args.rate
+        )
+        if record.frames < args.frames:
+            file = folder / "room.toml"
+            file.write_text(f"schema = 1\n{config}")
+            prerender_room(read_config(file).synthetic)
+            with running_service(folder, {}, source="synthetic", more_config=config) as service:
+                SoakRun(service, record, args.rate).run_until(args.frames)
+                if service.stop() != 0:
+                    raise RuntimeError(f"the service did not exit cleanly: {service.log}")
+    if args.plot is not None:
+        save_plot(record, args.plot)
+    return report_growth(record, args.warm_up)
+
+
+class SoakRun:
+    """One run of the service, from its first pose on."""
+
+    def __init__(self, service: ServiceProcess, record: SoakRecord, rate: float) -> None:
+        self._service = service
+        self._record = record
+        self._limit_s = TIMEOUT_FACTOR * SAMPLE_FRAMES / rate
+        self._run, self._frame, self._lost = record.runs, 0, 0
+        self._wall_s = wall_clock_offset_s()
+        service.wait_until_streaming(time.monotonic())
+        self._began_s = time.monotonic()
+        self._used_s = self._cpu_s()
+
+    def run_until(self, frames: int) -> None:
+        """Sample every thousand frames until the record has `frames` frames."""
+        subscriber = self._service.received
+        while self._record.frames < frames:
+            if not subscriber.wait_for(
+                lambda: len(subscriber.poses) > SAMPLE_FRAMES, self._limit_s
+            ):
+                raise RuntimeError(
+                    f"the service stopped publishing poses; its log: {self._service.log}"
+                )
+            self._record.add(self._sample())
+            print(f"{self._record.frames} of {frames} frames", file=sys.stderr, flush=True)
+
+    def _sample(self) -> SoakSample:
+        subscriber = self._service.received
+        # The last pose stays: the next sample counts from it.
+        poses = subscriber.poses[: SAMPLE_FRAMES + 1]
+        del subscriber.poses[:SAMPLE_FRAMES], subscriber.statuses[:-1]
+        latency_ms = [1e3 * (p.receive_time_s - (p.stamp_s - self._wall_s)) for p in poses[1:]]
+        p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
+        self._frame += len(poses) - 1
+        self._lost += poses[-1].seq - poses[0].seq - (len(poses) - 1)
+        used_s, before_s = self._cpu_s(), self._used_s
+        self._used_s = used_s
+        main, others = self._service.process.pid, descendants_of(self._service.process.pid)
+        return SoakSample(
+            run=self._run,
+            frame=self._frame,
+            seconds=time.monotonic() - self._began_s,
+            service_mb=resident_memory_kb(main) / 1e3,
+            others_mb=sum(resident_memory_kb(each) for each in others if is_alive(each)) / 1e3,
+            handles=count_open_files_of(main),
+            threads=len(list(Path(f"/proc/{main}/task").iterdir())),
+            children=len(others),
+            p50_ms=float(p50_ms),
+            p99_ms=float(p99_ms),
+            cpu_ms=1e3 * (used_s - before_s) / (len(poses) - 1),
+            dropped=self._service.status["camera"]["dropped"],
+            lost=self._lost,
+        )
+
+    def _cpu_s(self) -> float:
+        main = self._service.process.pid
+        return sum(measure_processor_use(main, *descendants_of(main)).by_process.values())
+
+
+def report_growth(record: SoakRecord, warm_up: int) -> int:
+    """Print the figures; return 1 if one exceeds its limit."""
+    last = record.samples[-1]
+    print(f"{record.frames} frames in {record.runs} run(s), {len(record.samples)} samples")
+    print(
+        f"the last: service {last.service_mb:.1f} MB, children {last.others_mb:.1f} MB, "
+        f"{last.handles} handles, {last.threads} threads, latency {last.p50_ms:.1f} ms "
+        f"(99 %: {last.p99_ms:.1f} ms), CPU {last.cpu_ms:.1f} ms per frame, {last.dropped} dropped"
+    )
+    judged = check_soak(record, warm_up)
+    for each in judged:
+        print(
+            f"{each.name:32} {each.value:8.3f} {each.unit:10} limit {each.limit:g}  "
+            f"{'pass' if each.is_within_limit else 'FAIL'}"
+        )
+    return 0 if all(each.is_within_limit for each in judged) else 1
+
+
+@dataclass(frozen=True)
+class KinectSample:
+    """Counters and costs at one time."""
+
+    time_s: float
+    sent: int
+    poses: int
+    status: StatusContent
+    cpu_s: tuple[float, float, float]  # service, driver, all processes
+    memory_kb: tuple[int, int]
+
+
+def add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `soak_kinect`."""
+    parser.add_argument("--minutes", type=float, default=10.0, help="duration (default: 10)")
+    parser.add_argument("--patient", action="store_true", help="lose no packets on the bus")
+    parser.add_argument("--recording", type=Path, metavar="FOLDER", help="what the Kinect sees")
+
+
+def soak_kinect(args: argparse.Namespace) -> int:
+    """Lost frames, CPU time and memory of the whole service on a simulated Kinect.
+
+    The service runs at 30 frames per second, with the flight recorder and without a viewer. The
+    Kinect plays a short rendered sequence, or a recording, forwards and backwards. Its clock wraps
+    a third into the run, or 20 s into a long one, and every 71.6 s after that. Like a real bus, the
+    simulator loses packets of a driver that is late by 32 ms; with --patient it waits, for a busy
+    machine. Exit code 1 if any frame is lost.
+    """
+    seconds = 60.0 * args.minutes
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with make_kinect(folder, args.recording) as kinect:
+            kinect.waits_for_reader = args.patient
+            wrap_s = min(FIRST_WRAP_S, seconds / 3) + WARM_UP_S
+            kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
+            with running_service(folder, kinect.environment) as service:
+                samples = take_samples(service, kinect, seconds)
+                exit_code = service.stop()
+                poses = service.received.poses[samples[0].poses : samples[-1].poses]
+    lost = report_lost(samples, poses)
+    print(f"the service ended with exit code {exit_code}; {lost} frames lost")
+    return 1 if lost or exit_code else 0
+
+
+def make_kinect(folder: Path, recording: Path | None) -> KinectSimulator:
+    """Make a Kinect that sees a recording or a rendered corner."""
+    if recording is None:
+        return make_corner_kinect(folder, write_corner_frames(folder))
+    usb_frames = write_fitted_usb_frames(folder, folder_frames(recording))
+    kinect = KinectSimulator(folder, usb_frames, registration=IDENTITY)
+    kinect.loop = LoopMode.THERE_AND_BACK
+    return kinect
+
+
+def take_samples(
+    service: ServiceProcess, kinect: KinectSimulator, seconds: float
+) -> Sequence[KinectSample]:
+    """Return samples at the beginning, after a minute of a longer run, and at the end."""
+    service.wait_until_streaming(time.monotonic())
+    time.sleep(WARM_UP_S)
+    samples = [take_sample(service, kinect)]
+    for until_s in (min(FIRST_REPORT_S, seconds / 2), seconds):
+        time.sleep(samples[0].time_s + until_s - time.monotonic())
+        samples.append(take_sample(service, kinect))
+    return samples
+
+
+def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> KinectSample:
+    """Take a sample, with a status that was received after reading everything else."""
+    processes = service.process.pid, service.driver_pid
+    at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.received.poses)
+    use = measure_processor_use(processes[0], *descendants_of(processes[0])).by_process
+    used_s = use[processes[0]], use[processes[1]], sum(use.values())
+    memory_kb = resident_memory_kb(processes[0]), resident_memory_kb(processes[1])
+    statuses = len(service.received.statuses)
+    service.wait_for_status(lambda _: len(service.received.statuses) > statuses)
+    return KinectSample(at_s, sent, poses, service.status, used_s, memory_kb)
+
+
+def report_lost(samples: Sequence[KinectSample], poses: Sequence[SubscribedPose]) -> int:
+    """Print the table; return the number of lost frames."""
+    first, early, last = samples
+    duration_s = last.time_s - first.time_s
+    sent, received = last.sent - first.sent, len(poses)
+    counters: dict[str, int] = {
+        name: last.status[group][name] - first.status[group][name] for group, name in COUNTERS
+    }
+    gaps = sum(b.seq - a.seq - 1 for a, b in pairwise(poses))
+    backwards = sum(b.stamp_s <= a.stamp_s for a, b in pairwise(poses))
+    print(f"{duration_s:.0f} s, {received / duration_s:.2f} poses a second")
+    counts = {
+        "frames sent by the Kinect": sent,
+        "poses received": received,
+        "dropped: the odometry was late": counters["dropped"],
+        "skipped: torn or without a partner": counters["skipped"],
+        "packets lost on the bus": counters["lost_packets"],
+        "poses lost in transmission": gaps,
+        "stamps that went back": backwards,
+        "frames without a motion found": counters["failed"],
+    }
+    for name, count in counts.items():
+        print(f"{name:36}{count:8d}")
+    report_times(poses, last.status)
+    _report_costs(first, early, last)
+    missing = max(0, abs(sent - received) - MAX_IN_FLIGHT)
+    return max(missing, counters["dropped"] + counters["skipped"] + gaps) + backwards
+
+
+def report_times(poses: Sequence[SubscribedPose], status: StatusContent) -> None:
+    """Print the stamp intervals and the last latencies."""
+    interval_ms = 1e3 * np.diff([pose.stamp_s for pose in poses])
+    low, middle, high = np.percentile(interval_ms, [1, 50, 99])
+    print(
+        f"stamp to stamp, ms: min {interval_ms.min():.2f}, 1 % {low:.2f}, median {middle:.2f}, "
+        f"99 % {high:.2f}, max {interval_ms.max():.2f}"
+    )
+    print(
+        f"latency of the last frames, ms: median {status['timing']['latency_p50_ms']:.1f}, "
+        f"99 % {status['timing']['latency_p99_ms']:.1f}"
+    )
+
+
+def _report_costs(first: KinectSample, early: KinectSample, last: KinectSample) -> None:
+    """Print CPU time and memory of both processes, and the CPU time of all."""
+    for which, name in enumerate(("service", "driver")):
+        share = (last.cpu_s[which] - first.cpu_s[which]) / (last.time_s - first.time_s)
+        print(
+            f"{name}: {100 * share:.1f} % of a core; "
+            f"{early.memory_kb[which] / 1e3:.1f} MB after {early.time_s - first.time_s:.0f} s, "
+            f"{last.memory_kb[which] / 1e3:.1f} MB at the end"
+        )
+    share = (last.cpu_s[2] - early.cpu_s[2]) / (last.time_s - early.time_s)
+    print(f"all processes in the second part: {100 * share:.1f} % of a core")
+
+
+VARIANTS: Variants = {
+    "service": (add_service_arguments, soak_service),
+    "kinect": (add_kinect_arguments, soak_kinect),
+}

@@ -101,24 +101,18 @@ class ConfiguredMethodFactory:
 
 
 @dataclass(frozen=True)
-class TrueScaleSfmFactory:
+class TrueScaleSfmFactory(ConfiguredMethodFactory):
     """Factory of the color-only method with its first scale from the ground truth."""
-
-    odometry: OdometryConfig
 
     @property
     def settings(self) -> Mapping[str, object]:
         """The `[odometry]` table and the source of the scale."""
-        return {**asdict(self.odometry), "sfm_scale": SfmScale.GROUND_TRUTH}
+        return {**super().settings, "sfm_scale": SfmScale.GROUND_TRUTH}
 
     @property
     def uses_truth(self) -> bool:
         """True: the distance between its first two keyframes is used."""
         return True
-
-    def prepare(self, on_progress: Callable[[str], None]) -> None:
-        """Compile or load the kernels."""
-        warm_up(self.odometry.method, on_progress)
 
     def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make the odometry, with scale from the truth. Raises InputError without a truth."""

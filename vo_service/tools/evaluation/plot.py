@@ -58,21 +58,17 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
 
 
 def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure":
-    """Draw the matplotlib figure without pyplot: no global state, no window.
+    """Draw the matplotlib figure.
 
     Args:
         trajectory: Estimated poses.
         truth: True poses.
         title: Title of the figure.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     matched = associate(trajectory, truth)
     T_truth_world = best_alignment(matched)
     T_first_truth = inverse(matched.T_truth_camera[0])
-    figure = Figure(figsize=(11, 8), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(11, 8)
     figure.suptitle(title)
     plots = figure.subplot_mosaic("AB;EE", height_ratios=[3, 1])
     label_axes(plots["A"], "from above", "right (m)", "forward (m)")
@@ -88,6 +84,21 @@ def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure"
     time_s = matched.stamps_s - matched.stamps_s[0]
     plots["E"].plot(*insert_nan_at_gaps(matched.stamps_s, np.column_stack([time_s, errors_m])).T)
     plots["E"].set_ylim(bottom=0)
+    return figure
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """Make a matplotlib figure without pyplot: no global state, no window.
+
+    Args:
+        width: Width, inches.
+        height: Height, inches.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
     return figure
 
 

@@ -12,14 +12,13 @@ from drivers.core.files import create_output_folder
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.report.figures import make_figures
 from vo_service.tools.benchmark.report.metadata import ReportMetadata
+from vo_service.tools.benchmark.report.metrics import GLOBAL_ERROR, metrics_as_json
 from vo_service.tools.benchmark.report.tables import (
-    GLOBAL_ERROR,
     cost_table,
     error_table,
     find_published_results,
     gap_table,
     lost_frames_table,
-    metric_values,
     metrics_table,
     paper_table,
 )
@@ -145,12 +144,11 @@ def _sequence_as_json(result: SequenceResults) -> dict[str, Any]:
             for gap in recording.gaps
         ],
         "methods": {
-            method: {**evaluation.as_json(), **metric_values(result, method)}
+            method: {**evaluation.as_json(), **metrics_as_json(result, method)}
             for method, evaluation in result.evaluations.items()
         },
         "paper": {
-            method: {"mean_global_error_m": known.mean_global_error_m, "time_s": known.time_s}
-            for method, known in find_published_results(recording).items()
+            method: known._asdict() for method, known in find_published_results(recording).items()
         },
     }
 
@@ -223,8 +221,8 @@ def _summary_sentences(result: SequenceResults) -> Iterator[str]:
     if result.recording.truth is None:
         yield "without ground truth, errors are not known."
     elif best is not None:
-        error = GLOBAL_ERROR.cell(result.evaluations[best]).text
-        yield f"{best} has the smallest mean global error, {error} mm."
+        error_m = GLOBAL_ERROR.value(result.evaluations[best]) or 0.0
+        yield f"{best} has the smallest mean global error, {1e3 * error_m:.2f} mm."
     for method, evaluation in result.evaluations.items():
         if not evaluation.is_done:
             yield f"{method} has no result ({evaluation.outcome.state})."

@@ -19,6 +19,7 @@ from vo_service.tools.evaluation.plot import (
     draw_trajectory,
     insert_nan_at_gaps,
     label_axes,
+    new_figure,
 )
 
 if TYPE_CHECKING:  # rarely used, and slow to import
@@ -151,16 +152,6 @@ def _draw_global_errors(result: SequenceResults, series: Mapping[str, ErrorSerie
     _draw_lost_frames(plot, result)
     _draw_gaps(plot, result)
     _draw_legend(figure, result, list(series))
-    return figure
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    """Make a figure that can be saved; the size is in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
     return figure
 
 

@@ -1,19 +1,27 @@
-"""Tables of the results: one set of metrics, as text for people and as CSV for scripts."""
+"""Tables of the results, as text for people and as CSV for scripts."""
 
 import csv
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
-import numpy as np
-
-from drivers.core.geometry import Array
 from vo_service.terminal import make_console
-from vo_service.tools.benchmark import FrameLog
 from vo_service.tools.benchmark.recordings import ALL_FRAMES, BenchmarkRecording
+from vo_service.tools.benchmark.report.metrics import (
+    COST,
+    COVERAGE,
+    ERRORS,
+    GLOBAL_ERROR,
+    LOOP_CLOSURE,
+    LOOP_CLOSURE_COST,
+    RATIO_METRICS,
+    ROBUSTNESS,
+    TOTAL_TIMES,
+    Metric,
+    all_metrics,
+)
 from vo_service.tools.benchmark.results import RunEvaluation, SequenceResults
 
 if TYPE_CHECKING:
@@ -99,163 +107,8 @@ def text_cell(text: str) -> TableCell:
     return TableCell(text, text)
 
 
-@dataclass(frozen=True)
-class MetricColumn:
-    """Column of a metric.
-
-    Attributes:
-        key: Name for scripts.
-        heading: Heading for people.
-        value: Function that returns the metric of a run; None if not known.
-        digits: Displayed digits after the decimal point.
-        display_factor: Factor of the displayed value.
-    """
-
-    key: str
-    heading: str
-    value: Callable[[RunEvaluation], float | None]
-    digits: int
-    display_factor: float = 1.0
-
-    def cell(self, evaluation: RunEvaluation) -> TableCell:
-        """Return the cell of a run."""
-        return number_cell(self.value(evaluation), self.digits, self.display_factor)
-
-    def ratio(self, evaluation: RunEvaluation, reference: RunEvaluation | None) -> float | None:
-        """Return the ratio to the baseline method's value, or None if not known.
-
-        Args:
-            evaluation: The run.
-            reference: The run of the baseline method; None without.
-        """
-        value = self.value(evaluation)
-        reference_value = None if reference is None else self.value(reference)
-        return value / reference_value if value is not None and reference_value else None
-
-
-def _attribute_of(part: str, attribute: str) -> Callable[[RunEvaluation], float | None]:
-    """Return a function for an attribute of a part of an evaluation; None if it has no such part.
-
-    Args:
-        part: Path of the part, which may be None.
-        attribute: The attribute.
-    """
-    find_part = attrgetter(part)
-
-    def value(evaluation: RunEvaluation) -> float | None:
-        found = find_part(evaluation)
-        number: float | None = None if found is None else getattr(found, attribute)
-        return number
-
-    return value
-
-
-def _error(key: str, heading: str) -> MetricColumn:
-    digits, display_factor = (2, 1e3) if key.endswith("_m") else (3, 1.0)
-    return MetricColumn(key, heading, _attribute_of("evaluation", key), digits, display_factor)
-
-
-def _optimized_error(key: str, heading: str) -> MetricColumn:
-    value = _attribute_of("optimized_evaluation", key)
-    return MetricColumn(f"optimized_{key}", f"optimized {heading}", value, 2, 1e3)
-
-
-def _loop_closure(key: str, heading: str, attribute: str, digits: int = 0) -> MetricColumn:
-    value = _attribute_of("outcome.run.loop_closure", attribute)
-    return MetricColumn(key, heading, value, digits)
-
-
-def _of_run(key: str, heading: str, digits: int = 0) -> MetricColumn:
-    """Return the column of an attribute of a complete run."""
-    run_value = attrgetter(key)
-    return MetricColumn(
-        key,
-        heading,
-        lambda evaluation: run_value(evaluation.outcome.run) if evaluation.is_done else None,
-        digits,
-    )
-
-
-STATISTICS: Mapping[str, Callable[[Array], float]] = {
-    "mean": lambda values: float(np.mean(values)),
-    "median": lambda values: float(np.median(values)),
-    "p95": lambda values: float(np.percentile(values, 95)),
-    "p99": lambda values: float(np.percentile(values, 99)),
-}
-
-
-def _time_metrics(
-    key: str, heading: str, times_of: Callable[[FrameLog], Array]
-) -> tuple[MetricColumn, ...]:
-    """Return columns with statistics of the times per frame; the first heading names the time."""
-
-    def metric(name: str, statistic: Callable[[Array], float]) -> MetricColumn:
-        def value(evaluation: RunEvaluation) -> float | None:
-            times_ms = times_of(evaluation.outcome.run.frames)
-            return statistic(times_ms) if len(times_ms) else None
-
-        return MetricColumn(
-            f"{key}_{name}", f"{heading} {name}" if name == "mean" else name, value, 1
-        )
-
-    return tuple(metric(name, statistic) for name, statistic in STATISTICS.items())
-
-
-GLOBAL_ERROR = _error("mean_global_error_m", "global mm")
-ERRORS = (
-    _error("ate_rmse_m", "ATE mm"),
-    GLOBAL_ERROR,
-    _error("rpe_frame_m", "RPE mm"),
-    _error("rpe_frame_deg", "RPE °"),
-    _error("rpe_1s_m", "RPE 1 s mm"),
-    _error("rpe_1s_deg", "RPE 1 s °"),
-)
-COVERAGE = MetricColumn("coverage", "coverage %", attrgetter("coverage"), 1, 100.0)
-ROBUSTNESS = (
-    COVERAGE,
-    _of_run("failed", "lost"),
-    _of_run("new_epochs", "epochs"),
-    MetricColumn("gross_errors", "gross", attrgetter("gross_errors"), 0),
-    MetricColumn("steps", "of", attrgetter("steps"), 0),
-)
-COST = (
-    *_time_metrics("cpu_ms", "CPU ms", lambda frames: frames.cpu_ms),
-    *_time_metrics("wall_ms", "wall ms", lambda frames: frames.wall_ms),
-    _of_run("memory_mb", "memory MB"),
-)
-TOTAL_TIMES = (_of_run("cpu_s", "CPU s", 2), _of_run("wall_s", "wall s", 2))
-# Additional columns with loop closure.
-LOOP_CLOSURE = (
-    _optimized_error("ate_rmse_m", "ATE mm"),
-    _optimized_error("mean_global_error_m", "global mm"),
-    _loop_closure("map_keyframes", "keyframes", "map_keyframes"),
-    _loop_closure("loop_closures", "loops", "loop_closures"),
-)
-LOOP_CLOSURE_COST = _loop_closure("loop_closure_ms_per_frame", "loops ms", "cpu_ms_per_frame", 2)
-METRICS = (*ERRORS, *ROBUSTNESS, *COST, *TOTAL_TIMES)
-# Metrics whose ratio to the baseline method is meaningful.
-RATIO_METRICS = (*ERRORS, *COST)
 # These columns show a ratio in parentheses; the other ratios are in the files.
 DISPLAYED_RATIO_KEYS = {"ate_rmse_m", "mean_global_error_m", "rpe_1s_m", "cpu_ms_mean", "memory_mb"}
-
-
-def metric_values(result: SequenceResults, method: str) -> dict[str, object]:
-    """Return every metric by its key, and under `ratios` those relative to the baseline method.
-
-    Args:
-        result: Results of the recording.
-        method: The method.
-    """
-    evaluation, reference = result.evaluations[method], result.reference
-    ratios = () if reference is None else RATIO_METRICS
-    return {
-        **{metric.key: metric.value(evaluation) for metric in _metrics(result.has_loop_closure)},
-        "ratios": {metric.key: metric.ratio(evaluation, reference) for metric in ratios},
-    }
-
-
-def _metrics(has_loop_closure: bool) -> tuple[MetricColumn, ...]:
-    return (*METRICS, *LOOP_CLOSURE, LOOP_CLOSURE_COST) if has_loop_closure else METRICS
 
 
 def error_table(result: SequenceResults) -> Table:
@@ -275,7 +128,7 @@ def cost_table(result: SequenceResults) -> Table:
     return _method_table("", result, (*COST, *loop_closure))
 
 
-def _method_table(title: str, result: SequenceResults, metrics: Sequence[MetricColumn]) -> Table:
+def _method_table(title: str, result: SequenceResults, metrics: Sequence[Metric]) -> Table:
     """Return a table with one row per method; the smallest errors are marked."""
     best = {metric.key: result.best_method(metric.value) for metric in ERRORS}
     rows = [
@@ -283,7 +136,7 @@ def _method_table(title: str, result: SequenceResults, metrics: Sequence[MetricC
             text_cell(method if evaluation.is_done else f"{method}: {evaluation.outcome.state}"),
             *(
                 replace(
-                    _cell_with_ratio(metric, evaluation, result.reference),
+                    _metric_cell(metric, evaluation, result.reference),
                     is_best=best.get(metric.key) == method,
                 )
                 for metric in metrics
@@ -295,10 +148,12 @@ def _method_table(title: str, result: SequenceResults, metrics: Sequence[MetricC
     return Table(title, keys, ["method", *(metric.heading for metric in metrics)], rows)
 
 
-def _cell_with_ratio(
-    metric: MetricColumn, evaluation: RunEvaluation, reference: RunEvaluation | None
+def _metric_cell(
+    metric: Metric, evaluation: RunEvaluation, reference: RunEvaluation | None = None
 ) -> TableCell:
-    cell, ratio = metric.cell(evaluation), metric.ratio(evaluation, reference)
+    """Return the cell of a metric, with its ratio to that of the baseline method."""
+    cell = number_cell(metric.value(evaluation), metric.digits, metric.display_factor)
+    ratio = metric.ratio(evaluation, reference)
     is_shown = ratio is not None and metric.key in DISPLAYED_RATIO_KEYS
     return replace(cell, text=f"{cell.text} ({ratio:.2f})") if is_shown else cell
 
@@ -314,13 +169,13 @@ def _run_cells(result: SequenceResults, method: str) -> list[TableCell]:
 
 def metrics_table(results: Sequence[SequenceResults]) -> Table:
     """Return the table for scripts: all metrics and ratios, one row per run."""
-    metrics = _metrics(any(result.has_loop_closure for result in results))
+    metrics = all_metrics(any(result.has_loop_closure for result in results))
     ratios = RATIO_METRICS if any(result.reference for result in results) else ()
     rows = [
         [
             *_run_cells(result, method),
             number_cell(len(result.recording.frame_stamps_s), 0),
-            *(metric.cell(evaluation) for metric in metrics),
+            *(_metric_cell(metric, evaluation) for metric in metrics),
             *(number_cell(metric.ratio(evaluation, result.reference), 3) for metric in ratios),
             text_cell(evaluation.outcome.state),
             text_cell(evaluation.outcome.error),
@@ -367,8 +222,7 @@ def lost_frames_table(result: SequenceResults) -> Table:
     return Table("Lost frames", head, head, rows)
 
 
-@dataclass(frozen=True)
-class PublishedResult:
+class PublishedResult(NamedTuple):
     """Published result of one method on one sequence."""
 
     mean_global_error_m: float
@@ -406,7 +260,7 @@ def paper_table(results: Sequence[SequenceResults]) -> Table:
         [
             text_cell(result.recording.folder_name),
             text_cell(method),
-            *(metric.cell(evaluation) for metric in metrics),
+            *(_metric_cell(metric, evaluation) for metric in metrics),
             number_cell(known.mean_global_error_m if known else None, 0, 1e3),
             number_cell(known.time_s if known else None, 0),
         ]

@@ -37,7 +37,7 @@ class FrameLog:
         inliers: (F,) inliers of the estimate.
         cpu_ms: (F,) processor time of the estimate, without reading and decoding.
         wall_ms: (F,) elapsed time of the same.
-        reasons: (F,) why there is no pose; "" with a pose.
+        reasons: (F,) why there is no pose, or why the pose is degraded; else "".
     """
 
     stamps_s: Array

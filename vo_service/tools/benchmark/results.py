@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
+import numpy as np
+
 from drivers.core import InputError
 from vo_service.tools.benchmark import CompletedRun, RunOutcome, RunState
 from vo_service.tools.benchmark.batch import BatchResult
@@ -75,8 +77,9 @@ class RunEvaluation:
     @property
     def lost_reasons(self) -> list[tuple[str, int]]:
         """Reasons for lost frames and their counts; numbers in the reasons are replaced by #."""
-        reasons = (re.sub(r"\d+(\.\d+)?", "#", text) for text in self.outcome.run.frames.reasons)
-        return Counter(filter(None, reasons)).most_common()
+        frames = self.outcome.run.frames
+        reasons = (frames.reasons[k] for k in np.flatnonzero(~frames.has_pose))
+        return Counter(re.sub(r"\d+(\.\d+)?", "#", reason) for reason in reasons).most_common()
 
     def as_json(self) -> dict[str, Any]:
         """Return state, run and evaluation as one flat object; null for unknown metrics."""

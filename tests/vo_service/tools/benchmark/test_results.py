@@ -1,5 +1,7 @@
 """The metrics of simulated runs with known errors."""
 
+from dataclasses import replace
+
 import pytest
 
 from tests.vo_service.tools.benchmark.sample_runs import (
@@ -47,6 +49,14 @@ def test_a_gap_is_listed_with_the_result_of_the_method() -> None:
     assert lost["why_lost"] == {"# of # matches agree": 4}
     reset = evaluate_outcome(make_recording(gap_s=1.0), lost=range(20, 24), epoch_from=24).as_json()
     assert reset["gaps"][0]["across"] == "lost 4 frames, then a new epoch"
+
+
+def test_the_reason_for_a_degraded_pose_is_not_one_for_a_lost_frame() -> None:
+    outcome = make_outcome(make_recording(), lost=range(20, 24))
+    frames = replace(outcome.run.frames, reasons=("no texture",) * 20 + ("lost at 3",) * 20)
+    degraded = replace(outcome, run=replace(outcome.run, frames=frames))
+    judged = evaluate_run(BatchResult(make_recording(), "direct", degraded))
+    assert judged.lost_reasons == [("lost at #", 4)]
 
 
 def test_without_truth_there_is_coverage_and_no_error() -> None:

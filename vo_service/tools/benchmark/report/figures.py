@@ -4,7 +4,7 @@ They are drawn without pyplot: no global state, no window.
 """
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -130,9 +130,7 @@ def _draw_step_errors(result: SequenceResults, series: Mapping[str, ErrorSeries]
         _draw_smoothed(below, result, steps_s, errors.step_errors.rotation_deg, style)
     for plot in (above, below):
         _set_log_scale(plot)
-        _draw_lost_frames(plot, result)
-        _draw_gaps(plot, result)
-    _draw_legend(figure, result, list(series))
+    _draw_annotations(figure, result, series)
     return figure
 
 
@@ -149,9 +147,7 @@ def _draw_global_errors(result: SequenceResults, series: Mapping[str, ErrorSerie
         _set_log_scale(plot)
     else:
         plot.set_ylim(bottom=0)
-    _draw_lost_frames(plot, result)
-    _draw_gaps(plot, result)
-    _draw_legend(figure, result, list(series))
+    _draw_annotations(figure, result, series)
     return figure
 
 
@@ -203,21 +199,20 @@ def _draw_lost_frames(plot: "Axes", result: SequenceResults) -> None:
         )  # fmt: skip
 
 
-def _draw_gaps(plot: "Axes", result: SequenceResults) -> None:
-    for gap in result.recording.gaps:
-        plot.axvline(float(_frame_numbers(result, np.array([gap.end_s]))[0]) - 0.5, **GAP_STYLE)
-    plot.set_xlim(-0.5, len(result.recording.frame_stamps_s) - 0.5)
-
-
 def _frame_numbers(result: SequenceResults, stamps_s: Array) -> Array:
     """Return the numbers of the recording's frames at these stamps, from 0."""
     return nearest_indices(result.recording.frame_stamps_s, stamps_s).astype(np.float64)
 
 
-def _draw_legend(figure: "Figure", result: SequenceResults, methods: list[str]) -> None:
-    """Draw the legend above the plots, with lost frames and pauses if there are any."""
+def _draw_annotations(figure: "Figure", result: SequenceResults, methods: Iterable[str]) -> None:
+    """Draw lost frames and pauses into all plots, and the legend above them."""
     from matplotlib.lines import Line2D
 
+    for plot in figure.axes:
+        _draw_lost_frames(plot, result)
+        for gap in result.recording.gaps:
+            plot.axvline(float(_frame_numbers(result, np.array([gap.end_s]))[0]) - 0.5, **GAP_STYLE)
+        plot.set_xlim(-0.5, len(result.recording.frame_stamps_s) - 0.5)
     handles = [
         Line2D([], [], **line_style(result, method), linewidth=2, label=method)
         for method in methods
@@ -237,44 +232,31 @@ def _place_legend(figure: "Figure", handles: "Sequence[Artist]") -> None:
 
 def make_trajectory_figures(result: SequenceResults) -> Iterator[NamedFigure]:
     """Yield one figure if any method has two poses."""
-    trajectories = dict(_aligned_trajectories(result))
-    if trajectories:
-        truth = _cropped_ground_truth(result)
-        caption = _TRAJECTORY_CAPTION.format(gray="" if truth is None else GROUND_TRUTH_CAPTION)
-        yield NamedFigure("trajectory", caption, _draw_trajectories(result, trajectories, truth))
-
-
-def _aligned_trajectories(result: SequenceResults) -> Iterator[tuple[str, Trajectory]]:
-    """Yield trajectories in the frame of the first true camera, or in their own without a truth."""
+    truth = _find_ground_truth(result)
+    T_first_truth = np.eye(4) if truth is None else inverse(truth.T_world_camera[0])
+    trajectories = {}
     for method, evaluation in result.evaluations.items():
-        poses = evaluation.outcome.run.trajectory
-        if len(poses) < 2:
-            continue
-        T_first_world = np.eye(4)
-        if evaluation.matched is not None:
-            T_first_truth = inverse(_first_ground_truth_pose(result))
-            T_first_world = T_first_truth @ first_pose_alignment(evaluation.matched)
-        yield method, Trajectory(poses.stamps_s, T_first_world @ poses.T_world_camera)
+        poses, matched = evaluation.outcome.run.trajectory, evaluation.matched
+        if len(poses) >= 2:  # without a truth it stays in the frame of its first camera
+            T_truth_world = None if matched is None else first_pose_alignment(matched)
+            T_first_world = np.eye(4) if T_truth_world is None else T_first_truth @ T_truth_world
+            trajectories[method] = _transform(T_first_world, poses)
+    if trajectories:
+        caption = _TRAJECTORY_CAPTION.format(gray="" if truth is None else GROUND_TRUTH_CAPTION)
+        shown = None if truth is None else _transform(T_first_truth, truth)
+        yield NamedFigure("trajectory", caption, _draw_trajectories(result, trajectories, shown))
 
 
-def _cropped_ground_truth(result: SequenceResults) -> Trajectory | None:
-    """Return the truth during the recording, in the frame of its first camera."""
-    if not any(evaluation.matched is not None for evaluation in result.evaluations.values()):
+def _find_ground_truth(result: SequenceResults) -> Trajectory | None:
+    """Return the truth during the recording, if any method is compared with it."""
+    truth = result.recording.truth
+    if truth is None or all(each.matched is None for each in result.evaluations.values()):
         return None
-    assert result.recording.truth is not None
-    first_s, last_s = result.recording.frame_stamps_s[[0, -1]]
-    during = crop_trajectory(result.recording.truth, first_s, last_s)
-    return Trajectory(
-        during.stamps_s, inverse(_first_ground_truth_pose(result)) @ during.T_world_camera
-    )
+    return crop_trajectory(truth, *result.recording.frame_stamps_s[[0, -1]])
 
 
-def _first_ground_truth_pose(result: SequenceResults) -> Array:
-    """Return T_truth_camera of the earliest matched pose of any method."""
-    matched = [j.matched for j in result.evaluations.values() if j.matched is not None]
-    first = min(matched, key=lambda poses: float(poses.stamps_s[0]))
-    T_truth_camera: Array = first.T_truth_camera[0]
-    return T_truth_camera
+def _transform(T_new_old: Array, poses: Trajectory) -> Trajectory:
+    return Trajectory(poses.stamps_s, T_new_old @ poses.T_world_camera)
 
 
 def _draw_trajectories(

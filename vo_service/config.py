@@ -123,11 +123,18 @@ class OdometryConfig:
         )
 
 
+# Meters; millimeters by mistake are beyond it.
+MAX_MOUNTING_M = 100.0
+
+
 @dataclass(frozen=True)
 class MountingConfig:
     """`[T_base_camera]`: pose of the camera's optical frame in the robot's base_link."""
 
-    translation_m: Annotated[tuple[float, float, float], "x y z in base_link, m"] = (0.0, 0.0, 0.0)
+    translation_m: Annotated[
+        tuple[float, float, float],
+        Field("x y z in base_link, m", minimum=-MAX_MOUNTING_M, maximum=MAX_MOUNTING_M),
+    ] = (0.0, 0.0, 0.0)
     quaternion_xyzw: Annotated[
         tuple[float, float, float, float],
         "optical axes in base_link; the default looks straight ahead",

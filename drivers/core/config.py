@@ -201,6 +201,10 @@ def _convert_text(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> An
         raise FieldError(path, f"{text} is not a choice; {suggest_name(value, choices)}")
     if spec.pattern and not re.fullmatch(spec.pattern, value):
         raise FieldError(path, f"{format_value(value)} is not valid; give {spec.pattern_name}")
+    if "\0" in value:  # no path, address or name can hold it
+        raise FieldError(path, "the character \\u0000 is not allowed; remove it")
+    if kind is Path and value.startswith("~"):
+        raise FieldError(path, f"{format_value(value)}: write the home folder instead of ~")
     return kind(value)
 
 
@@ -299,6 +303,8 @@ def _key_paths(parsed: dict[str, Any]) -> Iterator[KeyPath]:
 
 
 SCHEMA_VERSION = 1
+# Much longer than any TOML file of kinect-vo: a recording that is named by mistake is not loaded.
+MAX_FILE_CHARACTERS = 1_000_000
 
 
 def read_toml(path: Path, kind: type[T]) -> T:
@@ -308,10 +314,14 @@ def read_toml(path: Path, kind: type[T]) -> T:
         InputError: The file is invalid. The message is ``FILE:LINE: key `a.b`: reason; action``.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open(encoding="utf-8-sig") as file:
+            text = file.read(MAX_FILE_CHARACTERS)
+            is_whole = not file.read(1)
     except (OSError, UnicodeDecodeError) as error:
         cause = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InputError(f"{path}: cannot be read: {cause}; name a TOML file") from error
+    if not is_whole:
+        raise InputError(f"{path}: is too large for a TOML file; name another")
     return parse_toml(text, str(path), kind)
 
 

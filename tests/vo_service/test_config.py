@@ -120,6 +120,11 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ("odometry", "feature_count = 1e3", "key `odometry.feature_count`: 1000.0 is the wrong"),
         ("odometry", 'upright = "no"', 'key `odometry.upright`: "no" is the wrong type; give true'),
         ("T_base_camera", "translation_m = [1, 2]", "key `T_base_camera.translation_m`: a list of"),
+        (
+            "T_base_camera",
+            "translation_m = [120, 0, 0]",
+            "key `T_base_camera.translation_m`: 120 is",
+        ),
         ("T_base_camera", "translation_m = [0, 0, nan]", "key `T_base_camera.translation_m`: nan"),
         (
             "T_base_camera",

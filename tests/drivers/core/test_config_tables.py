@@ -174,6 +174,17 @@ def test_an_unreadable_file_is_one_line(tmp_path: Path) -> None:
         read_toml(tmp_path / "latin.toml", Room)
 
 
+def test_a_file_without_end_is_refused() -> None:
+    with pytest.raises(InputError, match="/dev/zero: is too large for a TOML file; name another"):
+        read_toml(Path("/dev/zero"), Room)
+
+
+def test_texts_that_no_path_can_be_are_refused() -> None:
+    unusable = "room.toml:3: key `plan`: the character \\u0000 is not allowed; remove it"
+    assert complaint('width = 4\nplan = "a\\u0000"') == unusable
+    assert 'key `plan`: "~/hall.png": write the home' in complaint('width = 4\nplan = "~/hall.png"')
+
+
 def test_a_byte_order_mark_and_dos_line_ends_are_accepted(tmp_path: Path) -> None:
     (tmp_path / "dos.toml").write_bytes(b"\xef\xbb\xbfschema = 1\r\nwidth = 4\r\n")
     assert read_toml(tmp_path / "dos.toml", Room) == Room(4)
@@ -181,7 +192,9 @@ def test_a_byte_order_mark_and_dos_line_ends_are_accepted(tmp_path: Path) -> Non
 
 @given(
     st.integers(1, 10**6),
-    st.text(st.characters(exclude_categories=["Cs"])).filter(lambda name: name != "void"),
+    st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0")).filter(
+        lambda name: name != "void"
+    ),
     st.floats(0.0, 100.0, exclude_min=True),
 )
 def test_written_values_are_read_back_exactly(width: int, name: str, power_w: float) -> None:

@@ -10,8 +10,7 @@ are stored in FOLDER/results.json; remove that file to measure again.
 
 "known" counts the starts that relocalize, and "frames" is the median time until then. "median" and
 "largest" (mm, degrees) are errors in the saved map at that time, including the map's own error.
-"near" is the largest error relative to the nearest keyframe, without the map's error. "a second
-later" is the largest error within the next second. "wrong" is above 5 cm or 3 degrees.
+"a second later" is the largest error within the next second. "wrong" is above 5 cm or 3 degrees.
 """
 
 import argparse
@@ -30,8 +29,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance
 from vo_service.config_tables import MapConfig
 from vo_service.odometry import METHODS, warm_up
-from vo_service.slam import pose_distance_steps
-from vo_service.slam.map_file import MapContents, read_map, write_map
+from vo_service.slam.map_file import read_map, write_map
 from vo_service.slam.synchronous_loop_closure import (
     SynchronousLoopClosure,
     create_loop_closer_from_map,
@@ -45,7 +43,7 @@ from vo_service.types import OdometryUpdate
 MAX_FRAMES, SETTLE_FRAMES = 300, 30
 TABLE = Table(
     *(12, "starts:8d", "known:8d", "wrong:8d", "frames:8.0f", "median:9.1f", "largest:9.1f"),
-    *("deg:7.2f", "near:7.1f", "a second later:16.1f", "deg:7.2f"),
+    *("deg:7.2f", "a second later:16.1f", "deg:7.2f"),
 )
 
 
@@ -57,7 +55,6 @@ class SessionStartResult:
         frames: Frames until the relocalization, both ends counted; None if there was none.
         error_m: Error of the position in the map at that time.
         error_deg: Error of the rotation.
-        nearby_error_m: Error relative to the nearest keyframe, without the map's own error.
         settled_error_m: Largest position error from then on.
         settled_error_deg: Largest rotation error from then on.
     """
@@ -65,7 +62,6 @@ class SessionStartResult:
     frames: int | None
     error_m: float
     error_deg: float
-    nearby_error_m: float
     settled_error_m: float
     settled_error_deg: float
 
@@ -78,20 +74,6 @@ class SessionStartResult:
 def second_half_start(tour: TourSequence) -> int:
     """The first frame of the second half."""
     return len(tour.T_room_camera) // 2
-
-
-def T_room_map_near(tour: TourSequence, contents: MapContents, T_map_camera: Array) -> Array:
-    """T_room_map (4, 4) by the keyframe of a map of this tour that is nearest to a camera.
-
-    Args:
-        tour: The tour.
-        contents: The map.
-        T_map_camera: (4, 4) pose of the camera.
-    """
-    T_map_keyframe = np.array([node.T_map_keyframe for node in contents.nodes])
-    nearest = int(np.argmin(pose_distance_steps(T_map_camera, T_map_keyframe)))
-    number = round(contents.keyframes[nearest].stamp_s * tour.config.rate_hz)
-    return np.asarray(tour.T_room_camera[number] @ inverse(T_map_keyframe[nearest]))
 
 
 def build_map(method: str, tour: TourSequence, file: Path) -> Array:
@@ -130,7 +112,7 @@ def relocalize_in_map(
         method, SynchronousLoopClosure(create_loop_closer_from_map(contents, MapConfig()))
     )
     errors: list[tuple[float, float]] = []
-    count, nearby_m = 0, 0.0
+    count = 0
     max_count = min(MAX_FRAMES, len(tour.T_room_camera) - first)
     while count < max_count and len(errors) <= SETTLE_FRAMES:
         update = _track_frame(runner, tour.frame(first + count))
@@ -139,17 +121,13 @@ def relocalize_in_map(
             T_map_camera = snapshot.T_map_odom @ update.T_odom_camera
             truth = tour.T_room_camera[first + count]
             error_m, error_rad = pose_distance(truth, T_room_map @ T_map_camera)
-            if not errors:
-                nearby_m, _ = pose_distance(
-                    truth, T_room_map_near(tour, contents, T_map_camera) @ T_map_camera
-                )
             errors.append((error_m, math.degrees(error_rad)))
         count += 1
     if not errors:
-        return SessionStartResult(None, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return SessionStartResult(None, 0.0, 0.0, 0.0, 0.0)
     settled_m, settled_deg = np.max(errors, axis=0)
     return SessionStartResult(
-        count - len(errors) + 1, *errors[0], nearby_m, float(settled_m), float(settled_deg)
+        count - len(errors) + 1, *errors[0], float(settled_m), float(settled_deg)
     )
 
 
@@ -202,7 +180,7 @@ def format_row(name: str, outcomes: Sequence[SessionStartResult]) -> str:
     known = [each for each in outcomes if each.frames is not None]
     counts = (len(outcomes), len(known), sum(each.is_wrong for each in known))
     if not known:
-        return TABLE.row(name, *counts, *[None] * 7)
+        return TABLE.row(name, *counts, *[None] * 6)
     return TABLE.row(
         name,
         *counts,
@@ -210,7 +188,6 @@ def format_row(name: str, outcomes: Sequence[SessionStartResult]) -> str:
         1e3 * np.median([each.error_m for each in known]),
         1e3 * max(each.error_m for each in known),
         max(each.error_deg for each in known),
-        1e3 * max(each.nearby_error_m for each in known),
         1e3 * max(each.settled_error_m for each in known),
         max(each.settled_error_deg for each in known),
     )

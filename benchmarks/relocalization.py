@@ -226,7 +226,6 @@ class RelocalizationOutcome:
     """Result of one trial.
 
     Attributes:
-        tracked: Whether the last frame before the cover had a pose.
         frames: Frames from the first uncovered one to the first with a pose, both counted; None
             if there was none.
         is_old_map: Whether that pose is in the map from before the cover.
@@ -236,7 +235,6 @@ class RelocalizationOutcome:
             map or relative to the first pose of its new map.
     """
 
-    tracked: bool
     frames: int | None
     is_old_map: bool
     error_m: float | None
@@ -249,7 +247,6 @@ class RelocalizationSummary:
     """Summary of trials; `prompt` counts those in the old map within MAX_PROMPT_FRAMES."""
 
     trials: int
-    tracked: int
     old_map: int
     prompt: int
     new_map: int
@@ -296,7 +293,6 @@ def evaluate_trial(
     is_old = first is not None and bool(epochs[first] == old)
     error_m, error_deg = errors[first] if first is not None and is_old else (None, None)
     return RelocalizationOutcome(
-        tracked=estimates[FRAMES_BEFORE - 1].ok,
         frames=None if first is None else first - (FRAMES_BEFORE + FRAMES_COVERED) + 1,
         is_old_map=is_old,
         error_m=error_m,
@@ -317,7 +313,6 @@ def summarize(outcomes: Sequence[RelocalizationOutcome]) -> RelocalizationSummar
     nowhere = sum(outcome.frames is None for outcome in outcomes)
     return RelocalizationSummary(
         trials=len(outcomes),
-        tracked=sum(outcome.tracked for outcome in outcomes),
         old_map=len(relocalized),
         prompt=sum(frames <= MAX_PROMPT_FRAMES for frames in waited),
         new_map=len(outcomes) - len(relocalized) - nowhere,

@@ -45,7 +45,7 @@ MAX_P50_MS, MAX_P99_MS, MAX_RATIO = 25.0, 45.0, 1.2
 MAX_STEAL_PERCENT = 1.0
 TABLE = Table(
     *(24, "p50:7.1f", "p99:7.1f", "max:8.1f", "p50 x:7.2f", "p99 x:7.2f", "dropped:8d"),
-    *("lost:5d", "service:9.2f", "viewer:7.2f", "reader:7.2f", "steal %:8.1f", "limits:8"),
+    *("lost:5d", "service:9.2f", "workers:9.2f", "steal %:8.1f", "limits:8"),
 )
 START_TIMEOUT_S = 300.0
 POLL_PERIOD_S = 0.05
@@ -230,7 +230,6 @@ class LatencyResult:
     lost: int
     service_ms: float
     children_ms: float
-    subscriber_ms: float
     steal_percent: float
 
 
@@ -301,17 +300,17 @@ def measure(
         listener: The subscriber.
         seconds: Duration, s.
     """
-    processes = [service.process.pid, listener.process.pid]
-    children = descendants_of(service.process.pid)
-    before, status_before = measure_processor_use(*processes, *children), service.status
+    main = service.process.pid
+    children = descendants_of(main)
+    before, status_before = measure_processor_use(main, *children), service.status
     begin_s = time.monotonic()
     for fraction, action in setup.actions:
         time.sleep(max(0.0, begin_s + fraction * seconds - time.monotonic()))
         action(service)
     time.sleep(max(0.0, begin_s + seconds - time.monotonic()))
     end_s = time.monotonic()
-    children = sorted({*children, *descendants_of(service.process.pid)})
-    used, status = measure_processor_use(*processes, *children).since(before), service.status
+    children = sorted({*children, *descendants_of(main)})
+    used, status = measure_processor_use(main, *children).since(before), service.status
     time.sleep(DRAIN_S)
     arrival_s = stamp_to_arrival_s()
     arrivals = listener.stop().between(begin_s, end_s - arrival_s)
@@ -326,9 +325,8 @@ def measure(
         max_ms=float(latency_ms.max()),
         dropped=status["camera"]["dropped"] - status_before["camera"]["dropped"],
         lost=arrivals.lost,
-        service_ms=per_frame_ms(used, count, processes[0]),
+        service_ms=per_frame_ms(used, count, main),
         children_ms=per_frame_ms(used, count, *children),
-        subscriber_ms=per_frame_ms(used, count, processes[1]),
         steal_percent=used.steal_percent,
     )
 
@@ -354,7 +352,6 @@ def combine_runs(runs: Sequence[LatencyResult]) -> LatencyResult:
         lost=sum(each.lost for each in runs),
         service_ms=median(each.service_ms for each in runs),
         children_ms=median(each.children_ms for each in runs),
-        subscriber_ms=median(each.subscriber_ms for each in runs),
         steal_percent=max(each.steal_percent for each in runs),
     )
 
@@ -374,7 +371,7 @@ def report(outcomes: Mapping[str, LatencyResult]) -> int:
         row = TABLE.row(
             name,
             *(each.p50_ms, each.p99_ms, each.max_ms, p50_ratio, p99_ratio, each.dropped, each.lost),
-            *(each.service_ms, each.children_ms, each.subscriber_ms, each.steal_percent),
+            *(each.service_ms, each.children_ms, each.steal_percent),
             "pass" if is_good else "FAIL",
         )
         print(f"{row}{', inconclusive' * (each.steal_percent > MAX_STEAL_PERCENT)}")

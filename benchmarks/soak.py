@@ -83,7 +83,6 @@ class SoakSample:
     Attributes:
         run: Number of earlier starts of the service.
         frame: Poses received since this start.
-        seconds: Seconds since this start.
         service_mb: Resident memory of the service's process.
         others_mb: Resident memory of its children together; shared memory counts in both.
         handles: Open files of the service.
@@ -98,7 +97,6 @@ class SoakSample:
 
     run: int
     frame: int
-    seconds: float
     service_mb: float
     others_mb: float
     handles: int
@@ -310,7 +308,6 @@ class SoakRun:
         self._run, self._frame, self._lost = record.runs, 0, 0
         self._wall_s = wall_clock_offset_s()
         service.wait_until_streaming(time.monotonic())
-        self._began_s = time.monotonic()
         self._used_s = self._cpu_s()
 
     def run_until(self, frames: int) -> None:
@@ -341,7 +338,6 @@ class SoakRun:
         return SoakSample(
             run=self._run,
             frame=self._frame,
-            seconds=time.monotonic() - self._began_s,
             service_mb=resident_memory_kb(main) / 1e3,
             others_mb=sum(resident_memory_kb(each) for each in others if is_alive(each)) / 1e3,
             handles=count_open_files_of(main),

@@ -206,7 +206,7 @@ def test_a_new_map_is_compared_with_the_motion_since_its_first_pose(
     outcome = evaluate_trial(
         scripted_trial.make_estimates(waits=0, is_new=True, off_m=0.06), scripted_trial.truth, ALIKE
     )
-    assert outcome == RelocalizationOutcome(True, 1, False, None, None, False)
+    assert outcome == RelocalizationOutcome(1, False, None, None, False)
     assert evaluate_trial(
         scripted_trial.make_estimates(0, is_new=True, off_m=0.06, off_from=1),
         scripted_trial.truth,
@@ -220,7 +220,7 @@ def test_a_trial_without_a_pose_is_nowhere_but_not_wrong(scripted_trial: Scripte
         for n, each in enumerate(scripted_trial.make_estimates(0))
     ]
     assert evaluate_trial(estimates, scripted_trial.truth, ALIKE) == RelocalizationOutcome(
-        True, None, False, None, None, False
+        None, False, None, None, False
     )
 
 
@@ -228,7 +228,7 @@ def outcome(
     frames: int | None, error_m: float | None = None, wrong: bool = False
 ) -> RelocalizationOutcome:
     error_deg = None if error_m is None else 0.5
-    return RelocalizationOutcome(True, frames, error_m is not None, error_m, error_deg, wrong)
+    return RelocalizationOutcome(frames, error_m is not None, error_m, error_deg, wrong)
 
 
 def test_trials_are_counted_by_their_outcome() -> None:

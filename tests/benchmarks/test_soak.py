@@ -8,7 +8,7 @@ import pytest
 from benchmarks.soak import SoakRecord, SoakSample, check_soak, save_plot, slope
 
 FLAT = SoakSample(
-    run=0, frame=0, seconds=0.0, service_mb=300.0, others_mb=200.0, handles=40, threads=20,
+    run=0, frame=0, service_mb=300.0, others_mb=200.0, handles=40, threads=20,
     children=2, p50_ms=11.0, p99_ms=19.0, cpu_ms=14.0, dropped=0, lost=0,
 )  # fmt: skip
 

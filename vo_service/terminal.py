@@ -6,6 +6,7 @@ which is imported when the first line is drawn.
 
 import logging
 import os
+import re
 import sys
 import threading
 import time
@@ -163,6 +164,15 @@ BUSY_REDRAWS_PER_S = 4
 BAR_WIDTH = 20
 CLEAR_LINE = "\r\x1b[K"
 _logger.setLevel(logging.INFO)
+
+
+def one_line(text: str) -> str:
+    """Replace line ends and other control characters, which names of files may have, by spaces.
+
+    Args:
+        text: A message.
+    """
+    return re.sub(r"[\x00-\x1f\x7f-\x9f]+", " ", text)
 
 
 def announce(text: str) -> None:

@@ -13,7 +13,7 @@ from typing import NoReturn
 from drivers.core import UserFacingError
 from drivers.core.files import kernel_folder
 from vo_service.signals import EXIT_CODE_SIGINT, InterruptedBySignal
-from vo_service.terminal import clear_line, log_to_stderr
+from vo_service.terminal import clear_line, log_to_stderr, one_line
 
 # Each command by who needs it, and what it does. Its module is imported only when it is used.
 COMMAND_GROUPS = {
@@ -66,7 +66,7 @@ class _OneLineErrorParser(argparse.ArgumentParser):
     """Reports a wrong argument in one line, like every other mistake."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"kinect-vo: error: {message}; see `{self.prog} --help`\n")
+        self.exit(2, f"kinect-vo: error: {one_line(message)}; see `{self.prog} --help`\n")
 
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
@@ -94,7 +94,7 @@ def _run_reporting_errors(arguments: Sequence[str]) -> int:
         sys.stdout.flush()  # here, so that a closed pipe is not reported as a failure
         return code
     except UserFacingError as error:
-        logging.getLogger("kinect-vo").error("%s", error)
+        logging.getLogger("kinect-vo").error("%s", one_line(str(error)))
         return error.exit_code
     except BrokenPipeError:
         _discard_buffered_output()
@@ -103,7 +103,7 @@ def _run_reporting_errors(arguments: Sequence[str]) -> int:
         # Errors of files have their own messages: this is the disk of standard output.
         where = error.filename or "standard output"
         logging.getLogger("kinect-vo").error(
-            "%s: %s; fix this and run again", where, error.strerror
+            "%s: %s; fix this and run again", one_line(str(where)), error.strerror
         )
         _discard_buffered_output()
         return 1

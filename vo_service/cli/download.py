@@ -3,6 +3,7 @@
 import argparse
 import re
 import urllib.parse
+from contextlib import suppress
 from pathlib import Path
 
 from drivers.core import InputError
@@ -110,10 +111,11 @@ def _format_sequence_table() -> str:
 
 def _parse_url(text: str) -> str:
     """Parse the address of a mirror."""
-    parts = urllib.parse.urlsplit(text)
-    if parts.scheme not in ("http", "https") or not parts.netloc:
-        raise argparse.ArgumentTypeError(f"{text} is not a URL: give http://... or https://...")
-    return text
+    with suppress(ValueError):
+        parts = urllib.parse.urlsplit(text)
+        if parts.scheme in ("http", "https") and parts.netloc:
+            return text
+    raise argparse.ArgumentTypeError(f"{text} is not a URL: give http://... or https://...")
 
 
 def _parse_sha256(text: str) -> str:

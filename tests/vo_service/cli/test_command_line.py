@@ -189,3 +189,14 @@ def test_a_signal_during_the_start_prints_no_traceback(
     monkeypatch.setattr("importlib.import_module", interrupt)
     outcome = run_in_process(capfd, "replay", "room")
     assert (outcome.code, outcome.out, outcome.err) == (code, "", "")
+
+
+@pytest.mark.parametrize("arguments", [("replay", "a\nb\x1bc"), ("replay", "a\nb\x1bc", "--x"),
+                                       ("replay", ".", "--pace", "a\nb\x1bc")])  # fmt: skip
+def test_an_error_is_one_line_whatever_a_name_holds(
+    arguments: tuple[str, ...], capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = run_in_process(capfd, *arguments)
+    assert outcome.code == 2
+    assert outcome.err.count("\n") == 1
+    assert "\x1b" not in outcome.err

@@ -17,6 +17,7 @@ from typing import IO, Protocol, Self
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write, free_disk_bytes, is_disk_full
+from vo_service.terminal import announce, announce_if_slow
 
 READ_TIMEOUT_S = 30.0
 CHUNK_BYTES = 1 << 16
@@ -176,7 +177,9 @@ def fetch_with_retries(
             failures = 0 if part.size > size else failures + 1
             if part.size == size_at_start or failures == len(RETRY_DELAYS_S):
                 raise
-            sleep(RETRY_DELAYS_S[failures])
+            delay_s = RETRY_DELAYS_S[failures]
+            announce(f"{url}: interrupted after {part.size} bytes; trying again in {delay_s:g} s")
+            sleep(delay_s)
 
 
 def fetch(url: str, part: PartialFile, on_progress: TransferProgress) -> None:
@@ -220,9 +223,9 @@ def _send_request(url: str, part: PartialFile) -> HttpResponse:
         headers |= {"Range": f"bytes={part.size}-", "If-Range": validator}
     opener = urllib.request.build_opener(_SafeRedirectHandler)
     try:
-        response: HttpResponse = opener.open(
-            urllib.request.Request(url, headers=headers), timeout=READ_TIMEOUT_S
-        )
+        request = urllib.request.Request(url, headers=headers)
+        with announce_if_slow(f"waiting for {url}"):
+            response: HttpResponse = opener.open(request, timeout=READ_TIMEOUT_S)
         return response
     except urllib.error.HTTPError as error:
         if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE and validator:

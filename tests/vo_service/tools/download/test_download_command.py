@@ -119,6 +119,7 @@ def test_a_wrong_name_sends_no_request(download: Download, server: WebServer, ou
     ("arguments", "message"),
     [((), "which sequence?"), ((NAME, "fr1/rpy", "--sha256", "a" * 64), "one by one"),
      ((NAME, "--mirror", "ftp://host/"), "is not a URL"),
+     ((NAME, "--mirror", "http://[::1"), "is not a URL"),
      ((NAME, "--sha256", "abc"), "64 digits")],
 )  # fmt: skip
 def test_invalid_arguments_are_reported(

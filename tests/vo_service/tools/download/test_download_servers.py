@@ -22,6 +22,7 @@ from tests.vo_service.tools.download.web_server import (
     status_only,
     wrong_length,
 )
+from vo_service import terminal
 from vo_service.tools.download import transfer
 
 
@@ -39,8 +40,11 @@ def test_a_partial_download_is_kept_for_the_next_time(
     server.answers = [cut_off(1000), *[cut_off(0)] * 2]
     outcome = download(NAME)
     assert (outcome.code, outcome.out) == (1, "")
-    assert "interrupted after 1000 bytes" in outcome.err
-    assert outcome.err.count("\n") == 1
+    *retries, error = outcome.err.splitlines()
+    assert [line.rpartition(": ")[2] for line in retries] == [
+        "interrupted after 1000 bytes; trying again in 0 s"
+    ] * 2
+    assert "interrupted after 1000 bytes (the server announced" in error
     assert not (output / FOLDER).exists()
     assert download(NAME).code == 0
     assert server.ranges[-1] == "bytes=1000-"
@@ -180,3 +184,25 @@ def test_a_server_that_stops_sending_times_out(
     monkeypatch.setattr(transfer, "READ_TIMEOUT_S", 0.2)
     server.answers = [stop_sending] * 3
     assert "interrupted after 1 bytes (no data for 0.2 s)" in download(NAME).err
+
+
+def test_a_wait_for_the_server_is_announced(
+    download: Download, server: WebServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stay_silent(request: RequestHandler) -> None:
+        request.rfile.read(1)  # until the client disconnects
+
+    monkeypatch.setattr(terminal, "SLOW_AFTER_S", 0.01)
+    monkeypatch.setattr(transfer, "READ_TIMEOUT_S", 0.5)
+    server.answers = [stay_silent] * 3
+    waiting, error = download(NAME).err.splitlines()
+    assert waiting.startswith(f"kinect-vo: info: waiting for {server.url}")
+    assert "cannot be reached" in error
+
+
+def test_control_characters_of_a_server_do_not_reach_the_terminal(
+    download: Download, server: WebServer
+) -> None:
+    server.answers = [lambda request: request.send_body(b"\x1b[31m garbage\r\n\r\n")]
+    error = download(NAME).err
+    assert error.removesuffix("\n").isprintable()

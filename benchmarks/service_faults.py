@@ -58,7 +58,7 @@ FAULT_TABLE = Table(34, "report:8.2f", "limit:7.1f", "recovery:10.2f", "limit:7.
 WARM_UP_S = 6.0
 PERCENTS = (75.0, 60.0, 45.0)
 VIEWER_PAUSED_TEXT = "the viewer is paused"
-SLOW_TABLE = Table(*(8, "adapt:6", "poses/s:9.1f", "dropped:9.0f", "steal %:9.1f"))
+SLOW_TABLE = Table(8, "adapt:6", "poses/s:9.1f", "dropped:9.0f", "steal %:9.1f")
 PERIOD_US = 100_000  # as systemd
 STOP_TIMEOUT_S = 10.0
 

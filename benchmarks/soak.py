@@ -8,6 +8,7 @@ The real `kinect-vo run`, and a separate subscriber that receives every pose.
 
 import argparse
 import json
+import subprocess
 import sys
 import tempfile
 import time
@@ -289,7 +290,10 @@ def soak_service(args: argparse.Namespace) -> int:
             file = folder / "room.toml"
             file.write_text(f"schema = 1\n{config}")
             prerender_room(read_config(file).synthetic)
-            with running_service(folder, {}, source="synthetic", more_config=config) as service:
+            # A new process: the memory of a fork is in part that of its parent.
+            with running_service(
+                folder, {}, source="synthetic", more_config=config, popen=subprocess.Popen
+            ) as service:
                 SoakRun(service, record, args.rate).run_until(args.frames)
                 if service.stop() != 0:
                     raise RuntimeError(f"the service did not exit cleanly: {service.log}")
@@ -408,7 +412,7 @@ def soak_kinect(args: argparse.Namespace) -> int:
             kinect.waits_for_reader = args.patient
             wrap_s = min(FIRST_WRAP_S, seconds / 3) + WARM_UP_S
             kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
-            with running_service(folder, kinect.environment) as service:
+            with running_service(folder, kinect.environment, popen=subprocess.Popen) as service:
                 samples = take_samples(service, kinect, seconds)
                 exit_code = service.stop()
                 poses = service.received.poses[samples[0].poses : samples[-1].poses]

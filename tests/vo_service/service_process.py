@@ -139,10 +139,12 @@ def running_service(
     *options: str,
     source: str = "freenect",
     more_config: str = "",
+    popen: "type[subprocess.Popen[bytes]]" = ForkedProcess,
 ) -> Iterator[ServiceProcess]:
     """``kinect-vo run --camera SOURCE`` that publishes on a free port; killed at the end.
 
-    `more_config` goes on with the table ``[zenoh]`` of its configuration, or begins others.
+    `more_config` goes on with the table ``[zenoh]`` of its configuration, or begins others. `popen`
+    starts it.
     """
     folder.mkdir(exist_ok=True)
     port = free_port()
@@ -162,7 +164,7 @@ def running_service(
     ]
     received = RecordingSubscriber()
     with log.open("wb") as said:
-        process = ForkedProcess(
+        process = popen(
             command,
             env={**os.environ, "STATE_DIRECTORY": str(folder / "state"), **environment},
             stdout=said,

@@ -155,6 +155,7 @@ def _create_writer(
 def _play_once(synthetic: SyntheticConfig, max_duration_s: float) -> SyntheticConfig:
     """Disable the virtual Kinect's loop, so that it has an end and a ground truth."""
     duration_s = max_duration_s if math.isfinite(max_duration_s) else synthetic.duration_s
+    duration_s = max(duration_s, 2.0 / synthetic.rate_hz)  # a shorter one is refused
     return replace(synthetic, loop=False, duration_s=duration_s)
 
 

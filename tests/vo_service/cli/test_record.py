@@ -36,15 +36,20 @@ def test_the_ground_truth_is_copied(
     assert truth == (recording / "groundtruth.txt").read_bytes()
 
 
+@pytest.mark.parametrize(("seconds", "frames"), [("0.2", 6), ("0.001", 1)])
 def test_recording_stops_after_the_seconds_of_camera_time(
-    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    seconds: str,
+    frames: int,
+    recording: Path,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     folder = tmp_path / "short"
     outcome = run_in_process(
-        capfd, "record", "--camera", f"tum:{recording}", "--seconds", "0.2", folder
+        capfd, "record", "--camera", f"tum:{recording}", "--seconds", seconds, folder
     )
-    assert outcome.out == f"6 frames in {folder}\n"
-    assert len((folder / "associations.txt").read_text().splitlines()) == 1 + 6
+    assert outcome.out == f"{frames} frames in {folder}\n"
+    assert len((folder / "associations.txt").read_text().splitlines()) == 1 + frames
 
 
 def test_a_recording_in_jpeg_can_be_replayed(

@@ -73,12 +73,12 @@ class StopSignal:
 
     @contextmanager
     def without_exceptions(self) -> Iterator[None]:
-        """End the process at a second SIGINT while the block runs: its callbacks must not raise."""
-        self._may_raise = False
+        """End the process at a second SIGINT while the block runs: native code must not raise."""
+        before, self._may_raise = self._may_raise, False
         try:
             yield
         finally:
-            self._may_raise = True
+            self._may_raise = before
 
     def check(self) -> None:
         """Raise `InterruptedBySignal` if a stop was requested."""

@@ -133,15 +133,17 @@ def run_reconstruction(args: argparse.Namespace) -> int:
             config.rerun.targets, "kinect-vo-reconstruct", _load_scene_class, terminal.write_line
         ) as views,
     ):
-        run_warm_up(warm_up_reconstruction, terminal, stop)
-        if poses is None:
-            tracked = _make_camera(args, camera_file)
-            poses, loop_closure_counts = _track_and_save(args, tracked, config, terminal, stop)
-        reconstruction = Reconstructor(fusion, FramePoses(poses), views)
-        with _make_camera(args, camera_file) as camera, terminal.busy("fusing") as busy:
-            reconstruction.run(camera, stop.event, busy.progress_callback("frame"))
+        with stop.without_exceptions():  # the kernels run on this thread
+            run_warm_up(warm_up_reconstruction, terminal, stop)
+            if poses is None:
+                tracked = _make_camera(args, camera_file)
+                poses, loop_closure_counts = _track_and_save(args, tracked, config, terminal, stop)
+            reconstruction = Reconstructor(fusion, FramePoses(poses), views)
+            with _make_camera(args, camera_file) as camera, terminal.busy("fusing") as busy:
+                reconstruction.run(camera, stop.event, busy.progress_callback("frame"))
         with terminal.busy("making the map") as busy:
-            results = _make_results(args.folder, reconstruction, fusion, stop)
+            with stop.without_exceptions():
+                results = _make_results(args.folder, reconstruction, fusion, stop)
             results = replace(results, loop_closure_counts=loop_closure_counts)
             results.save(args.output, busy.set_detail)
     terminal.write_line(

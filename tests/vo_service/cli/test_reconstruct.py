@@ -202,6 +202,29 @@ def test_ctrl_c_writes_the_map_of_the_frames_so_far(
     assert names(tmp_path) == FILES
 
 
+@pytest.mark.slow
+def test_a_second_ctrl_c_ends_the_process_because_kernels_must_not_raise(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    exit_codes: list[int] = []
+
+    def stop_twice(self: Reconstructor) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    def end_process(code: int) -> None:
+        exit_codes.append(code)
+        raise SystemExit(code)
+
+    monkeypatch.setattr(Reconstructor, "finish", stop_twice)
+    monkeypatch.setattr("os._exit", end_process)
+    given = ("--output", tmp_path, *COARSE)
+    run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    assert exit_codes == [130]
+    assert names(tmp_path) == []
+
+
 def test_a_full_disk_is_one_line_and_leaves_no_partial_file(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

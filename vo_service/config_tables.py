@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from drivers.core import InputError
-from drivers.core.config import Field
+from drivers.core.config import FILE_NAME_IN_WORDS, FILE_NAME_PATTERN, Field
 
 # Unit of the settings whose names end in _mb, bytes.
 # A recording of the running service leaves this much of the disk free.
@@ -65,7 +65,14 @@ class MapConfig:
 
     enabled: Annotated[bool, "false disables the mapper: no keyframes, no saved maps"] = True
     loop_closure: Annotated[bool, "false disables loop closure and relocalization"] = True
-    load: Annotated[str | None, "name of the map to load at the start; unset = none"] = None
+    load: Annotated[
+        str | None,
+        Field(
+            "name of the map to load at the start; unset = none",
+            pattern=FILE_NAME_PATTERN,
+            pattern_name=FILE_NAME_IN_WORDS,
+        ),
+    ] = None
     max_mb: Annotated[
         int,
         Field(
@@ -97,6 +104,7 @@ class ZenohConfig:
 
     Raises:
         InputError: If the prefix is not valid.
+        ValueError: If an endpoint or a frame is named twice, or a frame has no name.
     """
 
     prefix: Annotated[
@@ -120,6 +128,13 @@ class ZenohConfig:
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)
+        frames = {self.map_frame_id, self.odom_frame_id, self.child_frame_id}
+        if len(frames) < 3 or "" in frames:
+            raise ValueError(
+                "map_frame_id, odom_frame_id and child_frame_id must be three different names"
+            )
+        if len(set(self.listen)) < len(self.listen):
+            raise ValueError("listen has the same endpoint twice; remove one")
 
 
 def check_prefix(prefix: str) -> str:

@@ -22,6 +22,12 @@ from drivers.core import InputError
 KeyPath = tuple[str, ...]
 T = TypeVar("T")
 
+# For `Field.pattern`: names of recordings and maps, which become file names.
+FILE_NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
+FILE_NAME_IN_WORDS = (
+    "a plain name: up to 64 letters, digits, '_', '-' or '.', a letter or digit first"
+)
+
 
 @dataclasses.dataclass(frozen=True)
 class Field:

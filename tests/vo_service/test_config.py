@@ -133,6 +133,7 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ),
         ("zenoh", 'listen = "tcp/127.0.0.1:1"', "key `zenoh.listen`: "),
         ("zenoh", "prefix = true", "key `zenoh.prefix`: true is the wrong type; give text"),
+        ("map", 'load = "../x"', 'key `map.load`: "../x" is not valid; give a plain name'),
         ("rerun", "targets = [1]", "key `rerun.targets`: 1 is the wrong type; give text"),
         ("synthetic", 'motion = "wild"', 'key `synthetic.motion`: "wild" is not a choice'),
         ("synthetic", "rate_hz = 0", "key `synthetic.rate_hz`: 0 is out of range"),
@@ -152,6 +153,9 @@ def test_a_wrong_key_is_reported_with_its_line(
         ("T_base_camera", "quaternion_xyzw = [0, 0, 0, 0]", "must have length 1, as x y z w"),
         ("T_base_camera", "quaternion_xyzw = [1, 1, 1, 1]", "must have length 1, as x y z w"),
         ("zenoh", 'prefix = "/kinect"', "without a slash at either end"),
+        ("zenoh", 'odom_frame_id = ""', "must be three different names"),
+        ("zenoh", 'child_frame_id = "odom"', "must be three different names"),
+        ("zenoh", 'listen = ["tcp/[::1]:1", "tcp/[::1]:1"]', "the same endpoint twice"),
         ("synthetic", "rate_hz = 0.04", "duration_s must hold at least one frame"),
     ],
 )

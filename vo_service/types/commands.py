@@ -17,7 +17,13 @@ import numpy as np
 
 from drivers.camera import Led
 from drivers.core import InputError
-from drivers.core.config import Field, FieldError, build_dataclass
+from drivers.core.config import (
+    FILE_NAME_IN_WORDS,
+    FILE_NAME_PATTERN,
+    Field,
+    FieldError,
+    build_dataclass,
+)
 from drivers.core.geometry import Array, is_rigid, quaternion_from_rotation, transform_from_pose
 
 MAX_PAYLOAD_BYTES = 4096
@@ -28,8 +34,6 @@ MAX_TILT_DEG = 31.0
 QUATERNION_NORM_TOLERANCE = 1e-2
 # A rotation in 32-bit floats may be this far from orthonormal.
 RIGID_TOLERANCE = 1e-3
-# Pattern of the names of recordings and maps, which become file names.
-NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
 
 Reply = TypeVar("Reply")
 Position = tuple[float, float, float]
@@ -42,9 +46,8 @@ Name = Annotated[
     str,
     Field(
         "name of the folder or of the map",
-        pattern=NAME_PATTERN,
-        pattern_name="a plain name: up to 64 letters, digits, '_', '-' or '.', a letter or digit "
-        "first",
+        pattern=FILE_NAME_PATTERN,
+        pattern_name=FILE_NAME_IN_WORDS,
     ),
 ]
 

@@ -21,7 +21,7 @@ from drivers.core.process.supervisor import FaultReporter, WorkerSupervisor
 from vo_service.config_tables import RecorderConfig
 from vo_service.frame_record import FrameHistory, StampedStatus
 from vo_service.types import OdometryUpdate, TrackingState
-from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, NotPossibleError
+from vo_service.types.commands import CommandError, NotPossibleError
 from vo_service.types.messages import Status, versions
 from vo_service.types.outputs import NullRecorder, Recorder
 
@@ -215,13 +215,8 @@ class RecorderClient:
             The folder's path.
 
         Raises:
-            CommandError: The name is invalid or taken, or a recording is running.
+            NotPossibleError: The name is taken, or a recording is running.
         """
-        if not re.fullmatch(NAME_PATTERN, name):
-            raise CommandError(
-                ErrorCode.BAD_REQUEST,
-                "a recording's name is up to 64 letters, digits, dots, dashes and underscores",
-            )
         with self._lock:
             self._check_responsive()
             if self.recording:

@@ -1,5 +1,6 @@
 """Outputs that keep the trajectory: in a text file of the TUM RGB-D benchmark, or in memory."""
 
+import errno
 import logging
 import os
 from contextlib import suppress
@@ -9,7 +10,7 @@ import numpy as np
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import explain_unwritable
+from drivers.core.files import explain_unwritable, is_disk_full
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, format_pose_line
 from vo_service.types import OdometryUpdate
@@ -100,14 +101,15 @@ class TrajectoryFileOutput:
         try:
             written = self._file.write(line)
             if written != len(line):
-                raise OSError(0, "no space left for a whole line")
+                raise OSError(errno.ENOSPC, "no space left for a whole line")
             self._size += len(line)
         except OSError as error:
             with suppress(OSError):
                 os.ftruncate(self._file.fileno(), self._size)
+            advice = "; free some space and run again" if is_disk_full(error) else ""
             self._error = UserFacingError(
-                f"{self._path}: the trajectory stops after {self._size} bytes: {error.strerror}; "
-                "free some space and run again"
+                f"{self._path}: the trajectory stops after {self._size} bytes: "
+                f"{error.strerror}{advice}"
             )
             logger.error("%s", self._error)
 

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from re import fullmatch
 from typing import TYPE_CHECKING
 
 from drivers.core import UserFacingError
@@ -36,7 +35,7 @@ from vo_service.slam import (
     SaveMapResult,
 )
 from vo_service.types import MapSnapshot, OdometryUpdate
-from vo_service.types.commands import NAME_PATTERN, CommandError, ErrorCode, NotPossibleError
+from vo_service.types.commands import NotPossibleError
 from vo_service.types.messages import MapState, Status
 from vo_service.types.outputs import LoopClosure, Mapper, NullLoopClosure, NullMapper
 
@@ -119,7 +118,6 @@ class MapperClient:
         Raises:
             CommandError: If that is not possible.
         """
-        _check_name(name)
         with self._lock:
             self._check_responsive()
             if self.state.saving:
@@ -140,7 +138,6 @@ class MapperClient:
         Raises:
             CommandError: If that is not possible.
         """
-        _check_name(name)
         with self._lock:
             self._check_responsive()
             if self.state.loading:
@@ -224,14 +221,6 @@ class MapperClient:
         if saving:
             self._save_faults.set(f"saving {saving} was interrupted")
         return True
-
-
-def _check_name(name: str) -> None:
-    if not fullmatch(NAME_PATTERN, name):
-        raise CommandError(
-            ErrorCode.BAD_REQUEST,
-            "a map name has up to 64 letters, digits, dots, dashes and underscores",
-        )
 
 
 # The process reads the ring several times a second: this is far more than it needs.

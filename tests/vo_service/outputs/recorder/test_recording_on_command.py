@@ -84,11 +84,9 @@ def test_a_recording_without_a_frame_creates_no_folder(tmp_path: Path) -> None:
     assert not folder.exists()
 
 
-def test_invalid_names_are_rejected(tmp_path: Path) -> None:
+def test_a_name_that_is_taken_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "recordings" / "old").mkdir(parents=True)
     with running_recorder(tmp_path, SMALL) as recorder:
-        for name in ("", "../desk", "a/b", ".hidden", "a b", "x" * 65, "a\n"):
-            assert command_error(partial(recorder.start_recording, name)).startswith("bad-request")
         assert "a recording 'old' exists" in command_error(lambda: recorder.start_recording("old"))
         folder = recorder.start_recording("new")
         assert folder in command_error(lambda: recorder.start_recording("newer"))

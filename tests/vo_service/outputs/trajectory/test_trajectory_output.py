@@ -71,6 +71,21 @@ def test_a_full_disk_keeps_complete_lines_and_is_logged_once(
     assert len(read_trajectory(tmp_path / "out.txt")) == 2
     assert [record.levelno for record in caplog.records] == [logging.ERROR]
     assert "out.txt: the trajectory stops after" in caplog.text
+    assert "free some space" in caplog.text
+
+
+def test_a_reader_that_ends_is_not_told_to_free_space(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    output = TrajectoryFileOutput(pipe, BlockingQueue(8))
+    os.close(reader)
+    output.on_update(make_update(0))
+    wait_until(lambda: output.warning.endswith("bytes: Broken pipe"))
+    with pytest.raises(UserFacingError, match="the trajectory is incomplete"):
+        output.close()
 
 
 def test_a_blocked_disk_blocks_nothing_and_is_reported(

@@ -46,6 +46,7 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
         ('[zenoh]\nlisten = ["tcp/127.0.0.1:99999"]', "is not an endpoint"),
         ('[zenoh]\nlisten = ["tcp/127.0.0.1:7450x"]', "is not an endpoint"),
         ('[zenoh]\nconnect = ["tpc/127.0.0.1:7450"]', "is not an endpoint"),
+        ('[zenoh]\nlisten = ["serial//dev/ttyS9"]', "is not an endpoint"),
         ('[zenoh]\nlisten = ["tls/127.0.0.1:7450"]', "to listen with TLS"),
         ('[zenoh]\nconfig_file = "/none.json5"', "/none.json5: cannot read"),
     ],

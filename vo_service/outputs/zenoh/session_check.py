@@ -20,7 +20,8 @@ from vo_service.outputs.zenoh import (
 )
 
 _UNENCRYPTED = ("tcp", "udp", "ws")
-_PATH_PROTOCOLS = ("unixsock-stream", "unixpipe", "serial", "vsock")
+# The one protocol without a port that the Python package of Zenoh has.
+_SOCKET_FILE_PROTOCOL = "unixsock-stream"
 
 
 def check_session_config(config: ZenohConfig) -> str:
@@ -47,7 +48,7 @@ def check_session_config(config: ZenohConfig) -> str:
 
 
 def _check_endpoint(text: str, where: str) -> None:
-    if text.partition("/")[0] in _PATH_PROTOCOLS:
+    if text.partition("/")[0] == _SOCKET_FILE_PROTOCOL:
         return
     endpoint = parse_endpoint(text)
     if endpoint.protocol not in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) or int(endpoint.port) > 65535:

@@ -123,13 +123,16 @@ def choose_format(path: Path, requested: str | None) -> OutputFormat:
     """Return the requested format, or that of the path's suffix; else a folder.
 
     Raises:
-        InputError: The path has not the suffix by which the format is recognized.
+        InputError: The requested format has a suffix, and the path has another one.
     """
-    usual = FORMATS_BY_SUFFIX.get(path.suffix.lower(), OutputFormat.FOLDER)
-    output_format = OutputFormat(requested or usual)
-    for suffix, each in FORMATS_BY_SUFFIX.items():
-        if each is output_format is not usual:
-            raise InputError(f"{path}: a file in the format {each} must end in {suffix}")
+    by_suffix = FORMATS_BY_SUFFIX.get(path.suffix.lower(), OutputFormat.FOLDER)
+    if requested is None:
+        return by_suffix
+    suffixes = {each: suffix for suffix, each in FORMATS_BY_SUFFIX.items()}
+    output_format = OutputFormat(requested)
+    if output_format in suffixes and output_format is not by_suffix:
+        suffix = suffixes[output_format]
+        raise InputError(f"{path}: a file in the format {output_format} must end in {suffix}")
     return output_format
 
 

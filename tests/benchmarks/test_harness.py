@@ -1,0 +1,49 @@
+"""The harness of the benchmarks: rows of a table, results that are kept, and variants."""
+
+from argparse import Namespace
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from benchmarks.harness import ResultCache, Table, measure_cpu_ms, run_benchmark
+from drivers.core import InputError
+
+
+def test_rows_are_aligned_below_their_headings() -> None:
+    table = Table(6, "frames:8d", "ATE:8.1f")
+    assert table.head == "        frames     ATE"
+    assert table.row("desk", 360, 0.58) == "desk       360     0.6"
+    assert table.row("room", "all", None) == "room       all       -"
+
+
+def test_work_is_measured_in_milliseconds_of_the_given_clock() -> None:
+    times_s = iter([1.0, 1.25])
+    assert measure_cpu_ms(lambda: "done", lambda: next(times_s)) == ("done", 250.0)
+
+
+def test_a_kept_result_is_not_measured_again(tmp_path: Path) -> None:
+    ResultCache(tmp_path).get_or_run("desk", lambda: {"ate_m": 0.1})
+    again = ResultCache(tmp_path)
+    assert "desk" in again
+    assert again.get_or_run("desk", lambda: pytest.fail("measured again")) == {"ate_m": 0.1}
+
+
+def test_a_file_of_another_kind_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "results.json").write_text("[1]")
+    with pytest.raises(InputError, match="has no results; name another folder"):
+        ResultCache(tmp_path)
+
+
+def test_the_named_variant_runs_with_its_options() -> None:
+    def main(args: Namespace) -> int:
+        """Measure."""
+        return int(args.count)
+
+    module = ModuleType("example", "An example.")
+    module.__dict__["VARIANTS"] = {
+        "one": (lambda parser: parser.add_argument("--count"), main),
+    }
+    assert run_benchmark("example", module, ["one", "--count", "3"]) == 3
+    with pytest.raises(SystemExit):
+        run_benchmark("example", module, ["two"])

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.harness import measure_cpu_ms
 from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
@@ -52,12 +54,19 @@ def open_frames_with_truth(folder: Path) -> Iterator[tuple[Iterator[RgbdFrame], 
 
 @dataclass(frozen=True)
 class TrackedSequence:
-    """Estimates of a method for F frames, with the states and epochs of the service."""
+    """Estimates of a method for F frames, with the states and epochs of the service.
+
+    Attributes:
+        position_sigmas_m: (F,) largest standard deviation of the published position, m.
+        cpu_ms: (F,) processor time of the odometry, ms.
+    """
 
     stamps_s: Array
     estimates: Sequence[Estimate]
     states: Sequence[TrackingState]
     epochs: NDArray[np.int64]
+    position_sigmas_m: Array
+    cpu_ms: Array
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:
@@ -79,15 +88,24 @@ class TrackedSequence:
 def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
     """Track all frames, with the states that the service would publish."""
     odometry, tracker = METHODS[method](MethodConfig(), CpuStageTimer()), OdomFrame()
-    stamps_s, estimates, states, epochs = [], [], [], []
+    stamps_s, estimates, states, epochs, variances, cpu_ms = [], [], [], [], [], []
     for frame in frames:
-        estimate = odometry.estimate(frame)
+        estimate, spent_ms = measure_cpu_ms(partial(odometry.estimate, frame))
         update = tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
         stamps_s.append(frame.stamp_s)
         estimates.append(estimate)
         states.append(update.state)
         epochs.append(update.epoch)
-    return TrackedSequence(np.array(stamps_s), estimates, states, np.array(epochs, np.int64))
+        variances.append(np.linalg.eigvalsh(update.pose_covariance[:3, :3])[-1])
+        cpu_ms.append(spent_ms)
+    return TrackedSequence(
+        np.array(stamps_s),
+        estimates,
+        states,
+        np.array(epochs, np.int64),
+        np.sqrt(np.array(variances)),
+        np.array(cpu_ms),
+    )
 
 
 @dataclass(frozen=True)

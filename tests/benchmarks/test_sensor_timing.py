@@ -44,6 +44,8 @@ def learn(readout_ms: list[float], truth_ms: float = 20.0) -> LearnedTiming:
         [replace(good_estimate(np.eye(4)), timing=timing) for timing in timings],
         [TrackingState.TRACKING] * len(timings),
         np.zeros(len(timings), np.int64),
+        np.zeros(len(timings)),
+        np.zeros(len(timings)),
     )
     return evaluate_timing(GOOD, GOOD, tracked, (1e-3 * truth_ms, 0.01))
 

@@ -9,9 +9,10 @@ set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
 
-# A compiler for the Kinect simulator; udev's and systemd's tools to check the rules and the units.
-# Neither is started.
-scripts/setup.sh gcc libc6-dev udev systemd
+# A compiler for the Kinect simulator; udev's and systemd's tools to check the rules and the units;
+# ROS 1's rosbag to read our bags.
+# No service is started.
+scripts/setup.sh gcc libc6-dev udev systemd python3-rosbag
 export PATH="$PWD/.venv/bin:$PATH"
 # Tests start hundreds of processes: without cached bytecode each takes twice as long.
 unset PYTHONDONTWRITEBYTECODE

@@ -3,6 +3,7 @@
 Usage: python drive.py [ENDPOINT]
 """
 
+import signal
 import sys
 import time
 
@@ -13,6 +14,7 @@ from vo_service import PoseClient, PoseUnavailable
 PERIOD_S = 0.1
 GOAL_M = np.array([1.0, 0.0])
 
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end without an error in `| head`
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 
 with PoseClient(connect=endpoint) as client:

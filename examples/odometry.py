@@ -6,6 +6,7 @@ SOURCE is "synthetic" (the default: a virtual Kinect), "freenect", "tum:FOLDER" 
 is "direct" (the default), "surf", "icp" or "sfm".
 """
 
+import os
 import sys
 
 from drivers import CameraError, InputError, open_camera
@@ -24,3 +25,5 @@ try:
             print(f"{frame.stamp_s:.3f} {position_m.round(3)} {state}", flush=True)
 except (CameraError, InputError) as error:
     sys.exit(str(error))
+except BrokenPipeError:  # in `| head`
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -4,12 +4,13 @@ Usage: python plain_zenoh.py [ENDPOINT]
 """
 
 import json
+import signal
 import struct
 import sys
-import threading
 
 import zenoh
 
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end without an error in `| head`
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 settings = {
     "mode": "peer",
@@ -51,5 +52,6 @@ with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
     for reply in session.get("kinect/latest", timeout=5.0):
         if reply.err:
             print("latest:", json.loads(reply.err.payload.to_bytes())["message"], flush=True)
-    subscriber = session.declare_subscriber("kinect/odom", show)
-    threading.Event().wait()
+    subscriber = session.declare_subscriber("kinect/odom")
+    for sample in subscriber:
+        show(sample)

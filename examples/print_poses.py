@@ -3,10 +3,12 @@
 Usage: python print_poses.py [ENDPOINT]
 """
 
+import signal
 import sys
 
 from vo_service import PoseClient
 
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end without an error in `| head`
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 
 with PoseClient(connect=endpoint) as client:

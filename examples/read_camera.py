@@ -5,6 +5,7 @@ Usage: python read_camera.py [SOURCE]
 SOURCE is "synthetic" (the default: a virtual Kinect), "freenect", "tum:FOLDER" and others.
 """
 
+import os
 import sys
 
 from drivers import CameraError, InputError, open_camera
@@ -19,3 +20,5 @@ try:
             print(f"{frame.stamp_s:.3f} s: {width}x{height}, {center_m:.2f} m ahead", flush=True)
 except (CameraError, InputError) as error:
     sys.exit(str(error))
+except BrokenPipeError:  # in `| head`
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -4,27 +4,49 @@ Usage: python web_page.py [PORT [ENDPOINT]]
 """
 
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
-from vo_service import FrameClient
+from vo_service import Frame, FrameClient, FrameUnavailable
 
 port, endpoint = [*sys.argv[1:], *("8000", "tcp/127.0.0.1:7450")[len(sys.argv) - 1 :]]
-PAGE = b"""<img id=i><canvas id=c width=480 height=480></canvas><script>async function next() {
-const answer = await fetch("/frame"), [x, y] = answer.headers.get("X-Pose").split(" ");
+PAGE = b"""<img id=i><canvas id=c width=480 height=480></canvas><p id=p><script>
+async function next() { const answer = await fetch("/frame"); p.textContent = "";
+if (!answer.ok) { p.textContent = await answer.text(); return next() }
+const [x, y] = answer.headers.get("X-Pose").split(" ");
 i.src = URL.createObjectURL(await answer.blob()); i.onload = () => URL.revokeObjectURL(i.src);
 c.getContext("2d").fillRect(240 - 60 * y, 240 - 60 * x, 2, 2); next()} next()</script>"""
 
 
+def newest_frames() -> Iterator[Frame | str]:
+    """Yield frames, and every two seconds without one the reason."""
+    while True:
+        try:
+            yield from client.frames(timeout_s=2.0, depth=False, compressed=True)
+        except FrameUnavailable as error:
+            yield str(error)
+
+
 class Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
-        frame = next(frames) if self.path == "/frame" else None
-        self.send_response(200)
-        self.send_header("Content-Type", "image/jpeg" if frame else "text/html")
-        self.send_header("X-Pose", " ".join(map(str, frame.pose.position_m)) if frame else "")
-        self.end_headers()
-        self.wfile.write(frame.color_jpeg if frame else PAGE)
+        if self.path != "/frame":
+            self.answer(200, "text/html", PAGE)
+        elif isinstance(frame := next(frames), str):
+            self.answer(503, "text/plain", frame.encode())
+        else:
+            position = " ".join(map(str, frame.pose.position_m))
+            self.answer(200, "image/jpeg", frame.color_jpeg, position)
+
+    def answer(self, code: int, kind: str, body: bytes, position: str = "") -> None:
+        with suppress(ConnectionError):  # the browser may have left
+            self.send_response(code)
+            self.send_header("Content-Type", kind)
+            self.send_header("X-Pose", position)
+            self.end_headers()
+            self.wfile.write(body)
 
 
 with FrameClient(connect=endpoint) as client:
-    frames = client.frames(timeout_s=10.0, depth=False, compressed=True)
+    frames = newest_frames()
     HTTPServer(("127.0.0.1", int(port)), Handler).serve_forever()

@@ -4,10 +4,12 @@ import csv
 import json
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import threading
+import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -250,6 +252,30 @@ def test_a_web_page_gets_video_and_positions(endpoint: str) -> None:
             assert image[:2] == b"\xff\xd8"
 
 
+def fetch(url: str) -> tuple[int, bytes]:
+    try:
+        with urllib.request.urlopen(url, timeout=100) as answer:
+            return answer.status, answer.read()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read()
+
+
+@pytest.mark.zenoh
+def test_a_web_page_shows_why_there_is_no_frame_and_goes_on_when_there_is_one(
+    endpoint: str,
+) -> None:
+    port = free_port()
+    url = f"http://127.0.0.1:{port}/frame"
+    with PoseClient(connect=endpoint) as client, program("web_page.py", port, endpoint):
+        wait_until(lambda: is_listening(port))
+        client.send(PauseCommand())
+        wait_until(lambda: fetch(url)[0] == 503)
+        code, reason = fetch(url)
+        assert (code, reason[:22]) == (503, b"kinect: no frame withi")
+        client.send(ResumeCommand())
+        wait_until(lambda: fetch(url)[0] == 200)
+
+
 @pytest.mark.zenoh
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs apt-get install chromium")
 def test_a_browser_shows_video_and_trajectory(endpoint: str, tmp_path: Path) -> None:
@@ -278,6 +304,44 @@ def test_plain_zenoh_reads_the_same(endpoint: str) -> None:
         lines.wait_for_line("^status: tracking$")
         lines.wait_for_line(r"^\d+\.\d{9} odom->base_link at \(")
         lines.wait_for_line("'state': 'tracking'")
+
+
+def complaint_when_the_reader_leaves(name: str, argument: str) -> str:
+    """What an example writes to stderr in `EXAMPLE ARGUMENT | head -1`."""
+    command = [sys.executable, str(EXAMPLES / name), argument]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes, text=True) as process:  # type: ignore[call-overload]
+        limit = threading.Timer(100.0, process.kill)
+        limit.start()
+        assert process.stdout.readline()
+        process.stdout.close()
+        complaint: str = process.stderr.read()
+    limit.cancel()
+    assert process.returncode in (0, -signal.SIGPIPE)
+    return complaint
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("name", ["plain_zenoh.py", "print_poses.py", "drive.py"])
+def test_an_example_ends_without_an_error_when_its_reader_leaves(endpoint: str, name: str) -> None:
+    assert complaint_when_the_reader_leaves(name, endpoint) == ""
+
+
+@pytest.mark.parametrize("name", ["odometry.py", "read_camera.py"])
+def test_an_example_of_a_camera_ends_without_an_error_when_its_reader_leaves(
+    long_recording: Path, name: str
+) -> None:
+    assert complaint_when_the_reader_leaves(name, f"tum:{long_recording}") == ""
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize(("name", "arguments"), [("live_video.py", [3]), ("save_points.py", [])])
+def test_a_program_that_gets_no_frame_is_one_line(
+    tmp_path: Path, name: str, arguments: list[int]
+) -> None:
+    done = finished(name, tmp_path / "out", *arguments, find_free_endpoint())
+    assert "no kinect-vo publishes there" in done.stderr.splitlines()[-1]
+    assert ("Traceback" in done.stderr, done.returncode) == (False, 1)
 
 
 def test_commands_and_their_errors_work_from_the_shell(endpoint: str) -> None:

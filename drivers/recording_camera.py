@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from enum import StrEnum
+from itertools import pairwise
 from pathlib import Path
 
 from drivers.calibration import SoftwareRegistration, Undistorter
@@ -59,7 +60,7 @@ def recording_format(path: Path) -> RecordingFormat:
 def open_recording(
     path: Path, camera_file: Path | None = None, topics: ImageTopics | None = None
 ) -> Recording:
-    """Open and check a recording, and load its first frame.
+    """Open and check a recording, load its first frame, and log what is wrong with its clock.
 
     Args:
         path: A folder in TUM format, an MCAP file, a ROS 2 bag (folder or .db3) or a ROS 1 bag.
@@ -76,7 +77,10 @@ def open_recording(
     check_bag_packages(path)
     from drivers.bag import open_bag  # its packages are optional
 
-    return open_bag(path, camera_file, topics)
+    recording = open_bag(path, camera_file, topics)
+    if recording.warning:
+        _log.warning("%s", recording.warning)
+    return recording
 
 
 def check_bag_packages(path: Path) -> None:
@@ -415,8 +419,18 @@ def _make_buffer(
 ) -> FrameBuffer:
     if playback_mode is PlaybackMode.LOCKSTEP:
         return LockstepBuffer(earlier_counters)
-    first_s = pairs[0].color.stamp_s
-    return RealtimeBuffer([pair.color.stamp_s - first_s for pair in pairs], earlier_counters)
+    return RealtimeBuffer(_playback_offsets_s(pairs), earlier_counters)
+
+
+def _playback_offsets_s(pairs: Sequence[FramePair]) -> list[float]:
+    """Return when to deliver each frame; after a jump back of the clock playback goes on."""
+    offsets_s = [0.0]
+    start_s = pairs[0].color.stamp_s
+    for before, pair in pairwise(pairs):
+        if pair.color.stamp_s < before.color.stamp_s:
+            start_s = pair.color.stamp_s - offsets_s[-1]
+        offsets_s.append(pair.color.stamp_s - start_s)
+    return offsets_s
 
 
 def _decode_ahead(pairs: Sequence[FramePair], recording: Recording, buffer: FrameBuffer) -> None:

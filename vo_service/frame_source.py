@@ -15,6 +15,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
+from drivers.recording.clock_jumps import MAX_STALE_FRAMES
 
 RECORDING_ENDED = "the recording has ended"
 # A source yields at least this often, with or without a frame.
@@ -111,8 +112,6 @@ class LiveSource(FrameSource):
 
 # A larger step of the wall clock than this means that it was set, not that NTP adjusted it.
 MAX_CLOCK_STEP_S = 0.05
-# A camera whose stamps stay behind for this many frames has a new clock, not a glitch.
-MAX_STALE_FRAMES = 15
 
 
 class RecordedClock:

@@ -16,7 +16,6 @@ from drivers.bag.bag_contents import (
     is_named_registered,
     is_rectified,
     read_contents,
-    to_ns,
 )
 from drivers.bag.bag_file import STORAGE_SUFFIXES, open_bag_file
 from drivers.bag.calibration import (
@@ -25,7 +24,8 @@ from drivers.bag.calibration import (
     frame_name,
     matrix_from_message,
 )
-from drivers.bag.image_messages import ImageMessage, MessageCursor, is_depth_in_meters
+from drivers.bag.image_messages import MessageCursor, is_depth_in_meters
+from drivers.bag.pairing import FoundFrames, match_recorded_frames, pair_between_jumps
 from drivers.calibration import (
     CameraCalibration,
     DepthCameraCalibration,
@@ -38,12 +38,10 @@ from drivers.core.config import parse_toml
 from drivers.core.geometry import Array, Trajectory
 from drivers.recording import (
     AccelerometerSeries,
-    FramePair,
     ImageTopics,
     RecordedFrames,
     Recording,
     UnreadableFrameError,
-    pair_images,
 )
 
 MILLIMETER_DEPTH_FACTOR = 1000.0
@@ -94,12 +92,12 @@ class _BagReader:
     def make_recording(self) -> Recording:
         calibration, source = self._find_calibration()
         cursor = MessageCursor(self.path, (self.topics.color, self.topics.depth))
-        frames, skipped = self._make_frames(cursor, calibration.depth_factor)
+        found = self._make_frames(cursor, calibration.depth_factor)
+        frames = self._check_pairs(found.frames)
         truth, truth_source = self._find_ground_truth()
         parts = (
             f"color {self.topics.color}, depth {self.topics.depth}, camera {source}",
             f"ground truth {truth_source}" if truth_source else "",
-            f"{skipped} images left out, because their stamps do not rise" if skipped else "",
             f"{frames.unpaired} images without a partner" if frames.unpaired else "",
         )
         return Recording(
@@ -111,6 +109,7 @@ class _BagReader:
             gravity=self._find_gravity(),
             depth_camera=self._find_depth_camera(calibration),
             summary=f"{self.path}: {', '.join(part for part in parts if part)}",
+            warning=found.warning(self.path),
             close=cursor.close,
         )
 
@@ -118,33 +117,23 @@ class _BagReader:
     def color_frame(self) -> str:
         return frame_name(self.contents.color.first.header.frame_id)
 
-    def _make_frames(
-        self, cursor: MessageCursor, depth_factor: float
-    ) -> tuple[RecordedFrames, int]:
-        """Make the frames; also return the number of images whose stamps do not rise."""
+    def _make_frames(self, cursor: MessageCursor, depth_factor: float) -> FoundFrames:
+        """Make the frames; images of wrong stamps are left out, see `split_at_jumps`."""
         factory = ImageFactory(cursor, _file_of(self.path), depth_factor)
         stamps = self.contents.frame_stamps
         if stamps:
             colors = factory.make(self.contents.color, exact_stamps([s.color for s in stamps]))
             depths = factory.make(self.contents.depth, exact_stamps([s.depth for s in stamps]))
-            color_of = {image.stamp: image for image in colors}
-            depth_of = {image.stamp: image for image in depths}
-            pairs = [
-                FramePair(color_of[each.color], depth_of[each.depth])
-                for each in stamps
-                if each.color in color_of and each.depth in depth_of
-            ]
-            return self._check_pairs(RecordedFrames(pairs)), 0
+            return match_recorded_frames(stamps, colors, depths)
         colors = factory.make(self.contents.color, {})
         depths = factory.make(self.contents.depth, {})
-        rising = [_rising(colors), _rising(depths)]
-        skipped = len(colors) + len(depths) - sum(map(len, rising))
-        if 2 * skipped > len(colors) + len(depths):
+        found = pair_between_jumps(colors, depths)
+        if 2 * found.left_out > len(colors) + len(depths):
             raise InputError(
-                f"{self.path}: the stamps of most images are before earlier ones, because the "
-                "clock jumped; record again with a steady clock"
+                f"{self.path}: the stamps of most images are before earlier ones; record again "
+                "with a steady clock"
             )
-        return self._check_pairs(pair_images(*rising)), skipped
+        return found
 
     def _check_pairs(self, frames: RecordedFrames) -> RecordedFrames:
         if frames.pairs:
@@ -262,15 +251,6 @@ class _BagReader:
         seconds = [(float(exact.get(ns) or Decimal(ns).scaleb(-9)), *a) for ns, *a in sorted(rows)]
         table = np.array(seconds).reshape(-1, 4)
         return AccelerometerSeries(table[:, 0], table[:, 1:])
-
-
-def _rising(images: list[ImageMessage]) -> list[ImageMessage]:
-    """Leave out images whose stamp is not after the previous one, to the microsecond."""
-    rising: list[ImageMessage] = []
-    for image in images:
-        if not rising or to_ns(image.stamp) - to_ns(rising[-1].stamp) >= 1000:
-            rising.append(image)
-    return rising
 
 
 def _file_of(path: Path) -> Path:

@@ -268,12 +268,13 @@ def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> li
 
 def pair_images(color: Sequence[RecordedImage], depth: Sequence[RecordedImage]) -> RecordedFrames:
     """Pair images by the nearest stamps, at most `MAX_PAIR_SKEW_US` apart."""
-    indices = pair_nearest(_stamps_us(color), _stamps_us(depth), MAX_PAIR_SKEW_US)
+    indices = pair_nearest(stamps_us(color), stamps_us(depth), MAX_PAIR_SKEW_US)
     pairs = [FramePair(color[i], depth[j]) for i, j in indices]
     return RecordedFrames(pairs, len(color) + len(depth) - 2 * len(pairs))
 
 
-def _stamps_us(images: Sequence[RecordedImage]) -> StampsUs:
+def stamps_us(images: Sequence[RecordedImage]) -> StampsUs:
+    """Return the (N,) stamps of images, rounded to microseconds."""
     return np.array([int(image.stamp.scaleb(6).to_integral_value()) for image in images], np.int64)
 
 
@@ -339,6 +340,7 @@ class Recording:
         gravity: Smoothed gravity with each frame, if it is recorded beside the readings.
         depth_camera: The depth camera, if depth is not registered to color.
         summary: What was found in a file that does not say which images to use; "" if it is clear.
+        warning: What is wrong with its clock; "" if nothing is.
         close: Closes the file that the images are read from. Reading opens it again.
     """
 
@@ -350,6 +352,7 @@ class Recording:
     gravity: AccelerometerSeries | None = None
     depth_camera: DepthCameraCalibration | None = None
     summary: str = ""
+    warning: str = ""
     close: Callable[[], None] = _nothing_to_close
 
     def gravity_at(self, stamp_s: float) -> Vector | None:

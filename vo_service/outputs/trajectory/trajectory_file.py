@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import math
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import explain_unwritable, is_disk_full
+from drivers.core.files import atomic_write, explain_unwritable, is_disk_full
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, format_pose_line
 from vo_service.types import OdometryUpdate
@@ -42,8 +43,9 @@ class TrajectoryFileOutput:
     """Writes ``stamp tx ty tz qx qy qz qw`` of the optical camera, one line per tracked frame.
 
     Stamps are the published ones. A separate thread appends line by line, so every finished line
-    survives a crash. A frame without its own pose has no line. After a failed write (disk full) the
-    file ends with its last whole line, and `close` raises the error.
+    survives a crash. A frame without its own pose has no line. If the clock was set back, the lines
+    are sorted by their stamps at the end; of equal stamps the last line is kept. After a failed
+    write (disk full) the file ends with its last whole line, and `close` raises the error.
     """
 
     def __init__(self, path: Path, line_queue: BoundedQueue[bytes]) -> None:
@@ -58,6 +60,7 @@ class TrajectoryFileOutput:
         """
         self._path = path
         self._size = 0
+        self._last_stamp_s, self._is_rising = -math.inf, True
         self._error: UserFacingError | None = None
         try:
             self._file = path.open("wb", buffering=0)
@@ -65,7 +68,7 @@ class TrajectoryFileOutput:
             raise InputError(
                 f"{path}: cannot write the trajectory: {explain_unwritable(path, error)}"
             ) from error
-        self._worker = WorkerThread("trajectory", line_queue, self._append, self._file.close)
+        self._worker = WorkerThread("trajectory", line_queue, self._append, self._finish)
 
     @property
     def warning(self) -> str:
@@ -79,6 +82,8 @@ class TrajectoryFileOutput:
     def on_update(self, update: OdometryUpdate) -> None:
         """Queue one line if this frame has its own pose."""
         if update.estimate.ok and self._error is None:
+            self._is_rising &= update.stamp_s > self._last_stamp_s
+            self._last_stamp_s = update.stamp_s
             self._worker.put(format_pose_line(update.stamp_s, update.T_world_camera).encode())
 
     def on_status(self, status: Status) -> None:
@@ -111,6 +116,19 @@ class TrajectoryFileOutput:
                 f"{self._path}: the trajectory stops after {self._size} bytes: "
                 f"{error.strerror}{advice}"
             )
+            logger.error("%s", self._error)
+
+    def _finish(self) -> None:
+        self._file.close()
+        if self._is_rising or not self._path.is_file():
+            return
+        try:
+            lines = self._path.read_bytes().splitlines(keepends=True)
+            line_of = {float(line.split()[0]): line for line in lines}
+            atomic_write(self._path, b"".join(line for _, line in sorted(line_of.items())))
+        except OSError as error:
+            reason = explain_unwritable(self._path, error)
+            self._error = UserFacingError(f"{self._path}: cannot be sorted by stamps: {reason}")
             logger.error("%s", self._error)
 
 

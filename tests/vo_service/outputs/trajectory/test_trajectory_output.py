@@ -3,6 +3,7 @@
 import logging
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,19 @@ def test_every_good_frame_becomes_one_line(
     good = [make_update(seq) for seq in (0, 1, 3, 4)]
     np.testing.assert_allclose(poses.stamps_s, [u.stamp_s for u in good], atol=1e-6)
     np.testing.assert_allclose(poses.T_world_camera, [u.T_world_camera for u in good], atol=1e-7)
+
+
+def test_after_a_clock_was_set_back_the_lines_are_sorted_at_the_end(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
+    for seq, stamp_s in enumerate((5.0, 6.0, 2.0, 3.0, 5.0)):
+        output.on_update(replace(make_update(seq), stamp_s=stamp_s))
+    output.close()
+    poses = read_trajectory(tmp_path / "out.txt")
+    np.testing.assert_array_equal(poses.stamps_s, [2.0, 3.0, 5.0, 6.0])
+    of_the_last = make_update(4).T_world_camera
+    np.testing.assert_allclose(poses.T_world_camera[2], of_the_last, atol=1e-7)
 
 
 def test_lines_are_on_disk_before_close(tmp_path: Path, make_update: MakeUpdate) -> None:

@@ -38,6 +38,7 @@ from drivers.core.config import parse_toml
 from drivers.core.geometry import Array, Trajectory
 from drivers.recording import (
     AccelerometerSeries,
+    BagTopicsInUse,
     ImageTopics,
     RecordedFrames,
     Recording,
@@ -110,7 +111,17 @@ class _BagReader:
             depth_camera=self._find_depth_camera(calibration),
             summary=f"{self.path}: {', '.join(part for part in parts if part)}",
             warning=found.warning(self.path),
+            topics=self._topics_in_use(truth_source),
             close=cursor.close,
+        )
+
+    def _topics_in_use(self, truth_source: str) -> BagTopicsInUse:
+        topics = self.topics
+        transforms = topics.transforms if truth_source != topics.pose else ()
+        return BagTopicsInUse(
+            frozenset(topics.of_frames),
+            frozenset((*topics.imus, topics.gravity, topics.pose, *transforms)),
+            self.contents.color.first.header.frame_id,
         )
 
     @property

@@ -31,6 +31,8 @@ POSE_TYPES = (
     "geometry_msgs/msg/TransformStamped",
     "nav_msgs/msg/Odometry",
 )
+# Names of the images in recordings of this program, after the namespace.
+OWN_IMAGES = ("/rgb/image_raw", "/depth_registered/image_raw", "/depth_registered/image")
 COMPRESSED_PARTS = ("compressed", "compressedDepth")
 # The best first.
 DEPTH_NAMES = ("image_raw", "image_rect_raw", "image", "image_rect")
@@ -64,12 +66,17 @@ class BagTopics:
     camera_file: str
 
     @property
-    def all(self) -> set[str]:
-        """The topics to read once, besides images."""
+    def of_frames(self) -> set[str]:
+        """The topics of images and cameras."""
         infos = (self.color_info, self.depth_info)
-        own = (self.gravity, self.frame_stamps, self.camera_file)
-        topics = (*infos, *own, self.pose, *self.transforms, *self.imus)
+        topics = (self.color, self.depth, *infos, self.frame_stamps, self.camera_file)
         return {each for each in topics if each}
+
+    @property
+    def all(self) -> set[str]:
+        """The topics to read once."""
+        topics = (self.gravity, self.pose, *self.transforms, *self.imus)
+        return self.of_frames | {each for each in topics if each}
 
 
 def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None) -> BagTopics:
@@ -84,14 +91,19 @@ def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None)
         InputError: A topic is missing, or there are several candidates.
     """
     images = [topic for topic, kind in types.items() if kind in IMAGE_TYPES]
-    color, depth = named or _find_images(path, images)
-    for topic in (color, depth):
-        if topic not in images:
-            raise InputError(f"{path}: no images at topic {topic}; {_list(images)}")
 
     def one(suffix: str, kind: str) -> str:
         return next((t for t, k in types.items() if k == kind and t.endswith(suffix)), "")
 
+    # A recording of this program may have images of other cameras, which were converted with it.
+    frame_stamps = one("/frame_stamps", STRING)
+    namespace = frame_stamps.removesuffix("/frame_stamps")
+    own = [each for each in images if image_base(each) in {namespace + n for n in OWN_IMAGES}]
+    color, depth = named or _find_images(path, own if frame_stamps and own else images)
+    is_own = bool(frame_stamps) and color in own and depth in own
+    for topic in (color, depth):
+        if topic not in images:
+            raise InputError(f"{path}: no images at topic {topic}; {_list(images)}")
     poses = [t for t, kind in types.items() if kind in POSE_TYPES]
     return BagTopics(
         color,
@@ -100,10 +112,10 @@ def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None)
         _info_topic(depth, types),
         tuple(t for t, kind in types.items() if kind in TF_MESSAGE_TYPES),
         tuple(t for t, kind in types.items() if kind == IMU),
-        one("/gravity", VECTOR_STAMPED) if one("/frame_stamps", STRING) else "",
+        one(f"{namespace}/gravity", VECTOR_STAMPED) if is_own else "",
         next((t for t in poses if any(word in t.lower() for word in TRUTH_WORDS)), ""),
-        one("/frame_stamps", STRING),
-        one("/camera_file", STRING),
+        frame_stamps if is_own else "",
+        one("/camera_file", STRING) if is_own or not frame_stamps else "",
     )
 
 
@@ -225,8 +237,7 @@ def read_contents(bag: BagFile, topics: BagTopics) -> BagContents:
         InputError: It is damaged, or a message does not have the layout of its type.
     """
     contents = BagContents()
-    wanted = topics.all | {topics.color, topics.depth}
-    for key, message in number_messages(bag.messages(wanted)):
+    for key, message in number_messages(bag.messages(topics.all)):
         _add(contents, topics, bag, key, message)
     return contents
 

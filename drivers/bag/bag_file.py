@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 from mcap.reader import McapReader, NonSeekingReader, make_reader
+from mcap.records import Schema
+from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -43,11 +45,22 @@ class BagFile(ABC):
     Attributes:
         path: The file, or the folder of a ROS 2 bag.
         types: Type of each topic, such as "sensor_msgs/msg/Image".
+        definitions: Definition of each topic's type, as far as the file has them.
         is_cut_off: The file has no end, because its writer was killed.
+        is_ros1: Whether the messages are encoded as in ROS 1; otherwise they are CDR.
     """
 
-    def __init__(self, path: Path, types: Mapping[str, str], is_cut_off: bool = False) -> None:
-        self.path, self.types, self.is_cut_off = path, types, is_cut_off
+    is_ros1 = False
+
+    def __init__(
+        self,
+        path: Path,
+        types: Mapping[str, str],
+        definitions: Mapping[str, str],
+        is_cut_off: bool = False,
+    ) -> None:
+        self.path, self.types, self.definitions = path, types, definitions
+        self.is_cut_off = is_cut_off
 
     @abstractmethod
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]: ...
@@ -158,7 +171,13 @@ class RosbagsFile(BagFile):
     def __init__(self, path: Path, reader: Ros1Reader | Ros2Reader, store: Typestore) -> None:
         self._reader, self._store = reader, store
         reader.open()
-        super().__init__(path, {each.topic: each.msgtype for each in reader.connections})
+        types = {each.topic: each.msgtype for each in reader.connections}
+        definitions = {
+            each.topic: each.msgdef.data
+            for each in reader.connections
+            if each.msgdef.format is MessageDefinitionFormat.MSG
+        }
+        super().__init__(path, types, definitions)
 
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
         connections = [each for each in self._reader.connections if each.topic in topics]
@@ -169,6 +188,8 @@ class RosbagsFile(BagFile):
 
 class Ros1File(RosbagsFile):
     """A ROS 1 bag."""
+
+    is_ros1 = True
 
     def __init__(self, path: Path) -> None:
         self._bag = Ros1Reader(path)
@@ -203,34 +224,40 @@ class McapFile(BagFile):
     def __init__(self, path: Path) -> None:
         self._file: BinaryIO = path.open("rb")
         try:
-            types, is_cut_off = self._read_types(path)
+            schemas, is_cut_off = self._read_schemas(path)
         except BaseException:
             self._file.close()
             raise
         self._store = ros2_typestore()
-        super().__init__(path, types, is_cut_off)
+        types = {topic: schema.name for topic, schema in schemas.items()}
+        definitions = {
+            topic: schema.data.decode(errors="replace")
+            for topic, schema in schemas.items()
+            if schema.encoding == "ros2msg"
+        }
+        super().__init__(path, types, definitions, is_cut_off)
 
-    def _read_types(self, path: Path) -> tuple[dict[str, str], bool]:
-        """Return the type of each topic, and whether the file is cut off."""
+    def _read_schemas(self, path: Path) -> tuple[dict[str, Schema], bool]:
+        """Return the schema of each topic in CDR, and whether the file is cut off."""
         try:
             summary = make_reader(self._file).get_summary()
         except DAMAGE_ERRORS:
             summary = None
         if summary is not None:
             schemas, channels = summary.schemas, summary.channels.values()
-            names = {
-                each.topic: schemas[each.schema_id].name
+            found = {
+                each.topic: schemas[each.schema_id]
                 for each in channels
                 if each.schema_id in schemas and each.message_encoding == "cdr"
             }
-            return names, False
-        types = {}
+            return found, False
+        found = {}
         for schema, channel, _ in self._iterate_to_end(None, 0):
             if schema is not None and channel.message_encoding == "cdr":
-                types[channel.topic] = schema.name
-        if not types:
+                found[channel.topic] = schema
+        if not found:
             raise InputError(f"{path}: holds no messages of ROS 2; is it a complete MCAP file?")
-        return types, True
+        return found, True
 
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
         if self.is_cut_off:

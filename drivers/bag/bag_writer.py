@@ -18,7 +18,9 @@ from rosbags.typesys.store import Typestore
 
 from drivers.bag.bag_contents import (
     CAMERA_INFO,
+    COMPRESSED_PARTS,
     IMU,
+    OWN_IMAGES,
     STRING,
     VECTOR_STAMPED,
     format_frame_stamps,
@@ -82,13 +84,16 @@ class BagWriter(ABC):
         Raises:
             OSError: Writing fails.
         """
-        topic = message.topic
-        if topic not in self._channels:
-            self._channels[topic] = self._add_channel(topic, message.message_type)
-        self._write(self._channels[topic], message.log_ns, message.data)
+        if message.topic not in self._channels:
+            self.add_topic(message.topic, message.message_type, self.store)
+        self._write(self._channels[message.topic], message.log_ns, message.data)
+
+    def add_topic(self, topic: str, message_type: str, store: Typestore) -> None:
+        """Add a topic whose type is defined elsewhere than in `store` of this object."""
+        self._channels[topic] = self._add_channel(topic, message_type, store)
 
     @abstractmethod
-    def _add_channel(self, topic: str, message_type: str) -> Any: ...
+    def _add_channel(self, topic: str, message_type: str, store: Typestore) -> Any: ...
 
     @abstractmethod
     def _write(self, channel: Any, log_ns: int, data: bytes) -> None: ...
@@ -107,8 +112,8 @@ class McapWriter(BagWriter):
         self._writer = McapLibraryWriter(file, compression=CompressionType.LZ4)
         self._writer.start(profile="ros2", library="kinect-vo")
 
-    def _add_channel(self, topic: str, message_type: str) -> int:
-        definition, _ = self.store.generate_msgdef(message_type, ros_version=2)
+    def _add_channel(self, topic: str, message_type: str, store: Typestore) -> int:
+        definition, _ = store.generate_msgdef(message_type, ros_version=2)
         schema = self._writer.register_schema(message_type, "ros2msg", definition.encode())
         return self._writer.register_channel(topic, "cdr", schema)
 
@@ -133,8 +138,8 @@ class RosbagsWriter(BagWriter):
 
     _writer: Ros1LibraryWriter | Ros2LibraryWriter
 
-    def _add_channel(self, topic: str, message_type: str) -> Any:
-        return self._writer.add_connection(topic, message_type, typestore=self.store)
+    def _add_channel(self, topic: str, message_type: str, store: Typestore) -> Any:
+        return self._writer.add_connection(topic, message_type, typestore=store)
 
     def _write(self, channel: Any, log_ns: int, data: bytes) -> None:
         self._writer.write(channel, log_ns, data)
@@ -154,12 +159,17 @@ class Ros1Writer(RosbagsWriter):
     """
 
     is_ros1 = True
+    _writer: Ros1LibraryWriter
 
     def __init__(self, path: Path) -> None:
         super().__init__(ros1_typestore())
         self._counts: Counter[str] = Counter()
         self._writer = Ros1LibraryWriter(path)
         self._writer.open()
+
+    def _add_channel(self, topic: str, message_type: str, store: Typestore) -> Any:
+        latching = 1 if topic == "/tf_static" else None
+        return self._writer.add_connection(topic, message_type, typestore=store, latching=latching)
 
     def write(self, topic: str, message_type: str, log_ns: int, message: Any) -> None:
         """Write a message; its header gets the number of the topic's messages before it."""
@@ -197,6 +207,18 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 # ROS defines 16-bit depth as millimeters. Depth in other units is written in meters.
 MILLIMETER_DEPTH_FACTOR = 1000.0
 MAX_STAMP_S = 2**31  # of ROS 2
+# The topics that frames are written to.
+FRAME_TOPICS = frozenset(
+    NAMESPACE + name
+    for name in (
+        "/camera_file",
+        "/frame_stamps",
+        "/rgb/camera_info",
+        "/depth_registered/camera_info",
+        *OWN_IMAGES,
+        *(f"{image}/{part}" for image in OWN_IMAGES for part in COMPRESSED_PARTS),
+    )
+)
 
 
 class FrameWriter:
@@ -209,15 +231,27 @@ class FrameWriter:
         writer: Writes the messages.
         calibration: The camera of all frames.
         start: Stamp of the first message.
+        camera_frame: The name of the color camera's frame.
     """
 
-    def __init__(self, writer: BagWriter, calibration: CameraCalibration, start: Decimal) -> None:
+    def __init__(
+        self,
+        writer: BagWriter,
+        calibration: CameraCalibration,
+        start: Decimal,
+        camera_frame: str = CAMERA_FRAME,
+    ) -> None:
         self._writer, self._calibration = writer, calibration
+        self._camera_frame = camera_frame
         text = self._make(STRING, format_calibration(calibration))
         writer.write(f"{NAMESPACE}/camera_file", STRING, _checked_ns(start), text)
 
     def write_frame(
-        self, stamps: FrameStamps, color: bytes | BgrImage, depth: bytes | DepthImage
+        self,
+        stamps: FrameStamps,
+        color: bytes | BgrImage,
+        depth: bytes | DepthImage,
+        logged: FrameStamps | None = None,
     ) -> None:
         """Write the images of a frame: files (PNG, JPEG) with the bytes they have, or raw.
 
@@ -225,6 +259,7 @@ class FrameWriter:
             stamps: Exact stamps of both images, s.
             color: A file, or the (H, W, 3) image.
             depth: A file, or the (H, W) image in units of the camera file.
+            logged: Log times of both images, s; None for the stamps.
 
         Raises:
             OSError: Writing fails.
@@ -232,37 +267,40 @@ class FrameWriter:
             UnreadableFrameError: A file of depth that must be converted cannot be decoded.
         """
         color_ns, depth_ns = _checked_ns(stamps.color), _checked_ns(stamps.depth)
-        self._write_color(color_ns, color)
-        self._write_camera_info("rgb", color_ns)
-        self._write_depth(depth_ns, depth)
-        self._write_camera_info("depth_registered", depth_ns)
+        logged = logged or stamps
+        color_log_ns, depth_log_ns = to_ns(logged.color), to_ns(logged.depth)
+        self._write_color(color_ns, color, color_log_ns)
+        self._write_camera_info("rgb", color_ns, color_log_ns)
+        self._write_depth(depth_ns, depth, depth_log_ns)
+        self._write_camera_info("depth_registered", depth_ns, depth_log_ns)
         # Written last: a frame counts once all of it is in the file.
         text = self._make(STRING, format_frame_stamps(stamps))
-        self._writer.write(f"{NAMESPACE}/frame_stamps", STRING, max(color_ns, depth_ns), text)
+        log_ns = max(color_log_ns, depth_log_ns)
+        self._writer.write(f"{NAMESPACE}/frame_stamps", STRING, log_ns, text)
 
-    def _write_color(self, stamp_ns: int, color: bytes | BgrImage) -> None:
+    def _write_color(self, stamp_ns: int, color: bytes | BgrImage, log_ns: int) -> None:
         topic = f"{NAMESPACE}/rgb/image_raw"
         if isinstance(color, bytes):
             kind = "jpeg" if color.startswith(JPEG_START) else "png"
             message = self._compressed(stamp_ns, color, f"bgr8; {kind} compressed bgr8")
-            self._writer.write(f"{topic}/compressed", COMPRESSED_IMAGE, stamp_ns, message)
+            self._writer.write(f"{topic}/compressed", COMPRESSED_IMAGE, log_ns, message)
         else:
-            self._writer.write(topic, IMAGE, stamp_ns, self._image(stamp_ns, color, "bgr8"))
+            self._writer.write(topic, IMAGE, log_ns, self._image(stamp_ns, color, "bgr8"))
 
-    def _write_depth(self, stamp_ns: int, depth: bytes | DepthImage) -> None:
+    def _write_depth(self, stamp_ns: int, depth: bytes | DepthImage, log_ns: int) -> None:
         factor, topic = self._calibration.depth_factor, f"{NAMESPACE}/depth_registered/image"
         if factor != MILLIMETER_DEPTH_FACTOR:
             raw = decode_depth(depth, "depth") if isinstance(depth, bytes) else depth
             meters = raw / np.float32(factor)
-            self._writer.write(topic, IMAGE, stamp_ns, self._image(stamp_ns, meters, "32FC1"))
+            self._writer.write(topic, IMAGE, log_ns, self._image(stamp_ns, meters, "32FC1"))
         elif isinstance(depth, bytes):
             data = COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + depth
             message = self._compressed(stamp_ns, data, "16UC1; compressedDepth png")
             topic = f"{topic}_raw/compressedDepth"
-            self._writer.write(topic, COMPRESSED_IMAGE, stamp_ns, message)
+            self._writer.write(topic, COMPRESSED_IMAGE, log_ns, message)
         else:
             image = self._image(stamp_ns, depth, "16UC1")
-            self._writer.write(f"{topic}_raw", IMAGE, stamp_ns, image)
+            self._writer.write(f"{topic}_raw", IMAGE, log_ns, image)
 
     def write_gravity(self, stamp: Decimal, gravity_m_s2: Vector) -> None:
         """Write a frame's gravity in camera axes. Raises OSError."""
@@ -296,7 +334,7 @@ class FrameWriter:
         message = self._make(POSE_STAMPED, self._header(stamp_ns, WORLD_FRAME), pose)
         self._writer.write("/ground_truth", POSE_STAMPED, stamp_ns, message)
 
-    def _write_camera_info(self, name: str, stamp_ns: int) -> None:
+    def _write_camera_info(self, name: str, stamp_ns: int, log_ns: int) -> None:
         c = self._calibration
         K = np.array([c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0])
         P = np.array([c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0])
@@ -305,7 +343,7 @@ class FrameWriter:
             CAMERA_INFO, self._header(stamp_ns), c.height, c.width, "plumb_bob",
             np.array(c.distortion, np.float64), K, np.eye(3).ravel(), P, 0, 0, roi,
         )  # fmt: skip
-        self._writer.write(f"{NAMESPACE}/{name}/camera_info", CAMERA_INFO, stamp_ns, message)
+        self._writer.write(f"{NAMESPACE}/{name}/camera_info", CAMERA_INFO, log_ns, message)
 
     def _image(self, stamp_ns: int, image: NDArray[Any], encoding: str) -> Any:
         height, width = image.shape[:2]
@@ -317,9 +355,10 @@ class FrameWriter:
         pixels = np.frombuffer(data, np.uint8)
         return self._make(COMPRESSED_IMAGE, self._header(stamp_ns), form, pixels)
 
-    def _header(self, stamp_ns: int, frame: str = CAMERA_FRAME) -> Any:
+    def _header(self, stamp_ns: int, frame: str | None = None) -> Any:
         stamp = self._make("builtin_interfaces/msg/Time", *divmod(stamp_ns, NS_PER_S))
         sequence = [0] if self._writer.is_ros1 else []
+        frame = self._camera_frame if frame is None else frame
         return self._make("std_msgs/msg/Header", *sequence, stamp, frame)
 
     def _make(self, message_type: str, *values: Any) -> Any:

@@ -4,6 +4,7 @@ import struct
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,11 @@ class ImageMessage(RecordedImage):
     cursor: MessageCursor
     key: MessageKey
     depth_factor: float
+
+    @property
+    def log_stamp(self) -> Decimal:
+        """The log time of the message, s."""
+        return Decimal(self.key.log_ns).scaleb(-9)
 
     @property
     def name(self) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import CameraCalibration, DepthCameraCalibration
 from drivers.camera import MAX_ACCELEROMETER_READINGS, MAX_PAIR_SKEW_US, AccelerometerReading
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, Vector, is_gravity
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -152,6 +153,11 @@ class RecordedImage(ABC):
     def stamp_s(self) -> float:
         """The stamp as a float."""
         return float(self.stamp)
+
+    @property
+    def log_stamp(self) -> Decimal:
+        """When the image was recorded, s: its stamp, where that is not known."""
+        return self.stamp
 
     @property
     def name(self) -> str:
@@ -328,6 +334,21 @@ def _nothing_to_close() -> None:
 
 
 @dataclass(frozen=True)
+class BagTopicsInUse:
+    """The topics of a bag that a `Recording` has the contents of, and the camera's frame.
+
+    Attributes:
+        frames: Topics of images, cameras, and of what belongs to each frame.
+        series: Topics of the readings, gravity and true poses.
+        camera_frame: The name of the color camera's frame.
+    """
+
+    frames: frozenset[str]
+    series: frozenset[str]
+    camera_frame: str
+
+
+@dataclass(frozen=True)
 class Recording:
     """A checked recording that can be replayed.
 
@@ -341,6 +362,7 @@ class Recording:
         depth_camera: The depth camera, if depth is not registered to color.
         summary: What was found in a file that does not say which images to use; "" if it is clear.
         warning: What is wrong with its clock; "" if nothing is.
+        topics: The topics of a bag; None for a folder.
         close: Closes the file that the images are read from. Reading opens it again.
     """
 
@@ -353,11 +375,17 @@ class Recording:
     depth_camera: DepthCameraCalibration | None = None
     summary: str = ""
     warning: str = ""
+    topics: BagTopicsInUse | None = None
     close: Callable[[], None] = _nothing_to_close
 
     def gravity_at(self, stamp_s: float) -> Vector | None:
         """Return gravity in camera axes at a frame's stamp, if it is known."""
         return (self.gravity or self.accelerometer).gravity_at(stamp_s)
+
+    def require_rising_stamps(self, consequence: str) -> None:
+        """Raise InputError, with the consequence, if the clock was set back."""
+        if (np.diff(self.frames.stamps_s) < 0).any():
+            raise InputError(f"{self.path}: its clock was set back, {consequence}")
 
     @property
     def image_size(self) -> ImageSize:

@@ -20,8 +20,10 @@ from drivers.core.geometry import Array, Trajectory, Vector
 from drivers.recording import (
     JPEG_START,
     AccelerometerSeries,
+    BagTopicsInUse,
     BgrImage,
     DepthImage,
+    FramePair,
     Recording,
     UnreadableFrameError,
 )
@@ -36,7 +38,7 @@ from drivers.recording_camera import FrameReader, check_bag_packages
 from drivers.tum.writer import TumWriter
 
 if TYPE_CHECKING:  # its packages are optional
-    from drivers.bag.bag_writer import BagWriter
+    from drivers.bag.bag_writer import BagWriter, FrameWriter
 
 _log = logging.getLogger(__name__)
 
@@ -54,18 +56,23 @@ FORMATS_BY_SUFFIX = {".mcap": OutputFormat.MCAP, ".bag": OutputFormat.ROS1}
 
 
 class StoredFrame(NamedTuple):
-    """A frame with its images as they are stored: files, or raw."""
+    """A frame with its images as they are stored: files, or raw; and its log times."""
 
     stamps: FrameStamps
     color: bytes | BgrImage
     depth: bytes | DepthImage
+    logged: FrameStamps
 
 
 class RecordingSink(Protocol):
     """Takes the contents of a recording, in order of time."""
 
     def write_frame(
-        self, stamps: FrameStamps, color: bytes | BgrImage, depth: bytes | DepthImage
+        self,
+        stamps: FrameStamps,
+        color: bytes | BgrImage,
+        depth: bytes | DepthImage,
+        logged: FrameStamps,
     ) -> None:
         """Write a frame. Raises UserFacingError, OSError or UnreadableFrameError."""
         ...
@@ -93,7 +100,11 @@ class FolderSink:
         writer.set_calibration(calibration)
 
     def write_frame(
-        self, stamps: FrameStamps, color: bytes | BgrImage, depth: bytes | DepthImage
+        self,
+        stamps: FrameStamps,
+        color: bytes | BgrImage,
+        depth: bytes | DepthImage,
+        logged: FrameStamps,
     ) -> None:
         """Write files as they are, and raw images as PNG."""
         color_format = ColorFormat.PNG
@@ -159,8 +170,8 @@ def convert(
     calibration, frames = _read_frames(recording)
     count = 0
     try:
-        with _open_sink(path, output_format, recording, calibration) as sink:
-            for frame in _write_others_before(recording, frames, sink):
+        with _open_output(path, output_format, recording, calibration) as (sink, others):
+            for frame in _write_others_before(others, frames):
                 try:
                     sink.write_frame(*frame)
                 except UnreadableFrameError as error:
@@ -203,7 +214,7 @@ def _stored_frames(recording: Recording) -> Iterator[StoredFrame]:
         except UnreadableFrameError as error:
             _log.warning("the frame at %s is left out: %s", stamps.color, error)
             continue
-        yield StoredFrame(stamps, color, depth)
+        yield StoredFrame(stamps, color, depth, _log_stamps(pair))
 
 
 def _registered_frames(recording: Recording) -> Iterator[StoredFrame]:
@@ -214,22 +225,25 @@ def _registered_frames(recording: Recording) -> Iterator[StoredFrame]:
         except UnreadableFrameError as error:
             _log.warning("the frame at %s is left out: %s", pair.color.stamp, error)
             continue
-        yield StoredFrame(FrameStamps.from_frame(frame), frame.color_bgr, frame.depth_raw)
+        stamps = FrameStamps.from_frame(frame)
+        yield StoredFrame(stamps, frame.color_bgr, frame.depth_raw, _log_stamps(pair))
+
+
+def _log_stamps(pair: FramePair) -> FrameStamps:
+    return FrameStamps(pair.color.log_stamp, pair.depth.log_stamp)
+
+
+# When it was recorded, s, and a function that writes it.
+_Event = tuple[Decimal, Callable[[], None]]
 
 
 def _write_others_before(
-    recording: Recording, frames: Iterator[StoredFrame], sink: RecordingSink
+    others: Iterator[_Event], frames: Iterator[StoredFrame]
 ) -> Iterator[StoredFrame]:
-    """Yield the frames; before each, write the readings and true poses up to its stamp."""
-    others = heapq.merge(
-        _readings(recording.accelerometer, sink),
-        _gravity(recording.gravity, sink),
-        _true_poses(recording.ground_truth, sink),
-        key=lambda event: event[0],
-    )
+    """Yield the frames; before each, write what was recorded before it."""
     other = next(others, None)
     for frame in frames:
-        while other is not None and other[0] <= frame.stamps.color:
+        while other is not None and other[0] <= frame.logged.color:
             other[1]()
             other = next(others, None)
         yield frame
@@ -238,7 +252,14 @@ def _write_others_before(
         other = next(others, None)
 
 
-_Event = tuple[Decimal, Callable[[], None]]
+def _series(recording: Recording, sink: RecordingSink) -> Iterator[_Event]:
+    """Yield the readings, gravity and true poses."""
+    return heapq.merge(
+        _readings(recording.accelerometer, sink),
+        _gravity(recording.gravity, sink),
+        _true_poses(recording.ground_truth, sink),
+        key=lambda event: event[0],
+    )
 
 
 def _readings(series: AccelerometerSeries, sink: RecordingSink) -> Iterator[_Event]:
@@ -265,19 +286,71 @@ def _true_poses(truth: Trajectory | None, sink: RecordingSink) -> Iterator[_Even
 
 
 @contextmanager
-def _open_sink(
+def _open_output(
     path: Path, output_format: OutputFormat, recording: Recording, calibration: CameraCalibration
-) -> Iterator[RecordingSink]:
+) -> Iterator[tuple[RecordingSink, Iterator[_Event]]]:
+    """Open the output; yield what takes the frames, and what else is to be written."""
     if output_format is OutputFormat.FOLDER:
+        recording.require_rising_stamps(
+            "and a folder holds rising stamps only; convert to .mcap, .bag or --format ros2"
+        )
         with TumWriter(path, ground_truth=recording.ground_truth) as writer:
-            yield FolderSink(writer, calibration, recording.gravity is not None)
+            sink = FolderSink(writer, calibration, recording.gravity is not None)
+            yield sink, _series(recording, sink)
+        _name_left_out(recording, path)
         return
     check_bag_packages(path)
-    from drivers.bag.bag_writer import FrameWriter  # its packages are optional
-
-    first = recording.frames.pairs[0]
     with _open_bag_writer(path, output_format) as bag:
-        yield FrameWriter(bag, calibration, min(first.color.stamp, first.depth.stamp))
+        if recording.topics is None:
+            frames = _open_frame_writer(bag, recording, calibration)
+            yield frames, _series(recording, frames)
+        else:
+            with _copied_messages(recording, recording.topics, bag) as messages:
+                yield _open_frame_writer(bag, recording, calibration), messages
+
+
+def _open_frame_writer(
+    bag: "BagWriter", recording: Recording, calibration: CameraCalibration
+) -> "FrameWriter":
+    from drivers.bag.bag_writer import CAMERA_FRAME, FrameWriter
+
+    logged = _log_stamps(recording.frames.pairs[0])
+    camera_frame = recording.topics.camera_frame if recording.topics else CAMERA_FRAME
+    return FrameWriter(bag, calibration, min(logged.color, logged.depth), camera_frame)
+
+
+@contextmanager
+def _copied_messages(
+    recording: Recording, in_use: BagTopicsInUse, bag: "BagWriter"
+) -> Iterator[Iterator[_Event]]:
+    """Yield the messages of a bag that are not of its frames; then name those without a place."""
+    from drivers.bag.bag_file import open_bag_file
+    from drivers.bag.bag_writer import FRAME_TOPICS
+    from drivers.bag.message_copy import MessageCopier
+
+    with open_bag_file(recording.path) as source:
+        copier = MessageCopier(source, bag)
+        others = set(source.types) - in_use.frames
+        copies = copier.copies(sorted(others - FRAME_TOPICS))
+        yield ((Decimal(log_ns).scaleb(-9), copy) for log_ns, copy in copies)
+        left_out = copier.left_out | (others & FRAME_TOPICS)
+        _log_left_out(recording.path, left_out, "the output has no place for them")
+
+
+def _name_left_out(recording: Recording, folder: Path) -> None:
+    """Name the topics of a bag that are not in a folder."""
+    if recording.topics is None:
+        return
+    from drivers.bag.bag_file import open_bag_file
+
+    with open_bag_file(recording.path) as source:
+        others = set(source.types) - recording.topics.frames - recording.topics.series
+    _log_left_out(recording.path, others, "a folder has no place for them")
+
+
+def _log_left_out(path: Path, topics: set[str], reason: str) -> None:
+    if topics:
+        _log.warning("%s: left out, because %s: %s", path, reason, ", ".join(sorted(topics)))
 
 
 @contextmanager

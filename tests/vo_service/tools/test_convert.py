@@ -6,13 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.typesys import get_types_from_msg
 
+from drivers.bag.bag_file import open_bag_file
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingCamera, open_recording
-from tests.drivers.bag.bag_maker import FRAME, TF, BagWriter, stamp_ns
-from tests.drivers.bag.test_bag import make_bag, write_unregistered
+from tests.drivers.bag.bag_maker import FRAME, IMAGE, TF, BagWriter, color_image, stamp_ns
+from tests.drivers.bag.test_bag import (
+    COLOR_TOPIC,
+    DEPTH_TOPIC,
+    make_bag,
+    write_frame,
+    write_stamped,
+    write_unregistered,
+)
 from tests.full_disk import limit_file_size
 from tests.vo_service.fakes import make_frame
 from vo_service.tools.convert import OutputFormat, choose_format, convert
@@ -217,3 +226,110 @@ def test_stamps_that_ros_cannot_hold_are_refused(
     (folder / "associations.txt").write_text("".join(late))
     with pytest.raises(InputError, match="stamps of ROS are between 1970 and 2038; use a folder"):
         convert_path(folder, tmp_path / "a.mcap")
+
+
+LEVEL = "my_msgs/msg/Level"
+
+
+def write_with_poses(bag: BagWriter, k: int) -> None:
+    """Write a frame as a robot records it: with transforms, a pose and a type of its own."""
+    write_frame(bag, k)
+    t, make = stamp_ns(k), bag.maker
+    moved = make.transform(t, "odom", "base_link", (0.1 * k, 0.0, 1 / 3))
+    bag.transforms("/tf", t + 1, TF, moved, make.transform(t, "base_link", FRAME, (0.0, 0.0, 1.0)))
+    if k == 0:
+        fixed = make.transform(t, "base_link", "imu_link", (0.1, 0.0, 0.0))
+        bag.transforms("/tf_static", t, TF, fixed)
+    bag.write("/pose", "geometry_msgs/msg/PoseStamped", t + 2, make.pose(t, (0.1, k, 0.3)))
+    if LEVEL not in make.store.types:
+        definition = "std_msgs/Header header\nfloat32[] volts"
+        make.store.register(get_types_from_msg(definition, LEVEL))
+    level = make.make(LEVEL, make.header(t, ""), np.array([12.5, k], np.float32))
+    bag.write("/level", LEVEL, t + 3, level)
+
+
+def encoded_messages(path: Path) -> list[tuple[str, int, bytes]]:
+    with open_bag_file(path) as bag:
+        return sorted((m.topic, m.log_ns, m.data) for m in bag.messages(bag.types))
+
+
+@pytest.mark.parametrize(("name", "kind"), OUTPUTS)
+def test_poses_and_types_of_others_are_the_same_after_there_and_back(
+    tmp_path: Path, name: str, kind: OutputFormat
+) -> None:
+    make_bag(tmp_path / "robot", write_with_poses, "sqlite3")
+    convert_path(tmp_path / "robot", tmp_path / "a.mcap")
+    convert_path(tmp_path / "a.mcap", tmp_path / "there" / name, kind)
+    convert_path(tmp_path / "there" / name, tmp_path / "back.mcap")
+    messages = encoded_messages(tmp_path / "back.mcap")
+    assert messages == encoded_messages(tmp_path / "a.mcap")
+    originals = [m for m in encoded_messages(tmp_path / "robot") if not m[0].startswith("/camera")]
+    assert {topic for topic, *_ in originals} == {"/tf", "/tf_static", "/pose", "/level"}
+    assert [m for m in messages if m in originals] == originals
+
+
+def test_a_transform_of_old_ros_has_the_new_type_in_ros_2(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k)
+        fixed = bag.maker.transform(stamp_ns(k), "world", FRAME, (0.1 * k, 0.0, 0.0))
+        bag.transforms("/tf", stamp_ns(k), "tf/msg/tfMessage", fixed)
+
+    convert_path(make_bag(tmp_path / "old.bag", fill, "bag"), tmp_path / "a.mcap")
+    with open_bag_file(tmp_path / "a.mcap") as bag:
+        assert bag.types["/tf"] == TF
+    truth = open_recording(tmp_path / "a.mcap").ground_truth
+    assert truth is not None
+    assert truth.T_world_camera[3, 0, 3] == pytest.approx(0.3)
+
+
+def test_what_a_folder_has_no_place_for_is_named_in_one_line(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    make_bag(tmp_path / "robot", write_with_poses)
+    convert_path(tmp_path / "robot", tmp_path / "folder")
+    line = "left out, because a folder has no place for them: /level, /pose, /tf, /tf_static"
+    assert caplog.text.count(line) == 1
+
+
+def test_the_images_of_another_camera_come_along_and_do_not_confuse(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_frame(bag, k)
+        t = stamp_ns(k)
+        for topic in ("/other/color/image_raw", "/camera/rgb/image_raw"):
+            bag.write(topic, IMAGE, t, bag.maker.image(t, color_image(k + 9), "bgr8"))
+
+    path = make_bag(tmp_path / "two", fill)
+    recording = open_recording(path, topics=(COLOR_TOPIC, DEPTH_TOPIC))
+    convert(recording, tmp_path / "a.mcap", OutputFormat.MCAP, ignore_progress)
+    np.testing.assert_array_equal(read_frames(tmp_path / "a.mcap")[3].color_bgr, color_image(3))
+    with open_bag_file(tmp_path / "a.mcap") as bag:
+        assert "/other/color/image_raw" in bag.types
+
+
+def test_a_message_that_is_not_of_its_type_is_left_out_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_with_poses(bag, k)
+        if k:
+            bag.writer.write(bag.connections["/pose"], stamp_ns(k), b"no pose")
+
+    convert_path(make_bag(tmp_path / "robot", fill), tmp_path / "a.bag")
+    assert "left out, because the output has no place for them: /pose\n" in caplog.text
+    with open_bag_file(tmp_path / "a.bag") as bag:
+        assert sum(1 for _ in bag.messages(["/pose"])) == 4
+
+
+@pytest.mark.parametrize(("name", "kind"), OUTPUTS)
+def test_a_clock_that_was_set_back_stays_in_the_order_of_recording(
+    tmp_path: Path, name: str, kind: OutputFormat
+) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_stamped(bag, k, k if k < 20 else k - 30)
+
+    make_bag(tmp_path / "jump", fill, count=40)
+    convert_path(tmp_path / "jump", tmp_path / name, kind)
+    assert_same(read_frames(tmp_path / name), read_frames(tmp_path / "jump"))
+    with pytest.raises(InputError, match="its clock was set back, and a folder holds rising"):
+        convert_path(tmp_path / name, tmp_path / "folder")
+    assert not (tmp_path / "folder").exists()

@@ -154,6 +154,7 @@ def _open(path: Path, camera_file: Path | None, topics: ImageTopics | None) -> R
     """Open a recording, and log what was found in a bag."""
     with announce_if_slow(f"reading {path}"):
         recording = open_recording(path, camera_file, topics)
+    recording.require_rising_stamps("so methods cannot be compared on it; use `kinect-vo replay`")
     if recording.summary:
         announce(recording.summary)
     return recording

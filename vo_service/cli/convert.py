@@ -18,7 +18,8 @@ examples:
   kinect-vo convert recordings/desk desk-ros2 --format ros2
 
 Nothing is lost: images keep the bytes they have, and the camera file, the stamps, gravity and the
-ground truth come along. A replay gives the same trajectory. docs/guide/bags.md has the topics.
+ground truth come along. A replay gives the same trajectory. Between bags, poses, transforms and all
+other topics come along too. docs/guide/bags.md has the topics.
 """
 
 

@@ -419,10 +419,10 @@ def _make_buffer(
 ) -> FrameBuffer:
     if playback_mode is PlaybackMode.LOCKSTEP:
         return LockstepBuffer(earlier_counters)
-    return RealtimeBuffer(_playback_offsets_s(pairs), earlier_counters)
+    return RealtimeBuffer(playback_offsets_s(pairs), earlier_counters)
 
 
-def _playback_offsets_s(pairs: Sequence[FramePair]) -> list[float]:
+def playback_offsets_s(pairs: Sequence[FramePair]) -> list[float]:
     """Return when to deliver each frame; after a jump back of the clock playback goes on."""
     offsets_s = [0.0]
     start_s = pairs[0].color.stamp_s

@@ -13,7 +13,7 @@ from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.image_messages import COMPRESSED_DEPTH_HEADER, RVL_SIZE
 from drivers.core import InputError
-from drivers.recording_camera import RecordingCamera, open_recording
+from drivers.recording_camera import RecordingCamera, open_recording, playback_offsets_s
 from tests.drivers.bag.bag_maker import (
     COMPRESSED,
     FRAME,
@@ -300,6 +300,17 @@ def test_all_frames_after_a_clock_was_set_back_are_read_in_the_order_of_recordin
     assert len(frames) == 60
     jump = f"the clock jumps back by {seconds:.1f} s after 1305031103.475291"
     assert caplog.text.count(jump) == 1
+
+
+def test_playback_in_real_time_goes_on_after_a_clock_was_set_back(tmp_path: Path) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_stamped(bag, k, k if k < 20 else k - 3000)
+
+    path = make_bag(tmp_path / "a", fill, count=40)
+    offsets_s = playback_offsets_s(open_recording(path).frames.pairs)
+    np.testing.assert_allclose(np.diff(offsets_s)[:19], 1 / 30, atol=1e-6)
+    assert offsets_s[20] == offsets_s[19]
+    np.testing.assert_allclose(np.diff(offsets_s)[20:], 1 / 30, atol=1e-6)
 
 
 def test_a_repeated_or_late_frame_is_left_out(tmp_path: Path) -> None:

@@ -5,12 +5,18 @@ import signal
 import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from decimal import Decimal
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drivers.bag.bag_writer import FrameWriter, Ros1Writer
 from drivers.core.geometry import read_trajectory
+from drivers.recording.clock_jumps import MAX_STALE_FRAMES
+from drivers.recording.frames import FrameStamps
+from drivers.recording_camera import open_recording
 from tests.conftest import FRAMES
 from tests.vo_service.cli.cli_runner import (
     CommandResult,
@@ -88,6 +94,37 @@ def test_an_mcap_file_of_a_replay_can_be_replayed_with_its_ground_truth(
     figures = json.loads(outcome.out)
     assert (figures["frames"], figures["failed"], figures["coverage"]) == (FRAMES, 0, 1.0)
     assert "ground truth /ground_truth" in outcome.err
+
+
+def test_a_clock_that_was_set_back_loses_half_a_second_and_the_trajectory_is_sorted(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bag, written = tmp_path / "jump.bag", tmp_path / "poses.txt"
+    count, before = 40, 20
+    write_jump_bag(recording, bag, count, before)
+    outcome = run_in_process(
+        capfd, "replay", bag, "--no-publish", "--json", "--trajectory", written
+    )
+    assert outcome.err.count("the clock jumps back by 100.0 s after 1000.627") == 1
+    figures = json.loads(outcome.out)
+    used = count - MAX_STALE_FRAMES + 1
+    assert [figures[key] for key in ("frames", "failed", "skipped")] == [used, 0, count - used]
+    stamps_s = read_trajectory(written).stamps_s
+    assert (len(stamps_s), int((stamps_s > 999).sum())) == (used, before)
+
+
+def write_jump_bag(recording: Path, path: Path, count: int, before: int) -> None:
+    """Write the recording there and back; the clock is set back by 100 s after some frames."""
+    opened = open_recording(recording)
+    there_and_back = [*range(FRAMES), *range(FRAMES - 2, 0, -1)]
+    bag = Ros1Writer(path)
+    writer = FrameWriter(bag, opened.calibration, Decimal(1000))
+    for k, index in enumerate(islice(cycle(there_and_back), count)):
+        pair, logged = opened.frames.pairs[index], 1000 + k * Decimal("0.033")
+        stamp = logged if k < before else logged - 100
+        images = pair.color.read_stored_color(), pair.depth.read_stored_depth()
+        writer.write_frame(FrameStamps(stamp, stamp), *images, FrameStamps(logged, logged))
+    bag.close()
 
 
 @pytest.mark.subprocess

@@ -4,6 +4,7 @@ A camera file has intrinsics, lens distortion, depth unit and timing. Images are
 undistortion and by registration of depth to the color camera.
 """
 
+import logging
 import math
 import re
 from collections.abc import Sequence
@@ -16,11 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, TimingPrior, TimingSource
+from drivers.camera_yaml import YAML_SUFFIXES, read_camera_yaml
 from drivers.core import InputError
-from drivers.core.config import SCHEMA_VERSION, Field, read_toml
+from drivers.core.config import SCHEMA_VERSION, Field, FieldError, build_dataclass, read_toml
 from drivers.core.geometry import Array, transform_from_pose
 
+_log = logging.getLogger(__name__)
 CAMERA_FILE_NAME = "camera.toml"
+# Also the unit for which `cv2.registerDepth` takes uint16 depth, whatever its unit is.
+MILLIMETERS_PER_METER = 1000.0
 Distortion = tuple[float, float, float, float, float]
 NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -201,24 +206,35 @@ TUM_CALIBRATIONS = {
     "3": _tum_calibration(535.4, 539.2, 320.1, 247.6),
 }
 _TUM_NAME = re.compile(r"(?<![a-z0-9])(?:freiburg|fr)([123])(?![a-z0-9])", re.IGNORECASE)
+# Of benchmarks in TUM's format, as their pages give them: Bonn RGB-D Dynamic, and the registered
+# images of CoRBS.
+BONN_CALIBRATION = _tum_calibration(
+    542.822841, 542.576870, 315.593520, 237.756098, (0.039903, -0.099343, -0.000730, -0.000144, 0.0)
+)
+CORBS_CALIBRATION = _tum_calibration(468.60, 468.61, 318.27, 243.99)
+_BONN_NAME = re.compile(r"(?<![a-z0-9])bonn(?![a-z0-9])", re.IGNORECASE)
+_CORBS_NAME = re.compile(r"(?<![a-z0-9])corbs(?![a-z0-9])|^[DEHR]\d_pre_?registered", re.IGNORECASE)
 
 
-def find_calibration(folder: Path, camera_file: Path | None) -> CameraCalibration:
+def find_calibration(
+    folder: Path, camera_file: Path | None, default: CameraCalibration | None = None
+) -> CameraCalibration:
     """Find the calibration of a recording.
 
-    The order is: `camera_file`, FOLDER/camera.toml, the TUM camera that the folder's name contains.
+    The order is: `camera_file`, FOLDER/camera.toml, `default`, the benchmark's camera that the
+    folder's name contains.
 
     Raises:
-        InputError: None of the three exists, or the file is invalid.
+        InputError: None of them exists, or the file is invalid.
     """
-    if camera_file is not None:
-        return read_calibration(camera_file)
+    usual = default or find_benchmark_calibration(folder)
     default_file = folder / CAMERA_FILE_NAME
-    if default_file.exists() or default_file.is_symlink():
-        return read_calibration(default_file)
-    tum_calibration = find_tum_calibration(folder)
-    if tum_calibration is not None:
-        return tum_calibration
+    if camera_file is None and (default_file.exists() or default_file.is_symlink()):
+        camera_file = default_file
+    if camera_file is not None:
+        return read_calibration(camera_file, None if usual is None else usual.depth_factor)
+    if usual is not None:
+        return usual
     raise InputError(
         f"{folder}: no camera file, and the folder's name contains none of freiburg1, freiburg2, "
         f"freiburg3; write {default_file} with the keys schema = {SCHEMA_VERSION}, width, height, "
@@ -226,19 +242,43 @@ def find_calibration(folder: Path, camera_file: Path | None) -> CameraCalibratio
     )
 
 
-def find_tum_calibration(recording: Path) -> CameraCalibration | None:
-    """Find the camera of a TUM recording by the name of its folder or file; None if it has none."""
-    tum_name = _TUM_NAME.search(recording.resolve().name)
-    return TUM_CALIBRATIONS[tum_name[1]] if tum_name else None
+def find_benchmark_calibration(recording: Path) -> CameraCalibration | None:
+    """Find the camera of TUM, Bonn or CoRBS by the recording's name; None if it has none."""
+    name = recording.resolve().name
+    tum_name = _TUM_NAME.search(name)
+    if tum_name:
+        return TUM_CALIBRATIONS[tum_name[1]]
+    if _BONN_NAME.search(name):
+        return BONN_CALIBRATION
+    return CORBS_CALIBRATION if _CORBS_NAME.search(name) else None
 
 
-def read_calibration(path: Path) -> CameraCalibration:
-    """Read a camera file.
+def read_calibration(path: Path, depth_factor: float | None = None) -> CameraCalibration:
+    """Read a camera file: TOML, or the YAML of OpenCV, ROS or ORB-SLAM.
+
+    Args:
+        path: The file.
+        depth_factor: Depth image value of one meter, if a file in YAML does not tell it. None
+            assumes millimeters, with a warning in the log.
 
     Raises:
         InputError: The file is invalid; the message names file, line and key.
     """
-    return read_toml(path, CameraCalibration)
+    if path.suffix.lower() not in YAML_SUFFIXES:
+        return read_toml(path, CameraCalibration)
+    values = read_camera_yaml(path)
+    if "depth_factor" not in values:
+        values["depth_factor"] = depth_factor or MILLIMETERS_PER_METER
+        if depth_factor is None:
+            _log.warning(
+                "%s: has no depth factor: depth in millimeters is assumed; otherwise add a line "
+                "such as `DepthMapFactor: 5000.0`",
+                path,
+            )
+    try:
+        return build_dataclass(CameraCalibration, values)
+    except FieldError as error:
+        raise InputError(f"{path}: key `{'.'.join(error.path)}`: {error}") from error.__cause__
 
 
 def format_calibration(calibration: CameraCalibration) -> str:
@@ -321,8 +361,6 @@ class Undistorter:
         return cv2.remap(image, *self._nearest_maps, cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
-# `cv2.registerDepth` interprets uint16 depth as millimeters, whatever its unit.
-MILLIMETERS_PER_METER = 1000.0
 MAX_DEPTH_VALUE = 65535
 _ZERO_DISTORTION = np.zeros(5)
 

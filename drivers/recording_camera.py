@@ -30,8 +30,8 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, InputError
 from drivers.core.geometry import Trajectory
+from drivers.layouts import open_folder
 from drivers.recording import DepthImage, FramePair, ImageTopics, Recording, UnreadableFrameError
-from drivers.tum import open_tum_folder
 
 _log = logging.getLogger(__name__)
 BAG_SUFFIXES = (".mcap", ".bag", ".db3")
@@ -40,7 +40,7 @@ BAG_SUFFIXES = (".mcap", ".bag", ".db3")
 class RecordingFormat(StrEnum):
     """The kinds of recordings, as in camera sources."""
 
-    TUM = "tum"  # a folder of images and lists
+    TUM = "tum"  # a folder of images, in TUM format or another benchmark's layout
     BAG = "bag"  # MCAP, a ROS 2 bag or a ROS 1 bag
 
 
@@ -63,7 +63,8 @@ def open_recording(
     """Open and check a recording, load its first frame, and log what is wrong with its clock.
 
     Args:
-        path: A folder in TUM format, an MCAP file, a ROS 2 bag (folder or .db3) or a ROS 1 bag.
+        path: A folder in TUM format or another benchmark's layout, an MCAP file, a ROS 2 bag
+            (folder or .db3) or a ROS 1 bag.
         camera_file: Camera file; None for the recording's own.
         topics: The topics of the color and the depth images in a bag; None to find them.
 
@@ -73,7 +74,7 @@ def open_recording(
     if recording_format(path) is RecordingFormat.TUM:
         if topics is not None:
             raise InputError(f"{path}: is a folder, which has no topics; leave out --topics")
-        return open_tum_folder(path, camera_file)
+        return open_folder(path, camera_file)
     check_bag_packages(path)
     from drivers.bag import open_bag  # its packages are optional
 

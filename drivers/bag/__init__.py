@@ -29,7 +29,7 @@ from drivers.bag.pairing import FoundFrames, match_recorded_frames, pair_between
 from drivers.calibration import (
     CameraCalibration,
     DepthCameraCalibration,
-    find_tum_calibration,
+    find_benchmark_calibration,
     read_calibration,
 )
 from drivers.camera import MAX_PAIR_SKEW_US
@@ -156,18 +156,18 @@ class _BagReader:
 
     def _find_calibration(self) -> tuple[CameraCalibration, str]:
         """Return the color camera, and where it comes from."""
+        in_meters = is_depth_in_meters(self.contents.depth.first)
+        factor = METER_DEPTH_FACTOR if in_meters else MILLIMETER_DEPTH_FACTOR
         if self.camera_file is not None:
-            return read_calibration(self.camera_file), str(self.camera_file)
+            return read_calibration(self.camera_file, factor), str(self.camera_file)
         if self.contents.camera_file:
             name = f"{self.path}: {self.topics.camera_file}"
             text = self.contents.camera_file
             return parse_toml(text, name, CameraCalibration), self.topics.camera_file
         model = self._camera_model(self.topics.color_info, self.topics.color)
-        tum = find_tum_calibration(self.path)
-        if tum is not None and model.intrinsics[0] == DEFAULT_FOCAL_LENGTH_PX:
-            return tum, "of the TUM benchmark, by the file's name"
-        in_meters = is_depth_in_meters(self.contents.depth.first)
-        factor = METER_DEPTH_FACTOR if in_meters else MILLIMETER_DEPTH_FACTOR
+        known = find_benchmark_calibration(self.path)
+        if known is not None and model.intrinsics[0] == DEFAULT_FOCAL_LENGTH_PX:
+            return known, "of the benchmark, by the file's name"
         return model.color_calibration(factor), self.topics.color_info
 
     def _camera_model(self, info_topic: str, image_topic: str) -> CameraModel:

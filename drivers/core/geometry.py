@@ -4,7 +4,9 @@ A line of a trajectory file is as in the TUM RGB-D benchmark: ``stamp tx ty tz q
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -262,29 +264,42 @@ def read_trajectory(path: Path) -> Trajectory:
         InputError: The file cannot be read or parsed, holds NaN, a quaternion that is no rotation
             or values in other units, or its stamps do not rise. The message names file and line.
     """
+    rows = read_trajectory_rows(path)
+    return make_trajectory([(where, *parse_pose(words, where)) for where, words in rows])
+
+
+def read_trajectory_rows(path: Path) -> list[tuple[str, list[str]]]:
+    """Read FILE:LINE and the columns, at spaces or commas, of each line with a pose.
+
+    Raises:
+        InputError: The file cannot be read, or holds none.
+    """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise InputError(f"{path}: cannot read the trajectory: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not a text file; expected lines of: {COLUMNS}") from error
-    stamps: list[float] = []
-    poses: list[Array] = []
-    for number, line in enumerate(lines, 1):
-        text = line.split("#", 1)[0].replace(",", " ").split()
-        if not text:
-            continue
-        stamp_s, T = _parse_pose(text, f"{path}:{number}")
-        if stamps and stamp_s <= stamps[-1]:
-            raise InputError(
-                f"{path}:{number}: stamp {text[0]} is not after the previous one "
-                f"({stamps[-1]:.6f}): sort the file by its first column and remove duplicates"
-            )
-        stamps.append(stamp_s)
-        poses.append(T)
-    if not poses:
+    columns = [line.split("#", 1)[0].replace(",", " ").split() for line in lines]
+    rows = [(f"{path}:{number}", words) for number, words in enumerate(columns, 1) if words]
+    if not rows:
         raise InputError(f"{path}: holds no pose; expected lines of: {COLUMNS}")
-    return Trajectory(np.array(stamps), np.array(poses))
+    return rows
+
+
+def make_trajectory(poses: Sequence[tuple[str, float, Array]]) -> Trajectory:
+    """Make a trajectory of (FILE:LINE, stamp, 4x4 pose).
+
+    Raises:
+        InputError: The stamps do not rise.
+    """
+    for (_, before_s, _), (where, stamp_s, _) in pairwise(poses):
+        if stamp_s <= before_s:
+            raise InputError(
+                f"{where}: stamp {stamp_s!r} is not after the previous one ({before_s:.6f}): "
+                "sort the file by its first column and remove duplicates"
+            )
+    return Trajectory(np.array([s for _, s, _ in poses]), np.array([T for *_, T in poses]))
 
 
 def format_pose_line(stamp_s: float, T_world_camera: Array) -> str:
@@ -297,7 +312,8 @@ def format_pose_line(stamp_s: float, T_world_camera: Array) -> str:
     return f"{stamp_s:.6f} {position} {' '.join(f'{v:.9f}' for v in q)}\n"
 
 
-def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
+def parse_pose(text: Sequence[str], where: str) -> tuple[float, Array]:
+    """Parse stamp, position and quaternion. Raises InputError with the place `where`."""
     if len(text) != 8:
         raise InputError(f"{where}: {len(text)} columns where 8 are expected: {COLUMNS}")
     try:

@@ -16,7 +16,6 @@ from drivers.core.geometry import (
     Vector,
     accelerometer_from_gravity,
     gravity_from_accelerometer,
-    read_trajectory,
 )
 from drivers.recording import (
     AccelerometerSeries,
@@ -31,6 +30,7 @@ from drivers.recording import (
     decode_depth,
     pair_images,
 )
+from drivers.tum.ground_truth import read_ground_truth
 
 _MAX_STAMP_S = Decimal(10**11)
 ACCELEROMETER_FILE = "accelerometer.txt"
@@ -79,10 +79,14 @@ def read_image_list(path: Path) -> list[ListedImage]:
 def read_associations(path: Path) -> list[FramePair]:
     """Read ``associations.txt``: lines of ``stamp color_file stamp depth_file``.
 
+    Depth may come first, if the folders of the files tell it.
+
     Raises:
         InputError: As for `read_image_list`, for both columns of stamps.
     """
     rows = _read_image_rows(path, "stamp color_file stamp depth_file")
+    if all("depth" in words[1] and "depth" not in words[3] for _, words in rows):
+        rows = [(number, [*words[2:], *words[:2]]) for number, words in rows]
     pairs = [FramePair(_parse_image(w[:2], path, n), _parse_image(w[2:], path, n)) for n, w in rows]
     _check_increasing([pair.color for pair in pairs])
     _check_increasing([pair.depth for pair in pairs])
@@ -228,16 +232,24 @@ def open_tum_folder(folder: Path, camera_file: Path | None) -> Recording:
     _check_folder(folder)
     frames = read_frame_pairs(folder)
     camera = find_calibration(folder, camera_file)
-    _check_files(frames.pairs)
+    truth, note = read_ground_truth(folder, frames.stamps_s)
+    recording = Recording(folder, frames, camera, truth, read_accelerometer(folder), summary=note)
+    check_frames(recording)
+    return recording
+
+
+def check_frames(recording: Recording) -> None:
+    """Load the first frame, and check that most files of the others exist.
+
+    Raises:
+        InputError: They do not, or the first frame does not fit the camera.
+    """
+    pairs = recording.frames.pairs
+    _check_files(pairs)
     try:
-        size = (camera.width, camera.height)
-        frames.pairs[0].load(size, size)
+        pairs[0].load(recording.image_size, recording.depth_size)
     except UnreadableFrameError as error:
-        location = frames.pairs[0].color.location
-        raise InputError(f"{error} (the first frame, {location})") from error
-    truth_file = folder / "groundtruth.txt"
-    ground_truth = read_trajectory(truth_file) if truth_file.exists() else None
-    return Recording(folder, frames, camera, ground_truth, read_accelerometer(folder))
+        raise InputError(f"{error} (the first frame, {pairs[0].color.location})") from error
 
 
 def _check_folder(folder: Path) -> None:
@@ -268,8 +280,8 @@ def read_frame_pairs(folder: Path) -> RecordedFrames:
     for name in ("rgb.txt", "depth.txt"):
         if not (folder / name).exists():
             raise InputError(
-                f"{folder / name}: no such file; a TUM folder holds rgb.txt and depth.txt, "
-                "or associations.txt"
+                f"{folder / name}: no such file; a TUM folder holds rgb.txt and depth.txt, or "
+                "associations.txt (docs/guide/recording.md has the layouts of other benchmarks)"
             )
     color, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
     frames = pair_images(color, depth)

@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.core import InputError
 from drivers.core.files import create_output_folder
 from vo_service.cli.options import (
+    add_camera_file_option,
     add_topics_option,
     load_config,
     parse_count,
@@ -81,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
         "folders", metavar="RECORDING", nargs="+", type=Path,
-        help="recordings: folders in TUM format, MCAP files or ROS bags",
+        help="recordings: folders in TUM format or other layouts, MCAP files or ROS bags",
     )  # fmt: skip
     parser.add_argument(
         "--methods", metavar="METHOD", nargs="+", choices=[*METHOD_NAMES, ALL_METHODS],
@@ -115,9 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_topics_option(parser)
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    parser.add_argument(
-        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) for all recordings"
-    )
+    add_camera_file_option(parser)
     parser.add_argument(
         "--time-limit", metavar="SECONDS", type=parse_seconds, default=3600.0,
         help="time limit of a run; a longer run is ended and reported (default: %(default)g)",

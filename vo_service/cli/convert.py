@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from drivers.recording import Recording
-from vo_service.cli.options import add_topics_option
+from vo_service.cli.options import add_camera_file_option, add_topics_option
 from vo_service.cli.recordings import RECORDING_HELP, open_and_announce
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="format of OUT (default: mcap for .mcap, ros1 for .bag, else folder)",
     )  # fmt: skip
     add_topics_option(parser)
-    parser.add_argument("--camera-file", metavar="FILE", type=Path, help="camera file (TOML)")
+    add_camera_file_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,11 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from drivers.core import InputError
-from drivers.core.geometry import Array, Trajectory, read_trajectory
+from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory
+from drivers.core.trajectory_files import read_trajectory_file
+from drivers.layouts import find_layout
 from drivers.recording_camera import RecordingFormat, recording_format
 from drivers.tum import read_frame_pairs
-from vo_service.cli.options import add_topics_option
+from drivers.tum.ground_truth import TRUTH_FILES, find_ground_truth, read_ground_truth
+from vo_service.cli.options import add_topics_option, parse_finite, parse_seconds
 from vo_service.cli.recordings import open_and_announce
+from vo_service.terminal import announce
 from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.plot import write_plot
 
@@ -21,9 +25,13 @@ examples:
   kinect-vo evaluate poses.txt recordings/desk/groundtruth.txt --picture desk.png
   kinect-vo evaluate poses.txt truth.txt --json | jq .ate_rmse_m
 
-Both files hold lines of: stamp tx ty tz qx qy qz qw. Poses are paired by the nearest stamp
-within 20 ms. ATE: distances after the best rigid alignment, without scale. Mean global error:
-distances with the first poses joined. RPE: root mean square over one frame and over one second.
+Both files hold lines of: stamp tx ty tz qx qy qz qw. The formats of EuRoC (nanoseconds, commas),
+KITTI (12 numbers; stamps of the frames, of times.txt beside it, or 30 a second) and Redwood or
+Open3D (trajectory.log) are recognized, and a line says so. Poses are paired by the nearest stamp
+within 20 ms (--max-difference); --time-offset moves the trajectory if the clocks differ.
+
+ATE: distances after the best rigid alignment, without scale. Mean global error: distances with the
+first poses joined. RPE: root mean square over one frame and over one second.
 
 Coverage: poses with ground truth, divided by frames with ground truth. The frames are those listed
 beside the ground truth (rgb.txt and depth.txt, or associations.txt). Without a list, a ground truth
@@ -40,9 +48,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("trajectory", metavar="TRAJECTORY", type=Path, help="file of poses")
     parser.add_argument(
         "folder", metavar="GROUNDTRUTH", type=Path,
-        help="file of true poses, or a recording with groundtruth.txt or true poses in /tf",
+        help="file of true poses, or a recording that has them",
     )  # fmt: skip
     add_topics_option(parser)
+    parser.add_argument(
+        "--max-difference", metavar="SECONDS", type=parse_seconds, default=MAX_STAMP_DIFFERENCE_S,
+        help="largest difference between the stamps of a pose and its truth (default: "
+        "%(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--time-offset", metavar="SECONDS", type=parse_finite, default=0.0,
+        help="add this to the stamps of TRAJECTORY (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
     parser.add_argument(
         "--picture", metavar="FILE", type=Path,
@@ -56,29 +73,57 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         UserFacingError: If a file cannot be read or written, or if the trajectories do not match.
     """
-    trajectory = read_trajectory(args.trajectory)
     truth, frames_s, truth_file = _read_ground_truth(args)
+    trajectory = _read_poses(args.trajectory, frames_s)
+    shifted = Trajectory(trajectory.stamps_s + args.time_offset, trajectory.T_world_camera)
     try:
-        evaluation = evaluate(trajectory, truth, frames_s)
+        evaluation = evaluate(shifted, truth, frames_s, args.max_difference)
     except InputError as error:
-        raise InputError(f"{args.trajectory} against {truth_file}: {error}") from error
+        raise InputError(
+            f"{args.trajectory} against {truth_file}: {error}, or give --time-offset or "
+            "--max-difference"
+        ) from error
     if args.picture is not None:
         title = f"{args.trajectory.name}: ATE RMSE {1e3 * evaluation.ate_rmse_m:.2f} mm"
-        write_plot(args.picture, trajectory, truth, title)
+        write_plot(args.picture, shifted, truth, title, args.max_difference)
     print(_as_json(evaluation, frames_s) if args.json else evaluation.as_table())
     return 0
+
+
+def _read_poses(file: Path, frames_s: Array | None) -> Trajectory:
+    """Read a file in any format, and log what it was taken for."""
+    found = read_trajectory_file(file, frames_s)
+    if found.note:
+        announce(f"{file}: {found.note}")
+    return found.poses
 
 
 def _read_ground_truth(args: argparse.Namespace) -> tuple[Trajectory, Array | None, Path]:
     """Read the true poses, the stamps of the frames if known, and the file of the poses."""
     path: Path = args.folder
-    if recording_format(path) is RecordingFormat.TUM:
-        file = path / "groundtruth.txt" if path.is_dir() else path
-        return read_trajectory(file), read_listed_frame_stamps_s(file.parent), file
+    if recording_format(path) is RecordingFormat.TUM and find_layout(path) is None:
+        return _read_tum_ground_truth(path)
     recording = open_and_announce(args, None)
     if recording.ground_truth is None:
-        raise InputError(f"{path}: has no true poses, neither in /tf nor in a topic of poses")
+        where = "" if path.is_dir() else ", neither in /tf nor in a topic of poses"
+        raise InputError(f"{path}: has no true poses{where}; name a file of them")
     return recording.ground_truth, recording.frames.stamps_s, path
+
+
+def _read_tum_ground_truth(path: Path) -> tuple[Trajectory, Array | None, Path]:
+    """Read the true poses of a folder, or of a file beside the lists of frames."""
+    if not path.is_dir():
+        frames_s = read_listed_frame_stamps_s(path.parent)
+        return _read_poses(path, frames_s), frames_s, path
+    file = find_ground_truth(path)
+    if file is None:
+        raise InputError(f"{path}: has no true poses ({', '.join(TRUTH_FILES)}); name their file")
+    frames_s = read_listed_frame_stamps_s(path)
+    truth, note = read_ground_truth(path, frames_s)
+    if note:
+        announce(note)
+    assert truth is not None
+    return truth, frames_s, file
 
 
 def read_listed_frame_stamps_s(folder: Path) -> Array | None:

@@ -49,11 +49,17 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         help=f"the camera (default: the config's): {', '.join(CAMERA_USAGES.values())}, "
         "or NAME[:ARGUMENT] of a plug-in",
     )  # fmt: skip
+    add_camera_file_option(parser)
+    add_topics_option(parser)
+
+
+def add_camera_file_option(parser: argparse.ArgumentParser) -> None:
+    """Add --camera-file."""
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
-        help="camera file (TOML) of this sensor or recording (default: the config's)",
+        help="camera file (TOML, or YAML of OpenCV, ROS or ORB-SLAM) of the sensor or recording "
+        "(default: the config's, or the recording's own)",
     )  # fmt: skip
-    add_topics_option(parser)
 
 
 def add_topics_option(parser: argparse.ArgumentParser) -> None:
@@ -177,6 +183,21 @@ def parse_seconds(text: str) -> float:
         value = math.nan
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a duration: give seconds, more than 0")
+    return value
+
+
+def parse_finite(text: str) -> float:
+    """Parse a number of seconds, which may be negative.
+
+    Raises:
+        ArgumentTypeError: If it is none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < 1e11:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds")
     return value
 
 

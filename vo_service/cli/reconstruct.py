@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from vo_service.cli.options import add_config_options, add_topics_option
+from vo_service.cli.options import add_camera_file_option, add_config_options, add_topics_option
 from vo_service.cli.recordings import RECORDING_HELP
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--loop-closure", action="store_true",
         help="enable loop closure and optimize the odometry's poses before the fusion",
     )  # fmt: skip
-    parser.add_argument("--camera-file", metavar="FILE", type=Path, help="camera file (TOML)")
+    add_camera_file_option(parser)
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/reconstruct"),
         help="folder for the results (default: %(default)s)",

@@ -11,7 +11,9 @@ from drivers.recording_camera import RecordingCamera, open_recording
 from vo_service.cli.options import requested_topics
 from vo_service.terminal import announce, announce_if_slow
 
-RECORDING_HELP = "the recording: a folder in TUM format, an MCAP file or a ROS bag"
+RECORDING_HELP = (
+    "the recording: a folder in TUM format or another benchmark's layout, an MCAP file or a ROS bag"
+)
 
 
 def open_requested(args: argparse.Namespace, camera_file: Path | None) -> Recording:

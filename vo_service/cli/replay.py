@@ -16,6 +16,7 @@ from vo_service.cli.loop_closure_options import (
     write_optimized_trajectory,
 )
 from vo_service.cli.options import (
+    add_camera_file_option,
     add_config_options,
     add_output_options,
     add_topics_option,
@@ -45,8 +46,10 @@ examples:
   kinect-vo replay recordings/tour --optimized-trajectory tour.txt
 
 A folder needs FOLDER/camera.toml, a name that contains freiburg1, freiburg2 or freiburg3, or
---camera FILE. A bag has its camera_info. With FOLDER/groundtruth.txt, or true poses in a bag,
-the summary contains the errors of the trajectory. docs/guide/bags.md describes the formats.
+--camera-file FILE. A bag has its camera_info. Folders of other benchmarks (ICL-NUIM, 7-Scenes,
+Redwood, ScanNet, Bonn, CoRBS) are recognized, and a line says what was assumed. With true poses in
+the folder or the bag, the summary contains the errors of the trajectory. docs/guide/bags.md and
+docs/guide/recording.md describe the formats.
 
 lockstep runs every frame as fast as possible and repeats bit for bit; subscribers get every pose.
 realtime keeps the recording's own clock and drops late frames, as on the robot.
@@ -60,8 +63,11 @@ the summary shows the gain. Published poses stay smooth; the optimized trajector
 file of --optimized-trajectory.
 """
 
-# Files of a recording besides its images.
-RECORDING_FILES = ("rgb.txt", "depth.txt", "associations.txt", "groundtruth.txt", "camera.toml")
+# Files of a recording besides its images, in any layout.
+RECORDING_FILES = (
+    "rgb.txt", "depth.txt", "associations.txt", "camera.toml", "frame-*", "*info.txt",
+    "groundtruth.*", "*trajectory.log", "*-traj.txt", "*.gt.freiburg", "pose/*", "intrinsic/*",
+)  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.LOCKSTEP,
         help="lockstep (default) or realtime",
     )  # fmt: skip
-    parser.add_argument("--camera-file", metavar="FILE", type=Path, help="camera file (TOML)")
+    add_camera_file_option(parser)
     add_output_options(parser)
     add_loop_closure_options(parser)
     parser.add_argument(
@@ -148,6 +154,7 @@ def _check_not_overwriting_recording(args: argparse.Namespace) -> None:
     for path in (args.trajectory, args.optimized_trajectory, args.mcap):
         if path is not None and path.exists():
             recording = args.folder.resolve()
-            inside = path.resolve().is_relative_to(recording) and path.name in RECORDING_FILES
+            is_listed = any(path.resolve().match(pattern) for pattern in RECORDING_FILES)
+            inside = path.resolve().is_relative_to(recording) and is_listed
             if inside or path.resolve() == recording:
                 raise InputError(f"{path}: belongs to the recording; name another file")

@@ -82,4 +82,4 @@ def test_a_bag_of_the_benchmark_has_its_published_camera(tmp_path: Path) -> None
         bag.write("/camera/depth/image", IMAGE, t, make.image(t, depth, "32FC1"))
     recording = open_recording(path)
     assert recording.calibration == TUM_CALIBRATIONS["1"]
-    assert "camera of the TUM benchmark, by the file's name" in recording.summary
+    assert "camera of the benchmark, by the file's name" in recording.summary

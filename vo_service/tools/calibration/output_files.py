@@ -4,12 +4,15 @@ import os
 from pathlib import Path
 
 from drivers.calibration import CameraCalibration, format_calibration
+from drivers.camera_yaml import YAML_SUFFIXES
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write, is_disk_full
 
 
 def check_writable(path: Path) -> None:
     """Raise InputError if the file cannot be written."""
+    if path.suffix.lower() in YAML_SUFFIXES:
+        raise InputError(f"{path}: camera files are written in TOML; name {path.stem}.toml")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
     if not path.parent.is_dir():

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from drivers.core.geometry import Array, Trajectory
+from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory
 from vo_service.terminal import format_columns, format_mm
 from vo_service.tools.evaluation.metrics import (
     associate,
@@ -74,7 +74,10 @@ class Evaluation:
 
 
 def evaluate(
-    trajectory: Trajectory, truth: Trajectory, frame_stamps_s: Array | None = None
+    trajectory: Trajectory,
+    truth: Trajectory,
+    frame_stamps_s: Array | None = None,
+    max_difference_s: float = MAX_STAMP_DIFFERENCE_S,
 ) -> Evaluation:
     """Compare a trajectory with the ground truth, each in its own world frame.
 
@@ -82,11 +85,12 @@ def evaluate(
         trajectory: Estimated poses.
         truth: True poses.
         frame_stamps_s: (F,) ascending stamps of all delivered frames; see `coverage`.
+        max_difference_s: Largest difference between the stamps of a pose and its truth.
 
     Raises:
-        InputError: Fewer than 3 poses have ground truth within 20 ms.
+        InputError: Fewer than 3 poses have ground truth.
     """
-    matched = associate(trajectory, truth)
+    matched = associate(trajectory, truth, max_difference_s)
     errors_m = position_errors_m(matched, best_alignment(matched))
     per_frame = relative_errors(matched, consecutive_pairs(matched))
     per_second = relative_errors(matched, pairs_one_second_apart(matched))
@@ -102,7 +106,7 @@ def evaluate(
         rpe_frame_deg=rms(per_frame.rotation_deg),
         rpe_1s_m=rms(per_second.translation_m),
         rpe_1s_deg=rms(per_second.rotation_deg),
-        coverage=coverage(trajectory.stamps_s, truth.stamps_s, frame_stamps_s),
+        coverage=coverage(trajectory.stamps_s, truth.stamps_s, frame_stamps_s, max_difference_s),
         poses=len(trajectory),
         matched=len(matched.stamps_s),
     )

@@ -44,8 +44,10 @@ class MatchedPoses:
     T_truth_camera: Array
 
 
-def associate(trajectory: Trajectory, truth: Trajectory) -> MatchedPoses:
-    """Pair each pose of the shorter list with the nearest of the other, at most 20 ms apart.
+def associate(
+    trajectory: Trajectory, truth: Trajectory, max_difference_s: float = MAX_STAMP_DIFFERENCE_S
+) -> MatchedPoses:
+    """Pair each pose of the shorter list with the nearest of the other, not too far apart.
 
     If both are equally long, the trajectory counts as the shorter one. This is the rule of evo's
     ``associate_trajectories``, so the results agree with evo's.
@@ -54,13 +56,19 @@ def associate(trajectory: Trajectory, truth: Trajectory) -> MatchedPoses:
         InputError: Fewer than 3 poses have a match.
     """
     if len(trajectory) <= len(truth):
-        own_indices = np.flatnonzero(has_match(trajectory.stamps_s, truth.stamps_s))
+        own_indices = np.flatnonzero(
+            has_match(trajectory.stamps_s, truth.stamps_s, max_difference_s)
+        )
         truth_indices = nearest_indices(truth.stamps_s, trajectory.stamps_s[own_indices])
     else:
-        truth_indices = np.flatnonzero(has_match(truth.stamps_s, trajectory.stamps_s))
+        truth_indices = np.flatnonzero(
+            has_match(truth.stamps_s, trajectory.stamps_s, max_difference_s)
+        )
         own_indices = nearest_indices(trajectory.stamps_s, truth.stamps_s[truth_indices])
     if len(own_indices) < MIN_MATCHES:
-        raise InputError(_too_few_matches_message(len(own_indices), trajectory, truth))
+        raise InputError(
+            _too_few_matches_message(len(own_indices), trajectory, truth, max_difference_s)
+        )
     return MatchedPoses(
         trajectory.stamps_s[own_indices],
         trajectory.T_world_camera[own_indices],
@@ -68,10 +76,15 @@ def associate(trajectory: Trajectory, truth: Trajectory) -> MatchedPoses:
     )
 
 
-def coverage(poses_s: Array, truth_s: Array, frames_s: Array | None) -> float | None:
+def coverage(
+    poses_s: Array,
+    truth_s: Array,
+    frames_s: Array | None,
+    max_difference_s: float = MAX_STAMP_DIFFERENCE_S,
+) -> float | None:
     """Return the fraction of frames with ground truth that have a pose.
 
-    A frame or pose has ground truth if a true pose lies within 20 ms.
+    A frame or pose has ground truth if a true pose lies within `max_difference_s`.
 
     Args:
         poses_s: (N,) stamps of the poses.
@@ -79,6 +92,7 @@ def coverage(poses_s: Array, truth_s: Array, frames_s: Array | None) -> float | 
         frames_s: (F,) stamps of all frames of the recording; None if not known. A truth with a
             pose at the stamp of every pose then counts as one true pose per frame. Other truths
             (motion capture at 100 Hz) do not show how many frames there were.
+        max_difference_s: Largest difference between the stamps of a pose and its truth.
 
     Returns:
         0 to 1; None if the number of frames is not known.
@@ -86,16 +100,21 @@ def coverage(poses_s: Array, truth_s: Array, frames_s: Array | None) -> float | 
     if frames_s is None:
         has_truth_per_frame = bool(np.all(has_match(poses_s, truth_s, STAMP_ROUNDING_S)))
         frames_s = truth_s if has_truth_per_frame else np.empty(0)
-    frames = np.count_nonzero(has_match(frames_s, truth_s))
-    poses = np.count_nonzero(has_match(poses_s, truth_s))
+    frames = np.count_nonzero(has_match(frames_s, truth_s, max_difference_s))
+    poses = np.count_nonzero(has_match(poses_s, truth_s, max_difference_s))
     return min(1.0, float(poses / frames)) if frames else None
 
 
-def _too_few_matches_message(matches: int, trajectory: Trajectory, truth: Trajectory) -> str:
+def _too_few_matches_message(
+    matches: int, trajectory: Trajectory, truth: Trajectory, max_difference_s: float
+) -> str:
+    nearest_s = truth.stamps_s[nearest_indices(truth.stamps_s, trajectory.stamps_s)]
+    differences_s = np.abs(nearest_s - trajectory.stamps_s)
+    closest = f"; the two closest are {differences_s.min():.3f} s apart" if len(nearest_s) else ""
     return (
         f"{matches} of {len(trajectory)} poses have ground truth within "
-        f"{1000 * MAX_STAMP_DIFFERENCE_S:.0f} ms, {MIN_MATCHES} are needed "
-        f"(trajectory {_format_span(trajectory)}, truth {_format_span(truth)}); "
+        f"{1000 * max_difference_s:.6g} ms, {MIN_MATCHES} are needed "
+        f"(trajectory {_format_span(trajectory)}, truth {_format_span(truth)}{closest}); "
         "use the truth of the same recording, on the same clock"
     )
 

@@ -28,7 +28,13 @@ GROUND_TRUTH_STYLE: dict[str, Any] = {"color": "0.55", "linewidth": 2.5, "label"
 TRAJECTORY_STYLE: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.2, "label": "trajectory"}
 
 
-def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str) -> None:
+def write_plot(
+    path: Path,
+    trajectory: Trajectory,
+    truth: Trajectory,
+    title: str,
+    max_difference_s: float = MAX_STAMP_DIFFERENCE_S,
+) -> None:
     """Draw both after the best rigid alignment, in meters, and write a PNG or SVG by the suffix.
 
     The axes are those of the first true camera: right, forward, up. No partial file is left.
@@ -38,15 +44,16 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
         trajectory: Estimated poses.
         truth: True poses.
         title: Title of the figure.
+        max_difference_s: As for `associate`.
 
     Raises:
-        InputError: Another suffix, fewer than 3 poses with ground truth within 20 ms, or a file
+        InputError: Another suffix, fewer than 3 poses with ground truth, or a file
             that cannot be created.
         UserFacingError: The disk is full.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")
-    figure = draw_plot(trajectory, truth, title)
+    figure = draw_plot(trajectory, truth, title, max_difference_s)
     image = io.BytesIO()
     figure.savefig(image, format=path.suffix.lower().removeprefix("."))
     try:
@@ -57,15 +64,21 @@ def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str
         ) from error
 
 
-def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure":
+def draw_plot(
+    trajectory: Trajectory,
+    truth: Trajectory,
+    title: str,
+    max_difference_s: float = MAX_STAMP_DIFFERENCE_S,
+) -> "Figure":
     """Draw the matplotlib figure.
 
     Args:
         trajectory: Estimated poses.
         truth: True poses.
         title: Title of the figure.
+        max_difference_s: As for `associate`.
     """
-    matched = associate(trajectory, truth)
+    matched = associate(trajectory, truth, max_difference_s)
     T_truth_world = best_alignment(matched)
     T_first_truth = inverse(matched.T_truth_camera[0])
     figure = new_figure(11, 8)

@@ -224,6 +224,11 @@ def find_calibration(
     The order is: `camera_file`, FOLDER/camera.toml, `default`, the benchmark's camera that the
     folder's name contains.
 
+    Args:
+        folder: Folder of the recording.
+        camera_file: Camera file; None for the recording's own.
+        default: The camera of the folder's layout.
+
     Raises:
         InputError: None of them exists, or the file is invalid.
     """

@@ -83,6 +83,11 @@ def pair_numbered(
 ) -> RecordedFrames:
     """Pair images by their number, in its order, at 30 Hz.
 
+    Args:
+        folder: The folder, for the message.
+        color: Files of color by their number, at least one.
+        depth: Files of depth by their number.
+
     Raises:
         InputError: No color and no depth image have the same number.
     """

@@ -113,7 +113,13 @@ def read_info(file: Path) -> tuple[CameraCalibration, DepthCameraCalibration | N
 def same_place_depth_camera(
     camera: CameraCalibration, K_depth: Array, size: tuple[int, int]
 ) -> DepthCameraCalibration | None:
-    """Return a depth camera in the place of the color camera; None if it has the same pixels."""
+    """Return a depth camera in the place of the color camera; None if it has the same pixels.
+
+    Args:
+        camera: The color camera.
+        K_depth: (4, 4) intrinsics of the depth camera.
+        size: (width, height) of the depth images.
+    """
     depth = make_camera(K_depth, size, camera.depth_factor)
     if depth == camera:
         return None

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array, format_pose_line
 from drivers.core.trajectory_files import MIRRORED_Y
 
-Color, Depth = NDArray[np.uint8], NDArray[np.uint16]
+Color = NDArray[np.uint8]
+Depth = NDArray[np.uint16]
 Frame = tuple[Color, Depth, Array]  # color BGR, depth in millimeters, T_world_camera
 LayoutWriter = Callable[[Path, Sequence[Frame]], None]
 
@@ -60,7 +61,7 @@ def write_redwood(folder: Path, frames: Sequence[Frame]) -> None:
 def write_scannet(folder: Path, frames: Sequence[Frame]) -> None:
     """Color has twice the pixels of depth; the second frame has no pose."""
     for number, (color, depth, T) in enumerate(frames):
-        save(folder / f"color/{number}.jpg", cv2.resize(color, None, fx=2, fy=2))  # type: ignore[arg-type]
+        save(folder / f"color/{number}.jpg", np.kron(color, np.ones((2, 2, 1), np.uint8)))
         save(folder / f"depth/{number}.png", depth)
         pose = np.full((4, 4), -np.inf) if number == 1 else T
         save_matrix(folder / f"pose/{number}.txt", pose)

@@ -1,6 +1,7 @@
 """``kinect-vo evaluate`` as it is typed."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -93,6 +94,88 @@ def test_poses_of_another_time_are_one_line(
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("\n") == 1
     assert f"{later} against {recording / 'groundtruth.txt'}: 0 of 6 poses have" in outcome.err
+    assert "s apart); use the truth of the same recording" in outcome.err
+    assert outcome.err.endswith(", or give --time-offset or --max-difference\n")
+
+
+@pytest.mark.parametrize(
+    ("late_s", "options"),
+    [(100.0, ["--time-offset", "-100"]), (0.03, ["--max-difference", "0.031"])],
+)
+def test_clocks_that_differ_are_matched_on_request(
+    half: Path, recording: Path, tmp_path: Path, capfd: Capture, late_s: float, options: list[str]
+) -> None:
+    poses = read_trajectory(half)
+    late = write(tmp_path / "late.txt", Trajectory(poses.stamps_s + late_s, poses.T_world_camera))
+    outcome = run_in_process(
+        capfd, "evaluate", late, recording, "--json", "--picture", tmp_path / "late.png", *options
+    )
+    figures = json.loads(outcome.out)
+    assert figures["matched"] >= 5
+    assert figures["ate_rmse_m"] < 0.02
+
+
+@pytest.mark.parametrize("option", ["--time-offset", "--max-difference"])
+def test_an_option_that_is_no_number_is_refused(
+    half: Path, recording: Path, capfd: Capture, option: str
+) -> None:
+    outcome = run_in_process(capfd, "evaluate", half, recording, option, "soon")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"argument {option}: soon is not a" in outcome.err
+
+
+def as_kitti(truth: Trajectory) -> str:
+    return "\n".join(" ".join(map(str, T[:3].ravel())) for T in truth.T_world_camera)
+
+
+def as_redwood(truth: Trajectory) -> str:
+    rows = ("\n".join(" ".join(map(str, row)) for row in T) for T in truth.T_world_camera)
+    return "".join(f"{n} {n} {n + 1}\n{text}\n" for n, text in enumerate(rows))
+
+
+def as_euroc(truth: Trajectory) -> str:
+    """Write stamps a day later, because those from zero are not in nanoseconds."""
+    lines = []
+    for stamp_s, T in zip(truth.stamps_s, truth.T_world_camera, strict=True):
+        words = format_pose_line(stamp_s + 86400, T).split()
+        stamp_ns = words[0].replace(".", "") + "000"
+        lines.append(",".join([stamp_ns, *words[1:4], words[7], *words[4:7]]))
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("name", "write_truth", "note", "options"),
+    [
+        ("groundtruth.txt", as_kitti, "KITTI format, one pose for each frame", []),
+        ("trajectory.log", as_redwood, "Redwood format, stamps of the frames", []),
+        ("groundtruth.csv", as_euroc, "EuRoC format: nanoseconds", ["--time-offset", "86400"]),
+    ],
+)
+def test_ground_truth_of_other_benchmarks_is_recognized(
+    half: Path, copy_recording: Callable[..., Path], capfd: Capture, name: str,
+    write_truth: Callable[[Trajectory], str], note: str, options: list[str],
+) -> None:  # fmt: skip
+    folder = copy_recording(lists=True)
+    truth = read_trajectory(folder / "groundtruth.txt")
+    (folder / "groundtruth.txt").unlink()
+    (folder / name).write_text(write_truth(truth))
+    for path in (folder, folder / name):
+        outcome = run_in_process(capfd, "evaluate", half, path, "--json", *options)
+        assert (outcome.code, outcome.error_lines) == (0, ""), outcome.err
+        assert f"{folder / name}: {note}" in outcome.err
+        figures = json.loads(outcome.out)
+        assert (figures["matched"], figures["frames"]) == (6, 12)
+        assert figures["ate_rmse_m"] == pytest.approx(0, abs=1e-6)
+
+
+def test_a_folder_without_true_poses_is_refused(
+    half: Path, copy_recording: Callable[..., Path], capfd: Capture
+) -> None:
+    folder = copy_recording(lists=True)
+    (folder / "groundtruth.txt").unlink()
+    outcome = run_in_process(capfd, "evaluate", half, folder)
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert f"{folder}: has no true poses (groundtruth.txt, groundtruth.csv, " in outcome.err
 
 
 @pytest.mark.parametrize("swapped", [False, True])

@@ -52,6 +52,11 @@ def associate(
     If both are equally long, the trajectory counts as the shorter one. This is the rule of evo's
     ``associate_trajectories``, so the results agree with evo's.
 
+    Args:
+        trajectory: Estimated poses.
+        truth: True poses.
+        max_difference_s: Largest difference between the stamps of a pose and its truth.
+
     Raises:
         InputError: Fewer than 3 poses have a match.
     """

@@ -51,14 +51,23 @@ def test_too_few_pairs_are_one_line() -> None:
         associate(poses_at([0.0, 1.0, 2.0, 3.0]), poses_at([0.0, 1.0, 2.5, 3.5, 10.0]))
     assert str(caught.value) == (
         "2 of 4 poses have ground truth within 20 ms, 3 are needed "
-        "(trajectory 0.000..3.000 s, truth 0.000..10.000 s); "
+        "(trajectory 0.000..3.000 s, truth 0.000..10.000 s; the two closest are 0.000 s apart); "
         "use the truth of the same recording, on the same clock"
     )
 
 
-def test_no_overlap_gives_the_same_error() -> None:
-    with pytest.raises(InputError, match=r"^0 of 3 poses .* \(trajectory 0.000..2.000 s, truth 50"):
+def test_no_overlap_gives_the_same_error_with_the_smallest_difference() -> None:
+    with pytest.raises(InputError, match=r"^0 of 3 poses .* truth 50.*; the two closest are 48.0"):
         associate(poses_at([0.0, 1.0, 2.0]), poses_at([50.0, 51.0, 52.0, 53.0]))
+
+
+def test_a_larger_difference_is_allowed_on_request() -> None:
+    poses = poses_at([0.0, 1.0, 2.0])
+    truth = poses_at([0.04, 1.04, 2.04])
+    assert len(associate(poses, truth, max_difference_s=0.05).stamps_s) == 3
+    assert coverage(poses.stamps_s, truth.stamps_s, poses.stamps_s, 0.05) == 1.0
+    with pytest.raises(InputError, match="within 20 ms"):
+        associate(poses, truth)
 
 
 def test_an_empty_trajectory_gives_the_same_error() -> None:

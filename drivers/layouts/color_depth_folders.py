@@ -54,7 +54,7 @@ def read_scannet(folder: Path) -> FolderContents:
     camera = make_camera(K_color, read_image_size(make_image(first.color.file, Decimal(0))), 1000.0)
     depth_size = read_image_size(make_image(first.depth.file, Decimal(0)), is_depth=True)
     truth, invalid = read_pose_files(find_numbered_files(folder / "pose", r"(\d{1,9})\.txt"))
-    skipped = (f"{invalid} frames have no pose",) if invalid else ()
+    skipped = (f"frames without a pose: {invalid}",) if invalid else ()
     assumptions = ("cameras of intrinsic/", "depth in millimeters", AT_30_HZ, *skipped)
     return FolderContents(
         frames, camera, truth, assumptions, same_place_depth_camera(camera, K_depth, depth_size)
@@ -99,9 +99,14 @@ def _find_color(folder: Path) -> Path | None:
 def _pair(
     folder: Path, color: dict[int, Path], depth: dict[int, Path]
 ) -> tuple[RecordedFrames, str]:
-    """Pair images by number, or by the stamps in their names."""
+    """Pair images by number, or by the stamps in their names.
+
+    Some recordings number their images from 1, but their poses from 0.
+    """
     if not all("-" in file.stem for file in [*color.values(), *depth.values()]):
-        return pair_numbered(folder, color, depth), AT_30_HZ
+        first = min(color)
+        numbered = [{n - first: file for n, file in each.items()} for each in (color, depth)]
+        return pair_numbered(folder, *numbered), AT_30_HZ
     images = [
         [make_image(file, Decimal(file.stem.split("-")[1]).scaleb(-6)) for file in files.values()]
         for files in (color, depth)

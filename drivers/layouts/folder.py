@@ -69,7 +69,7 @@ def open_folder(folder: Path, camera_file: Path | None) -> Recording:
     camera = find_calibration(folder, camera_file, contents.camera)
     depth_camera = contents.depth_camera and (camera.depth or contents.depth_camera)
     unpaired = contents.frames.unpaired
-    parts = [*contents.assumptions, *([f"{unpaired} images without a partner"] * bool(unpaired))]
+    parts = [*contents.assumptions, *([f"images without a partner: {unpaired}"] * bool(unpaired))]
     recording = Recording(
         path=folder,
         frames=contents.frames,

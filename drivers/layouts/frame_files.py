@@ -47,7 +47,7 @@ def read_frame_files(folder: Path) -> FolderContents:
     depth = find_numbered_files(folder, r"frame-(\d{1,9})\.depth\.\w+")
     frames = pair_numbered(folder, color, depth)
     truth, invalid = read_pose_files(find_numbered_files(folder, r"frame-(\d{1,9})\.pose\.txt"))
-    skipped = (f"{invalid} frames have no pose",) if invalid else ()
+    skipped = (f"frames without a pose: {invalid}",) if invalid else ()
     info = next((folder / name for name in INFO_FILES if (folder / name).exists()), None)
     if info is not None:
         camera, depth_camera = read_info(info)

@@ -17,8 +17,9 @@ from drivers.core.geometry import (
     rigid_transform,
     so3_exp,
 )
-from drivers.core.trajectory_files import MIRRORED_Y, read_trajectory_file
+from drivers.core.trajectory_files import read_trajectory_file
 
+MIRRORED_Y = np.diag([1.0, -1.0, 1.0, 1.0])
 angles = st.tuples(*[st.floats(-np.pi, np.pi)] * 3)
 positions = st.tuples(*[st.floats(-100.0, 100.0)] * 3)
 poses = st.builds(lambda v, t: rigid_transform(so3_exp(v), t), angles, positions)

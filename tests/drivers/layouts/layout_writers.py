@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, format_pose_line
-from drivers.core.trajectory_files import MIRRORED_Y
 
+# The y axes of ICL-NUIM's camera and world point up.
+MIRRORED_Y = np.diag([1.0, -1.0, 1.0, 1.0])
 Color = NDArray[np.uint8]
 Depth = NDArray[np.uint16]
 Frame = tuple[Color, Depth, Array]  # color BGR, depth in millimeters, T_world_camera

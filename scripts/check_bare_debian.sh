@@ -55,6 +55,13 @@ contained() {
     return "$code"
 }
 
+# Most containers and chroots refuse the mounts below, also to root.
+check_mounts() {
+    contained mount -t proc proc "$work" 2>"$work/log" ||
+        refuse "root may not mount here ($(head -n 1 "$work/log")): run it outside chroots and containers, or in a" \
+            "container started with --privileged"
+}
+
 # inside ROOT COMMAND...: as root on a fresh system, with the environment variables that pip and uv need to reach
 # their registry from here. ROOT becomes the root of the mounts: in a chroot the kernel denies user namespaces.
 inside() {
@@ -139,6 +146,7 @@ check() {
     say "${0##*/}: $1 passed in $on"
 }
 
+check_mounts
 [ -z "$changes" ] || say "Uncommitted changes are not checked"
 command -v debootstrap >/dev/null || {
     step "Reading Debian's package lists" apt_get update

@@ -1,4 +1,4 @@
-"""Ports of 127.0.0.1: free ports for tests, and whether a process listens on a port."""
+"""Free ports for tests, and the kernel's tables of open sockets."""
 
 import os
 import random
@@ -25,8 +25,14 @@ def free_port() -> int:
 def is_listening(port: int) -> bool:
     """Whether a process listens on a port of 127.0.0.1, without connecting to it."""
     address = f"0100007F:{port:04X}"
-    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-    return any(row[1] == address and row[3] == "0A" for row in rows)
+    return any(row[1] == address and row[3] == "0A" for row in open_sockets("tcp"))
+
+
+def open_sockets(*protocols: str) -> list[list[str]]:
+    """Return the rows of these protocols' sockets; a kernel without IPv6 has no such table."""
+    tables = [Path("/proc/net", protocol) for protocol in protocols]
+    texts = [table.read_text() for table in tables if table.exists()]
+    return [line.split() for text in texts for line in text.splitlines()[1:]]
 
 
 def _is_free(port: int) -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.simulators.requirements import skip_or_fail
+from tests.mount_namespace import AS_ROOT, need_mounts
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -67,17 +67,11 @@ def is_left_clean(tmp_path: Path) -> bool:
 
 
 def test_a_checkout_without_git_is_rejected(starts: Starts, tmp_path: Path) -> None:
-    need_root()
-    check = starts("test", git="echo fatal: not a git repository >&2\nexit 128")
+    check = starts("test", id="echo 0", git="echo fatal: not a git repository >&2\nexit 128")
     out, err = check.communicate(timeout=60)
     assert (check.returncode, out, len(err.splitlines())) == (2, "", 2)
     assert f"{SCRIPT.parents[1]} has to be a clone" in err
     assert is_left_clean(tmp_path)
-
-
-def need_root() -> None:
-    if os.geteuid() != 0:
-        skip_or_fail("needs root, to mount")
 
 
 @pytest.mark.parametrize("arguments", [["all"], ["--help"], ["demo", "test"], ["demo test"]])
@@ -96,10 +90,22 @@ def test_a_user_without_root_gets_one_line(starts: Starts, tmp_path: Path) -> No
     assert is_left_clean(tmp_path)
 
 
+def test_root_that_may_not_mount_gets_one_line_with_the_refusal(
+    starts: Starts, tmp_path: Path
+) -> None:
+    as_in_a_container = "setpriv --bounding-set=-sys_admin" if os.geteuid() == 0 else ""
+    unshare = f'exec {as_in_a_container} /usr/bin/unshare "$@"'
+    check = starts(id="echo 0", unshare=unshare, debootstrap="echo not reached")
+    out, err = check.communicate(timeout=60)
+    assert (check.returncode, out, len(err.splitlines())) == (2, "", 1)
+    assert "root may not mount here (unshare: unshare failed: Operation not permitted)" in err
+    assert is_left_clean(tmp_path)
+
+
 def test_a_debian_that_cannot_be_created_is_reported_and_removed(
     starts: Starts, tmp_path: Path
 ) -> None:
-    need_root()
+    need_mounts(AS_ROOT)
     check = starts("demo", debootstrap=f"{MAKE_A_TREE}\necho 'E: no such mirror'\nexit 1")
     _, err = check.communicate(timeout=60)
     assert check.returncode == 1
@@ -111,7 +117,7 @@ def test_a_debian_that_cannot_be_created_is_reported_and_removed(
 def test_one_failing_command_fails_the_check_and_the_other_still_runs(
     starts: Starts, tmp_path: Path
 ) -> None:
-    need_root()
+    need_mounts(AS_ROOT)
     demo_fails = 'case "$*" in *scripts/demo.sh) exit 3 ;; esac'
     check = starts(debootstrap=MAKE_A_TREE, chroot=demo_fails, dpkg_query="echo 3.11.2-6")
     out, err = check.communicate(timeout=60)
@@ -127,7 +133,7 @@ def test_one_failing_command_fails_the_check_and_the_other_still_runs(
 def test_an_interrupted_check_leaves_nothing_behind(
     signum: signal.Signals, where: str, starts: Starts, tmp_path: Path
 ) -> None:
-    need_root()
+    need_mounts(AS_ROOT)
     stand_ins = {"debootstrap": MAKE_A_TREE}
     # What it starts ignores signals, and holds the output that is read to its end below.
     hangs = f"trap '' HUP INT TERM\nsleep 1000 &\ntouch {tmp_path}/hangs\nsleep 1000"

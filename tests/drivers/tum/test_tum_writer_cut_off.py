@@ -10,6 +10,7 @@ import pytest
 
 from tests.drivers.tum.read_recording import read_recording
 from tests.forked_process import ForkedProcess
+from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -57,7 +58,7 @@ def test_a_recording_killed_at_any_moment_can_be_replayed(tmp_path: Path) -> Non
 
 
 ON_A_SMALL_DISK = """
-mount -t tmpfs -o size=300k,mode=777 small "$1" || exit 77
+mount -t tmpfs -o size=300k,mode=777 small "$1" || exit
 "$2" -c "$3" "$1/recording" 1000000
 cp -r "$1/recording" "$4"
 """
@@ -67,11 +68,8 @@ def record_on_a_small_disk(tmp_path: Path, copy: Path) -> str:
     mount = tmp_path / "disk"
     mount.mkdir()
     script = ["sh", "-c", ON_A_SMALL_DISK, "sh", str(mount), sys.executable, RECORD_FOR_EVER]
-    # A mount namespace of its own: the file system is gone with the process.
-    unshare = ["unshare", "--mount"] + ([] if os.geteuid() == 0 else ["--map-root-user"])
-    done = subprocess.run([*unshare, *script, str(copy)], capture_output=True, text=True)
-    if done.returncode == 77 or done.stderr.startswith("unshare:"):
-        pytest.skip(f"may not mount a small file system here: {done.stderr.strip()}")
+    need_mounts(AS_MAPPED_ROOT)
+    done = subprocess.run([*AS_MAPPED_ROOT, *script, str(copy)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.removeprefix("ready\n")
 

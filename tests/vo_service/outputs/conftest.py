@@ -3,7 +3,6 @@
 import socket
 import struct
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,10 +95,8 @@ def _make_debug_data(seq: int) -> TrackingDebug:
 
 def _listening_addresses(pid: int) -> set[str]:
     inodes = {file[8:-1] for file in open_files(pid) if file.startswith("socket:[")}
-    tcp4, tcp6 = (Path(f"/proc/net/{name}").read_text().splitlines() for name in ("tcp", "tcp6"))
     addresses = set()
-    for line in tcp4[1:] + tcp6[1:]:
-        fields = line.split()
+    for fields in ports.open_sockets("tcp", "tcp6"):
         if fields[3] == "0A" and fields[9] in inodes:
             words = bytes.fromhex(fields[1].split(":")[0])
             count = len(words) // 4

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.ports import open_sockets
 from tests.resource_leaks import child_pids_of, open_files
 from tests.vo_service.outputs.conftest import listening
 from tests.vo_service.service_process import ServiceProcess, running_service
@@ -41,11 +42,7 @@ def test_it_listens_on_loopback_alone(
 
 @pytest.mark.slow
 def test_there_is_no_udp_socket_and_no_multicast(service: ServiceProcess) -> None:
-    datagrams = {
-        line.split()[9]
-        for table in ("udp", "udp6", "raw", "raw6")
-        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
-    }
+    datagrams = {row[9] for row in open_sockets("udp", "udp6", "raw", "raw6")}
     sockets = {
         file[8:-1]
         for process in processes(service)

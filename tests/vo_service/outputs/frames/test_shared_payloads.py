@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.ports import free_port
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
@@ -98,16 +99,12 @@ def test_what_a_killed_process_leaves_is_removed_by_the_next() -> None:
 
 def run_with_dev_shm(options: str, command: str) -> "subprocess.CompletedProcess[str]":
     """Run a shell command with a /dev/shm of its own."""
-    done = subprocess.run(
-        [
-            *("unshare", "--mount", "--map-root-user", "--user", "sh", "-c"),
-            f"mount -t tmpfs -o {options} tmpfs /dev/shm && {{ {command}; }}",
-        ],
+    need_mounts(AS_MAPPED_ROOT)
+    script = f"mount -t tmpfs -o {options} tmpfs /dev/shm && {{ {command}; }}"
+    return subprocess.run(
+        [*AS_MAPPED_ROOT, "sh", "-c", script],
         capture_output=True,
         text=True,
         timeout=DEFAULT_TIMEOUT_S,
         check=False,
     )
-    if "unshare" in done.stderr or "mount:" in done.stderr:
-        pytest.skip(f"no namespaces here: {done.stderr}")
-    return done

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.core import UserFacingError
 from drivers.kinect_usb import SUPPORTED_IDS, UsbId
+from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.simulators.requirements import require_program
 from vo_service.tools.install import udev
 from vo_service.tools.install.udev import (
@@ -42,20 +43,9 @@ SUBSYSTEM=="usb", ATTR{idVendor}=="1d27", MODE:="0666", GROUP:="video"
 def apply_rules(folder: Path, vendor: int, product: int) -> list[str]:
     """Return the modes that the rules set for a device, and `uaccess` if they tag it."""
     require_program("udevadm", "udev")
-    require_program("unshare", "util-linux")
-    if subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode:
-        pytest.skip("this system does not allow new mount namespaces")
-    command = [
-        "unshare",
-        "-rm",
-        "sh",
-        "-c",
-        UDEVADM_SCRIPT,
-        "sh",
-        str(folder),
-        f"{vendor:04x}",
-        f"{product:04x}",
-    ]
+    need_mounts(AS_MAPPED_ROOT)
+    arguments = [str(folder), f"{vendor:04x}", f"{product:04x}"]
+    command = [*AS_MAPPED_ROOT, "sh", "-c", UDEVADM_SCRIPT, "sh", *arguments]
     process = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     assert process.returncode == 0, process.stdout + process.stderr
     return ["".join(groups) for groups in re.findall(r"MODE (\d+)|RUN '(uaccess)'", process.stdout)]

@@ -23,6 +23,6 @@ apt_get() {
 
 # can_install COMMAND: fail with the command to run by hand if this user cannot install packages.
 can_install() {
-    [ "$(id -u)" = 0 ] || command -v sudo >/dev/null ||
-        fail "neither root nor sudo here; run once as root: $1"
+    [ "$(id -u)" = 0 ] || { command -v sudo >/dev/null && sudo -v; } ||
+        fail "neither root nor a sudo that lets this user be root; run once as root: $1"
 }

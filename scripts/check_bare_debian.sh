@@ -1,7 +1,8 @@
 #!/bin/sh
 # Check that the README's setup commands need only a fresh Debian 12: run each in a minimal one with the current
 # security updates, in a temporary folder (TMPDIR) that is removed afterwards. It checks the last commit.
-# It needs root, git, a network and 10 GB of disk, and takes about 20 minutes. It installs debootstrap if missing.
+# It needs root that may mount (no chroot, no unprivileged container), git, a network and 10 GB of disk, and takes
+# about 20 minutes. It installs debootstrap if missing.
 #
 # Usage: scripts/check_bare_debian.sh [demo|test]    scripts/demo.sh or scripts/test.sh (default: both)
 set -eu

@@ -15,6 +15,7 @@ config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')
 config.insert_json5("connect/timeout_ms", "-1")  # wait for the publisher
+config.insert_json5("scouting/multicast/enabled", "false")  # may fail without IPv6
 samples: list[dict[str, object]] = []
 done = threading.Event()
 

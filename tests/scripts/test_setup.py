@@ -15,7 +15,7 @@ SCRIPTS = Path(__file__).parents[2] / "scripts"
 def test_a_user_without_sudo_gets_the_command_for_root(
     script: str, packages: str, tmp_path: Path
 ) -> None:
-    stand_ins = {"id": "echo 1000", "dpkg-query": "exit 1", "sudo": "echo 'not allowed' >&2; exit 1"}
+    stand_ins = {"id": "echo 1000", "dpkg-query": "exit 1", "sudo": "echo refused >&2; exit 1"}
     for name, body in stand_ins.items():
         (tmp_path / name).write_text(f"#!/bin/sh\n{body}\n")
         (tmp_path / name).chmod(0o755)

@@ -1,7 +1,8 @@
 """Publishes three images to a subscriber in this process's second session; prints how they came.
 
 With the argument "fill", /dev/shm becomes full after the first image; with "kill", the process is
-killed then.
+killed then; with "keep", all three exist before the first is published; with "small", they are
+smaller than what is shared.
 """
 
 import os
@@ -17,7 +18,7 @@ import zenoh
 from tests.ports import free_port
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.frames import SharedPayloads
+from vo_service.outputs.frames import MIN_SHARED_BYTES, SharedPayloads
 from vo_service.outputs.zenoh import open_session
 
 
@@ -29,6 +30,10 @@ def fill(file: Path) -> None:
 
 
 endpoint = f"tcp/127.0.0.1:{free_port()}"
+arguments = sys.argv[1:]
+image = bytes(range(256)) * 3600
+if arguments == ["small"]:
+    image = image[: MIN_SHARED_BYTES - 1]
 # One process maps the pool twice here: both have to fit into what it may lock.
 shared = SharedPayloads(pool_bytes=2 << 20)
 with (
@@ -39,11 +44,13 @@ with (
     # No image is dropped if this computer is busy.
     publisher = session.declare_publisher("image", congestion_control=zenoh.CongestionControl.BLOCK)
     wait_until(lambda: publisher.matching_status.matching)  # type: ignore[attr-defined]
+    kept = [shared.share(image) for _ in range(3)] if arguments == ["keep"] else []
     for _ in range(3):
-        publisher.put(shared.share(bytes(921_600)))
+        publisher.put(kept.pop(0) if kept else shared.share(image))
         payload = samples.recv().payload
+        assert payload.to_bytes() == image
         print(payload.as_shm() is not None, len(payload), flush=True)
-        if sys.argv[1:] == ["fill"]:
+        if arguments == ["fill"]:
             fill(Path("/dev/shm/other"))
-        elif sys.argv[1:] == ["kill"]:
+        elif arguments == ["kill"]:
             os.kill(os.getpid(), signal.SIGKILL)

@@ -3,18 +3,14 @@
 import resource
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import zenoh
 
+from tests.forked_process import run_module
 from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
-from tests.ports import free_port
-from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session
-from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
+from tests.waiting import DEFAULT_TIMEOUT_S
 from vo_service.outputs.frames import MIN_SHARED_BYTES, SharedPayloads
-from vo_service.outputs.zenoh import open_session
 
 LOCKABLE_BYTES, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
 pytestmark = [
@@ -25,61 +21,36 @@ pytestmark = [
     ),
 ]
 
-IMAGE = bytes(range(256)) * 3600
-# This process maps a pool twice, and an ordinary user may lock 8 MB of memory.
-POOL_BYTES = 2 * len(IMAGE) + 4096
+# A process of its own may lock memory, whatever the pools of other tests have locked.
+PROGRAM = Path(__file__).with_name("limited_shared_memory.py")
+MODULE = "tests.vo_service.outputs.frames.limited_shared_memory"
 
 
-@pytest.fixture
-def port() -> int:
-    return free_port()
-
-
-@pytest.fixture
-def publisher(port: int) -> Iterator[zenoh.Publisher]:
-    with open_session(config(port)) as session:
-        yield session.declare_publisher("image", priority=zenoh.Priority.BACKGROUND)
-
-
-def received(publisher: zenoh.Publisher, port: int, payloads: list[zenoh.ZBytes]) -> list[bool]:
-    """Publish, and return of each received payload whether it is shared; check its bytes."""
-    samples: list[zenoh.Sample] = []
-    with connected_session(port) as reader:
-        reader.declare_subscriber("image", samples.append)
-        wait_until(lambda: bool(publisher.matching_status.matching))  # type: ignore[attr-defined]
-        for count, payload in enumerate(payloads, 1):
-            publisher.put(payload)
-            wait_until(lambda count=count: len(samples) == count)  # type: ignore[misc]
-    assert all(IMAGE.startswith(sample.payload.to_bytes()) for sample in samples)
-    return [sample.payload.as_shm() is not None for sample in samples]
-
-
-def test_an_image_is_shared_and_a_small_message_is_not(
-    publisher: zenoh.Publisher, port: int
+@pytest.mark.subprocess
+@pytest.mark.parametrize(
+    ("arguments", "printed"),
+    [
+        ([], ["True 921600"] * 3),
+        (["small"], ["False 16383"] * 3),
+        (["keep"], ["True 921600", "True 921600", "False 921600"]),
+    ],
+    ids=["image", "small message", "more than the pool has room for"],
+)
+def test_payloads_are_shared_if_they_are_large_and_have_room(
+    arguments: list[str], printed: list[str]
 ) -> None:
-    shared = SharedPayloads(POOL_BYTES)
-    payloads = [shared.share(IMAGE), shared.share(IMAGE[: MIN_SHARED_BYTES - 1])]
-    assert received(publisher, port, payloads) == [True, False]
-
-
-def test_a_reader_that_keeps_all_buffers_gets_plain_bytes(
-    publisher: zenoh.Publisher, port: int
-) -> None:
-    shared = SharedPayloads(POOL_BYTES)
-    kept = [shared.share(IMAGE) for _ in range(4)]
-    assert received(publisher, port, kept) == [True, True, False, False]
+    done = run_module(MODULE, *arguments)
+    assert (done.returncode, done.stdout.splitlines()) == (0, printed), done.stderr
 
 
 def test_a_pool_that_is_larger_than_the_memory_gives_plain_bytes() -> None:
     shared = SharedPayloads(pool_bytes=1 << 50)
-    assert shared.share(IMAGE).to_bytes() == IMAGE
-    assert shared.share(IMAGE).as_shm() is None
+    image = bytes(MIN_SHARED_BYTES)
+    assert shared.share(image).to_bytes() == image
+    assert shared.share(image).as_shm() is None
 
 
 # In a mount namespace of its own, /dev/shm may be small, full or read-only.
-PROGRAM = Path(__file__).with_name("limited_shared_memory.py")
-
-
 @pytest.mark.subprocess
 @pytest.mark.parametrize(
     ("options", "arguments", "is_shared"),

@@ -74,9 +74,19 @@ class BagWriter(ABC):
         Raises:
             OSError: Writing fails.
         """
-        serialize = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
-        data = bytes(serialize(message, message_type))
+        data = self.encode(topic, message_type, message)
         self.write_encoded(EncodedMessage(topic, message_type, log_ns, data))
+
+    def encode(self, topic: str, message_type: str, message: Any) -> bytes:
+        """Encode the next message of a topic.
+
+        Args:
+            topic: The topic.
+            message_type: Its type, such as "nav_msgs/msg/Odometry".
+            message: The message.
+        """
+        serialize = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
+        return bytes(serialize(message, message_type))
 
     def write_encoded(self, message: EncodedMessage) -> None:
         """Write a message that is encoded already.
@@ -89,7 +99,13 @@ class BagWriter(ABC):
         self._write(self._channels[message.topic], message.log_ns, message.data)
 
     def add_topic(self, topic: str, message_type: str, store: Typestore) -> None:
-        """Add a topic whose type is defined elsewhere than in `store` of this object."""
+        """Add a topic whose type is not defined by this object's `store`.
+
+        Args:
+            topic: The topic.
+            message_type: Its type, such as "nav_msgs/msg/Odometry".
+            store: Defines the type.
+        """
         self._channels[topic] = self._add_channel(topic, message_type, store)
 
     @abstractmethod
@@ -171,12 +187,18 @@ class Ros1Writer(RosbagsWriter):
         latching = 1 if topic == "/tf_static" else None
         return self._writer.add_connection(topic, message_type, typestore=store, latching=latching)
 
-    def write(self, topic: str, message_type: str, log_ns: int, message: Any) -> None:
-        """Write a message; its header gets the number of the topic's messages before it."""
+    def encode(self, topic: str, message_type: str, message: Any) -> bytes:
+        """Encode a message; its header gets the number of the topic's messages before it.
+
+        Args:
+            topic: The topic.
+            message_type: Its type, such as "nav_msgs/msg/Odometry".
+            message: The message.
+        """
         if hasattr(message, "header"):
             message.header.seq = self._counts[topic]
             self._counts[topic] += 1
-        super().write(topic, message_type, log_ns, message)
+        return super().encode(topic, message_type, message)
 
 
 class Ros2Writer(RosbagsWriter):

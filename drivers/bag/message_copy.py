@@ -17,8 +17,6 @@ from drivers.bag.bag_file import (
 )
 from drivers.bag.bag_writer import BagWriter, EncodedMessage
 
-HEADER = "std_msgs/msg/Header"
-
 
 class MessageCopier:
     """Copies messages with their topics, log times and contents.
@@ -35,7 +33,7 @@ class MessageCopier:
 
     def __init__(self, source: BagFile, writer: BagWriter) -> None:
         self._source, self._writer = source, writer
-        self._copies: dict[str, Callable[[Message], None]] = {}
+        self._translations: dict[str, Callable[[Message], EncodedMessage]] = {}
         self.left_out: set[str] = set()
 
     def copies(self, topics: Collection[str]) -> Iterator[tuple[int, Callable[[], None]]]:
@@ -46,40 +44,48 @@ class MessageCopier:
         """
         for topic in topics:
             try:
-                self._copies[topic] = self._make_copy(topic)
-            except DAMAGE_ERRORS:  # the definition is missing, or is none
+                types = self._types_of(topic)
+            except DAMAGE_ERRORS:  # the definition cannot be parsed
                 self.left_out.add(topic)
-        for message in self._source.messages(self._copies):
+            else:
+                self._add_topic(topic, types)
+        for message in self._source.messages(self._translations):
             yield message.log_ns, partial(self._copy, message)
 
     def _copy(self, message: Message) -> None:
         try:
-            self._copies[message.topic](message)
-        except OSError:
-            raise
+            encoded = self._translations[message.topic](message)
         except DAMAGE_ERRORS:  # it does not have the layout of its type
             self.left_out.add(message.topic)
+        else:
+            self._writer.write_encoded(encoded)
 
-    def _make_copy(self, topic: str) -> Callable[[Message], None]:
-        """Return a function that copies a message of a topic."""
-        kind, store = self._source.types[topic], self._types_of(topic)
-        if self._source.is_ros1 == self._writer.is_ros1:
-            self._writer.add_topic(topic, kind, store)
-            return partial(self._copy_encoded, kind)
-        ros2_kind = TF_MESSAGE_TYPES[0] if kind in TF_MESSAGE_TYPES else kind
-        self._add_type(ros2_kind, kind, store)
-        deserialize = store.deserialize_ros1 if self._source.is_ros1 else store.deserialize_cdr
-        migrate = partial(migrate_message, store, self._writer.store, kind, ros2_kind, {})
+    def _add_topic(self, topic: str, types: Typestore) -> None:
+        kind = self._source.types[topic]
+        if kind not in types.types:
+            self.left_out.add(topic)
+        elif self._source.is_ros1 == self._writer.is_ros1:
+            self._writer.add_topic(topic, kind, types)
+            self._translations[topic] = lambda m: EncodedMessage(topic, kind, m.log_ns, m.data)
+        else:
+            self._translations[topic] = self._make_translation(topic, kind, types)
 
-        def copy(message: Message) -> None:
-            migrated = migrate(deserialize(message.data, kind))
-            self._writer.write(topic, ros2_kind, message.log_ns, migrated)
+    def _make_translation(
+        self, topic: str, kind: str, types: Typestore
+    ) -> Callable[[Message], EncodedMessage]:
+        """Return a function that encodes a message for the other ROS version."""
+        writer, known = self._writer, self._writer.store
+        new_kind = TF_MESSAGE_TYPES[0] if kind in TF_MESSAGE_TYPES else kind
+        if new_kind not in known.types:
+            known.register({k: v for k, v in types.fielddefs.items() if k not in known.types})
+        decode = types.deserialize_ros1 if self._source.is_ros1 else types.deserialize_cdr
+        migrate = partial(migrate_message, types, known, kind, new_kind, {})
 
-        return copy
+        def translate(message: Message) -> EncodedMessage:
+            data = writer.encode(topic, new_kind, migrate(decode(message.data, kind)))
+            return EncodedMessage(topic, new_kind, message.log_ns, data)
 
-    def _copy_encoded(self, kind: str, message: Message) -> None:
-        encoded = EncodedMessage(message.topic, kind, message.log_ns, message.data)
-        self._writer.write_encoded(encoded)
+        return translate
 
     def _types_of(self, topic: str) -> Typestore:
         """Return the types of a topic by the file's definitions, else by the ROS distribution's."""
@@ -89,12 +95,3 @@ class MessageCopier:
         store = get_typestore(Stores.EMPTY)
         store.register(get_types_from_msg(definition, self._source.types[topic]))
         return store
-
-    def _add_type(self, kind: str, source_kind: str, store: Typestore) -> None:
-        """Make a type known to the writer."""
-        known = self._writer.store
-        if kind not in known.types:
-            new = {
-                name: fields for name, fields in store.fielddefs.items() if name not in known.types
-            }
-            known.register(new)

@@ -46,7 +46,13 @@ class FoundFrames:
 def match_recorded_frames(
     stamps: Sequence[FrameStamps], colors: Sequence[ImageMessage], depths: Sequence[ImageMessage]
 ) -> FoundFrames:
-    """Match the images of a recording of this program, which has the stamps of each frame."""
+    """Match the images of a recording of this program, which has the stamps of each frame.
+
+    Args:
+        stamps: The stamps of each frame, s, in the order of recording.
+        colors: The color images, in the order of recording.
+        depths: The depth images, in the order of recording.
+    """
     color_of, depth_of = _by_stamp(colors), _by_stamp(depths)
     pairs = [
         FramePair(color_of[each.color].popleft(), depth_of[each.depth].popleft())
@@ -68,7 +74,12 @@ def _by_stamp(images: Sequence[ImageMessage]) -> dict[Decimal, deque[ImageMessag
 def pair_between_jumps(
     colors: Sequence[ImageMessage], depths: Sequence[ImageMessage]
 ) -> FoundFrames:
-    """Pair the images between jumps of the color images' clock, see `pair_images`."""
+    """Pair the images between jumps of the color images' clock, see `pair_images`.
+
+    Args:
+        colors: The color images, in the order of recording.
+        depths: The depth images, in the order of recording.
+    """
     color_runs = [[colors[k] for k in run] for run in split_at_jumps(stamps_us(colors).tolist())]
     limits_ns = [(a[-1].key.log_ns + b[0].key.log_ns) // 2 for a, b in pairwise(color_runs)]
     depth_runs: list[list[ImageMessage]] = [[] for _ in color_runs]

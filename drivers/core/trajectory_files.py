@@ -66,10 +66,10 @@ def read_trajectory_file(path: Path, frames_s: Array | None = None) -> Trajector
         InputError: The file cannot be read or parsed; the message names file and line.
     """
     rows = read_trajectory_rows(path)
-    columns = len(rows[0][1])
-    if columns == 12:
+    columns = [len(words) for _, words in rows[:2]]
+    if columns[0] == 12:
         return _read_kitti(path, rows, frames_s)
-    if columns == 3:
+    if columns == [3, 4]:
         return _read_redwood(path, rows, frames_s)
     if path.name.endswith(ICL_NUIM_SUFFIX):
         return TrajectoryFile(read_icl_nuim_trajectory(path), "ICL-NUIM format, 30 Hz assumed")

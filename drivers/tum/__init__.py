@@ -280,8 +280,8 @@ def read_frame_pairs(folder: Path) -> RecordedFrames:
     for name in ("rgb.txt", "depth.txt"):
         if not (folder / name).exists():
             raise InputError(
-                f"{folder / name}: no such file; a TUM folder holds rgb.txt and depth.txt, or "
-                "associations.txt (docs/guide/recording.md has the layouts of other benchmarks)"
+                f"{folder / name}: no such file; a TUM folder holds rgb.txt and depth.txt, "
+                "or associations.txt"
             )
     color, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
     frames = pair_images(color, depth)

@@ -219,7 +219,7 @@ def test_a_folder_that_lacks_a_part_says_which(
         ("ScanNet", "pose/2.txt", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1", "not a rotation"),
         ("ScanNet", "pose/2.txt", "", "holds no pose"),
         ("ScanNet", "intrinsic/intrinsic_color.txt", "1 2\n", "has 2 numbers"),
-        ("Redwood", "trajectory.log", "0 0 1\n1 2\n", ":1: below it are not the four rows"),
+        ("Redwood", "trajectory.log", "0 0 1\n1 2 3 4\n", ":1: below it are not the four rows"),
         ("ICL-NUIM", "livingRoom2.gt.freiburg", "1 0 0 0\n", ":1: 4 columns where 8"),
     ],
 )

@@ -117,7 +117,7 @@ def test_redwood_takes_the_stamps_of_its_frames(tmp_path: Path) -> None:
         ("1 0 0 0 0 1 0 0 0 0 nan 0\n", "FILE:1: not a rotation and a translation"),
         ("1 0 0 0 0 1 0 0 0 0 x 0\n", "FILE:1: could not convert string to float: 'x'"),
         ("0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n", "FILE:1: below it are not the four rows"),
-        ("0 0 x\n" + "1 0 0 0\n" * 4, "FILE:1: expected three integers above"),
+        ("x 0 0\n" + "1 0 0 0\n" * 4, "FILE:1: expected three integers above"),
         ("1 2 3\n", "FILE:1: 3 columns where 8 are expected"),
         (as_redwood(TRACK) + "a b c\n", "FILE:16: expected three integers"),
         (as_redwood(TRACK[:1]) * 2, "FILE:6: stamp 0.0 is not after the previous one"),

@@ -32,9 +32,10 @@ from drivers.core import CameraError, InputError
 from drivers.core.geometry import Trajectory
 from drivers.layouts import open_folder
 from drivers.recording import DepthImage, FramePair, ImageTopics, Recording, UnreadableFrameError
+from drivers.recording.bag_names import is_bag_file
+from drivers.recording.small_depth import enlarge
 
 _log = logging.getLogger(__name__)
-BAG_SUFFIXES = (".mcap", ".bag", ".db3")
 
 
 class RecordingFormat(StrEnum):
@@ -46,15 +47,16 @@ class RecordingFormat(StrEnum):
 
 def recording_format(path: Path) -> RecordingFormat:
     """Tell the format of a recording, which need not exist, by its suffix and its files."""
-    if path.suffix.lower() in BAG_SUFFIXES and not path.is_dir():
-        return RecordingFormat.BAG
+    if not path.is_dir():
+        return RecordingFormat.BAG if is_bag_file(path.name) else RecordingFormat.TUM
     if (path / "metadata.yaml").exists():
         return RecordingFormat.BAG
-    names = {each.name for each in path.iterdir()} if path.is_dir() else set()
+    names = {each.name for each in path.iterdir()}
     # A ROS 2 bag that was cut off has no metadata; a TUM folder may have a bag beside its lists.
     is_tum = not names.isdisjoint(("rgb.txt", "associations.txt"))
-    is_cut_off = any(name.endswith((".mcap", ".db3")) for name in names) and not is_tum
-    return RecordingFormat.BAG if is_cut_off else RecordingFormat.TUM
+    return (
+        RecordingFormat.BAG if any(map(is_bag_file, names)) and not is_tum else RecordingFormat.TUM
+    )
 
 
 def open_recording(
@@ -63,8 +65,8 @@ def open_recording(
     """Open and check a recording, load its first frame, and log what is wrong with its clock.
 
     Args:
-        path: A folder in TUM format or another benchmark's layout, an MCAP file, a ROS 2 bag
-            (folder or .db3) or a ROS 1 bag.
+        path: A folder in TUM format or another benchmark's layout, an MCAP file, a bag of ROS 1 or
+            ROS 2, the folder of a bag, or the files of a split bag joined by commas.
         camera_file: Camera file; None for the recording's own.
         topics: The topics of the color and the depth images in a bag; None to find them.
 
@@ -285,13 +287,17 @@ class FrameReader:
         camera = recording.calibration
         self._pinhole, self._depth_factor = camera.pinhole, camera.depth_factor
         self._undistorter = Undistorter(self._pinhole, camera.distortion)
-        self._register: Callable[[DepthImage], DepthImage] = self._undistorter.undistort_depth
+        self._register: Callable[[DepthImage], DepthImage] = self._undistort_enlarged
         if recording.depth_camera is not None:
             registration = SoftwareRegistration(
                 self._pinhole, recording.depth_camera, camera.depth_factor
             )
             self._register = registration.register
             self._depth_factor = registration.depth_factor
+
+    def _undistort_enlarged(self, depth: DepthImage) -> DepthImage:
+        factor = self._recording.depth_enlargement
+        return self._undistorter.undistort_depth(enlarge(depth, factor))
 
     def read(self, pair: FramePair, seq: int) -> RgbdFrame:
         """Load one pair and make its frame.

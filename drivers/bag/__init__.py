@@ -17,7 +17,8 @@ from drivers.bag.bag_contents import (
     is_rectified,
     read_contents,
 )
-from drivers.bag.bag_file import STORAGE_SUFFIXES, open_bag_file
+from drivers.bag.bag_file import open_bag_file
+from drivers.bag.bag_storage import BagStorage
 from drivers.bag.calibration import (
     CameraModel,
     camera_from_message,
@@ -44,6 +45,7 @@ from drivers.recording import (
     Recording,
     UnreadableFrameError,
 )
+from drivers.recording.small_depth import check_first_frame
 
 MILLIMETER_DEPTH_FACTOR = 1000.0
 # Depth in meters is rounded to 0.2 mm, as the TUM benchmark does.
@@ -56,47 +58,54 @@ def open_bag(path: Path, camera_file: Path | None, named: ImageTopics | None) ->
     """Open an MCAP file or a ROS bag, and load its first frame.
 
     Args:
-        path: The file, or the folder of a ROS 2 bag.
+        path: The bag, see `BagStorage`.
         camera_file: Camera file; None for that of the recording, or its camera_info.
         named: The topics of color and depth; None to find them.
 
     Raises:
         InputError: The file cannot be used.
     """
-    with open_bag_file(path) as bag:
+    storage = BagStorage(path)
+    with open_bag_file(storage) as bag:
         topics = find_topics(path, bag.types, named)
         contents = read_contents(bag, topics)
         is_cut_off = bag.is_cut_off
     for topic, track in ((topics.color, contents.color), (topics.depth, contents.depth)):
         if not track.keys:
             raise InputError(f"{path}: topic {topic} has no images; name others with --topics")
-    recording = _BagReader(path, camera_file, topics, contents).make_recording()
-    if is_cut_off:
-        summary = f"{recording.summary}; the file is cut off and read up to its last whole chunk"
-        recording = replace(recording, summary=summary)
+    recording = _BagReader(storage, camera_file, topics, contents).make_recording()
     try:
-        recording.frames.pairs[0].load(recording.image_size, recording.depth_size)
+        recording = check_first_frame(recording)
     except UnreadableFrameError as error:
         raise InputError(f"{error} (the first frame)") from error
     finally:
         recording.close()
+    if is_cut_off:
+        summary = f"{recording.summary}; the file is cut off and read up to its last whole chunk"
+        recording = replace(recording, summary=summary)
     return recording
 
 
 @dataclass(frozen=True)
 class _BagReader:
-    path: Path
+    storage: BagStorage
     camera_file: Path | None
     topics: BagTopics
     contents: BagContents
 
+    @property
+    def path(self) -> Path:
+        return self.storage.path
+
     def make_recording(self) -> Recording:
         calibration, source = self._find_calibration()
-        cursor = MessageCursor(self.path, (self.topics.color, self.topics.depth))
+        cursor = MessageCursor(self.storage, (self.topics.color, self.topics.depth))
         found = self._make_frames(cursor, calibration.depth_factor)
         frames = self._check_pairs(found.frames)
         truth, truth_source = self._find_ground_truth()
+        count = len(self.storage.files)
         parts = (
+            f"{count} files" if count > 1 else "",
             f"color {self.topics.color}, depth {self.topics.depth}, camera {source}",
             f"ground truth {truth_source}" if truth_source else "",
             f"{frames.unpaired} images without a partner" if frames.unpaired else "",
@@ -130,7 +139,7 @@ class _BagReader:
 
     def _make_frames(self, cursor: MessageCursor, depth_factor: float) -> FoundFrames:
         """Make the frames; images of wrong stamps are left out, see `split_at_jumps`."""
-        factory = ImageFactory(cursor, _file_of(self.path), depth_factor)
+        factory = ImageFactory(cursor, self.storage.newest_file, depth_factor)
         stamps = self.contents.frame_stamps
         if stamps:
             colors = factory.make(self.contents.color, exact_stamps([s.color for s in stamps]))
@@ -262,10 +271,3 @@ class _BagReader:
         seconds = [(float(exact.get(ns) or Decimal(ns).scaleb(-9)), *a) for ns, *a in sorted(rows)]
         table = np.array(seconds).reshape(-1, 4)
         return AccelerometerSeries(table[:, 0], table[:, 1:])
-
-
-def _file_of(path: Path) -> Path:
-    """Return the file that changes whenever the bag does."""
-    if not path.is_dir():
-        return path
-    return min(each for each in path.iterdir() if each.suffix in STORAGE_SUFFIXES)

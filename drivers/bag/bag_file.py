@@ -1,15 +1,18 @@
-"""The messages of a file: MCAP, a ROS 2 bag (folder, .db3 or .mcap) or a ROS 1 bag.
+"""The messages of a bag: MCAP, SQLite (ROS 2) or ROS 1, in one file or in several.
 
 The layouts of the messages are those of the ROS distributions, so files without definitions can be
 read too.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections import ChainMap
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
+from backports import zstd
 from mcap.reader import McapReader, NonSeekingReader, make_reader
 from mcap.records import Schema
 from rosbags.interfaces import MessageDefinitionFormat
@@ -18,9 +21,11 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from drivers.bag.bag_storage import BagStorage, StorageFile
 from drivers.core import InputError
 
-STORAGE_SUFFIXES = (".db3", ".mcap")
+# No message in CDR begins so.
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 TF_MESSAGE_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
@@ -43,7 +48,7 @@ class BagFile(ABC):
     """An open file of messages. Use as a context manager.
 
     Attributes:
-        path: The file, or the folder of a ROS 2 bag.
+        path: The file, or the folder of its parts.
         types: Type of each topic, such as "sensor_msgs/msg/Image".
         definitions: Definition of each topic's type, as far as the file has them.
         is_cut_off: The file has no end, because its writer was killed.
@@ -113,43 +118,37 @@ def damage_error(path: Path, error: Exception) -> InputError:
     reason = str(error) or type(error).__name__
     if "not indexed" in reason or "index looks damaged" in reason:
         return InputError(
-            f"{path}: the bag has no usable index, because it was cut off; "
+            f"{path}: the bag has no usable index, because it was not closed or cut off; "
             "run `rosbag reindex` on it"
         )
     return InputError(f"{path}: cannot be read: {reason}; record or copy it again")
 
 
-def open_bag_file(path: Path) -> BagFile:
-    """Open a file of messages.
+def open_bag_file(storage: BagStorage) -> BagFile:
+    """Open the files of a bag as one.
 
     Raises:
-        InputError: It does not exist, or it is damaged.
+        InputError: A file is damaged.
     """
-    if not path.exists():
-        raise InputError(f"{path}: no such file; check the path")
-    storage = _find_storage(path)
+    with ExitStack() as opened:
+        parts = [opened.enter_context(_open_part(file)) for file in storage.files]
+        if len({type(part) for part in parts}) > 1:
+            raise InputError(f"{storage.path}: its files are of several formats; name one file")
+        bag = parts[0] if len(parts) == 1 else SplitBagFile(storage.path, parts)
+        if bag.is_cut_off and not bag.types:
+            raise InputError(
+                f"{storage.path}: holds no messages of ROS 2; is it a complete MCAP file?"
+            )
+        opened.pop_all()
+    return bag
+
+
+def _open_part(file: StorageFile) -> BagFile:
+    kinds = {".mcap": McapFile, ".db3": SqliteFile}
     try:
-        suffix = "" if storage.is_dir() else storage.suffix.lower()
-        if suffix == ".mcap":
-            return McapFile(storage)
-        return Ros1File(storage) if suffix == ".bag" else Ros2File(storage)
-    except InputError:
-        raise
+        return kinds.get(file.content.suffix.lower(), Ros1File)(file)
     except DAMAGE_ERRORS as error:
-        raise damage_error(path, error) from error
-
-
-def _find_storage(path: Path) -> Path:
-    """Return the file to open; a ROS 2 bag that was cut off has one file and no metadata."""
-    if not path.is_dir() or (path / "metadata.yaml").exists():
-        return path
-    files = [file for file in path.iterdir() if file.suffix in STORAGE_SUFFIXES]
-    if len(files) != 1:
-        raise InputError(
-            f"{path}: has no metadata.yaml and {len(files)} files of messages; run "
-            "`ros2 bag reindex` on it, or name one file"
-        )
-    return files[0]
+        raise damage_error(file.path, error) from error
 
 
 def ros1_typestore() -> Typestore:
@@ -165,10 +164,17 @@ def ros2_typestore() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-class RosbagsFile(BagFile):
-    """A bag that rosbags reads."""
+def _decompress(data: bytes) -> bytes:
+    """Decompress a message of ROS 2, if it was recorded with `--compression-mode message`."""
+    return zstd.decompress(data) if data.startswith(ZSTD_MAGIC) else data
 
-    def __init__(self, path: Path, reader: Ros1Reader | Ros2Reader, store: Typestore) -> None:
+
+class RosbagsFile(BagFile):
+    """A file that rosbags reads."""
+
+    def __init__(
+        self, file: StorageFile, reader: Ros1Reader | Ros2Reader, store: Typestore
+    ) -> None:
         self._reader, self._store = reader, store
         reader.open()
         types = {each.topic: each.msgtype for each in reader.connections}
@@ -177,13 +183,14 @@ class RosbagsFile(BagFile):
             for each in reader.connections
             if each.msgdef.format is MessageDefinitionFormat.MSG
         }
-        super().__init__(path, types, definitions)
+        super().__init__(file.path, types, definitions)
 
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
         connections = [each for each in self._reader.connections if each.topic in topics]
         if connections:  # an empty list would mean all
             for connection, log_ns, data in self._reader.messages(connections, start_ns):
-                yield Message(connection.topic, log_ns, bytes(data))
+                plain = bytes(data) if self.is_ros1 else _decompress(bytes(data))
+                yield Message(connection.topic, log_ns, plain)
 
 
 class Ros1File(RosbagsFile):
@@ -191,9 +198,9 @@ class Ros1File(RosbagsFile):
 
     is_ros1 = True
 
-    def __init__(self, path: Path) -> None:
-        self._bag = Ros1Reader(path)
-        super().__init__(path, self._bag, ros1_typestore())
+    def __init__(self, file: StorageFile) -> None:
+        self._bag = Ros1Reader(file.content)
+        super().__init__(file, self._bag, ros1_typestore())
 
     def _decode(self, data: bytes, message_type: str) -> Any:
         return self._store.deserialize_ros1(data, message_type)
@@ -203,12 +210,12 @@ class Ros1File(RosbagsFile):
             self._bag.close()
 
 
-class Ros2File(RosbagsFile):
-    """A ROS 2 bag: its folder, or one file of SQLite."""
+class SqliteFile(RosbagsFile):
+    """A ROS 2 bag in SQLite."""
 
-    def __init__(self, path: Path) -> None:
-        self._bag = Ros2Reader(path)
-        super().__init__(path, self._bag, ros2_typestore())
+    def __init__(self, file: StorageFile) -> None:
+        self._bag = Ros2Reader(file.content)
+        super().__init__(file, self._bag, ros2_typestore())
 
     def _decode(self, data: bytes, message_type: str) -> Any:
         return self._store.deserialize_cdr(data, message_type)
@@ -218,13 +225,35 @@ class Ros2File(RosbagsFile):
             self._bag.close()
 
 
+class SplitBagFile(BagFile):
+    """The parts of a split recording, one after the other."""
+
+    def __init__(self, path: Path, parts: Sequence[BagFile]) -> None:
+        self._parts = parts
+        self.is_ros1 = parts[0].is_ros1
+        types = ChainMap(*(dict(part.types) for part in parts))
+        definitions = ChainMap(*(dict(part.definitions) for part in parts))
+        super().__init__(path, types, definitions, any(part.is_cut_off for part in parts))
+
+    def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
+        for part in self._parts:
+            yield from part.messages(topics, start_ns)
+
+    def _decode(self, data: bytes, message_type: str) -> Any:
+        return self._parts[0]._decode(data, message_type)
+
+    def close(self) -> None:
+        for part in self._parts:
+            part.close()
+
+
 class McapFile(BagFile):
     """One MCAP file, complete or cut off."""
 
-    def __init__(self, path: Path) -> None:
-        self._file: BinaryIO = path.open("rb")
+    def __init__(self, file: StorageFile) -> None:
+        self._file: BinaryIO = file.content.open("rb")
         try:
-            schemas, is_cut_off = self._read_schemas(path)
+            schemas, is_cut_off = self._read_schemas()
         except BaseException:
             self._file.close()
             raise
@@ -235,9 +264,9 @@ class McapFile(BagFile):
             for topic, schema in schemas.items()
             if schema.encoding == "ros2msg"
         }
-        super().__init__(path, types, definitions, is_cut_off)
+        super().__init__(file.path, types, definitions, is_cut_off)
 
-    def _read_schemas(self, path: Path) -> tuple[dict[str, Schema], bool]:
+    def _read_schemas(self) -> tuple[dict[str, Schema], bool]:
         """Return the schema of each topic in CDR, and whether the file is cut off."""
         try:
             summary = make_reader(self._file).get_summary()
@@ -255,8 +284,6 @@ class McapFile(BagFile):
         for schema, channel, _ in self._iterate_to_end(None, 0):
             if schema is not None and channel.message_encoding == "cdr":
                 found[channel.topic] = schema
-        if not found:
-            raise InputError(f"{path}: holds no messages of ROS 2; is it a complete MCAP file?")
         return found, True
 
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
@@ -267,7 +294,7 @@ class McapFile(BagFile):
             reader: McapReader = make_reader(self._file)
             records = reader.iter_messages(list(topics), start_time=start_ns)
         for _, channel, message in records:
-            yield Message(channel.topic, message.log_time, message.data)
+            yield Message(channel.topic, message.log_time, _decompress(message.data))
 
     def _iterate_to_end(self, topics: Collection[str] | None, start_ns: int) -> Iterator[Any]:
         """Yield the messages of a file up to its last whole chunk, in the order of writing."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.bag.bag_file import BagFile, Message, open_bag_file
+from drivers.bag.bag_storage import BagStorage
 from drivers.bag.rvl import decode_rvl
 from drivers.core import InputError
 from drivers.recording import (
@@ -23,6 +24,9 @@ from drivers.recording import (
     decode_color,
     decode_depth,
     decode_image,
+    reduce_to_8_bits,
+    stored_color,
+    stored_depth,
 )
 
 MAX_RECENT_MESSAGES = 16
@@ -53,19 +57,24 @@ def number_messages(messages: Iterable[Message]) -> Iterator[tuple[MessageKey, M
 
 
 class MessageCursor:
-    """Reads messages by key. Opens the file at the first read.
+    """Reads messages by key. Opens the bag at the first read.
 
     Args:
-        path: The file.
+        storage: The bag.
         topics: The topics to read.
     """
 
-    def __init__(self, path: Path, topics: Collection[str]) -> None:
-        self._path, self._topics = path, topics
+    def __init__(self, storage: BagStorage, topics: Collection[str]) -> None:
+        self._storage, self._topics = storage, topics
         self._bag: BagFile | None = None
         self._stream: Iterator[tuple[MessageKey, Message]] = iter(())
         self._position_ns = 0
         self._recent: OrderedDict[MessageKey, Message] = OrderedDict()
+
+    @property
+    def path(self) -> Path:
+        """The bag's file or folder."""
+        return self._storage.path
 
     def read(self, key: MessageKey) -> Any:
         """Read and decode a message.
@@ -74,7 +83,7 @@ class MessageCursor:
             UnreadableFrameError: It cannot be read, or no longer exists.
         """
         try:
-            self._bag = self._bag or open_bag_file(self._path)
+            self._bag = self._bag or open_bag_file(self._storage)
             if key not in self._recent:
                 self._advance(self._bag, key)
             return self._bag.decode(self._recent[key])
@@ -87,7 +96,7 @@ class MessageCursor:
         if not self._read_until(key):
             self._seek(bag, key.log_ns)
             if not self._read_until(key):
-                raise InputError(f"{self._path}: a message of {key.topic} is gone; reopen the file")
+                raise InputError(f"{self.path}: a message of {key.topic} is gone; reopen the file")
 
     def _seek(self, bag: BagFile, log_ns: int) -> None:
         self._recent.clear()
@@ -116,21 +125,34 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
 DEPTH_ENCODINGS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
-# Number of channels, and OpenCV's conversion to BGR. ROS names the first pixels of a Bayer pattern,
-# OpenCV those of the second row and column.
-COLOR_ENCODINGS: dict[str, tuple[int, int | None]] = {
-    "bgr8": (3, None),
-    "8UC3": (3, None),
-    "rgb8": (3, cv2.COLOR_RGB2BGR),
-    "mono8": (1, cv2.COLOR_GRAY2BGR),
-    "8UC1": (1, cv2.COLOR_GRAY2BGR),
-    "bgra8": (4, cv2.COLOR_BGRA2BGR),
-    "8UC4": (4, cv2.COLOR_BGRA2BGR),
-    "rgba8": (4, cv2.COLOR_RGBA2BGR),
-    "bayer_rggb8": (1, cv2.COLOR_BayerBG2BGR),
-    "bayer_bggr8": (1, cv2.COLOR_BayerRG2BGR),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2BGR),
-    "bayer_grbg8": (1, cv2.COLOR_BayerGB2BGR),
+Encoding = tuple[type[np.generic], int, int | None]
+_COLOR_8_BITS: dict[str, Encoding] = {
+    "bgr8": (np.uint8, 3, None),
+    "8UC3": (np.uint8, 3, None),
+    "rgb8": (np.uint8, 3, cv2.COLOR_RGB2BGR),
+    "mono8": (np.uint8, 1, cv2.COLOR_GRAY2BGR),
+    "8UC1": (np.uint8, 1, cv2.COLOR_GRAY2BGR),
+    "bgra8": (np.uint8, 4, cv2.COLOR_BGRA2BGR),
+    "8UC4": (np.uint8, 4, cv2.COLOR_BGRA2BGR),
+    "rgba8": (np.uint8, 4, cv2.COLOR_RGBA2BGR),
+    "bayer_rggb8": (np.uint8, 1, cv2.COLOR_BayerRGGB2BGR),
+    "bayer_bggr8": (np.uint8, 1, cv2.COLOR_BayerBGGR2BGR),
+    "bayer_gbrg8": (np.uint8, 1, cv2.COLOR_BayerGBRG2BGR),
+    "bayer_grbg8": (np.uint8, 1, cv2.COLOR_BayerGRBG2BGR),
+}
+# Type of a value, number of channels, and OpenCV's conversion to BGR. 16UC1 is depth.
+COLOR_ENCODINGS: dict[str, Encoding] = {
+    **_COLOR_8_BITS,
+    **{
+        name.replace("8", "16"): (np.uint16, channels, conversion)
+        for name, (_, channels, conversion) in _COLOR_8_BITS.items()
+        if name != "8UC1"
+    },
+    # ROS 1 and older ROS 2 have the names with 422.
+    "uyvy": (np.uint8, 2, cv2.COLOR_YUV2BGR_UYVY),
+    "yuv422": (np.uint8, 2, cv2.COLOR_YUV2BGR_UYVY),
+    "yuyv": (np.uint8, 2, cv2.COLOR_YUV2BGR_YUYV),
+    "yuv422_yuy2": (np.uint8, 2, cv2.COLOR_YUV2BGR_YUYV),
 }
 # compressed_depth_image_transport puts this before the image: a format, and two coefficients of
 # inverse depth, which only depth in meters uses.
@@ -161,8 +183,8 @@ class ImageMessage(RecordedImage):
 
     @property
     def name(self) -> str:
-        """File, topic and stamp."""
-        return f"{self.file}: {self.key.topic} at {self.stamp}"
+        """Bag, topic and stamp."""
+        return f"{self.cursor.path}: {self.key.topic} at {self.stamp}"
 
     def read_message(self) -> Any:
         """Read the message. Raises UnreadableFrameError."""
@@ -177,11 +199,11 @@ class ImageMessage(RecordedImage):
         return depth_from_message(self.read_message(), self.name, self.depth_factor)
 
     def read_stored_color(self) -> bytes | BgrImage:
-        """Read a compressed image as it is stored, and decode a raw one."""
+        """Read a PNG or JPEG as it is stored, and decode other images."""
         message = self.read_message()
         if hasattr(message, "encoding"):
             return color_from_message(message, self.name)
-        return bytes(message.data)
+        return stored_color(bytes(message.data), self.name)
 
     def read_stored_depth(self) -> bytes | DepthImage:
         """Read the PNG of compressed depth as it is stored, and decode other images."""
@@ -189,7 +211,8 @@ class ImageMessage(RecordedImage):
         if hasattr(message, "encoding") or is_depth_in_meters(message) or "rvl" in message.format:
             return depth_from_message(message, self.name, self.depth_factor)
         has_header = "compressedDepth" in message.format
-        return bytes(message.data)[COMPRESSED_DEPTH_HEADER.size if has_header else 0 :]
+        data = bytes(message.data)[COMPRESSED_DEPTH_HEADER.size if has_header else 0 :]
+        return stored_depth(data, self.name)
 
 
 def is_depth_in_meters(message: Any) -> bool:
@@ -212,11 +235,17 @@ def color_from_message(message: Any, name: str) -> BgrImage:
             f"{name}: encoding {message.encoding} is not color; use one of "
             f"{', '.join(COLOR_ENCODINGS)}"
         )
-    channels, conversion = COLOR_ENCODINGS[message.encoding]
-    image = _pixels(message, np.dtype(np.uint8), channels, name)
+    value_type, channels, conversion = COLOR_ENCODINGS[message.encoding]
+    image = reduce_to_8_bits(_pixels(message, np.dtype(value_type), channels, name))
     if conversion is None:
         return np.ascontiguousarray(image)
-    return cv2.cvtColor(image, conversion)  # type: ignore[return-value]
+    try:
+        return cv2.cvtColor(image, conversion)  # type: ignore[return-value]
+    except cv2.error as error:  # an odd width of YUV, or no whole cell of a Bayer pattern
+        raise UnreadableFrameError(
+            f"{name}: {message.width}x{message.height} pixels are no {message.encoding}; remove "
+            "the message"
+        ) from error
 
 
 def depth_from_message(message: Any, name: str, depth_factor: float) -> DepthImage:

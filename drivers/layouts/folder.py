@@ -79,8 +79,7 @@ def open_folder(folder: Path, camera_file: Path | None) -> Recording:
         depth_camera=depth_camera,
         summary=f"{folder}: layout of {layout.name}: {'; '.join(parts)}",
     )
-    check_frames(recording)
-    return recording
+    return check_frames(recording)
 
 
 def _check_not_above(folder: Path) -> None:

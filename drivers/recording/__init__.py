@@ -1,7 +1,5 @@
-"""Recordings of any format: their pairs of images, how images are decoded, and gravity."""
+"""Recordings of any format: their pairs of images, and gravity."""
 
-import struct
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,114 +15,33 @@ from drivers.calibration import CameraCalibration, DepthCameraCalibration
 from drivers.camera import MAX_ACCELEROMETER_READINGS, MAX_PAIR_SKEW_US, AccelerometerReading
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, Vector, is_gravity
+from drivers.recording.image_decoding import (
+    JPEG_START,
+    PNG_SIGNATURE,
+    BgrImage,
+    DepthImage,
+    UnreadableFrameError,
+    decode_color,
+    decode_depth,
+    decode_image,
+    reduce_to_8_bits,
+    stored_color,
+    stored_depth,
+)
 
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-JPEG_START = b"\xff\xd8"
-JPEG_END = b"\xff\xd9"
-JPEG_SCAN = 0xDA
-
-BgrImage = NDArray[np.uint8]
-DepthImage = NDArray[np.uint16]
-
-
-class UnreadableFrameError(Exception):
-    """An image of a frame is missing, broken or of the wrong kind: ``IMAGE: reason; action``."""
-
-
-def decode_color(data: bytes, name: str) -> BgrImage:
-    """Decode (height, width, 3) BGR uint8 from a PNG or JPEG.
-
-    Args:
-        data: The image file.
-        name: Its name in error messages.
-
-    Raises:
-        UnreadableFrameError: The image is incomplete or not a color image.
-    """
-    image = decode_image(data, name)
-    if image.dtype != np.uint8:
-        raise UnreadableFrameError(
-            f"{name}: color does not have 8 bits per channel; give the color image here "
-            "(in associations.txt color comes before depth)"
-        )
-    if image.ndim == 2:
-        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)  # type: ignore[return-value]
-    if image.shape[2] == 4:
-        return cv2.cvtColor(image, cv2.COLOR_BGRA2BGR)  # type: ignore[return-value]
-    return image
-
-
-def decode_depth(data: bytes, name: str) -> DepthImage:
-    """Decode (height, width) uint16 from a PNG; arguments and errors as `decode_color`."""
-    image = decode_image(data, name)
-    if image.ndim != 2 or image.dtype != np.uint16:
-        raise UnreadableFrameError(
-            f"{name}: depth has {image.dtype.itemsize * 8} bits and "
-            f"{1 if image.ndim == 2 else image.shape[2]} channel(s), where 16 bits and 1 channel "
-            "are needed; export the sensor's raw depth, not a visualization"
-        )
-    return image
-
-
-def decode_image(data: bytes, name: str) -> NDArray[Any]:
-    """Decode a PNG or JPEG as it is stored, channels in BGR order; errors as `decode_color`."""
-    fault = _find_fault(data)
-    if fault:
-        raise UnreadableFrameError(f"{name}: {fault}; restore it or remove it from the list")
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise UnreadableFrameError(f"{name}: cannot be decoded: {error.err}; replace it") from error
-    if image is None:
-        raise UnreadableFrameError(f"{name}: cannot be decoded; replace it")
-    return image
-
-
-def _find_fault(data: bytes) -> str:
-    """Return why an image file is incomplete; "" if it is complete.
-
-    OpenCV would fill missing parts with gray, or print to standard error.
-    """
-    if not data:
-        return "is empty (0 bytes)"
-    if data.startswith(PNG_SIGNATURE):
-        return _find_png_fault(data)
-    if data.startswith(JPEG_START):
-        return _find_jpeg_fault(data)
-    return "is not an image (neither PNG nor JPEG)"
-
-
-def _find_png_fault(data: bytes) -> str:
-    """Check the chunks (length, type, data, CRC) up to IEND: PNG specification, section 5."""
-    position = len(PNG_SIGNATURE)
-    while position + 12 <= len(data):
-        (length,) = struct.unpack_from(">I", data, position)
-        end = position + 12 + length
-        if end > len(data):
-            break
-        (crc,) = struct.unpack_from(">I", data, end - 4)
-        if zlib.crc32(memoryview(data)[position + 4 : end - 4]) != crc:
-            return "is damaged (a checksum of the PNG does not match)"
-        if data[position + 4 : position + 8] == b"IEND":
-            return ""
-        position = end
-    return f"is truncated (the PNG ends after {len(data)} bytes)"
-
-
-def _find_jpeg_fault(data: bytes) -> str:
-    """Check the segments up to the scan, then search the end marker: ITU-T T.81, annex B.
-
-    In a scan 0xFF is always escaped, so an end marker there is not that of an embedded preview.
-    """
-    position = len(JPEG_START)
-    while position + 4 <= len(data) and data[position] == 0xFF:
-        if data[position + 1] == JPEG_SCAN:
-            is_complete = data.find(JPEG_END, position) >= 0
-            return "" if is_complete else f"is truncated (the JPEG ends after {len(data)} bytes)"
-        (length,) = struct.unpack_from(">H", data, position + 2)
-        position += 2 + length
-    return "is truncated or damaged (the JPEG contains no image)"
-
+__all__ = [  # from `image_decoding`
+    "JPEG_START",
+    "PNG_SIGNATURE",
+    "BgrImage",
+    "DepthImage",
+    "UnreadableFrameError",
+    "decode_color",
+    "decode_depth",
+    "decode_image",
+    "reduce_to_8_bits",
+    "stored_color",
+    "stored_depth",
+]
 
 # Stamps are kept as decimals: 17 digits of seconds do not fit a float, and differences are exact.
 # The precision holds the sum of any two printed floats.
@@ -174,11 +90,11 @@ class RecordedImage(ABC):
 
     @abstractmethod
     def read_stored_color(self) -> bytes | BgrImage:
-        """Read the PNG or JPEG as it is stored; raw images as `read_color`."""
+        """Read a PNG or JPEG as it is stored; other images as `read_color`."""
 
     @abstractmethod
     def read_stored_depth(self) -> bytes | DepthImage:
-        """Read the PNG as it is stored; other images as `read_depth`."""
+        """Read a PNG as it is stored; other images as `read_depth`."""
 
 
 @dataclass(frozen=True)
@@ -360,6 +276,7 @@ class Recording:
         accelerometer: Readings of the accelerometer.
         gravity: Smoothed gravity with each frame, if it is recorded beside the readings.
         depth_camera: The depth camera, if depth is not registered to color.
+        depth_enlargement: N if each pixel of registered depth covers N x N of color.
         summary: What was found in a file that does not say which images to use; "" if it is clear.
         warning: What is wrong with its clock; "" if nothing is.
         topics: The topics of a bag; None for a folder.
@@ -373,6 +290,7 @@ class Recording:
     accelerometer: AccelerometerSeries
     gravity: AccelerometerSeries | None = None
     depth_camera: DepthCameraCalibration | None = None
+    depth_enlargement: int = 1
     summary: str = ""
     warning: str = ""
     topics: BagTopicsInUse | None = None
@@ -395,5 +313,7 @@ class Recording:
     @property
     def depth_size(self) -> ImageSize:
         """(width, height) of the depth images."""
-        depth = self.depth_camera
-        return self.image_size if depth is None else (depth.width, depth.height)
+        if self.depth_camera is not None:
+            return self.depth_camera.width, self.depth_camera.height
+        width, height = self.image_size
+        return width // self.depth_enlargement, height // self.depth_enlargement

@@ -29,7 +29,10 @@ from drivers.recording import (
     decode_color,
     decode_depth,
     pair_images,
+    stored_color,
+    stored_depth,
 )
+from drivers.recording.small_depth import check_first_frame
 from drivers.tum.ground_truth import read_ground_truth
 
 _MAX_STAMP_S = Decimal(10**11)
@@ -41,20 +44,20 @@ class ListedImage(RecordedImage):
     """One image file of a list; its location is LIST:LINE."""
 
     def read_color(self) -> BgrImage:
-        """Read the file; it must be a complete PNG or JPEG."""
+        """Read the file, see `decode_color`."""
         return decode_color(self._read_bytes(), self.name)
 
     def read_depth(self) -> DepthImage:
-        """Read the file; it must be a complete PNG with 16 bits."""
+        """Read the file, see `decode_depth`."""
         return decode_depth(self._read_bytes(), self.name)
 
-    def read_stored_color(self) -> bytes:
-        """Read the file's bytes."""
-        return self._read_bytes()
+    def read_stored_color(self) -> bytes | BgrImage:
+        """Read the bytes of a PNG or JPEG, and decode others."""
+        return stored_color(self._read_bytes(), self.name)
 
-    def read_stored_depth(self) -> bytes:
-        """Read the file's bytes."""
-        return self._read_bytes()
+    def read_stored_depth(self) -> bytes | DepthImage:
+        """Read the bytes of a PNG, and decode others."""
+        return stored_depth(self._read_bytes(), self.name)
 
     def _read_bytes(self) -> bytes:
         try:
@@ -234,12 +237,11 @@ def open_tum_folder(folder: Path, camera_file: Path | None) -> Recording:
     camera = find_calibration(folder, camera_file)
     truth, note = read_ground_truth(folder, frames.stamps_s)
     recording = Recording(folder, frames, camera, truth, read_accelerometer(folder), summary=note)
-    check_frames(recording)
-    return recording
+    return check_frames(recording)
 
 
-def check_frames(recording: Recording) -> None:
-    """Load the first frame, and check that most files of the others exist.
+def check_frames(recording: Recording) -> Recording:
+    """Load the first frame, see `check_first_frame`, and check that most other files exist.
 
     Raises:
         InputError: They do not, or the first frame does not fit the camera.
@@ -247,7 +249,7 @@ def check_frames(recording: Recording) -> None:
     pairs = recording.frames.pairs
     _check_files(pairs)
     try:
-        pairs[0].load(recording.image_size, recording.depth_size)
+        return check_first_frame(recording)
     except UnreadableFrameError as error:
         raise InputError(f"{error} (the first frame, {pairs[0].color.location})") from error
 

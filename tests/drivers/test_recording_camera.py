@@ -119,6 +119,18 @@ def test_one_bad_frame_is_skipped_counted_and_reported_once(
     assert str(bad) in caplog.text
 
 
+def test_registered_depth_of_half_the_size_is_enlarged(make_folder: FolderMaker) -> None:
+    folder = make_folder()
+    small = np.arange(1000, 1000 + 24 * 32, dtype=np.uint16).reshape(24, 32)
+    for number in range(5):
+        cv2.imwrite(str(image(folder, "depth", number)), small)
+    with RecordingCamera(folder) as camera:
+        depth = camera.read(10).depth_raw
+        note = camera.recording.summary
+    np.testing.assert_array_equal(depth, small.repeat(2, axis=0).repeat(2, axis=1))
+    assert note == f"{folder}: depth of 32x24 is enlarged to 64x48"
+
+
 def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> None:
     with RecordingCamera(
         make_folder(count=6, period_s=0.05), playback_mode=PlaybackMode.REALTIME

@@ -21,8 +21,9 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import Trajectory
+from drivers.recording.bag_names import is_bag_file
 from drivers.recording.frames import ColorFormat
-from drivers.recording_camera import BAG_SUFFIXES, check_bag_packages
+from drivers.recording_camera import check_bag_packages
 from drivers.synthetic import SyntheticConfig
 from drivers.tum.writer import TumWriter
 from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics
@@ -132,7 +133,7 @@ def _check_output(args: argparse.Namespace) -> None:
         check_bag_packages(args.output)
         if args.jpeg and args.raw:
             raise InputError("--jpeg and --raw contradict each other; leave one of the two out")
-    elif suffix in BAG_SUFFIXES:
+    elif is_bag_file(args.output.name):
         raise InputError(
             f"{args.output}: bags are not recorded live; record an .mcap and use `kinect-vo "
             "convert`"

@@ -12,7 +12,8 @@ from vo_service.cli.options import requested_topics
 from vo_service.terminal import announce, announce_if_slow
 
 RECORDING_HELP = (
-    "the recording: a folder in TUM format or another benchmark's layout, an MCAP file or a ROS bag"
+    "the recording: a folder in TUM format or another benchmark's layout, an MCAP file or a ROS "
+    "bag; of a split bag its folder, or its files joined by commas"
 )
 
 

@@ -199,8 +199,8 @@ def _remove(path: Path) -> None:
 
 
 def _read_frames(recording: Recording) -> tuple[CameraCalibration, Iterator[StoredFrame]]:
-    """Return the camera and the frames; depth that is not registered gets registered."""
-    if recording.depth_camera is None:
+    """Return the camera and the frames, with depth as each frame has it."""
+    if recording.depth_camera is None and recording.depth_enlargement == 1:
         return recording.calibration, _stored_frames(recording)
     first = FrameReader(recording).read(recording.frames.pairs[0], 0)
     return calibration_of_frame(first), _registered_frames(recording)
@@ -325,10 +325,12 @@ def _copied_messages(
 ) -> Iterator[Iterator[_Event]]:
     """Yield the messages of a bag that are not of its frames; then name those without a place."""
     from drivers.bag.bag_file import open_bag_file
+    from drivers.bag.bag_storage import BagStorage
     from drivers.bag.bag_writer import FRAME_TOPICS
     from drivers.bag.message_copy import MessageCopier
 
-    with open_bag_file(recording.path) as source:
+    storage = BagStorage(recording.path)
+    with open_bag_file(storage) as source:
         copier = MessageCopier(source, bag)
         others = set(source.types) - in_use.frames
         copies = copier.copies(sorted(others - FRAME_TOPICS))
@@ -342,8 +344,10 @@ def _name_left_out(recording: Recording, folder: Path) -> None:
     if recording.topics is None:
         return
     from drivers.bag.bag_file import open_bag_file
+    from drivers.bag.bag_storage import BagStorage
 
-    with open_bag_file(recording.path) as source:
+    storage = BagStorage(recording.path)
+    with open_bag_file(storage) as source:
         others = set(source.types) - recording.topics.frames - recording.topics.series
     _log_left_out(recording.path, others, "a folder has no place for them")
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.rosbag1 import Writer as Ros1Writer
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from drivers.bag.bag_file import ros1_typestore, ros2_typestore
@@ -120,7 +120,9 @@ class BagWriter:
 
 
 @contextmanager
-def open_writer(path: Path, kind: str = "bag") -> Iterator[BagWriter]:
+def open_writer(
+    path: Path, kind: str = "bag", compression: CompressionMode = CompressionMode.NONE
+) -> Iterator[BagWriter]:
     """Open a writer: "bag" (ROS 1, bz2), "sqlite3" or "mcap" (both ROS 2)."""
     if kind == "bag":
         ros1 = Ros1Writer(path)
@@ -129,7 +131,9 @@ def open_writer(path: Path, kind: str = "bag") -> Iterator[BagWriter]:
             yield BagWriter(ros1, MessageMaker(is_ros1=True))
     else:
         plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-        with Ros2Writer(path, version=9, storage_plugin=plugin) as ros2:
+        ros2 = Ros2Writer(path, version=9, storage_plugin=plugin)
+        ros2.set_compression(compression, CompressionFormat.ZSTD)
+        with ros2:
             yield BagWriter(ros2, MessageMaker(is_ros1=False))
 
 

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.recording import PNG_SIGNATURE, FramePair, UnreadableFrameError
+from drivers.recording import (
+    PNG_SIGNATURE,
+    FramePair,
+    UnreadableFrameError,
+    stored_color,
+    stored_depth,
+)
 from drivers.tum import ListedImage
 
 SIZE = (64, 48)
@@ -56,6 +62,45 @@ def test_gray_and_transparent_color_become_three_channels(load: Load) -> None:
     np.testing.assert_array_equal(load(encoded(transparent), encoded(DEPTH))[0], COLOR)
 
 
+@pytest.mark.parametrize("kind", [".bmp", ".tiff", ".webp", ".ppm"])
+def test_other_lossless_formats_of_color_are_read(load: Load, kind: str) -> None:
+    options = [cv2.IMWRITE_WEBP_QUALITY, 101] if kind == ".webp" else []  # above 100: lossless
+    data = cv2.imencode(kind, COLOR, options)[1].tobytes()
+    np.testing.assert_array_equal(load(data, encoded(DEPTH))[0], COLOR)
+
+
+@pytest.mark.parametrize("kind", [".tiff", ".pgm"])
+def test_other_formats_of_depth_are_read(load: Load, kind: str) -> None:
+    np.testing.assert_array_equal(load(encoded(COLOR), encoded(DEPTH, kind))[1], DEPTH)
+
+
+def test_a_gray_pgm_and_color_of_16_bits_are_read(load: Load) -> None:
+    pgm = b"P5\n# 64x48\n64 48\n255\n" + COLOR[..., 0].tobytes()
+    np.testing.assert_array_equal(load(pgm, encoded(DEPTH))[0], COLOR[..., :1].repeat(3, axis=2))
+    for kind in (".png", ".tiff"):
+        data = encoded(COLOR.astype(np.uint16) * 257, kind)
+        np.testing.assert_array_equal(load(data, encoded(DEPTH))[0], COLOR)
+
+
+def test_a_conversion_keeps_png_and_jpeg_and_decodes_others() -> None:
+    for kind in (".png", ".jpg"):
+        assert stored_color(encoded(COLOR, kind), "c") == encoded(COLOR, kind)
+    np.testing.assert_array_equal(stored_color(encoded(COLOR, ".bmp"), "c"), COLOR)
+    assert stored_depth(encoded(DEPTH), "d") == encoded(DEPTH)
+    np.testing.assert_array_equal(stored_depth(encoded(DEPTH, ".tiff"), "d"), DEPTH)
+
+
+@pytest.mark.parametrize("kind", [".bmp", ".tiff", ".webp", ".pgm"])
+def test_other_formats_are_refused_quietly_if_truncated(
+    load: Load, kind: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    data = encoded(COLOR[..., 0] if kind == ".pgm" else COLOR, kind)
+    for length in (20, 60, len(data) // 2, len(data) - 40):
+        with pytest.raises(UnreadableFrameError, match="OpenCV cannot decode this"):
+            load(data[:length], encoded(DEPTH))
+    assert capfd.readouterr().err == ""
+
+
 def test_a_truncated_file_is_rejected(load: Load, capfd: pytest.CaptureFixture[str]) -> None:
     png, jpeg, depth = encoded(COLOR), encoded(COLOR, ".jpg"), encoded(DEPTH)
     for data in (png, jpeg):
@@ -91,7 +136,9 @@ def test_a_jpeg_with_an_embedded_preview_is_checked_by_its_main_image(load: Load
     [
         (b"", "is empty"),
         (b"not an image at all", "is not an image"),
-        (b"GIF89a" + bytes(100), "is not an image"),
+        (b"GIF89a" + bytes(100), "OpenCV cannot decode this GIF file; .* convert it to PNG"),
+        (b"P7\nWIDTH 9\n", "OpenCV cannot decode this PGM or PPM file"),
+        (b"v/1\x01" + bytes(100), "OpenCV cannot decode this OpenEXR file"),
         (b"\xff\xd8\xff\xd9", "contains no image"),
     ],
 )
@@ -115,7 +162,7 @@ def test_depth_must_be_16_bit_and_one_channel(load: Load, image: NDArray[np.uint
 
 
 def test_depth_in_the_place_of_color_is_refused(load: Load) -> None:
-    with pytest.raises(UnreadableFrameError, match="color does not have 8 bits per channel"):
+    with pytest.raises(UnreadableFrameError, match="color has 16 bits and 1 channel"):
         load(encoded(DEPTH), encoded(COLOR))
 
 

@@ -9,15 +9,25 @@ import pytest
 from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.bag_file import open_bag_file
+from drivers.bag.bag_storage import BagStorage
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingCamera, open_recording
-from tests.drivers.bag.bag_maker import FRAME, IMAGE, TF, BagWriter, color_image, stamp_ns
+from tests.drivers.bag.bag_maker import (
+    FRAME,
+    IMAGE,
+    TF,
+    BagWriter,
+    color_image,
+    depth_mm,
+    stamp_ns,
+)
 from tests.drivers.bag.test_bag import (
     COLOR_TOPIC,
     DEPTH_TOPIC,
     make_bag,
+    write_color,
     write_frame,
     write_stamped,
     write_unregistered,
@@ -147,6 +157,25 @@ def test_depth_of_another_camera_is_registered(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ours[0].depth_raw, theirs[0].depth_raw)
 
 
+@pytest.mark.parametrize(("name", "kind"), [*OUTPUTS, ("folder", OutputFormat.FOLDER)])
+def test_registered_depth_of_half_the_size_is_written_enlarged(
+    tmp_path: Path, name: str, kind: OutputFormat
+) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        write_color(bag, k)
+        small = bag.maker.image(stamp_ns(k), depth_mm(k)[::2, ::2], "16UC1")
+        bag.write(DEPTH_TOPIC, IMAGE, stamp_ns(k), small)
+
+    path = make_bag(tmp_path / "half", fill)
+    convert_path(path, tmp_path / name, kind)
+    recording = open_recording(tmp_path / name)
+    assert recording.depth_enlargement == 1
+    recording.close()
+    for ours, theirs in zip(read_frames(tmp_path / name), read_frames(path), strict=True):
+        np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
+        np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
+
+
 def test_an_image_that_cannot_be_read_is_left_out_and_logged(
     copy_recording: CopyRecording, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -249,7 +278,7 @@ def write_with_poses(bag: BagWriter, k: int) -> None:
 
 
 def encoded_messages(path: Path) -> list[tuple[str, int, bytes]]:
-    with open_bag_file(path) as bag:
+    with open_bag_file(BagStorage(path)) as bag:
         return sorted((m.topic, m.log_ns, m.data) for m in bag.messages(bag.types))
 
 
@@ -275,7 +304,7 @@ def test_a_transform_of_old_ros_has_the_new_type_in_ros_2(tmp_path: Path) -> Non
         bag.transforms("/tf", stamp_ns(k), "tf/msg/tfMessage", fixed)
 
     convert_path(make_bag(tmp_path / "old.bag", fill, "bag"), tmp_path / "a.mcap")
-    with open_bag_file(tmp_path / "a.mcap") as bag:
+    with open_bag_file(BagStorage(tmp_path / "a.mcap")) as bag:
         assert bag.types["/tf"] == TF
     truth = open_recording(tmp_path / "a.mcap").ground_truth
     assert truth is not None
@@ -302,7 +331,7 @@ def test_the_images_of_another_camera_come_along_and_do_not_confuse(tmp_path: Pa
     recording = open_recording(path, topics=(COLOR_TOPIC, DEPTH_TOPIC))
     convert(recording, tmp_path / "a.mcap", OutputFormat.MCAP, ignore_progress)
     np.testing.assert_array_equal(read_frames(tmp_path / "a.mcap")[3].color_bgr, color_image(3))
-    with open_bag_file(tmp_path / "a.mcap") as bag:
+    with open_bag_file(BagStorage(tmp_path / "a.mcap")) as bag:
         assert "/other/color/image_raw" in bag.types
 
 
@@ -316,7 +345,7 @@ def test_a_message_that_is_not_of_its_type_is_left_out_and_named(
 
     convert_path(make_bag(tmp_path / "robot", fill), tmp_path / "a.bag")
     assert "left out, because the output has no place for them: /pose\n" in caplog.text
-    with open_bag_file(tmp_path / "a.bag") as bag:
+    with open_bag_file(BagStorage(tmp_path / "a.bag")) as bag:
         assert sum(1 for _ in bag.messages(["/pose"])) == 4
 
 

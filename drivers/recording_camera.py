@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from enum import StrEnum
 from itertools import pairwise
@@ -51,7 +52,9 @@ def recording_format(path: Path) -> RecordingFormat:
         return RecordingFormat.BAG if is_bag_file(path.name) else RecordingFormat.TUM
     if (path / "metadata.yaml").exists():
         return RecordingFormat.BAG
-    names = {each.name for each in path.iterdir()}
+    names = set[str]()
+    with suppress(PermissionError):  # which opening reports
+        names = {each.name for each in path.iterdir()}
     # A ROS 2 bag that was cut off has no metadata; a TUM folder may have a bag beside its lists.
     is_tum = not names.isdisjoint(("rgb.txt", "associations.txt"))
     return (

@@ -12,6 +12,7 @@ from rosbags.rosbag2 import CompressionMode
 from drivers.recording_camera import RecordingCamera, open_recording
 from tests.drivers.bag.bag_maker import color_image, depth_mm, open_writer, stamp_ns
 from tests.drivers.bag.test_bag import complaint, make_bag, write_frame
+from tests.full_disk import limit_file_size
 
 ROS2_KINDS = ("sqlite3", "mcap")
 ENDINGS = {"bag": ".bag", "sqlite3": ".db3", "mcap": ".mcap"}
@@ -88,6 +89,21 @@ def test_a_compressed_file_that_is_cut_off_is_refused(tmp_path: Path) -> None:
     message = complaint(file)
     assert message.startswith("BAG: cannot be decompressed: ")
     assert message.endswith("; copy it again")
+
+
+def test_a_full_disk_for_decompressed_files_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_compressed(tmp_path / "a", "mcap", CompressionMode.FILE)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with limit_file_size(10_000):
+        message = complaint(folder)
+    assert message == (
+        f"BAG/a.mcap.zstd: {tmp_path} has no room for it without compression; set TMPDIR to a "
+        "folder that has"
+    )
+    gc.collect()
+    assert not list(tmp_path.glob("kinect-vo-bag-*"))
 
 
 def test_a_bag_that_was_decompressed_by_hand_is_read(tmp_path: Path) -> None:

@@ -1,3 +1,4 @@
+import errno
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -67,6 +68,16 @@ def test_an_invalid_folder_is_rejected(tmp_path: Path) -> None:
     assert complaint(tmp_path) == ("DIR: the folder is empty; name one with rgb.txt and depth.txt")
     (tmp_path / "archive.tgz").write_bytes(b"")
     assert "unpack an archive and name its folder" in complaint(tmp_path / "archive.tgz")
+
+
+def test_a_folder_without_permission_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", refuse)  # root may read every folder
+    assert complaint(tmp_path) == "DIR: cannot be read: Permission denied"
 
 
 @pytest.mark.parametrize("name", ["rgb.txt", "depth.txt"])

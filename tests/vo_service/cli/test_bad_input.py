@@ -91,7 +91,7 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
         "depth/0.000000.png: depth has 8 bits and 1 channel(s), where 16 bits",
     ),
     "sizes differ": (
-        lambda f: write_image(f, "depth", (120, 160), np.uint16),
+        lambda f: write_image(f, "depth", (120, 320), np.uint16),
         "color is 320x240 but depth",
     ),
     "another camera": (

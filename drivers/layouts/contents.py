@@ -53,7 +53,7 @@ class NumberedImage(ListedImage):
         depth = super().read_depth()
         return np.where(depth == NO_READING, np.uint16(0), depth)
 
-    def read_stored_depth(self) -> bytes | DepthImage:  # type: ignore[override]
+    def read_stored_depth(self) -> bytes | DepthImage:
         """Read the file's bytes, or the depth if values have to be removed."""
         depth = super().read_depth()
         return self.read_depth() if depth.max() == NO_READING else super().read_stored_depth()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import CompressionMode
 from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.bag_file import open_bag_file
@@ -21,6 +22,7 @@ from tests.drivers.bag.bag_maker import (
     BagWriter,
     color_image,
     depth_mm,
+    open_writer,
     stamp_ns,
 )
 from tests.drivers.bag.test_bag import (
@@ -295,6 +297,17 @@ def test_poses_and_types_of_others_are_the_same_after_there_and_back(
     originals = [m for m in encoded_messages(tmp_path / "robot") if not m[0].startswith("/camera")]
     assert {topic for topic, *_ in originals} == {"/tf", "/tf_static", "/pose", "/level"}
     assert [m for m in messages if m in originals] == originals
+
+
+def test_the_messages_of_a_compressed_bag_are_written_plain(tmp_path: Path) -> None:
+    make_bag(tmp_path / "plain", write_with_poses, "sqlite3")
+    with open_writer(tmp_path / "small", "sqlite3", CompressionMode.MESSAGE) as bag:
+        for k in range(4):
+            write_with_poses(bag, k)
+    for name in ("plain", "small"):
+        convert_path(tmp_path / name, tmp_path / f"{name}.mcap")
+    plain, small = ((tmp_path / f"{name}.mcap").read_bytes() for name in ("plain", "small"))
+    assert small == plain
 
 
 def test_a_transform_of_old_ros_has_the_new_type_in_ros_2(tmp_path: Path) -> None:

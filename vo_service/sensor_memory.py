@@ -12,8 +12,9 @@ from urllib.parse import quote
 from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
 from drivers.core import InputError, UserFacingError
 from drivers.core.config import SCHEMA_VERSION, Field, read_toml
-from drivers.core.files import atomic_write, describe_write_error, state_folder
+from drivers.core.files import atomic_write, state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
+from drivers.core.write_errors import WriteError, writing
 from vo_service.odometry import FIXED_TIMING_MODE
 from vo_service.types import LEARNED_TIMING, OdometryUpdate
 from vo_service.types.outputs import NullSensorMemory, OutputBase, SensorMemory
@@ -187,7 +188,7 @@ def read_remembered_sensor(folder: Path, serial: str) -> RememberedSensor | None
 
 
 def write_remembered_sensor(folder: Path, sensor: RememberedSensor) -> None:
-    """Write what was learned of a sensor. Raises OSError; an existing file is then unchanged."""
+    """Write what was learned of a sensor. Raises WriteError; an existing file is then unchanged."""
     lines = [
         "# Written by kinect-vo run: what was learned of a sensor. To forget it, stop the service",
         "# and delete this file.",
@@ -198,8 +199,10 @@ def write_remembered_sensor(folder: Path, sensor: RememberedSensor) -> None:
     if sensor.focal_length is not None:
         lines += ["", "[focal_length]", *_format_numbers(sensor.focal_length)]
     text = "\n".join((*lines, ""))
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    atomic_write(sensor_file(folder, sensor.serial), text.encode())
+    path = sensor_file(folder, sensor.serial)
+    with writing(path):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        atomic_write(path, text.encode())
 
 
 def _format_numbers(table: RememberedSensor | RememberedFocalLength) -> list[str]:
@@ -307,11 +310,8 @@ class SensorFiles(OutputBase):
         """Body of the writer's thread for one save."""
         try:
             write_remembered_sensor(self._folder, sensor)
-        except OSError as error:
-            path = sensor_file(self._folder, sensor.serial)
-            self.warning = (
-                f"{path}: {describe_write_error(error)}; what is learned is lost at the end"
-            )
+        except WriteError as error:
+            self.warning = f"{error} (what is learned is lost at the end)"
             if not self._has_failed:
                 logger.warning("%s", self.warning)
             self._has_failed = True

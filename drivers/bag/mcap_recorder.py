@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from decimal import Decimal
 from functools import partial
 from io import FileIO
@@ -14,9 +15,15 @@ from typing import IO, Any, Self, cast
 from drivers.bag.bag_writer import MILLIMETER_DEPTH_FACTOR, EncodedMessage, FrameWriter, McapWriter
 from drivers.calibration import CameraCalibration
 from drivers.camera import NewReadings, RgbdFrame
-from drivers.core import InputError, UserFacingError
-from drivers.core.files import free_disk_bytes, is_disk_full
+from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
+from drivers.core.write_errors import (
+    WriteError,
+    check_disk_space,
+    check_in_place,
+    creating,
+    writing,
+)
 from drivers.recording import BgrImage, DepthImage
 from drivers.recording.frames import (
     EARLIEST_STAMPS,
@@ -41,6 +48,7 @@ _Images = tuple[bytes | BgrImage, bytes | DepthImage]
 class McapRecorder:
     """Writes frames, gravity and the ground truth as ROS messages, see `FrameWriter`.
 
+    If the disk fails, the file ends with its last whole part; one without a frame is removed.
     Images are encoded on threads and written in order on another, so that a slow disk does not
     hold up the camera. Everything older than `FLUSH_PERIOD_S` outlives the process. A frame whose
     stamp is not after the previous one, to the microsecond, is skipped, counted and logged.
@@ -53,7 +61,8 @@ class McapRecorder:
         min_free_bytes: Left free on the disk.
 
     Raises:
-        InputError: The file exists or cannot be created.
+        InputError: The file exists, or no file can have this name.
+        WriteError: It cannot be written.
     """
 
     def __init__(
@@ -68,8 +77,11 @@ class McapRecorder:
         self.written = self.skipped = 0
         self.ground_truth, self._is_raw = ground_truth, is_raw
         self._min_free_bytes = min_free_bytes
-        self._file = _create(path)
-        self._mcap = McapWriter(cast(IO[bytes], _UnbufferedStream(self._file)))
+        with creating(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            check_disk_space(path.parent, min_free_bytes)
+            self._file = path.open("xb", buffering=0)
+        self._mcap = self._start()
         self._frame_writer: FrameWriter | None = None
         self._calibration: CameraCalibration | None = None
         self._last_stamps = EARLIEST_STAMPS
@@ -85,8 +97,8 @@ class McapRecorder:
         """Add a frame and messages about it; it may reach the disk up to a second later.
 
         Raises:
-            UserFacingError: Writing fails (earlier frames remain), or the camera differs from that
-                of the first frame.
+            WriteError: Writing fails; earlier frames remain.
+            UserFacingError: The camera differs from that of the first frame.
         """
         self._raise_failure()
         stamps = FrameStamps.from_frame(frame)
@@ -124,6 +136,8 @@ class McapRecorder:
                 self._pending.popleft().result()
             self._complete()
         finally:
+            if not self.written:
+                self._remove()
             self._file.close()
 
     def __enter__(self) -> Self:
@@ -174,9 +188,24 @@ class McapRecorder:
                 self._flush()
         except OSError as error:
             self._set_failure(error)
-            self._cut_to_last_flush()
         except UserFacingError as error:
             self._failure = error
+
+    def _start(self) -> McapWriter:
+        """Write the start of the file. Raises WriteError; then no file is left."""
+        try:
+            with writing(self.path):
+                return McapWriter(cast(IO[bytes], _UnbufferedStream(self._file)))
+        except WriteError:
+            self._remove()
+            self._file.close()
+            raise
+
+    def _remove(self) -> None:
+        """Remove the file, unless another one has its name by now."""
+        with suppress(OSError):
+            check_in_place(self._file.fileno(), self.path)
+            self.path.unlink()
 
     def _begin(self, calibration: CameraCalibration, stamps: FrameStamps) -> FrameWriter:
         """Write what belongs to the whole recording."""
@@ -189,39 +218,28 @@ class McapRecorder:
         return writer
 
     def _flush(self) -> None:
-        """Hand the messages to the system; raise UserFacingError if the disk is nearly full."""
+        """Hand the messages to the system; raise OSError if the disk is nearly full."""
         self._mcap.flush()
+        check_in_place(self._file.fileno(), self.path)
         self._flushed_bytes, self._flushed_frames = self._file.tell(), self.written
         self._flushed_s = time.monotonic()
-        if free_disk_bytes(self.path.parent) < self._min_free_bytes:
-            size = f"{self._min_free_bytes / 1e9:g} GB"
-            raise self._full_error(f"less than {size} are left on the disk")
+        check_disk_space(self.path.parent, self._min_free_bytes)
 
     def _complete(self) -> None:
         """Write the end of the file, which is already cut if the disk was full."""
-        if not isinstance(getattr(self._failure, "__cause__", None), OSError):
+        if not isinstance(self._failure, WriteError):
             try:
                 self._mcap.close()
+                check_in_place(self._file.fileno(), self.path)
             except OSError as error:
                 self._set_failure(error)
-                self._cut_to_last_flush()
                 self._raise_failure()
 
     def _set_failure(self, error: OSError) -> None:
-        if is_disk_full(error):
-            self._failure = self._full_error("the disk is full")
-        else:
-            self._failure = UserFacingError(
-                f"{self.path}: cannot be written: {error.strerror}; the frames recorded so far can "
-                "be replayed; check the disk and record into a new file"
-            )
-        self._failure.__cause__ = error
-
-    def _full_error(self, what: str) -> UserFacingError:
-        return UserFacingError(
-            f"{self.path}: {what}; the frames recorded so far can be replayed; free some space and "
-            "record into a new file"
-        )
+        self._cut_to_last_flush()
+        has_frames = self.written and self.path.exists()
+        remark = "the frames recorded so far can be replayed" if has_frames else ""
+        self._failure = WriteError.of(self.path, error, remark)
 
     def _cut_to_last_flush(self) -> None:
         """Remove the incomplete chunk: the file is then read up to its last whole one."""
@@ -245,18 +263,6 @@ class _UnbufferedStream:
         while written < len(view):
             written += self._file.write(view[written:])
         return written
-
-
-def _create(path: Path) -> FileIO:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("xb", buffering=0)
-    except FileExistsError as error:
-        raise InputError(f"{path}: exists already; name a new file") from error
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written: {error.strerror}; name a file that you may write"
-        ) from error
 
 
 def _encode(frame: RgbdFrame, is_raw: bool) -> _Images:

@@ -1,6 +1,5 @@
-"""Files and folders: where they belong, atomic writes, append-only files, rotation, disk space."""
+"""Files and folders: where they belong, atomic writes, append-only files, rotation."""
 
-import errno
 import fcntl
 import hashlib
 import os
@@ -14,7 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from drivers.core import InputError, UserFacingError
+from drivers.core import UserFacingError
+from drivers.core.write_errors import check_in_place, writing
 
 MEGABYTE = 1_000_000
 SOURCE_PACKAGES = ("drivers", "vo_service")
@@ -79,20 +79,6 @@ def state_folder() -> Path:
         "no folder is writable for incidents and recordings; set XDG_STATE_HOME to a writable "
         "folder"
     )
-
-
-def create_output_folder(folder: Path) -> None:
-    """Create the folder of --output if it does not exist.
-
-    Raises:
-        InputError: If it cannot be created.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be created: {error.strerror}; name another with --output"
-        ) from error
 
 
 def kernel_folder() -> Path:
@@ -174,12 +160,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
     empty, unless the block flushes them.
 
     Raises:
-        OSError: The file cannot be renamed.
+        WriteError: The block or the renaming raises an OSError.
     """
     part = path.with_name(f".{path.name}{PARTIAL_SUFFIX}")
     try:
-        yield part
-        part.replace(path)
+        with writing(path):
+            yield part
+            part.replace(path)
     except BaseException:
         with suppress(OSError):
             part.unlink(missing_ok=True)
@@ -187,7 +174,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 def atomic_write(path: Path, data: bytes) -> None:
-    """Write a whole file; see `atomic_file`. Raises OSError."""
+    """Write a whole file; see `atomic_file`. Raises WriteError."""
     with atomic_file(path) as part:
         part.write_bytes(data)
 
@@ -199,17 +186,23 @@ class AppendOnlyFile:
         """Create the file with `header` as a comment in its first line.
 
         Raises:
-            OSError: If that fails.
+            OSError: If that fails; no file is left.
         """
         self.path = path
         self._size = 0
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
-        self.append(f"# {header}")
+        try:
+            self.append(f"# {header}")
+        except OSError:
+            self.close()
+            path.unlink(missing_ok=True)
+            raise
 
     def append(self, line: str) -> None:
         """Append one line. Raises OSError and leaves the file unchanged if that fails."""
         data = f"{line}\n".encode()
         try:
+            check_in_place(self._fd, self.path)
             # One call writes the whole line, so a kill cannot split it; only a full disk can.
             while data:
                 data = data[os.write(self._fd, data) :]
@@ -218,23 +211,18 @@ class AppendOnlyFile:
             raise
         self._size = os.fstat(self._fd).st_size
 
+    @property
+    def is_in_place(self) -> bool:
+        """Whether the file is still at its path."""
+        try:
+            check_in_place(self._fd, self.path)
+        except OSError:
+            return False
+        return True
+
     def close(self) -> None:
         """Close the file; nothing is buffered."""
         os.close(self._fd)
-
-
-def is_disk_full(error: OSError) -> bool:
-    """Whether the disk, the quota or the file size limit is exhausted."""
-    return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-def free_disk_bytes(folder: Path) -> int:
-    """Return the free bytes on the folder's disk. Raises OSError.
-
-    A file system that reports no size (/proc, some network file systems) counts as never full.
-    """
-    usage = shutil.disk_usage(folder)
-    return usage.free if usage.total else sys.maxsize
 
 
 def check_writable(folder: Path) -> str:
@@ -280,23 +268,6 @@ def folder_size_bytes(folder: Path) -> int:
             with suppress(OSError):
                 total += (Path(subfolder) / name).lstat().st_size
     return total
-
-
-def describe_write_error(error: BaseException) -> str:
-    """Describe a failed write; the operating system's error, if there is one, comes first."""
-    cause = error if isinstance(error, OSError) else error.__cause__
-    if not isinstance(cause, OSError):
-        return str(error)
-    if is_disk_full(cause):
-        return "the disk is full; free some space"
-    return f"cannot be written: {cause.strerror}"
-
-
-def explain_unwritable(path: Path, error: OSError) -> str:
-    """Explain why a file cannot be created, and what to do."""
-    if not path.parent.exists():
-        return f"there is no folder {path.parent}; create it first"
-    return f"{error.strerror}; name a file in a writable folder"
 
 
 def rotate_file(path: Path, max_files: int) -> None:

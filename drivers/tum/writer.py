@@ -1,9 +1,11 @@
 """Recording of any camera into a TUM folder that replays the same frames, bit for bit."""
 
 import logging
+import shutil
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
 from typing import Self
@@ -15,8 +17,9 @@ from drivers.calibration import (
 )
 from drivers.camera import RgbdFrame
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
+from drivers.core.files import AppendOnlyFile, atomic_write
 from drivers.core.geometry import Trajectory, Vector, format_pose_line
+from drivers.core.write_errors import WriteError, creating
 from drivers.recording.frames import (
     EARLIEST_STAMPS,
     ColorFormat,
@@ -33,6 +36,11 @@ _log = logging.getLogger(__name__)
 
 ENCODER_THREADS = 2
 MAX_PENDING_FRAMES = 4
+INDEX_FILES = {
+    "rgb.txt": "timestamp filename",
+    "depth.txt": "timestamp filename",
+    "associations.txt": "timestamp rgb timestamp depth",
+}
 
 
 class TumWriter:
@@ -41,7 +49,7 @@ class TumWriter:
     Images are encoded on threads and written in order on the caller's; memory is bounded. A frame
     is listed after both its images are written, so the folder can be replayed even if the process
     is killed. A frame whose stamp is not after the previous one, to the microsecond, is skipped,
-    counted and logged.
+    counted and logged. If the disk fails before the first frame, nothing is left.
 
     Args:
         folder: Created; it must not exist or be empty.
@@ -49,7 +57,8 @@ class TumWriter:
         color_format: File format of the color images.
 
     Raises:
-        InputError: The folder cannot be created or is not empty.
+        InputError: No folder can have this name, or it is not empty.
+        WriteError: The folder cannot be written.
     """
 
     def __init__(
@@ -65,18 +74,20 @@ class TumWriter:
         self._color_format = color_format
         self._calibrations: list[CameraCalibration] = []
         self._last_stamps = EARLIEST_STAMPS
-        self._failure: UserFacingError | None = None
-        self._index_files = _create_folder(folder, ground_truth)
+        self._failure: WriteError | None = None
+        self._index_files: list[AppendOnlyFile] = []
         self._accelerometer = AccelerometerWriter(folder)
         self._pending: deque[Future[EncodedFrame]] = deque()
+        self._is_new_folder = not folder.exists()
+        self._create_files(ground_truth)
         self._pool = ThreadPoolExecutor(ENCODER_THREADS, thread_name_prefix="tum-encode")
 
     def write(self, frame: RgbdFrame) -> None:
         """Add a frame; it may reach the disk a few frames later.
 
         Raises:
-            UserFacingError: Writing fails (complete frames remain), or the camera differs from
-                that of the first frame.
+            WriteError: Writing fails; complete frames remain.
+            UserFacingError: The camera differs from that of the first frame.
         """
         if self._failure:
             raise self._failure
@@ -112,9 +123,7 @@ class TumWriter:
         finally:
             self._pending.clear()
             self._pool.shutdown()
-            self._accelerometer.close()
-            while self._index_files:
-                self._index_files.pop().close()
+            self._close_files()
 
     def __enter__(self) -> Self:
         return self
@@ -139,6 +148,35 @@ class TumWriter:
                 f"depth factor {calibration.depth_factor}, readout {calibration.readout_s} s); "
                 "record it into another folder"
             )
+
+    def _create_files(self, ground_truth: Trajectory | None) -> None:
+        folder = self.folder
+        with creating(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            if any(folder.iterdir()):
+                raise InputError(f"{folder}: is not empty; name a new folder for the recording")
+            try:
+                (folder / "rgb").mkdir()
+                (folder / "depth").mkdir()
+                if ground_truth is not None:
+                    atomic_write(folder / "groundtruth.txt", _format_poses(ground_truth))
+                for name, columns in INDEX_FILES.items():
+                    self._index_files.append(AppendOnlyFile(folder / name, columns))
+            except OSError as error:
+                self._set_failure(error)
+                self._close_files()
+                raise
+
+    def _close_files(self) -> None:
+        """Close the files; after a failure before the first frame, remove them."""
+        self._accelerometer.close()
+        is_ours = all(file.is_in_place for file in self._index_files)
+        while self._index_files:
+            self._index_files.pop().close()
+        if self._failure and not self.written and is_ours:
+            with suppress(OSError):
+                for path in [self.folder] if self._is_new_folder else [*self.folder.iterdir()]:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
 
     def _commit(self, frame: EncodedFrame) -> None:
         stamps = frame.stamps
@@ -165,38 +203,18 @@ class TumWriter:
                 atomic_write(path, data)
         except OSError as error:
             for path, _ in files:
-                path.unlink(missing_ok=True)
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
             raise self._set_failure(error) from error
 
-    def _set_failure(self, error: OSError) -> UserFacingError:
-        is_full = is_disk_full(error)
-        cause = "the disk is full" if is_full else f"cannot be written: {error.strerror}"
-        self._failure = UserFacingError(
-            f"{self.folder}: {cause}; the {self.written} frames recorded so far are complete; "
-            f"{'free some space' if is_full else 'check the disk'} and record into a new folder"
-        )
+    def _set_failure(self, error: OSError) -> WriteError:
+        has_frames = self.written and self.folder.exists()
+        remark = f"the {self.written} frames recorded so far are complete" if has_frames else ""
+        self._failure = WriteError.of(self.folder, error, remark)
         return self._failure
 
 
-def _create_folder(folder: Path, ground_truth: Trajectory | None) -> list[AppendOnlyFile]:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise InputError(f"{folder}: is not empty; name a new folder for the recording")
-        (folder / "rgb").mkdir()
-        (folder / "depth").mkdir()
-        if ground_truth is not None:
-            poses = zip(ground_truth.stamps_s, ground_truth.T_world_camera, strict=True)
-            text = "# timestamp tx ty tz qx qy qz qw\n" + "".join(
-                format_pose_line(*p) for p in poses
-            )
-            atomic_write(folder / "groundtruth.txt", text.encode())
-        return [
-            AppendOnlyFile(folder / "rgb.txt", "timestamp filename"),
-            AppendOnlyFile(folder / "depth.txt", "timestamp filename"),
-            AppendOnlyFile(folder / "associations.txt", "timestamp rgb timestamp depth"),
-        ]
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be written: {error.strerror}; name a folder that you may write to"
-        ) from error
+def _format_poses(trajectory: Trajectory) -> bytes:
+    poses = zip(trajectory.stamps_s, trajectory.T_world_camera, strict=True)
+    lines = [format_pose_line(stamp_s, T_world_camera) for stamp_s, T_world_camera in poses]
+    return "".join(["# timestamp tx ty tz qx qy qz qw\n", *lines]).encode()

@@ -100,13 +100,22 @@ def _run_reporting_errors(arguments: Sequence[str]) -> int:
         _discard_buffered_output()
         return 0
     except OSError as error:
-        # Errors of files have their own messages: this is the disk of standard output.
-        where = error.filename or "standard output"
+        where = "standard output: " if _standard_output_fails() else ""
+        where = f"{error.filename}: " if error.filename else where
         logging.getLogger("kinect-vo").error(
-            "%s: %s; fix this and run again", one_line(str(where)), error.strerror
+            "%s; fix this and run again", one_line(f"{where}{error.strerror or error}")
         )
         _discard_buffered_output()
         return 1
+
+
+def _standard_output_fails() -> bool:
+    """Return whether what is buffered for standard output still cannot be written."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        return True
+    return False
 
 
 def _parse_and_run(arguments: Sequence[str]) -> int:
@@ -114,7 +123,7 @@ def _parse_and_run(arguments: Sequence[str]) -> int:
 
     Raises:
         UserFacingError: If the command fails.
-        OSError: If standard output cannot be written.
+        OSError: If standard output cannot be written, or a file be read.
     """
     _set_library_environment()
     try:

@@ -30,7 +30,7 @@ from vo_service.sensor_memory import (
 )
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration.output_files import check_writable
+from vo_service.tools.calibration.output_files import check_camera_output
 from vo_service.tools.calibration.timing import (
     NOTHING_SAVED_PREFIX,
     REMEDY,
@@ -173,7 +173,7 @@ def _refusal(told: SensorTiming, measured: "MeasuredTiming") -> str:
 def _check_arguments(args: argparse.Namespace, output: Path) -> None:
     """Check before the work, not after it."""
     check_no_board_options(args, "--timing")
-    check_writable(output)
+    check_camera_output(output)
     if args.folder is not None:
         _check_recording(args, output)
 
@@ -223,7 +223,7 @@ def save_learnt(args: argparse.Namespace) -> int:
     check_no_board_options(args, "--save-learnt")
     config = read_config(args.config)
     output = choose_camera_file(args, config, "--save-learnt")
-    check_writable(output)
+    check_camera_output(output)
     file: Path = args.camera_file or config.camera.file or output
     fallback = read_calibration(file)
     learned = _choose_sensor(args.serial)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drivers.core import InputError
-from drivers.core.files import create_output_folder
+from drivers.core.write_errors import create_output_folder
 from vo_service.cli.options import (
     add_camera_file_option,
     add_topics_option,

@@ -1,13 +1,12 @@
 """Options --loop-closure and --optimized-trajectory: loop closure over a recording."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array, Trajectory, format_pose_line
+from drivers.core.write_errors import check_output_file
 from vo_service.cli.options import prepare_loop_closure
 from vo_service.config import Config
 from vo_service.signals import StopSignal
@@ -82,15 +81,12 @@ def write_optimized_trajectory(
         published_after_s: Offset from the camera's clock to the published clock, s.
 
     Raises:
-        UserFacingError: If the file cannot be written.
+        WriteError: If the file cannot be written.
     """
     lines = map(
         format_pose_line, trajectory.stamps_s + published_after_s, trajectory.T_world_camera
     )
-    try:
-        atomic_write(path, "".join(lines).encode())
-    except OSError as error:
-        raise UserFacingError(f"{path}: the trajectory is not written: {error.strerror}") from error
+    atomic_write(path, "".join(lines).encode())
 
 
 def summarize_loop_closure(
@@ -115,14 +111,7 @@ def check_optimized_trajectory_path(args: argparse.Namespace) -> None:
     """Check before the run that the optimized trajectory can be written.
 
     Raises:
-        InputError: If it cannot.
+        UserFacingError: If it cannot.
     """
-    path: Path | None = args.optimized_trajectory
-    if path is None:
-        return
-    is_file_or_new = path.is_file() or not path.exists()
-    folder = path.parent  # the file is written beside the old one, then renamed
-    if not (is_file_or_new and folder.is_dir() and os.access(folder, os.W_OK)):
-        raise InputError(
-            f"{path}: cannot write the trajectory; name a file in an existing, writable folder"
-        )
+    if args.optimized_trajectory is not None:
+        check_output_file(args.optimized_trajectory)

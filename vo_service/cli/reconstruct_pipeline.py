@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivers.camera import RgbdCamera
 from drivers.core import InputError
-from drivers.core.files import atomic_write, create_output_folder
+from drivers.core.files import atomic_write
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Trajectory,
@@ -18,6 +18,7 @@ from drivers.core.geometry import (
     has_match,
     read_trajectory,
 )
+from drivers.core.write_errors import create_output_folder
 from drivers.recording import Recording
 from drivers.recording_camera import RecordingCamera
 from vo_service.app import run_replay
@@ -36,7 +37,7 @@ from vo_service.reconstruction.reconstructor import (
     Reconstructor,
     TrackedPoseRecorder,
 )
-from vo_service.reconstruction.report import ReconstructionReport, translate_write_errors
+from vo_service.reconstruction.report import ReconstructionReport
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
 from vo_service.signals import StopSignal, stop_on_signals
@@ -197,8 +198,7 @@ def _track_and_save(
     loops = make_loop_closure(config, terminal, stop) if args.loop_closure else None
     poses = track_recording(args.folder, camera, config, terminal, stop, loops)
     lines = map(format_pose_line, poses.stamps_s, poses.T_world_camera)
-    with translate_write_errors(args.output / TRAJECTORY_FILE):
-        atomic_write(args.output / TRAJECTORY_FILE, "".join(lines).encode())
+    atomic_write(args.output / TRAJECTORY_FILE, "".join(lines).encode())
     if loops is None:
         return poses, {}
     return poses, {

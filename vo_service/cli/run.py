@@ -11,9 +11,9 @@ import zenoh
 
 from drivers import open_camera
 from drivers.camera import PlaybackMode, RgbdCamera
-from drivers.core import InputError
 from drivers.core.files import rotate_file
 from drivers.core.jit import limit_freed_memory, release_memory
+from drivers.core.write_errors import creating
 from vo_service.app import (
     OutputsConfig,
     ServiceDependencies,
@@ -174,14 +174,10 @@ def _make_outputs_config(
 
 
 def _rotate_trajectory(path: Path | None) -> None:
-    """Rename an earlier run's file to FILE-0001 and so on; raise InputError if that fails."""
+    """Rename an earlier run's file to FILE-0001 and so on; raise WriteError if that fails."""
     if path is not None and path.is_file():
-        try:
+        with creating(path):
             rotate_file(path, max_files=sys.maxsize)
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot be renamed: {error.strerror}; name another file"
-            ) from error
 
 
 def _make_camera(args: argparse.Namespace, config: Config) -> RgbdCamera:

@@ -1,9 +1,13 @@
 """The output that records frames with poses, transforms, timing and status into an MCAP file."""
 
 import logging
+import math
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from drivers.bag.bag_writer import CAMERA_FRAME, NAMESPACE, EncodedMessage
@@ -13,6 +17,7 @@ from drivers.core import InputError, UserFacingError
 from drivers.core.files import rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Trajectory, inverse
+from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.ros_messages import (
     ODOMETRY_SCHEMA,
@@ -40,6 +45,9 @@ SUFFIX = ".mcap"
 FRAME_IDS = FrameIds("odom", "base_link", "map")
 # A slow disk has a second besides, in the recorder.
 MAX_QUEUED = 8
+# A file that is begun has room for this: not many small ones on a disk that is nearly full.
+MIN_FILE_BYTES = 100_000_000
+RETRY_PERIOD_S = 1.0
 CLOSE_TIMEOUT_S, LOCKSTEP_CLOSE_TIMEOUT_S = 2.0, 25.0
 # A status with the time at which the service gave it, CLOCK_MONOTONIC.
 Item = OdometryUpdate | tuple[Status, float]
@@ -50,24 +58,32 @@ def open_mcap_recording(
 ) -> "McapOutput":
     """Create the file. In realtime, an existing one is renamed to FILE-0001 and so on.
 
+    In realtime, a disk that is full is a warning, and recording starts when there is space.
+
     Raises:
-        InputError: It cannot be created, or exists in lockstep.
+        InputError: No file can have this name, or it exists in lockstep.
+        WriteError: The file cannot be written.
     """
     if path.suffix.lower() != SUFFIX:
         raise InputError(f"{path}: is no MCAP file; name a file that ends in {SUFFIX}")
-    is_lockstep = playback_mode is PlaybackMode.LOCKSTEP
-    if not is_lockstep and path.is_file():
-        try:
-            rotate_file(path, max_files=sys.maxsize)
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot be renamed: {error.strerror}; name another file"
-            ) from error
-    if is_lockstep:
-        recorder = McapRecorder(path)
-        return McapOutput(recorder, BlockingQueue(2), LOCKSTEP_CLOSE_TIMEOUT_S, ground_truth)
-    recorder = McapRecorder(path, min_free_bytes=MIN_FREE_BYTES)
-    return McapOutput(recorder, DropOldestQueue(MAX_QUEUED), CLOSE_TIMEOUT_S, ground_truth)
+    if playback_mode is PlaybackMode.LOCKSTEP:
+        return McapOutput(
+            path, partial(McapRecorder, path), BlockingQueue(2), ground_truth,
+            LOCKSTEP_CLOSE_TIMEOUT_S,
+        )  # fmt: skip
+    return McapOutput(
+        path, partial(_create_next, path), DropOldestQueue(MAX_QUEUED), ground_truth,
+        can_retry=True,
+    )  # fmt: skip
+
+
+def _create_next(path: Path) -> McapRecorder:
+    """Rename an existing file to FILE-0001 and so on, if there is space for another one."""
+    with creating(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_disk_space(path.parent, MIN_FREE_BYTES + MIN_FILE_BYTES)
+        rotate_file(path, max_files=sys.maxsize)
+    return McapRecorder(path, min_free_bytes=MIN_FREE_BYTES)
 
 
 class McapOutput:
@@ -76,32 +92,50 @@ class McapOutput:
     If writing fails, the file ends with its last whole part, and `close` raises the error.
 
     Args:
-        recorder: Writes the file.
+        path: The file.
+        create: Creates it.
         queue: Frames for the thread; it blocks or drops if the disk is slow.
-        close_timeout_s: Longest wait for the thread at the end.
         ground_truth: Returns the ground truth; called after the first frame.
+        close_timeout_s: Longest wait for the thread at the end.
+        can_retry: Whether to create another file when the disk works again.
+
+    Raises:
+        UserFacingError: The file cannot be created.
     """
 
     def __init__(
         self,
-        recorder: McapRecorder,
+        path: Path,
+        create: Callable[[], McapRecorder],
         queue: BoundedQueue[Item],
-        close_timeout_s: float,
         ground_truth: GroundTruthSource,
+        close_timeout_s: float = CLOSE_TIMEOUT_S,
+        *,
+        can_retry: bool = False,
     ) -> None:
-        self._recorder, self._path = recorder, recorder.path
+        self._path, self._create, self._can_retry = path, create, can_retry
         self._close_timeout_s = close_timeout_s
         self._ground_truth = ground_truth
-        self._error: UserFacingError | None = None
+        self._recorder: McapRecorder | None = None
+        self._retry_s = 0.0
+        self._fault: UserFacingError | None = None  # nothing is recorded at present
+        self._data_loss: UserFacingError | None = None
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
         self._last_stamp_s: tuple[float, float] | None = None
+        try:
+            self._recorder = create()
+        except WriteError as error:
+            if not (can_retry and is_disk_full(error)):
+                raise
+            self._fail(error)
         self._worker: WorkerThread[Item] = WorkerThread("mcap", queue, self._write, self._finish)
 
     @property
     def warning(self) -> str:
-        """Why the file is incomplete; "" while it is complete."""
-        if self._error is not None:
-            return str(self._error)
+        """Why the recording is incomplete; "" while it is complete."""
+        fault = self._fault  # the thread may clear it
+        if fault is not None:
+            return f"{fault}; recording then continues" if self._can_retry else str(fault)
         if self._worker.dropped:
             return f"{self._path}: the disk is too slow; frames are missing"
         return ""
@@ -117,24 +151,31 @@ class McapOutput:
     def close(self) -> None:
         """Complete the file. Raises UserFacingError, once, if it is incomplete."""
         has_ended = self._worker.close(self._close_timeout_s)
-        error, self._error = self._error, None
+        error, self._data_loss = self._data_loss, None
         if error is not None:
             raise UserFacingError(f"{self._path}: the recording is incomplete") from error
         if not has_ended:
             raise UserFacingError(f"{self._path}: the disk hangs; the end of the recording is lost")
 
     def _write(self, item: Item) -> None:
-        if self._error is not None:
+        if self._recorder is None and time.monotonic() < self._retry_s:
             return
         try:
+            recorder = self._recorder or self._begin_next()
             if isinstance(item, OdometryUpdate):
-                self._write_update(item)
+                self._write_update(recorder, item)
             elif self._last_stamp_s is not None:  # else there is no time for it
-                self._write_status(*item, *self._last_stamp_s)
+                self._write_status(recorder, *item, *self._last_stamp_s)
         except UserFacingError as error:
             self._fail(error)
 
-    def _write_update(self, update: OdometryUpdate) -> None:
+    def _begin_next(self) -> McapRecorder:
+        self._recorder = self._create()
+        self._last_stamp_s = self._fault = None
+        logger.info("%s: recording again", self._path)
+        return self._recorder
+
+    def _write_update(self, recorder: McapRecorder, update: OdometryUpdate) -> None:
         messages = [
             _string("/vo/state", update.stamp_s, pose_attachment(update)),
             _string(f"{NAMESPACE}/timing", update.stamp_s, timing_payload(update)),
@@ -142,12 +183,12 @@ class McapOutput:
         ]
         if self._last_stamp_s is None:
             messages.append(_transforms("/tf_static", [_camera_transform(update)]))
-            self._recorder.ground_truth = self._published_ground_truth(update)
+            recorder.ground_truth = self._published_ground_truth(update)
         transforms = pose_transforms(update, FRAME_IDS)
         if transforms:
             messages.append(_transforms("/tf", transforms))
         self._last_stamp_s = update.stamp_s, time.monotonic()
-        self._recorder.write(update.frame.restamped(update.stamp_s), messages)
+        recorder.write(update.frame.restamped(update.stamp_s), messages)
 
     def _published_ground_truth(self, update: OdometryUpdate) -> Trajectory | None:
         """Return the ground truth with published stamps."""
@@ -157,23 +198,35 @@ class McapOutput:
         return replace(truth, stamps_s=truth.stamps_s + (update.stamp_s - update.frame.stamp_s))
 
     def _write_status(
-        self, status: Status, now_s: float, last_stamp_s: float, received_s: float
+        self,
+        recorder: McapRecorder,
+        status: Status,
+        now_s: float,
+        last_stamp_s: float,
+        received_s: float,
     ) -> None:
         stamp_s = last_stamp_s + max(0.0, now_s - received_s)
-        self._recorder.write_message(_string("/vo/status", stamp_s, encode_message(status)))
+        recorder.write_message(_string("/vo/status", stamp_s, encode_message(status)))
 
     def _finish(self) -> None:
         try:
-            self._recorder.close()
+            if self._recorder is not None:
+                self._recorder.close()
         except UserFacingError as error:
             self._fail(error)
-        if not self._recorder.written:
-            self._path.unlink(missing_ok=True)
 
     def _fail(self, error: UserFacingError) -> None:
-        if self._error is None:
-            logger.error("%s", error)
-            self._error = error
+        """End the file. Only a disk may work again; each kind of fault is logged once."""
+        is_new = getattr(error, "errno", None) != getattr(self._fault, "errno", -1)
+        if is_new:
+            self._fault = self._data_loss = error
+            logger.warning("%s", self.warning)
+        can_retry = self._can_retry and isinstance(error, WriteError)
+        self._retry_s = time.monotonic() + RETRY_PERIOD_S if can_retry else math.inf
+        recorder, self._recorder = self._recorder, None
+        with suppress(UserFacingError):
+            if recorder is not None:
+                recorder.close()
 
 
 def _camera_transform(update: OdometryUpdate) -> TransformMessage:

@@ -1,8 +1,7 @@
 """Results of a reconstruction: the mesh, images of it, and a report."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from drivers.camera import PinholeCamera
-from drivers.core import UserFacingError
-from drivers.core.files import atomic_write, is_disk_full
+from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
 from vo_service.reconstruction.mesh import Mesh, estimate_up, level_transform, write_ply
 from vo_service.reconstruction.reconstructor import ReconstructionResult
@@ -67,12 +65,11 @@ class ReconstructionReport:
             report_progress: Called with each file's name before it is written.
 
         Raises:
-            UserFacingError: A file cannot be written.
+            WriteError: A file cannot be written.
         """
         mesh, poses = self.mesh, self.result.poses
         report_progress(MESH_FILE)
-        with translate_write_errors(folder / MESH_FILE):
-            write_ply(folder / MESH_FILE, mesh)
+        write_ply(folder / MESH_FILE, mesh)
         pictures: dict[str, Callable[[], bytes]] = {
             TOP_VIEW_FILE: lambda: render_top_view(
                 mesh, self.T_level_world, self.result.trajectory_m, self.title
@@ -83,8 +80,7 @@ class ReconstructionReport:
         }
         for name, draw in pictures.items():
             report_progress(name)
-            with translate_write_errors(folder / name):
-                atomic_write(folder / name, draw())
+            atomic_write(folder / name, draw())
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as one flat JSON object."""
@@ -124,15 +120,3 @@ class ReconstructionReport:
         ]
         rows += [(name, f"{count}") for name, count in self.loop_closure_counts.items()]
         return format_columns(rows)
-
-
-@contextmanager
-def translate_write_errors(path: Path) -> Iterator[None]:
-    """Turn an OSError in the block into a UserFacingError about this file."""
-    try:
-        yield
-    except OSError as error:
-        cause = "the disk is full" if is_disk_full(error) else error.strerror
-        raise UserFacingError(f"{path}: cannot be written: {cause}; fix this and run again") from (
-            error
-        )

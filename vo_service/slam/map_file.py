@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.core import InputError, UserFacingError
-from drivers.core.files import atomic_file, is_disk_full
+from drivers.core import InputError
+from drivers.core.files import atomic_file
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import MapKeyframe
 from vo_service.slam.map_arrays import (
@@ -55,24 +55,18 @@ def write_map(path: Path, contents: MapContents) -> None:
     """Write a map atomically, readable by its owner only, as it shows the inside of a home.
 
     Raises:
-        UserFacingError: The file cannot be written.
+        WriteError: The file cannot be written.
     """
     data = _serialize(contents)
     header = HEADER.pack(MAGIC, SCHEMA, len(data), hashlib.sha256(data).digest())
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-    try:
-        with atomic_file(path) as part:
-            part.unlink(missing_ok=True)
-            with os.fdopen(os.open(part, flags, 0o600), "wb") as file:
-                file.write(header)
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-    except OSError as error:
-        cause = "the disk is full" if is_disk_full(error) else error.strerror
-        raise UserFacingError(
-            f"{path}: the map cannot be written: {cause}; fix this and save it again"
-        ) from error
+    with atomic_file(path) as part:
+        part.unlink(missing_ok=True)
+        with os.fdopen(os.open(part, flags, 0o600), "wb") as file:
+            file.write(header)
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def read_map(path: Path) -> MapContents:

@@ -8,11 +8,13 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.core import InputError, UserFacingError
+from drivers.core.files import atomic_write
+from drivers.core.write_errors import writing
 
 # Zenoh reads elliptic-curve keys in PKCS#8, which is what `genpkey` writes.
 _NEW_KEY_ARGUMENTS = ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256")
@@ -27,7 +29,7 @@ _SERVER_EXTENSIONS = (
 
 def create_key(file: Path) -> None:
     """Write a new private key. The caller's umask sets who can read it."""
-    _run_openssl(*_NEW_KEY_ARGUMENTS, "-out", str(file))
+    atomic_write(file, _run_openssl(*_NEW_KEY_ARGUMENTS))
 
 
 def create_authority_certificate(key: Path, certificate: Path, name: str, days: int) -> None:
@@ -39,12 +41,13 @@ def create_authority_certificate(key: Path, certificate: Path, name: str, days: 
         name: Common name.
         days: Days until it expires.
     """
-    _run_openssl(
-        *("req", "-x509", "-new", "-key", str(key), "-out", str(certificate)),
+    data = _run_openssl(
+        *("req", "-x509", "-new", "-key", str(key)),
         *("-subj", f"/CN={name}", "-days", str(days), "-set_serial", _random_serial()),
         *("-addext", "basicConstraints=critical,CA:TRUE,pathlen:0"),
         *("-addext", "keyUsage=critical,keyCertSign,cRLSign"),
     )
+    atomic_write(certificate, data)
 
 
 def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, days: int) -> None:
@@ -57,18 +60,15 @@ def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, 
         extensions: Section of an openssl configuration, one ``key=value`` per line.
         days: Days until the certificate expires.
     """
-    request, extension_file = folder / "request", folder / "extensions"
-    extension_file.write_text(extensions)
-    _run_openssl(
-        *("req", "-new", "-key", str(folder / "tls.key"), "-out", str(request)),
-        *("-subj", f"/CN={name}"),
-    )
-    _run_openssl(
-        *("x509", "-req", "-in", str(request), "-out", str(folder / "tls.pem")),
-        *("-CA", str(authority / "ca.pem"), "-CAkey", str(authority / "ca.key")),
+    extension_file = folder / "extensions"
+    atomic_write(extension_file, extensions.encode())
+    request = _run_openssl("req", "-new", "-key", str(folder / "tls.key"), "-subj", f"/CN={name}")
+    certificate = _run_openssl(
+        *("x509", "-req", "-CA", str(authority / "ca.pem"), "-CAkey", str(authority / "ca.key")),
         *("-days", str(days), "-set_serial", _random_serial(), "-extfile", str(extension_file)),
+        standard_input=request,
     )
-    request.unlink()
+    atomic_write(folder / "tls.pem", certificate)
     extension_file.unlink()
 
 
@@ -76,17 +76,19 @@ def _random_serial() -> str:
     return f"0x{secrets.token_hex(16)}"
 
 
-def _run_openssl(*arguments: str) -> None:
-    """Run openssl. Raises UserFacingError with its error output."""
+def _run_openssl(*arguments: str, standard_input: bytes = b"") -> bytes:
+    """Run openssl and return its output. Raises UserFacingError with its error output."""
     program = shutil.which("openssl")
     if program is None:
         raise UserFacingError(
             "the command openssl is not installed; run: sudo apt-get install openssl"
         )
-    process = subprocess.run([program, *arguments], capture_output=True, text=True, check=False)
+    command = [program, *arguments]
+    process = subprocess.run(command, input=standard_input, capture_output=True, check=False)
     if process.returncode:
-        message = " ".join(process.stderr.split())
+        message = " ".join(process.stderr.decode(errors="replace").split())
         raise UserFacingError(f"openssl {arguments[0]} failed: {message}; fix this and re-run")
+    return process.stdout
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ class CertificateAuthority:
     def _issue(self, name: str, extensions: str, days: int) -> Path:
         self.check_names_free([name])
         folder = self.folder / name
-        with _private_files(self.folder):
+        with _private_files(), writing(folder):
             self._ensure_authority()
             temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=self.folder))
             try:
@@ -146,10 +148,18 @@ class CertificateAuthority:
             raise InputError(
                 f"{self.folder} has other files but not ca.pem and ca.key; name a new folder"
             )
+        is_new = not self.folder.exists()
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.folder.chmod(0o700)
-        create_key(key)
-        create_authority_certificate(key, certificate, _AUTHORITY_NAME, AUTHORITY_DAYS)
+        try:
+            self.folder.chmod(0o700)
+            create_key(key)
+            create_authority_certificate(key, certificate, _AUTHORITY_NAME, AUTHORITY_DAYS)
+        except BaseException:  # a key without its certificate would be in the way
+            with suppress(OSError):
+                key.unlink(missing_ok=True)
+                if is_new:
+                    self.folder.rmdir()
+            raise
 
 
 def check_name(name: str) -> str:
@@ -175,14 +185,10 @@ def _alternative_name(host: str) -> str:
 
 
 @contextmanager
-def _private_files(folder: Path) -> Iterator[None]:
-    """Make the block's new files readable by this user only, and report disk errors in one line."""
+def _private_files() -> Iterator[None]:
+    """Make the block's new files readable by this user only."""
     before = os.umask(0o077)
     try:
         yield
-    except OSError as error:
-        raise UserFacingError(
-            f"{error.filename or folder}: {error.strerror}; name a writable folder"
-        ) from error
     finally:
         os.umask(before)

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drivers.calibration import CameraCalibration
-from drivers.core import InputError, UserFacingError
-from drivers.core.files import is_disk_full
+from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, Vector
+from drivers.core.write_errors import WriteError
 from drivers.recording import (
     JPEG_START,
     AccelerometerSeries,
@@ -163,7 +163,7 @@ def convert(
 
     Raises:
         InputError: The path exists, or the recording does not fit into the format.
-        UserFacingError: Writing fails.
+        WriteError: Writing fails.
     """
     if path.exists():
         raise InputError(f"{path}: exists already; name a new file or folder")
@@ -179,13 +179,12 @@ def convert(
                     continue
                 count += 1
                 progress(count)
-    except BaseException as error:
+    except OSError as error:
         _remove(path)
-        cause = error.__cause__ if isinstance(error, UserFacingError) else error
-        if not isinstance(cause, OSError):
-            raise
-        what = "free some space" if is_disk_full(cause) else "name a file that you may write"
-        raise UserFacingError(f"{path}: cannot be written: {cause.strerror}; {what}") from error
+        raise WriteError.of(path, error) from error
+    except BaseException:
+        _remove(path)
+        raise
     finally:
         recording.close()
     return count
@@ -195,7 +194,7 @@ def _remove(path: Path) -> None:
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     elif path.is_file():
-        path.unlink()
+        path.unlink(missing_ok=True)
 
 
 def _read_frames(recording: Recording) -> tuple[CameraCalibration, Iterator[StoredFrame]]:

@@ -17,12 +17,12 @@ from drivers.core import UserFacingError
 from drivers.core.files import (
     PARTIAL_SUFFIX,
     atomic_write,
-    describe_write_error,
     folder_size_bytes,
     lock_folder,
 )
 from drivers.core.geometry import COLUMNS, format_pose_line
 from drivers.core.process import RecordRingReader, RingRecord
+from drivers.core.write_errors import writing
 from drivers.tum.writer import TumWriter
 from vo_service.frame_record import FrameMetadata, decode_frame, decode_metadata
 
@@ -106,7 +106,7 @@ class IncidentWriter:
         records = self._iterate_records()
         first = next(records, None)
         if first is None:
-            raise UserFacingError("no time was left to write a frame")
+            raise UserFacingError("no time was left to write a frame of the incident")
         offset_s = decode_metadata(first.metadata).clock_offset_s
         with TumWriter(folder) as writer:
             for record in chain([first], records):
@@ -223,7 +223,7 @@ class IncidentStore:
         Raises:
             UserFacingError: The disk or `write_content` failed; nothing is left.
         """
-        try:
+        with writing(self.folder):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             final = self._free_name(name)
             part = final.with_name(final.name + PARTIAL_SUFFIX)
@@ -236,8 +236,6 @@ class IncidentStore:
             except BaseException:
                 shutil.rmtree(part, ignore_errors=True)
                 raise
-        except (OSError, UserFacingError) as error:
-            raise UserFacingError(f"{self.folder}: {describe_write_error(error)}") from error
         return final
 
     def _free_name(self, name: str) -> Path:

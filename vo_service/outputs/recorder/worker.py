@@ -13,9 +13,10 @@ from functools import partial
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.files import check_writable, free_disk_bytes
+from drivers.core.files import check_writable
 from drivers.core.process import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
+from drivers.core.write_errors import check_disk_space, writing
 from drivers.recording.frames import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.config_tables import MIN_FREE_BYTES
@@ -87,16 +88,14 @@ class RecordingWriter:
     def _run(self) -> None:
         message = ""
         try:
-            self.folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with ExitStack() as stack:
+            with writing(self.folder), ExitStack() as stack:
+                self.folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
                 is_last = False
                 while not is_last:
                     is_last = self._stop.wait(_POLL_PERIOD_S)
                     self._write_new(stack)
         except UserFacingError as error:
             message = str(error)
-        except OSError as error:
-            message = f"{self.folder}: cannot be written: {error.strerror}"
         frames = 0 if self._writer is None else self._writer.written
         self._send_result(RecordingResult(self.folder, frames, self.missed_frames, message))
 
@@ -114,11 +113,7 @@ class RecordingWriter:
                 self._write(record, stack)
 
     def _write(self, record: RingRecord, stack: ExitStack) -> None:
-        if free_disk_bytes(self.folder.parent) < MIN_FREE_BYTES:
-            raise UserFacingError(
-                f"{self.folder}: less than {MIN_FREE_BYTES / 1e9:g} GB are left on the disk; "
-                "free some space and record into a new folder"
-            )
+        check_disk_space(self.folder.parent, MIN_FREE_BYTES)
         if self._writer is None:
             self._offset_s = decode_metadata(record.metadata).clock_offset_s
             self._writer = stack.enter_context(TumWriter(self.folder, color_format=COLOR_FORMAT))

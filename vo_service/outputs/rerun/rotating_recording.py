@@ -6,6 +6,7 @@ from dataclasses import replace
 import rerun as rr
 
 from drivers.core import UserFacingError
+from drivers.core.write_errors import WriteError, is_disk_full
 from vo_service.outputs.rerun import (
     FrameScalars,
     GroundTruth,
@@ -17,7 +18,7 @@ from vo_service.outputs.rerun import (
 )
 from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.scene import RerunScene
-from vo_service.outputs.rerun.sinks import APPLICATION, DiskFullError, Sink, ViewerGoneError
+from vo_service.outputs.rerun.sinks import APPLICATION, BrokenFileError, Sink, ViewerGoneError
 
 CHECK_PERIOD_S = RETRY_PERIOD_S = 1.0
 
@@ -33,7 +34,7 @@ class RotatingRecording:
     """
 
     def __init__(self, config: RerunWorkerConfig) -> None:
-        """Open the sink.
+        """Open the sink. A full disk is only a fault: there may be space later.
 
         Raises:
             UserFacingError: If that fails.
@@ -51,7 +52,9 @@ class RotatingRecording:
         self.fault = self.data_loss = ""
         try:
             self._start_scene()
-        except DiskFullError as error:
+        except WriteError as error:
+            if not is_disk_full(error):
+                raise
             self._suspend(error)
 
     def log(self, message: RerunMessage) -> None:
@@ -80,10 +83,10 @@ class RotatingRecording:
             self._scene.check_written(self._sink)
         except ViewerGoneError:
             return  # nothing is stored, and closing the stream could block
-        except DiskFullError as error:
-            self._suspend(error)
-        except UserFacingError as error:
+        except BrokenFileError as error:
             self._stop(error)
+        except UserFacingError as error:
+            self._suspend(error)
         self._scene.finish()
         self._sink.close()
 
@@ -105,26 +108,26 @@ class RotatingRecording:
             if self._scene.should_rotate(self._sink):
                 self._scene.finish()
                 self._start_scene()
-        except DiskFullError as error:
-            self._suspend(error)
         except ViewerGoneError:
             raise
-        except UserFacingError as error:
+        except BrokenFileError as error:
             self._stop(error)
+        except UserFacingError as error:
+            self._suspend(error)
 
     def _suspend(self, error: UserFacingError) -> None:
         """Draw nothing until the next retry."""
         self._scene.finish()
-        self._disable(error, time.monotonic() + RETRY_PERIOD_S)
+        self._disable(f"{error}; recording then continues", time.monotonic() + RETRY_PERIOD_S)
 
     def _stop(self, error: UserFacingError) -> None:
         """Draw nothing any more. The scene is not finished, as that could block forever."""
         self._abandoned_scene = self._scene
-        self._disable(error, float("inf"))
+        self._disable(str(error), float("inf"))
 
-    def _disable(self, error: UserFacingError, retry_s: float) -> None:
+    def _disable(self, fault: str, retry_s: float) -> None:
         self._scene = _NullScene(retry_s)
-        self.fault = str(error)
+        self.fault = fault
         self.data_loss = self.data_loss or self.fault
 
 

@@ -4,14 +4,16 @@ import re
 import socket
 import time
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import MEGABYTE, free_disk_bytes, is_disk_full, rotate_file
+from drivers.core.files import MEGABYTE, rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
+from drivers.core.write_errors import check_disk_space, creating, writing
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -57,14 +59,14 @@ class Sink(ABC):
 
     @abstractmethod
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Send the stream to this sink. Raises UserFacingError, DiskFullError."""
+        """Send the stream to this sink. Raises UserFacingError."""
 
     @abstractmethod
     def check(self, stream: "rr.RecordingStream") -> None:
         """Check that the logged data has arrived.
 
         Raises:
-            DiskFullError, BrokenFileError, ViewerGoneError: It has not.
+            WriteError, BrokenFileError, ViewerGoneError: It has not.
         """
 
     @abstractmethod
@@ -75,12 +77,8 @@ class Sink(ABC):
         """Release everything but the stream. Must not block."""
 
 
-class DiskFullError(UserFacingError):
-    """The disk is full; the file so far is valid, and recording may continue later."""
-
-
 class BrokenFileError(UserFacingError):
-    """The file cannot be written. Its stream must not be closed: Rerun may block forever."""
+    """The file cannot grow. Its stream must not be closed: Rerun may block forever."""
 
 
 class ViewerGoneError(UserFacingError):
@@ -212,37 +210,44 @@ class RrdFileSink(Sink):
         return stamp_s
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Create the file. Raises InputError if that fails, DiskFullError."""
-        try:
-            self._check_writable()
-            self._check_disk_space(2 * RESERVE_BYTES)
+        """Create the file. Raises InputError or WriteError if that fails."""
+        self._check_name()
+        with creating(self._path):
+            TemporaryFile(dir=self._path.parent).close()  # before any file is renamed
+            check_disk_space(self._path.parent, 2 * RESERVE_BYTES)
             rotate_file(self._path, self._files_kept)
-            stream.save(self.address)
-            # Not as `default_blueprint`: Rerun never frees the memory of that, 1 MB per file.
-            self._layout = self._layout or self._serialize_blueprint(blueprint)
-            stream.log_file_from_contents("layout.rbl", self._layout)
-        except (OSError, RuntimeError, UnicodeError) as error:
-            raise self._unwritable_error(str(error)) from error
+            try:
+                stream.save(self.address)
+                # Not as `default_blueprint`: Rerun never frees the memory of that, 1 MB per file.
+                self._layout = self._layout or self._serialize_blueprint(blueprint)
+                stream.log_file_from_contents("layout.rbl", self._layout)
+            except RuntimeError as error:
+                raise self._unwritable_error(str(error)) from error
         self._flushed_bytes = 0
 
     def check(self, stream: "rr.RecordingStream") -> None:
-        """Flush the file. Raises DiskFullError if space is low, BrokenFileError if that fails."""
-        self._check_disk_space(RESERVE_BYTES)
-        try:
-            stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-        except RuntimeError as error:
-            # Rerun does not read a file that ends in the middle of a message.
-            with self._path.open("r+b") as file:
-                file.truncate(self._flushed_bytes)
-            raise BrokenFileError(
-                f"{self.address}: the recording stops after {self._flushed_bytes} bytes: the file "
-                f"cannot be written ({error}); fix this and start again"
-            ) from error
-        self._flushed_bytes = self._path.stat().st_size
+        """Flush the file. Raises WriteError if it is gone or space is low, or BrokenFileError."""
+        with writing(self._path):
+            check_disk_space(self._path.parent, RESERVE_BYTES)
+            try:
+                stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+            except RuntimeError as error:
+                raise self._broken_error(error) from error
+            self._flushed_bytes = self._path.stat().st_size
 
     def is_full(self) -> bool:
-        """Return whether the file has reached its greatest size."""
-        return self._path.stat().st_size >= self._max_file_bytes
+        """Return whether the file has reached its greatest size; WriteError if it is gone."""
+        with writing(self._path):
+            return self._path.stat().st_size >= self._max_file_bytes
+
+    def _broken_error(self, error: RuntimeError) -> BrokenFileError:
+        # Rerun does not read a file that ends in the middle of a message.
+        with suppress(OSError), self._path.open("r+b") as file:
+            file.truncate(self._flushed_bytes)
+        return BrokenFileError(
+            f"{self.address}: the recording stops after {self._flushed_bytes} bytes: the file "
+            f"cannot be written ({error}); fix this and start again"
+        )
 
     def _serialize_blueprint(self, blueprint: "rrb.Blueprint") -> bytes:
         """Return the bytes of Rerun's .rbl file."""
@@ -251,34 +256,17 @@ class RrdFileSink(Sink):
             blueprint.save(APPLICATION, file)
             return file.read_bytes()
 
-    def _check_writable(self) -> None:
-        """Check before any file is renamed. Raises InputError with the cause, DiskFullError."""
-        folder = self._path.parent
-        self.address.encode()  # Rerun needs valid Unicode
+    def _check_name(self) -> None:
+        """Raise InputError unless a file can have this name."""
+        try:
+            self.address.encode()  # Rerun needs valid Unicode
+        except UnicodeError as error:
+            raise self._unwritable_error(str(error)) from error
         if self._path.exists() and not self._path.is_file():
             kind = "a folder" if self._path.is_dir() else "not a regular file"
             raise self._unwritable_error(f"it is {kind}")
-        if not folder.is_dir():
-            raise self._unwritable_error(f"the folder {folder} does not exist")
-        try:
-            TemporaryFile(dir=folder).close()
-        except OSError as error:
-            if is_disk_full(error):
-                raise self._disk_full_error() from error
-            raise self._unwritable_error(
-                f"cannot create a file in {folder}: {error.strerror}"
-            ) from error
-
-    def _check_disk_space(self, needed_bytes: int) -> None:
-        if free_disk_bytes(self._path.parent) < needed_bytes:
-            raise self._disk_full_error()
 
     def _unwritable_error(self, cause: str) -> InputError:
         return InputError(
             f"{self.address}: cannot write the Rerun recording: {cause}; name another file"
-        )
-
-    def _disk_full_error(self) -> DiskFullError:
-        return DiskFullError(
-            f"{self.address}: the disk is full; recording continues when space is free again"
         )

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import PlaybackMode
-from drivers.core import InputError, UserFacingError
-from drivers.core.files import atomic_write, explain_unwritable, is_disk_full
+from drivers.core import UserFacingError
+from drivers.core.files import atomic_write
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, format_pose_line
+from drivers.core.write_errors import WriteError, check_in_place, creating, writing
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
 from vo_service.types.outputs import OutputBase
@@ -30,7 +31,8 @@ def open_trajectory(path: str, playback_mode: PlaybackMode) -> "TrajectoryFileOu
     """Open a trajectory file, whose queue blocks in lockstep.
 
     Raises:
-        InputError: If the file cannot be created.
+        InputError: No file can have this name.
+        WriteError: It cannot be written.
     """
     is_lockstep = playback_mode is PlaybackMode.LOCKSTEP
     lines: BoundedQueue[bytes] = (
@@ -45,7 +47,8 @@ class TrajectoryFileOutput:
     Stamps are the published ones. A separate thread appends line by line, so every finished line
     survives a crash. A frame without its own pose has no line. If the clock was set back, the lines
     are sorted by their stamps at the end; of equal stamps the last line is kept. After a failed
-    write (disk full) the file ends with its last whole line, and `close` raises the error.
+    write (disk full) the file ends with its last whole line, one without a line is removed, and
+    `close` raises the error.
     """
 
     def __init__(self, path: Path, line_queue: BoundedQueue[bytes]) -> None:
@@ -56,18 +59,15 @@ class TrajectoryFileOutput:
             line_queue: Queue of the lines; it blocks or drops if the disk is slow.
 
         Raises:
-            InputError: If the file cannot be created.
+            InputError: No file can have this name.
+            WriteError: It cannot be written.
         """
         self._path = path
         self._size = 0
         self._last_stamp_s, self._is_rising = -math.inf, True
         self._error: UserFacingError | None = None
-        try:
+        with creating(path):
             self._file = path.open("wb", buffering=0)
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot write the trajectory: {explain_unwritable(path, error)}"
-            ) from error
         self._worker = WorkerThread("trajectory", line_queue, self._append, self._finish)
 
     @property
@@ -104,6 +104,7 @@ class TrajectoryFileOutput:
         if self._error is not None:
             return
         try:
+            check_in_place(self._file.fileno(), self._path)
             written = self._file.write(line)
             if written != len(line):
                 raise OSError(errno.ENOSPC, "no space left for a whole line")
@@ -111,25 +112,31 @@ class TrajectoryFileOutput:
         except OSError as error:
             with suppress(OSError):
                 os.ftruncate(self._file.fileno(), self._size)
-            advice = "; free some space and run again" if is_disk_full(error) else ""
-            self._error = UserFacingError(
-                f"{self._path}: the trajectory stops after {self._size} bytes: "
-                f"{error.strerror}{advice}"
-            )
+            remark = f"the trajectory stops after {self._size} bytes"
+            self._error = WriteError.of(self._path, error, remark)
             logger.error("%s", self._error)
+            if not self._size:
+                self._remove()
+
+    def _remove(self) -> None:
+        """Remove the file, unless it is a device or another one has its name by now."""
+        with suppress(OSError):
+            check_in_place(self._file.fileno(), self._path)
+            if self._path.is_file():
+                self._path.unlink()
 
     def _finish(self) -> None:
         self._file.close()
         if self._is_rising or not self._path.is_file():
             return
         try:
-            lines = self._path.read_bytes().splitlines(keepends=True)
-            line_of = {float(line.split()[0]): line for line in lines}
-            atomic_write(self._path, b"".join(line for _, line in sorted(line_of.items())))
-        except OSError as error:
-            reason = explain_unwritable(self._path, error)
-            self._error = UserFacingError(f"{self._path}: cannot be sorted by stamps: {reason}")
-            logger.error("%s", self._error)
+            with writing(self._path, "the lines are not sorted by their stamps"):
+                lines = self._path.read_bytes().splitlines(keepends=True)
+                line_of = {float(line.split()[0]): line for line in lines}
+                atomic_write(self._path, b"".join(line for _, line in sorted(line_of.items())))
+        except WriteError as error:
+            self._error = error
+            logger.error("%s", error)
 
 
 class TrajectoryRecorder(OutputBase):

@@ -9,10 +9,10 @@ from drivers.core import UserFacingError
 from drivers.core.files import (
     MEGABYTE,
     PARTIAL_SUFFIX,
-    describe_write_error,
     folder_size_bytes,
     lock_folder,
 )
+from drivers.core.write_errors import writing
 from vo_service.slam import MAP_SUFFIX, MESH_SUFFIX
 
 
@@ -77,10 +77,11 @@ class MapStore:
             The path of the file.
 
         Raises:
-            UserFacingError: The file cannot be written; nothing is left of it.
+            WriteError: The file cannot be written; nothing is left of it.
+            UserFacingError: It is too large.
         """
         part = self.folder / f"{final.name}{PARTIAL_SUFFIX}"
-        try:
+        with writing(final):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.clean_up()  # a killed process may have left partial files
             part.mkdir(mode=0o700)
@@ -91,15 +92,13 @@ class MapStore:
                     (part / final.name).rename(final)
             finally:
                 shutil.rmtree(part, ignore_errors=True)
-        except (OSError, UserFacingError) as error:
-            raise UserFacingError(f"{final}: {describe_write_error(error)}") from error
         return final
 
     def _make_room(self, final: Path, size: int, max_total_bytes: int) -> None:
         if size > max_total_bytes:
             raise UserFacingError(
-                f"it needs {size // MEGABYTE} MB, more than map.total_mb allows for all maps; "
-                "increase map.total_mb or map.voxel_m"
+                f"{final}: it needs {size // MEGABYTE} MB, more than map.total_mb allows for all "
+                "maps; increase map.total_mb or map.voxel_m"
             )
         others = [file for file in self._files() if file != final]
         ages_s = {file: file.stat().st_mtime for file in others if file.stem != final.stem}

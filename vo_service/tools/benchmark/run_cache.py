@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import atomic_write, create_output_folder, is_disk_full
+from drivers.core.files import atomic_write
 from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
+from drivers.core.write_errors import create_output_folder
 from vo_service.tools.benchmark import (
     EMPTY_RUN,
     CompletedRun,
@@ -108,7 +109,7 @@ class RunCache:
             return None
 
     def save(self, key: str, outcome: RunOutcome, description: Mapping[str, object]) -> None:
-        """Store an outcome; the description goes into result.json, too. Raises as `write_file`.
+        """Store an outcome; the description goes into result.json, too. Raises UserFacingError.
 
         Args:
             key: Key of the run.
@@ -126,15 +127,15 @@ class RunCache:
         ):
             (self.path / name).unlink(missing_ok=True)
         if outcome.state is RunState.DONE:
-            write_file(self.path / TRAJECTORY_FILE, _format_trajectory(run.trajectory))
+            atomic_write(self.path / TRAJECTORY_FILE, _format_trajectory(run.trajectory))
             if run.loop_closure is not None:
-                write_file(
+                atomic_write(
                     self.path / OPTIMIZED_TRAJECTORY_FILE,
                     _format_trajectory(run.loop_closure.trajectory),
                 )
-            write_file(self.path / FRAMES_FILE, _format_frames(run.frames).encode())
+            atomic_write(self.path / FRAMES_FILE, _format_frames(run.frames).encode())
         elif outcome.details:
-            write_file(self.path / DETAILS_FILE, outcome.details.encode())
+            atomic_write(self.path / DETAILS_FILE, outcome.details.encode())
         result = {
             "schema": SCHEMA,
             "key": key,
@@ -144,7 +145,7 @@ class RunCache:
             **run_as_json(run),
             **loop_closure_as_json(run.loop_closure),
         }
-        write_file(self.path / RESULT_FILE, (json.dumps(result, indent=2) + "\n").encode())
+        atomic_write(self.path / RESULT_FILE, (json.dumps(result, indent=2) + "\n").encode())
 
     def _load_run(self, result: Mapping[str, Any]) -> CompletedRun:
         frames = _read_frames((self.path / FRAMES_FILE).read_text())
@@ -205,17 +206,6 @@ def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, objec
         "loop_closure_ms_per_frame": round(loop_closure.cpu_ms_per_frame, 3),
         "optimized_poses": len(loop_closure.trajectory),
     }
-
-
-def write_file(path: Path, data: bytes) -> None:
-    """Write a file atomically. Raises UserFacingError for a full disk, else InputError."""
-    try:
-        atomic_write(path, data)
-    except OSError as error:
-        raise (UserFacingError if is_disk_full(error) else InputError)(
-            f"{path}: cannot be written: {error.strerror}; free some space, or name another "
-            "folder with --output"
-        ) from error
 
 
 def _format_trajectory(poses: Trajectory) -> bytes:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Distortion
 from drivers.core import InputError
+from drivers.core.files import atomic_write
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from vo_service.tools.calibration.output_files import check_writable, save
+from drivers.core.write_errors import check_output_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -218,13 +219,13 @@ def print_board(board: Board, path: Path) -> str:
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: the file name must end in {', '.join(FORMATS)}")
-    check_writable(path)
+    check_output_file(path)
     name, size_mm = choose_paper(board)
     image = io.BytesIO()
     _draw(board, size_mm).savefig(
         image, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH
     )
-    save(path, image.getvalue())
+    atomic_write(path, image.getvalue())
     return name
 
 

@@ -1,24 +1,19 @@
-"""Output files, written atomically and checked before the work."""
+"""Output files, written atomically, with a backup of an existing one."""
 
-import os
 from pathlib import Path
 
 from drivers.calibration import CameraCalibration, format_calibration
 from drivers.camera_yaml import YAML_SUFFIXES
-from drivers.core import InputError, UserFacingError
-from drivers.core.files import atomic_write, is_disk_full
+from drivers.core import InputError
+from drivers.core.files import atomic_write
+from drivers.core.write_errors import check_output_file
 
 
-def check_writable(path: Path) -> None:
-    """Raise InputError if the file cannot be written."""
+def check_camera_output(path: Path) -> None:
+    """Raise UserFacingError if no camera file can be written there."""
     if path.suffix.lower() in YAML_SUFFIXES:
         raise InputError(f"{path}: camera files are written in TOML; name {path.stem}.toml")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}; create it")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise InputError(f"{path}: cannot be written; name a writable folder")
+    check_output_file(path)
 
 
 def save_camera_file(path: Path, camera: CameraCalibration, heading: str) -> Path | None:
@@ -39,32 +34,12 @@ def save_with_backup(path: Path, data: bytes) -> Path | None:
         The path of the backup; None without an existing file.
 
     Raises:
-        UserFacingError: The disk fails; the existing file is then unchanged.
+        WriteError: The existing file is then unchanged.
     """
     path = path.resolve()
     backup = None
-    try:
-        if path.exists():
-            backup = path.with_name(f"{path.name}.bak")
-            atomic_write(backup, path.read_bytes())
-        atomic_write(path, data)
-    except OSError as error:
-        raise _write_error(path, error) from error
+    if path.exists():
+        backup = path.with_name(f"{path.name}.bak")
+        atomic_write(backup, path.read_bytes())
+    atomic_write(path, data)
     return backup
-
-
-def save(path: Path, data: bytes) -> None:
-    """Write a file.
-
-    Raises:
-        UserFacingError: If the disk fails.
-    """
-    try:
-        atomic_write(path, data)
-    except OSError as error:
-        raise _write_error(path, error) from error
-
-
-def _write_error(path: Path, error: OSError) -> UserFacingError:
-    cause = "the disk is full" if is_disk_full(error) else error.strerror
-    return UserFacingError(f"{path}: cannot be written: {cause}; fix this and calibrate again")

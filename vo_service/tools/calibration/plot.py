@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.core import InputError
+from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
-from vo_service.tools.calibration.output_files import save
 from vo_service.tools.calibration.solver import CalibrationResult
 from vo_service.tools.calibration.view_selection import (
     MIN_ZONE_CORNERS,
@@ -40,11 +40,11 @@ def check_plot_format(path: Path) -> None:
 
 
 def write_plot(path: Path, calibration: CalibrationResult) -> None:
-    """Write the figure. Raises InputError for an unknown suffix, UserFacingError for the disk."""
+    """Write the figure. Raises InputError for an unknown suffix, WriteError for the disk."""
     check_plot_format(path)
     image = io.BytesIO()
     draw_plot(calibration).savefig(image, format=path.suffix.lower().removeprefix("."), dpi=110)
-    save(path, image.getvalue())
+    atomic_write(path, image.getvalue())
 
 
 def draw_plot(calibration: CalibrationResult) -> "Figure":

@@ -14,8 +14,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from drivers.camera import RgbdCamera
-from drivers.core import InputError, UserFacingError
+from drivers.core import InputError
 from drivers.core.files import atomic_file
+from drivers.core.write_errors import creating, writing
 from drivers.recording.frames import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.tools.doctor.stream_probe import probe_stream
@@ -154,27 +155,21 @@ def open_bug_report(file: Path) -> Iterator[BugReport]:
     """Open a report that holds a detailed log of the block.
 
     Raises:
-        InputError: The file name is invalid, the file exists, or its folder is not writable.
-        UserFacingError: The disk fails in the block.
+        InputError: The file name is invalid, or the file exists.
+        WriteError: Its folder is not writable, or the disk fails in the block.
     """
     if not file.name.endswith(SUFFIX) or file.name == SUFFIX:
         raise InputError(f"{file}: the name of a report must end in {SUFFIX}")
     if file.exists():
         raise InputError(f"{file}: already exists; name a new file, or remove it first")
-    try:
+    with creating(file):
         temporary = tempfile.TemporaryDirectory(prefix=".kinect-vo-report-", dir=file.parent)
-    except OSError as error:
-        raise InputError(
-            f"{file}: cannot be written: {error.strerror}; name a writable folder"
-        ) from error
-    with temporary as folder:
-        try:
-            with log_details_to(Path(folder) / LOG_FILE):
-                yield BugReport(file, Path(folder))
-        except OSError as error:
-            raise UserFacingError(
-                f"{file}: {error.strerror}; no file was written; check the disk and try again"
-            ) from error
+    with (
+        temporary as folder,
+        writing(file, "no file was written"),
+        log_details_to(Path(folder) / LOG_FILE),
+    ):
+        yield BugReport(file, Path(folder))
 
 
 def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import create_output_folder
+from drivers.core.write_errors import create_output_folder
 from drivers.tum import open_tum_folder
 from vo_service.terminal import Terminal
 from vo_service.tools.download import BENCHMARK_URL, BenchmarkSequence

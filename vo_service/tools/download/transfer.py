@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import IO, Protocol, Self
 
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import atomic_write, free_disk_bytes, is_disk_full
+from drivers.core.files import atomic_write
+from drivers.core.write_errors import WriteError, free_disk_bytes
 from vo_service.terminal import announce, announce_if_slow
 
 READ_TIMEOUT_S = 30.0
@@ -27,16 +28,9 @@ _RANGE = re.compile(r"bytes (?:(\d+)-\d+|\*)/(\d+|\*)")
 TransferProgress = Callable[[int, int | None], None]  # bytes received, bytes in total
 
 
-def disk_error(folder: Path, error: OSError) -> UserFacingError:
-    """Return a user-facing error for a failure to write below `folder`."""
-    if is_disk_full(error):
-        return UserFacingError(
-            f"{folder}: the disk is full; free some space and run the same command again; "
-            "the partial download is kept"
-        )
-    return UserFacingError(
-        f"{folder}: cannot be written: {error.strerror}; name another folder with --output"
-    )
+def disk_error(folder: Path, error: OSError) -> WriteError:
+    """Return the error for a failure to write below `folder`."""
+    return WriteError.of(folder, error, "the partial download is kept")
 
 
 class PartialFile:

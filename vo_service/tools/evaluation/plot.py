@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.core import InputError, UserFacingError
-from drivers.core.files import atomic_write, explain_unwritable, is_disk_full
+from drivers.core import InputError
+from drivers.core.files import atomic_write
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Array,
@@ -47,21 +47,15 @@ def write_plot(
         max_difference_s: As for `associate`.
 
     Raises:
-        InputError: Another suffix, fewer than 3 poses with ground truth, or a file
-            that cannot be created.
-        UserFacingError: The disk is full.
+        InputError: Another suffix, or fewer than 3 poses with ground truth.
+        WriteError: The file cannot be written.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")
     figure = draw_plot(trajectory, truth, title, max_difference_s)
     image = io.BytesIO()
     figure.savefig(image, format=path.suffix.lower().removeprefix("."))
-    try:
-        atomic_write(path, image.getvalue())
-    except OSError as error:
-        raise (UserFacingError if is_disk_full(error) else InputError)(
-            f"{path}: cannot write the figure: {explain_unwritable(path, error)}"
-        ) from error
+    atomic_write(path, image.getvalue())
 
 
 def draw_plot(

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from drivers.core.files import create_output_folder
+from drivers.core.files import atomic_write
+from drivers.core.write_errors import create_output_folder
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark.report.figures import make_figures
 from vo_service.tools.benchmark.report.metadata import ReportMetadata
@@ -23,7 +24,6 @@ from vo_service.tools.benchmark.report.tables import (
     paper_table,
 )
 from vo_service.tools.benchmark.results import SequenceResults
-from vo_service.tools.benchmark.run_cache import write_file
 
 PAGE_FILE, DATA_FILE, CONFIG_FILE = "report.html", "report.json", "config.toml"
 # A lower coverage is named in the summary.
@@ -74,7 +74,7 @@ class RenderedFigure:
 def write_report(
     folder: Path, metadata: ReportMetadata, results: Sequence[SequenceResults], terminal: Terminal
 ) -> None:
-    """Write everything, the page last. Raises InputError or UserFacingError as `write_file`.
+    """Write everything, the page last. Raises UserFacingError.
 
     Args:
         folder: Folder of the report.
@@ -87,13 +87,13 @@ def write_report(
     for name, table in {**tables, "paper": paper_table(results)}.items():
         file = folder / f"{name}.csv"
         if table.rows:
-            write_file(file, table.as_csv().encode())
+            atomic_write(file, table.as_csv().encode())
         else:  # there may be one of an earlier report
             file.unlink(missing_ok=True)
     content = json.dumps(report_content(metadata, results), indent=2)
-    write_file(folder / DATA_FILE, f"{content}\n".encode())
-    write_file(folder / CONFIG_FILE, metadata.config_text.encode())
-    write_file(folder / PAGE_FILE, render_page(metadata, results, figures).encode())
+    atomic_write(folder / DATA_FILE, f"{content}\n".encode())
+    atomic_write(folder / CONFIG_FILE, metadata.config_text.encode())
+    atomic_write(folder / PAGE_FILE, render_page(metadata, results, figures).encode())
 
 
 def _draw_figures(
@@ -109,9 +109,9 @@ def _draw_figures(
     for named in make_figures(result):
         terminal.show(f"{result.recording.name}: drawing {named.name.replace('_', ' ')}")
         path = figure_folder / f"{result.recording.name}-{named.name}"
-        write_file(path.with_name(f"{path.name}.png"), named.render("png"))
+        atomic_write(path.with_name(f"{path.name}.png"), named.render("png"))
         svg = named.render("svg")
-        write_file(path.with_name(f"{path.name}.svg"), svg)
+        atomic_write(path.with_name(f"{path.name}.svg"), svg)
         figures.append(RenderedFigure(path.relative_to(folder).as_posix(), named.caption, svg))
     terminal.clear()
     return figures

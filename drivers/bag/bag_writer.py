@@ -181,7 +181,11 @@ class Ros1Writer(RosbagsWriter):
         super().__init__(ros1_typestore())
         self._counts: Counter[str] = Counter()
         self._writer = Ros1LibraryWriter(path)
-        self._writer.open()
+        try:
+            self._writer.open()
+        except OSError:
+            self.abort()
+            raise
 
     def _add_channel(self, topic: str, message_type: str, store: Typestore) -> Any:
         latching = 1 if topic == "/tf_static" else None

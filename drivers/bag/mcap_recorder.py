@@ -87,6 +87,7 @@ class McapRecorder:
         self._last_stamps = EARLIEST_STAMPS
         self._new_readings = NewReadings()
         self._failure: UserFacingError | None = None
+        self._is_cut = False
         self._flushed_bytes = self._flushed_frames = 0
         self._flushed_s = time.monotonic()
         self._pending: deque[Future[None]] = deque()
@@ -135,6 +136,7 @@ class McapRecorder:
             while self._pending:
                 self._pending.popleft().result()
             self._complete()
+            self._raise_failure()
         finally:
             if not self.written:
                 self._remove()
@@ -186,10 +188,10 @@ class McapRecorder:
             write()
             if time.monotonic() - self._flushed_s >= FLUSH_PERIOD_S:
                 self._flush()
+        except UserFacingError as error:  # the file can still be completed
+            self._failure = error
         except OSError as error:
             self._set_failure(error)
-        except UserFacingError as error:
-            self._failure = error
 
     def _start(self) -> McapWriter:
         """Write the start of the file. Raises WriteError; then no file is left."""
@@ -218,32 +220,34 @@ class McapRecorder:
         return writer
 
     def _flush(self) -> None:
-        """Hand the messages to the system; raise OSError if the disk is nearly full."""
+        """Hand the messages to the system; raise WriteError if the disk is nearly full."""
         self._mcap.flush()
         check_in_place(self._file.fileno(), self.path)
         self._flushed_bytes, self._flushed_frames = self._file.tell(), self.written
         self._flushed_s = time.monotonic()
-        check_disk_space(self.path.parent, self._min_free_bytes)
+        with writing(self.path, self._remark()):
+            check_disk_space(self.path.parent, self._min_free_bytes)
 
     def _complete(self) -> None:
         """Write the end of the file, which is already cut if the disk was full."""
-        if not isinstance(self._failure, WriteError):
+        if not self._is_cut:
             try:
                 self._mcap.close()
                 check_in_place(self._file.fileno(), self.path)
             except OSError as error:
                 self._set_failure(error)
-                self._raise_failure()
 
     def _set_failure(self, error: OSError) -> None:
         self._cut_to_last_flush()
+        self._failure = WriteError.of(self.path, error, self._remark())
+
+    def _remark(self) -> str:
         has_frames = self.written and self.path.exists()
-        remark = "the frames recorded so far can be replayed" if has_frames else ""
-        self._failure = WriteError.of(self.path, error, remark)
+        return "the frames recorded so far can be replayed" if has_frames else ""
 
     def _cut_to_last_flush(self) -> None:
         """Remove the incomplete chunk: the file is then read up to its last whole one."""
-        self.written = self._flushed_frames
+        self.written, self._is_cut = self._flushed_frames, True
         try:
             self._file.truncate(self._flushed_bytes)
         except OSError as error:

@@ -51,6 +51,8 @@ def _explain(path: Path, error: OSError, cause: str) -> tuple[str, str]:
         return f"cannot be written: there is no folder {path.parent}", "create it first"
     if error.errno in _WRONG_NAME:
         return f"cannot be written: {cause}", "use another name"
+    if error.errno == errno.ENOENT:
+        return f"cannot be written: {cause}", "check its folder"
     if error.errno == errno.EIO:
         return f"cannot be written: {cause}", "check the disk"
     return f"cannot be written: {cause}", "use a folder that you may write to"

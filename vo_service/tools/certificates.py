@@ -127,16 +127,17 @@ class CertificateAuthority:
     def _issue(self, name: str, extensions: str, days: int) -> Path:
         self.check_names_free([name])
         folder = self.folder / name
-        with _private_files(), writing(folder):
+        with _private_files():
             self._ensure_authority()
-            temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=self.folder))
-            try:
-                create_key(temporary / "tls.key")
-                sign_certificate(temporary, self.folder, name, extensions, days)
-                shutil.copyfile(self.folder / "ca.pem", temporary / "ca.pem")
-                temporary.rename(folder)
-            finally:
-                shutil.rmtree(temporary, ignore_errors=True)
+            with writing(folder):
+                temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=self.folder))
+                try:
+                    create_key(temporary / "tls.key")
+                    sign_certificate(temporary, self.folder, name, extensions, days)
+                    shutil.copyfile(self.folder / "ca.pem", temporary / "ca.pem")
+                    temporary.rename(folder)
+                finally:
+                    shutil.rmtree(temporary, ignore_errors=True)
         return folder
 
     def _ensure_authority(self) -> None:
@@ -149,9 +150,10 @@ class CertificateAuthority:
                 f"{self.folder} has other files but not ca.pem and ca.key; name a new folder"
             )
         is_new = not self.folder.exists()
-        self.folder.mkdir(parents=True, exist_ok=True)
-        try:
+        with writing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
             self.folder.chmod(0o700)
+        try:
             create_key(key)
             create_authority_certificate(key, certificate, _AUTHORITY_NAME, AUTHORITY_DAYS)
         except BaseException:  # a key without its certificate would be in the way

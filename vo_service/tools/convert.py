@@ -179,6 +179,7 @@ def convert(
                     continue
                 count += 1
                 progress(count)
+        path.stat()  # its folder may have been removed meanwhile
     except OSError as error:
         _remove(path)
         raise WriteError.of(path, error) from error

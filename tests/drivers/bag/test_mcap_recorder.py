@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import AccelerometerReading, RgbdFrame
-from drivers.core import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.geometry import Trajectory, rigid_transform
 from drivers.recording_camera import RecordingCamera, open_recording
 
@@ -137,7 +137,7 @@ def test_frames_that_cannot_be_recorded_are_refused(
             recorder.write(make_frame(2, depth_factor=1000.0))
     assert (recorder.written, recorder.skipped) == (1, 1)
     assert "its stamp does not rise" in caplog.text
-    with pytest.raises(InputError, match=r"a\.mcap: exists already"):
+    with pytest.raises(InputError, match=r"a\.mcap: cannot be written: File exists"):
         McapRecorder(tmp_path / "a.mcap")
 
 
@@ -145,9 +145,9 @@ def test_a_disk_that_fills_leaves_a_whole_file(
     make_frame: FrameMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mcap_recorder, "FLUSH_PERIOD_S", 0.0)
-    free = iter([mcap_recorder.RESERVED_BYTES] * 5)
-    monkeypatch.setattr(mcap_recorder, "free_disk_bytes", lambda _: next(free, 0))
-    with pytest.raises(UserFacingError, match=r"less than 0\.016 GB are left on the disk"):  # noqa: PT012, SIM117
+    free = iter([mcap_recorder.RESERVED_BYTES] * 6)
+    monkeypatch.setattr(write_errors, "free_disk_bytes", lambda _: next(free, 0))
+    with pytest.raises(UserFacingError, match=r"the disk is full \(less than 0\.016 GB are left\)"):  # noqa: PT012, SIM117
         with McapRecorder(tmp_path / "a.mcap") as recorder:
             for k in range(1000):
                 recorder.write(make_frame(k))

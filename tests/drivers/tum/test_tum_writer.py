@@ -142,7 +142,10 @@ def test_a_folder_that_is_not_empty_is_rejected(make_folder: FolderMaker) -> Non
 def test_an_unwritable_folder_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file", tmp_path / "file/inside", Path("/proc/recording")):
-        with pytest.raises(InputError, match=r"cannot be written: .*; name a folder that you may"):
+        with pytest.raises(
+            UserFacingError,
+            match=r"cannot be written: .*; (use|check|create) ",
+        ):
             TumWriter(place)
 
 
@@ -162,7 +165,7 @@ def test_a_deleted_folder_is_one_clear_error(make_frame: FrameMaker, tmp_path: P
         writer.write(make_frame(seq))
     (tmp_path / "r").rename(tmp_path / "elsewhere")
     more = [make_frame(seq) for seq in range(9, 20)]
-    with pytest.raises(UserFacingError, match=r"cannot be written: No such file.*frames recorded"):
+    with pytest.raises(UserFacingError, match="r: cannot be written: No such file"):
         list(map(writer.write, more))
     with pytest.raises(UserFacingError):
         writer.write(make_frame(99))

@@ -77,8 +77,8 @@ def record_on_a_small_disk(tmp_path: Path, copy: Path) -> str:
 def test_a_full_disk_is_one_clear_error_and_the_written_part_replays(tmp_path: Path) -> None:
     printed = record_on_a_small_disk(tmp_path, tmp_path / "copy")
     written, message = printed.split(" ", 1)
-    assert "recording: the disk is full; the " in message
-    assert message.endswith("complete; free some space and record into a new folder\n")
+    assert "recording: the disk is full (No space left on device); the " in message
+    assert message.endswith("complete; free some space\n")
     assert len(read_recording(tmp_path / "copy")) == int(written) > 3
     assert not list((tmp_path / "copy").rglob(".*"))
 
@@ -89,5 +89,5 @@ def test_a_file_size_limit_is_one_clear_error_and_the_written_part_replays(tmp_p
     limited = ["prlimit", "--fsize=20000", *command]
     done = subprocess.run(limited, capture_output=True, text=True, check=True)
     written, message = done.stdout.removeprefix("ready\n").split(" ", 1)
-    assert "the disk is full; the " in message
+    assert "the disk is full (File too large); the " in message
     assert len(read_recording(tmp_path / "r")) == int(written) > 100

@@ -159,7 +159,7 @@ def test_an_unwritable_trajectory_is_an_error(
     outcome = run_in_process(
         capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / where
     )
-    assert_one_line(outcome, 2, "cannot write the trajectory")
+    assert_one_line(outcome, 2, "cannot be written: ")
 
 
 @pytest.mark.zenoh

@@ -128,6 +128,31 @@ def test_help_onto_a_full_disk_is_one_line() -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device; fix this"),
+        (OSError(errno.EIO, "I/O error", "a.txt"), "a.txt: I/O error; fix this and run again"),
+        (OSError("a text"), "a text; fix this and run again"),
+    ],
+)
+def test_only_an_error_of_standard_output_is_said_to_be_one(
+    error: OSError,
+    message: str,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(args: object) -> int:
+        raise error
+
+    monkeypatch.setattr("vo_service.cli.udev.run", fail)
+    with monkeypatch.context() as patch:
+        patch.setattr(cli, "_discard_buffered_output", lambda: None)  # else nothing is captured
+        outcome = run_in_process(capfd, "udev", "show")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith(f"kinect-vo: error: {message}")
+
+
 @pytest.mark.subprocess
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_without_standard_streams_it_does_the_same(closed: str) -> None:

@@ -67,4 +67,4 @@ def test_an_output_folder_that_cannot_be_created_is_one_line_before_rendering(
     (tmp_path / "file").touch()
     outcome = run_in_process(capfd, "demo", "--output", tmp_path / "file" / "demo")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
-    assert "cannot be created" in outcome.err
+    assert "demo: cannot be written: Not a directory" in outcome.err

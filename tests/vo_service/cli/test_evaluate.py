@@ -193,4 +193,4 @@ def test_an_unwritable_figure_is_one_line(
         capfd, "evaluate", half, recording, "--picture", tmp_path / "gone" / "walk.png"
     )
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
-    assert "cannot write the figure" in outcome.err
+    assert "walk.png: there is no folder" in outcome.err

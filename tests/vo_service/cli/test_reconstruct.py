@@ -131,7 +131,7 @@ def test_a_full_map_is_a_warning_and_still_written(
         (("--memory-mb", "9000000"), "--memory-mb 9000000: this computer does not have it"),
         (("--max-depth-m", "-1"), "--max-depth-m: -1 is not a length"),
         (("--rerun", "nowhere"), "rerun target 'nowhere'"),
-        (("--output", "/proc/no/such"), "/proc/no/such: cannot be created"),
+        (("--output", "/proc/no/such"), "/proc/no/such: cannot be written"),
         (("nowhere.txt",), "nowhere.txt: cannot read the trajectory"),
     ],
 )
@@ -232,5 +232,5 @@ def test_a_full_disk_is_one_line_and_leaves_no_partial_file(
     with limit_file_size(20_000):
         outcome = run_in_process(capfd, "reconstruct", recording, truth, *given)
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)
-    assert f"{tmp_path / 'output' / 'map.ply'}: cannot be written" in outcome.err
+    assert f"{tmp_path / 'output' / 'map.ply'}: the disk is full" in outcome.err
     assert names(tmp_path / "output") == []

@@ -110,7 +110,8 @@ def test_an_unwritable_optimized_trajectory_is_rejected_before_the_run(
     (tmp_path / "file").touch()
     outcome = run_in_process(capfd, "replay", recording, *GIVEN, tmp_path / path)
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
-    assert f"{tmp_path / path}: cannot write the trajectory; name a file in a" in outcome.err
+    assert f"{tmp_path / path}: " in outcome.err
+    assert "is a folder; name a file" in outcome.err or "there is no folder" in outcome.err
     assert not list(tmp_path.glob("*.txt"))
 
 

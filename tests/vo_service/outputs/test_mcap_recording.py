@@ -4,6 +4,7 @@ import json
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from drivers.camera import PlaybackMode
-from drivers.core import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.geometry import T_BODY_CAMERA, Trajectory
 from drivers.recording_camera import open_recording
 from tests.full_disk import limit_file_size
+from tests.waiting import wait_until
 from vo_service.outputs.mcap_recording import open_mcap_recording
 from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.messages import Status
@@ -128,3 +130,38 @@ def test_a_full_disk_is_reported_and_keeps_what_was_written(
         with pytest.raises(UserFacingError, match=r"a\.mcap: the recording is incomplete"):
             output.close()
     assert open_recording(tmp_path / "a.mcap").frames.pairs
+
+
+@pytest.mark.parametrize("frames_before", [0, 3])
+def test_a_full_disk_is_a_warning_of_the_service_until_there_is_space(
+    frames_before: int,
+    tmp_path: Path,
+    make_update: MakeUpdate,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr("drivers.bag.mcap_recorder.FLUSH_PERIOD_S", 0.0)
+    monkeypatch.setattr("vo_service.outputs.mcap_recording.RETRY_PERIOD_S", 0.0)
+    path, numbers = tmp_path / "a.mcap", count()
+    disk = {"free": 10**12 if frames_before else 0}
+    monkeypatch.setattr(write_errors, "free_disk_bytes", lambda _: disk["free"])
+    output = open_mcap_recording(path, REALTIME)
+
+    def send_until(condition: Callable[[], bool]) -> None:
+        def has_come() -> bool:
+            output.on_update(make_update(next(numbers)))
+            return condition()
+
+        wait_until(has_come)
+
+    if frames_before:
+        send_until(lambda: path.exists() and path.stat().st_size > 10_000)
+    disk["free"] = 0
+    send_until(lambda: "a.mcap: the disk is full (less than 1" in output.warning)
+    disk["free"] = 10**12
+    send_until(lambda: output.warning == "" and path.exists())
+    with pytest.raises(UserFacingError, match=r"a\.mcap: the recording is incomplete"):
+        output.close()
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    for file in [path, tmp_path / "a-0001.mcap"][: 2 if frames_before else 1]:
+        assert open_recording(file).frames.pairs

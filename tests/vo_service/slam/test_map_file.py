@@ -101,7 +101,7 @@ def test_the_same_map_gives_the_same_bytes(saved: Path, tmp_path: Path) -> None:
 
 
 def test_an_unwritable_map_is_reported_in_one_line(tmp_path: Path, contents: MapContents) -> None:
-    with pytest.raises(UserFacingError, match="cannot be written: No such file") as refused:
+    with pytest.raises(UserFacingError, match="cannot be written: there is no folder") as refused:
         write_map(tmp_path / "missing" / "home.map", contents)
     assert "\n" not in str(refused.value)
 

@@ -198,9 +198,7 @@ def test_nothing_is_left_after_a_failure(copy_recording: CopyRecording, tmp_path
             convert(open_recording(folder), tmp_path / "out" / name, kind, stop)
         assert not (tmp_path / "out" / name).exists()
     (tmp_path / "file").write_text("")
-    with pytest.raises(
-        UserFacingError, match=r"cannot be written: .*; name a file that you may write"
-    ):
+    with pytest.raises(UserFacingError, match="cannot be written: File exists"):
         convert_path(folder, tmp_path / "file" / "a.mcap")
     with pytest.raises(InputError, match="file: exists already"):
         convert_path(folder, tmp_path / "file")
@@ -215,7 +213,7 @@ def test_a_full_disk_is_one_clear_error_and_leaves_nothing(
         advice = "disk I/O error" if kind is OutputFormat.ROS2 else "free some space"
         with (
             limit_file_size(100_000),
-            pytest.raises(UserFacingError, match=f"{name}: cannot be written: .*{advice}"),
+            pytest.raises(UserFacingError, match=f"{name}: .*{advice}"),
         ):
             convert_path(folder, tmp_path / "out" / name, kind)
         assert not (tmp_path / "out" / name).exists()

@@ -244,6 +244,8 @@ class RrdFileSink(Sink):
         # Rerun does not read a file that ends in the middle of a message.
         with suppress(OSError), self._path.open("r+b") as file:
             file.truncate(self._flushed_bytes)
+            if not self._flushed_bytes:
+                self._path.unlink()
         return BrokenFileError(
             f"{self.address}: the recording stops after {self._flushed_bytes} bytes: the file "
             f"cannot be written ({error}); fix this and start again"

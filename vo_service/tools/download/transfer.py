@@ -17,7 +17,7 @@ from typing import IO, Protocol, Self
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import atomic_write
-from drivers.core.write_errors import WriteError, free_disk_bytes
+from drivers.core.write_errors import WriteError, check_in_place, free_disk_bytes
 from vo_service.terminal import announce, announce_if_slow
 
 READ_TIMEOUT_S = 30.0
@@ -88,6 +88,7 @@ class PartialFile:
         """
         rest = memoryview(data)
         try:
+            check_in_place(self._file.fileno(), self.path)
             while rest:
                 rest = rest[self._file.write(rest) :]
         except OSError as error:

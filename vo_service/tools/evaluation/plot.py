@@ -15,6 +15,7 @@ from drivers.core.geometry import (
     inverse,
     transform_points,
 )
+from drivers.core.write_errors import check_output_file
 from vo_service.tools.evaluation.metrics import associate, best_alignment, position_errors_m
 
 if TYPE_CHECKING:  # rarely used, and slow to import
@@ -47,11 +48,13 @@ def write_plot(
         max_difference_s: As for `associate`.
 
     Raises:
-        InputError: Another suffix, or fewer than 3 poses with ground truth.
+        InputError: Another suffix, fewer than 3 poses with ground truth, or no file can have this
+            name.
         WriteError: The file cannot be written.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")
+    check_output_file(path)
     figure = draw_plot(trajectory, truth, title, max_difference_s)
     image = io.BytesIO()
     figure.savefig(image, format=path.suffix.lower().removeprefix("."))

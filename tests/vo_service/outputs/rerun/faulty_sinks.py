@@ -1,9 +1,13 @@
 """Sinks that fail in the viewer's process."""
 
+import errno
+import os
 import threading
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vo_service.outputs.rerun.sinks import DiskFullError, LiveSink
+from drivers.core.write_errors import WriteError
+from vo_service.outputs.rerun.sinks import LiveSink
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -49,4 +53,4 @@ class FullDiskSink(_InMemorySink):
 
     def check(self, stream: "rr.RecordingStream") -> None:
         """Raise the error of a full disk."""
-        raise DiskFullError("full: the disk is full")
+        raise WriteError.of(Path("full"), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))

@@ -15,9 +15,10 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from drivers.camera import PlaybackMode
-from drivers.core import InputError, UserFacingError
+from drivers.core import InputError, UserFacingError, write_errors
 from drivers.core.files import rotate_file
 from drivers.core.geometry import Trajectory
+from drivers.core.write_errors import WriteError
 from tests.full_disk import limit_file_size
 from tests.resource_leaks import resident_memory_kb
 from tests.vo_service.outputs.rerun.rerun_recording import (
@@ -62,7 +63,7 @@ def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     monkeypatch.setattr(rotating_recording, "CHECK_PERIOD_S", 0.0)
     monkeypatch.setattr(rotating_recording, "RETRY_PERIOD_S", 0.0)
-    monkeypatch.setattr(sinks, "free_disk_bytes", free_bytes)
+    monkeypatch.setattr(write_errors, "free_disk_bytes", free_bytes)
     return free_sizes
 
 
@@ -246,13 +247,10 @@ def test_a_name_that_is_not_utf8_is_one_line_and_existing_files_stay(tmp_path: P
     [
         ("folder.rrd", "it is a folder; name another file"),
         ("device.rrd", "it is not a regular file; name another file"),
-        ("none/a.rrd", "does not exist; name another file"),
-        ("file/a.rrd", "does not exist; name another file"),
-        (
-            "/proc/a.rrd",
-            "cannot create a file in /proc: No such file or directory; name another file",
-        ),
-        ("/sys/a.rrd", "cannot create a file in /sys: "),
+        ("none/a.rrd", "none; create it first"),
+        ("file/a.rrd", "Not a directory; use another name"),
+        ("/proc/a.rrd", "cannot be written: No such file or directory; check its folder"),
+        ("/sys/a.rrd", "cannot be written: "),
     ],
 )
 def test_an_unwritable_file_is_reported_with_its_cause(
@@ -262,7 +260,7 @@ def test_an_unwritable_file_is_reported_with_its_cause(
     (tmp_path / "device.rrd").symlink_to("/dev/full")
     (tmp_path / "file").touch()
     there = set(tmp_path.rglob("*"))
-    with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
+    with pytest.raises(UserFacingError, match=r"\.rrd: cannot ") as caught:
         RotatingRecording(make_config(RrdFileSink(tmp_path / name)))
     assert cause in str(caught.value)
     assert set(tmp_path.rglob("*")) == there
@@ -277,6 +275,6 @@ def test_a_folder_that_takes_no_new_file_keeps_the_existing_ones(
     monkeypatch.setattr(sinks, "TemporaryFile", refuse)  # root may write everywhere
     path = tmp_path / "out.rrd"
     path.touch()
-    with pytest.raises(InputError, match=r"cannot create a file in .*: Read-only file system"):
+    with pytest.raises(WriteError, match=r"out\.rrd: cannot be written: Read-only file system"):
         RotatingRecording(make_config(RrdFileSink(path)))
     assert list(tmp_path.iterdir()) == [path]

@@ -9,11 +9,12 @@ import pytest
 
 from drivers.calibration import read_calibration
 from drivers.core import InputError
+from drivers.core.write_errors import check_output_file
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.collect_folder import DepthUnits
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
-from vo_service.tools.calibration.output_files import check_writable, save_camera_file
+from vo_service.tools.calibration.output_files import save_camera_file
 from vo_service.tools.calibration.plot import draw_plot, write_plot
 from vo_service.tools.calibration.solver import CalibrationResult
 
@@ -65,7 +66,7 @@ def test_a_file_behind_a_link_is_written_at_its_target(
 def test_an_unwritable_path_is_rejected_at_once(tmp_path: Path) -> None:
     for path, message in ((tmp_path, "is a folder"), (tmp_path / "a" / "b", "there is no folder")):
         with pytest.raises(InputError, match=message):
-            check_writable(path)
+            check_output_file(path)
 
 
 def test_the_table_shows_both_cameras(calibration: CalibrationResult) -> None:

@@ -17,6 +17,7 @@ from drivers.calibration import (
 )
 from drivers.core import InputError, UserFacingError
 from drivers.core.config import parse_toml
+from tests.full_disk import limit_file_size
 from vo_service.tools.calibration.timing import (
     USUAL_TIMING,
     SensorTiming,
@@ -130,18 +131,12 @@ def test_a_new_file_has_the_fallback_camera(tmp_path: Path) -> None:
     )
 
 
-def test_another_file_or_a_full_disk_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_file_or_a_full_disk_is_an_error(tmp_path: Path) -> None:
     other = tmp_path / "other.toml"
     other.write_text("schema = 1\ncolor = 'red'\n")
     with pytest.raises(InputError, match=r"other\.toml"):
         save_timing(other, CAMERA, TIMING, "")
     assert other.read_text() == "schema = 1\ncolor = 'red'\n"
 
-    def raise_disk_full(path: Path, data: bytes) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("vo_service.tools.calibration.output_files.atomic_write", raise_disk_full)
-    with pytest.raises(UserFacingError, match="the disk is full"):
+    with limit_file_size(0), pytest.raises(UserFacingError, match="the disk is full"):
         save_timing(tmp_path / "new.toml", CAMERA, TIMING, "")

@@ -67,7 +67,7 @@ def test_a_folder_that_cannot_be_created_is_reported(
     output.write_text("a file")
     outcome = download(NAME)
     assert (outcome.code, server.ranges) == (2, [])
-    assert f"{output}: cannot be created: File exists; name another with --output" in outcome.err
+    assert f"{output}: cannot be written: File exists; use another name" in outcome.err
 
 
 def test_a_second_download_at_the_same_time_is_rejected(

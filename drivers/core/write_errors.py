@@ -18,6 +18,12 @@ from drivers.core import InputError, UserFacingError
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # The name itself cannot be that of a new file: a retry does not help.
 _WRONG_NAME = (errno.EEXIST, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
+_ADVICE: dict[int | None, str] = {
+    **dict.fromkeys(_WRONG_NAME, "use another name"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "use a folder that you may write to"),
+    errno.ENOENT: "check its folder",
+    errno.EPIPE: "its reader has ended",
+}
 
 
 class WriteError(OSError, UserFacingError):
@@ -49,13 +55,7 @@ def _explain(path: Path, error: OSError, cause: str) -> tuple[str, str]:
         return f"the disk is full ({cause})", "free some space"
     if _has_no_folder(path, error):
         return f"cannot be written: there is no folder {path.parent}", "create it first"
-    if error.errno in _WRONG_NAME:
-        return f"cannot be written: {cause}", "use another name"
-    if error.errno == errno.ENOENT:
-        return f"cannot be written: {cause}", "check its folder"
-    if error.errno == errno.EIO:
-        return f"cannot be written: {cause}", "check the disk"
-    return f"cannot be written: {cause}", "use a folder that you may write to"
+    return f"cannot be written: {cause}", _ADVICE.get(error.errno, "check the disk")
 
 
 def _has_no_folder(path: Path, error: OSError) -> bool:
@@ -75,7 +75,7 @@ def writing(path: Path, remark: str = "") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if isinstance(error, WriteError) and error.filename == str(path):
+        if isinstance(error, WriteError) and error.filename == str(path) and not remark:
             raise
         raise WriteError.of(path, error, remark) from error
 

@@ -19,6 +19,7 @@ from drivers.recording_camera import open_recording
 from drivers.tum.writer import TumWriter
 from tests.full_disk import limit_file_size
 from tests.read_only_folder import read_only
+from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.outputs.recorder.recorder_inputs import make_frame, make_update
 from tests.vo_service.outputs.rerun.rerun_recording import make_config
 from vo_service.outputs.mcap_recording import open_mcap_recording
@@ -258,14 +259,13 @@ COMMANDS = {
     "replay --optimized-trajectory": "replay {recording} --optimized-trajectory {out}/a.txt",
     "replay --mcap": "replay {recording} --no-publish --mcap {out}/a.mcap",
     "run --mcap": "run --camera tum:{recording} --no-publish --mcap {out}/a.mcap",
-    "run --rerun": "run --camera tum:{recording} --no-publish --rerun {out}/a.rrd",
     "convert": "convert {recording} {out}/a.mcap",
     "evaluate --picture": "evaluate {recording}/groundtruth.txt {recording} --picture {out}/a.png",
     "reconstruct": "reconstruct {recording} --output {out}",
     "demo": "demo --output {out}",
     "compare": "compare {recording} --output {out}",
     "certificates": "certificates {out}/keys --reader reader",
-    "calibrate --print-board": "calibrate --print-board {out}/a.pdf",
+    "calibrate --print-board": "calibrate --square 0.03 --print-board {out}/a.pdf",
     "download": "download freiburg1_xyz --output {out}",
 }
 

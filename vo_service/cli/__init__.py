@@ -5,10 +5,11 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
 from importlib.metadata import version
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn, TextIO, cast
 
 from drivers.core import UserFacingError
 from drivers.core.files import kernel_folder
@@ -77,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
     """
     _reopen_closed_streams()
     try:
-        with log_to_stderr():
+        with log_to_stderr(), redirect_stdout(cast(TextIO, _NamedStandardOutput(sys.stdout))):
             sys.exit(_run_reporting_errors(sys.argv[1:] if argv is None else argv))
     except InterruptedBySignal as interruption:
         sys.exit(interruption.exit_code)
@@ -100,8 +101,7 @@ def _run_reporting_errors(arguments: Sequence[str]) -> int:
         _discard_buffered_output()
         return 0
     except OSError as error:
-        where = "standard output: " if _standard_output_fails() else ""
-        where = f"{error.filename}: " if error.filename else where
+        where = f"{error.filename}: " if error.filename else ""
         logging.getLogger("kinect-vo").error(
             "%s; fix this and run again", one_line(f"{where}{error.strerror or error}")
         )
@@ -109,13 +109,31 @@ def _run_reporting_errors(arguments: Sequence[str]) -> int:
         return 1
 
 
-def _standard_output_fails() -> bool:
-    """Return whether what is buffered for standard output still cannot be written."""
+class _NamedStandardOutput:
+    """Standard output that is named in its errors, as files are."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with _naming_standard_output():
+            return self._stream.write(text)
+
+    def flush(self) -> None:
+        with _naming_standard_output():
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def _naming_standard_output() -> Iterator[None]:
     try:
-        sys.stdout.flush()
-    except OSError:
-        return True
-    return False
+        yield
+    except OSError as error:
+        error.filename = "standard output"
+        raise
 
 
 def _parse_and_run(arguments: Sequence[str]) -> int:

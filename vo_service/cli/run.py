@@ -124,11 +124,10 @@ def _serve(
     command_queue = CommandQueue()
     commands = make_command_endpoint(config.commands, command_queue)
     reloader = ConfigReloader(config, lambda: load_config(args))
-    systemd = SystemdOutput()
     with (
         open_outputs(_make_outputs_config(args, config, commands, terminal)) as opened,
         closing(open_sensor_memory(config, camera)) as sensor_memory,
-        closing(systemd),
+        closing(SystemdOutput()) as systemd,
         closing(command_queue),
     ):
         loggers: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]

@@ -38,9 +38,9 @@ def test_an_error_keeps_its_text_between_processes(tmp_path: Path) -> None:
 
 
 def test_the_outermost_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(WriteError) as caught, writing(tmp_path / "a.map"):
-        with writing(tmp_path / ".a.map.part", "gone"):
-            raise OSError(errno.EIO, "Input/output error")
+    part = tmp_path / ".a.map.part"
+    with pytest.raises(WriteError) as caught, writing(tmp_path / "a.map"), writing(part, "gone"):
+        raise OSError(errno.EIO, "Input/output error")
     text = f"{tmp_path / 'a.map'}: cannot be written: Input/output error; check the disk"
     assert str(caught.value) == text
 

@@ -1,5 +1,6 @@
 """The command line as a whole: help, version, exit codes, logging."""
 
+import errno
 import logging
 import os
 import signal
@@ -12,6 +13,7 @@ import pytest
 
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.service_process import KINECT_VO
+from vo_service import cli
 from vo_service.cli import COMMANDS, warm_up
 from vo_service.signals import InterruptedBySignal
 

@@ -101,7 +101,7 @@ def test_an_existing_file_is_kept(tmp_path: Path, make_update: MakeUpdate) -> No
     path = tmp_path / "a.mcap"
     record(path, [make_update(0)])
     before = path.read_bytes()
-    with pytest.raises(InputError, match="exists already; name a new file"):
+    with pytest.raises(InputError, match="cannot be written: File exists"):
         open_mcap_recording(path, LOCKSTEP)
     output = open_mcap_recording(path, REALTIME)
     output.on_update(make_update(0))
@@ -126,7 +126,9 @@ def test_a_full_disk_is_reported_and_keeps_what_was_written(
             output.on_update(make_update(seq))
             if output.warning:
                 break
-        assert "the disk is full; the frames recorded so far can be replayed" in output.warning
+        assert (
+            "the disk is full (File too large); the frames recorded so far can be" in output.warning
+        )
         with pytest.raises(UserFacingError, match=r"a\.mcap: the recording is incomplete"):
             output.close()
     assert open_recording(tmp_path / "a.mcap").frames.pairs

@@ -50,7 +50,7 @@ def test_an_unwritable_trajectory_leaves_the_port_free(free_port: int, tmp_path:
     request = OutputsConfig(
         PlaybackMode.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "no" / "file"
     )
-    with pytest.raises(InputError, match="cannot write"), open_outputs(request):
+    with pytest.raises(InputError, match="cannot be written"), open_outputs(request):
         pass
     assert is_free(free_port)
 

@@ -146,5 +146,5 @@ def test_low_disk_space_ends_a_recording_with_a_reason(
     monkeypatch.setattr(recording_module, "MIN_FREE_BYTES", 10**18)
     result = _Ring(tmp_path / "full").record(frames=2)
     assert result.frame_count == 0
-    assert "are left on the disk; free some space" in result.error
+    assert "are left); free some space" in result.error
     assert not result.folder.exists()

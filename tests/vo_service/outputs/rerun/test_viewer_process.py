@@ -185,7 +185,12 @@ def test_lost_data_is_reported_during_the_fault_and_at_the_end(
     make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     output = RerunOutput(FullDiskSink())
-    show_until(output, make_update(0), "rerun: full: the disk is full")
+    show_until(
+        output,
+        make_update(0),
+        "rerun: full: the disk is full (No space left on device); free some space; "
+        "recording then continues",
+    )
     output.on_update(make_update(30))
     with pytest.raises(UserFacingError, match="full: the recording is incomplete"):
         output.close()

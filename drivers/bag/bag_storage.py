@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drivers.core import InputError
-from drivers.core.files import is_disk_full
+from drivers.core.write_errors import is_disk_full
 from drivers.recording.bag_names import is_bag_file
 
 COMPRESSED_SUFFIX = ".zstd"
@@ -135,7 +135,7 @@ def _content_of(path: Path, folder: Path | None) -> Path:
         with zstd.open(path, "rb") as compressed, content.open("wb") as file:
             shutil.copyfileobj(compressed, file, 1 << 20)
     except (OSError, EOFError, zstd.ZstdError) as error:
-        if isinstance(error, OSError) and is_disk_full(error):
+        if is_disk_full(error):
             raise InputError(
                 f"{path}: {folder.parent} has no room for it without compression; set TMPDIR to a "
                 "folder that has"

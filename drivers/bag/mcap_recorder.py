@@ -12,11 +12,14 @@ from io import FileIO
 from pathlib import Path
 from typing import IO, Any, Self, cast
 
-from drivers.bag.bag_writer import MILLIMETER_DEPTH_FACTOR, EncodedMessage, FrameWriter, McapWriter
+import numpy as np
+
+from drivers.bag.bag_writer import EncodedMessage, McapWriter
+from drivers.bag.frame_writer import FrameWriter
 from drivers.calibration import CameraCalibration
 from drivers.camera import NewReadings, RgbdFrame
 from drivers.core import UserFacingError
-from drivers.core.geometry import Trajectory
+from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory
 from drivers.core.write_errors import (
     WriteError,
     check_disk_space,
@@ -24,7 +27,7 @@ from drivers.core.write_errors import (
     creating,
     writing,
 )
-from drivers.recording import BgrImage, DepthImage
+from drivers.recording import BgrImage
 from drivers.recording.frames import (
     EARLIEST_STAMPS,
     ColorFormat,
@@ -42,22 +45,23 @@ MAX_PENDING_FRAMES = 30
 FLUSH_PERIOD_S = 0.25
 # Left free on the disk, for the end of the file.
 RESERVED_BYTES = 16_000_000
-_Images = tuple[bytes | BgrImage, bytes | DepthImage]
+_Color = bytes | BgrImage
 
 
 class McapRecorder:
     """Writes frames, gravity and the ground truth as ROS messages, see `FrameWriter`.
 
     If the disk fails, the file ends with its last whole part; one without a frame is removed.
-    Images are encoded on threads and written in order on another, so that a slow disk does not
-    hold up the camera. Everything older than `FLUSH_PERIOD_S` outlives the process. A frame whose
-    stamp is not after the previous one, to the microsecond, is skipped, counted and logged.
+    Color is encoded on threads and written in order on another, so that a slow disk does not hold
+    up the camera. Everything older than `FLUSH_PERIOD_S` outlives the process. A frame whose stamp
+    is not after the previous one, to the microsecond, is skipped, counted and logged.
 
     Args:
         path: New file.
-        ground_truth: Written at the start; may be set until the first frame.
-        is_raw: Write the images as they are. Otherwise color is JPEG, which loses a little, and
-            depth in millimeters is PNG.
+        ground_truth: Written up to each frame; may be set until the first one.
+        T_base_camera: 4x4 pose of the camera in the robot's base; may be set until the first frame.
+        is_base_estimated: Whether `messages` have the transform to the base, see `FrameWriter`.
+        is_raw: Write color as it is. Otherwise it is JPEG, which loses a little.
         min_free_bytes: Left free on the disk.
 
     Raises:
@@ -70,12 +74,16 @@ class McapRecorder:
         path: Path,
         *,
         ground_truth: Trajectory | None = None,
+        T_base_camera: Array = T_BODY_CAMERA,
+        is_base_estimated: bool = False,
         is_raw: bool = False,
         min_free_bytes: int = RESERVED_BYTES,
     ) -> None:
         self.path = path
         self.written = self.skipped = 0
-        self.ground_truth, self._is_raw = ground_truth, is_raw
+        self.ground_truth, self.T_base_camera = ground_truth, T_base_camera
+        self._is_base_estimated, self._is_raw = is_base_estimated, is_raw
+        self._true_poses = 0  # that are written
         self._min_free_bytes = min_free_bytes
         with creating(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -109,8 +117,8 @@ class McapRecorder:
             return
         self._check_camera(calibration_of_frame(frame))
         self._last_stamps = stamps
-        images = self._encoders.submit(_encode, frame, self._is_raw)
-        self._submit(partial(self._write_frame, frame, stamps, images, messages))
+        color = self._encoders.submit(_encode, frame.color_bgr, self._is_raw)
+        self._submit(partial(self._write_frame, frame, stamps, color, messages))
 
     def write_message(self, message: EncodedMessage) -> None:
         """Add a message that belongs to no frame. Raises as `write`."""
@@ -166,10 +174,11 @@ class McapRecorder:
         self,
         frame: RgbdFrame,
         stamps: FrameStamps,
-        images: Future[_Images],
+        color: Future[_Color],
         messages: Sequence[EncodedMessage],
     ) -> None:
         writer = self._frame_writer or self._begin(calibration_of_frame(frame), stamps)
+        self._write_true_poses(writer, float(max(stamps.color, stamps.depth)))
         for message in messages:
             self._mcap.write_encoded(message)
         for reading in self._new_readings.take(frame.accelerometer):
@@ -177,7 +186,7 @@ class McapRecorder:
             writer.write_reading(stamp, reading.acceleration_m_s2)
         if frame.gravity_m_s2 is not None:
             writer.write_gravity(stamps.color, frame.gravity_m_s2)
-        writer.write_frame(stamps, *images.result())
+        writer.write_frame(stamps, color.result(), frame.depth_raw)
         self.written += 1
 
     def _commit(self, write: Callable[[], None]) -> None:
@@ -211,13 +220,25 @@ class McapRecorder:
 
     def _begin(self, calibration: CameraCalibration, stamps: FrameStamps) -> FrameWriter:
         """Write what belongs to the whole recording."""
-        writer = FrameWriter(self._mcap, calibration, min(stamps.color, stamps.depth))
+        self._frame_writer = FrameWriter(
+            self._mcap,
+            calibration,
+            min(stamps.color, stamps.depth),
+            T_base_camera=self.T_base_camera,
+            is_base_estimated=self._is_base_estimated,
+        )
+        return self._frame_writer
+
+    def _write_true_poses(self, writer: FrameWriter, end_s: float) -> None:
+        """Write the next true poses up to the first one after a time."""
         truth = self.ground_truth
-        if truth is not None:
-            for stamp_s, T in zip(truth.stamps_s, truth.T_world_camera, strict=True):
-                writer.write_true_pose(Decimal(repr(float(stamp_s))), T)
-        self._frame_writer = writer
-        return writer
+        if truth is None:
+            return
+        end = 1 + np.searchsorted(truth.stamps_s, end_s, side="right")
+        for k in range(self._true_poses, min(int(end), len(truth.stamps_s))):
+            stamp = Decimal(repr(float(truth.stamps_s[k])))
+            writer.write_true_pose(stamp, truth.T_world_camera[k])
+            self._true_poses = k + 1
 
     def _flush(self) -> None:
         """Hand the messages to the system; raise WriteError if the disk is nearly full."""
@@ -269,10 +290,5 @@ class _UnbufferedStream:
         return written
 
 
-def _encode(frame: RgbdFrame, is_raw: bool) -> _Images:
-    if is_raw:
-        return frame.color_bgr, frame.depth_raw
-    color = encode_image(frame.color_bgr, ColorFormat.JPEG)
-    if frame.depth_factor != MILLIMETER_DEPTH_FACTOR:
-        return color, frame.depth_raw
-    return color, encode_image(frame.depth_raw, ColorFormat.PNG)
+def _encode(color_bgr: BgrImage, is_raw: bool) -> _Color:
+    return color_bgr if is_raw else encode_image(color_bgr, ColorFormat.JPEG)

@@ -241,6 +241,10 @@ MAX_POSITION_M = 1e9
 MAX_STAMP_DIFFERENCE_S = 0.020
 
 
+# Of a pose that counts as that of a frame.
+MAX_POSE_GAP_S = 0.02
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """A trajectory.
@@ -255,6 +259,12 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.stamps_s)
+
+    def pose_near(self, stamp_s: float) -> Array | None:
+        """Return the (4, 4) pose nearest in time; None if that is too far away."""
+        gaps_s = np.abs(self.stamps_s - stamp_s)
+        nearest = int(np.argmin(gaps_s))
+        return self.T_world_camera[nearest] if gaps_s[nearest] <= MAX_POSE_GAP_S else None
 
 
 def read_trajectory(path: Path) -> Trajectory:

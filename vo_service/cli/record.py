@@ -3,10 +3,10 @@
 import argparse
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,7 @@ from drivers.recording_camera import check_bag_packages
 from drivers.synthetic import SyntheticConfig
 from drivers.tum.writer import TumWriter
 from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics
-from vo_service.config import read_config
+from vo_service.config import Config, read_config
 from vo_service.frame_source import make_publish_clock
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
@@ -101,7 +101,14 @@ def run(args: argparse.Namespace) -> int:
     with camera, stop_on_signals() as stop:
         frames = _read_frames(camera, terminal, stop)
         first = next(frames, None)  # before the folder is created: there may be no camera
-        written = 0 if first is None else _write_frames(args, camera, first, frames, terminal)
+        written = 0
+        if first is not None:
+            begin_s = first.stamp_s
+            recorded = takewhile(
+                lambda frame: frame.stamp_s - begin_s < args.seconds, chain([first], frames)
+            )
+            writer = _create_writer(args, config, camera.ground_truth)
+            written = _write_frames(writer, recorded, camera.frame_count, terminal)
     terminal.clear()
     print(
         f"{written} frames in {args.output}" if written else "no frame received: nothing is written"
@@ -110,19 +117,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write_frames(
-    args: argparse.Namespace,
-    camera: RgbdCamera,
-    first: RgbdFrame,
-    rest: Iterator[RgbdFrame],
+    writer: "TumWriter | McapRecorder",
+    frames: Iterable[RgbdFrame],
+    frame_count: int | None,
     terminal: Terminal,
 ) -> int:
-    """Create the folder or file, write the frames, and return their number."""
-    with _create_writer(args, camera.ground_truth) as writer:
-        for frame in chain([first], rest):
-            if frame.stamp_s - first.stamp_s >= args.seconds:
-                break
+    """Write the frames, close the writer, and return their number."""
+    with writer:
+        for frame in frames:
             writer.write(frame)
-            terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
+            terminal.progress("recording: frame", frame.seq + 1, frame_count)
     return writer.written
 
 
@@ -143,14 +147,19 @@ def _check_output(args: argparse.Namespace) -> None:
 
 
 def _create_writer(
-    args: argparse.Namespace, ground_truth: Trajectory | None
+    args: argparse.Namespace, config: Config, ground_truth: Trajectory | None
 ) -> "TumWriter | McapRecorder":
     if args.output.suffix.lower() != MCAP_SUFFIX:
         color = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
         return TumWriter(args.output, ground_truth=ground_truth, color_format=color)
     from drivers.bag.mcap_recorder import McapRecorder  # its packages are optional
 
-    return McapRecorder(args.output, ground_truth=ground_truth, is_raw=args.raw)
+    return McapRecorder(
+        args.output,
+        ground_truth=ground_truth,
+        T_base_camera=config.T_base_camera.T_base_camera,
+        is_raw=args.raw,
+    )
 
 
 def _play_once(synthetic: SyntheticConfig, max_duration_s: float) -> SyntheticConfig:

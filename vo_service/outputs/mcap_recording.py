@@ -10,20 +10,27 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from drivers.bag.bag_writer import CAMERA_FRAME, NAMESPACE, EncodedMessage
+import numpy as np
+
+from drivers.bag.bag_writer import EncodedMessage
+from drivers.bag.frame_writer import BASE_FRAME, NAMESPACE, WORLD_FRAME
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
+from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.files import rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
-from drivers.core.geometry import Trajectory, inverse
+from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.ros_messages import (
     ODOMETRY_SCHEMA,
+    POINT_CLOUD_SCHEMA,
     STRING_SCHEMA,
     TRANSFORMS_SCHEMA,
+    PointCloudMessage,
     TransformMessage,
+    encode_point_cloud,
     encode_string,
     encode_transforms,
 )
@@ -42,12 +49,13 @@ from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 logger = logging.getLogger(__name__)
 
 SUFFIX = ".mcap"
-FRAME_IDS = FrameIds("odom", "base_link", "map")
+FRAME_IDS = FrameIds("odom", BASE_FRAME, "map")
 # A slow disk has a second besides, in the recorder.
 MAX_QUEUED = 8
 # A file that is begun has room for this: not many small ones on a disk that is nearly full.
 MIN_FILE_BYTES = 100_000_000
 RETRY_PERIOD_S = 1.0
+PATH_COLOR_BGR = (40, 150, 255)
 CLOSE_TIMEOUT_S, LOCKSTEP_CLOSE_TIMEOUT_S = 2.0, 25.0
 # A status with the time at which the service gave it, CLOCK_MONOTONIC.
 Item = OdometryUpdate | tuple[Status, float]
@@ -67,14 +75,10 @@ def open_mcap_recording(
     if path.suffix.lower() != SUFFIX:
         raise InputError(f"{path}: is no MCAP file; name a file that ends in {SUFFIX}")
     if playback_mode is PlaybackMode.LOCKSTEP:
-        return McapOutput(
-            path, partial(McapRecorder, path), BlockingQueue(2), ground_truth,
-            LOCKSTEP_CLOSE_TIMEOUT_S,
-        )  # fmt: skip
-    return McapOutput(
-        path, partial(_create_next, path), DropOldestQueue(MAX_QUEUED), ground_truth,
-        can_retry=True,
-    )  # fmt: skip
+        create = partial(McapRecorder, path, is_base_estimated=True)
+        return McapOutput(path, create, BlockingQueue(2), ground_truth, LOCKSTEP_CLOSE_TIMEOUT_S)
+    queue: BoundedQueue[Item] = DropOldestQueue(MAX_QUEUED)
+    return McapOutput(path, partial(_create_next, path), queue, ground_truth, can_retry=True)
 
 
 def _create_next(path: Path) -> McapRecorder:
@@ -83,7 +87,7 @@ def _create_next(path: Path) -> McapRecorder:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_disk_space(path.parent, MIN_FREE_BYTES + MIN_FILE_BYTES)
         rotate_file(path, max_files=sys.maxsize)
-    return McapRecorder(path, min_free_bytes=MIN_FREE_BYTES)
+    return McapRecorder(path, is_base_estimated=True, min_free_bytes=MIN_FREE_BYTES)
 
 
 class McapOutput:
@@ -122,6 +126,10 @@ class McapOutput:
         self._data_loss: UserFacingError | None = None
         # The last published stamp, and the time on CLOCK_MONOTONIC when it came.
         self._last_stamp_s: tuple[float, float] | None = None
+        self._trail = SampledPath()
+        # The ground truth in odom, and the epoch in which that is so.
+        self._T_odom_world: Array = np.eye(4)
+        self._world_epoch: int | None = None
         try:
             self._recorder = create()
         except WriteError as error:
@@ -182,13 +190,41 @@ class McapOutput:
             _encoded("/vo/odom", ODOMETRY_SCHEMA, update.stamp_s, pose_payload(update, FRAME_IDS)),
         ]
         if self._last_stamp_s is None:
-            messages.append(_transforms("/tf_static", [_camera_transform(update)]))
+            recorder.T_base_camera = inverse(update.T_odom_base) @ update.T_odom_camera
             recorder.ground_truth = self._published_ground_truth(update)
         transforms = pose_transforms(update, FRAME_IDS)
         if transforms:
+            transforms += self._world_transforms(recorder, update)
             messages.append(_transforms("/tf", transforms))
+            messages += self._path_messages(update)
         self._last_stamp_s = update.stamp_s, time.monotonic()
         recorder.write(update.frame.restamped(update.stamp_s), messages)
+
+    def _path_messages(self, update: OdometryUpdate) -> list[EncodedMessage]:
+        """Make the path to the pose, if it is due."""
+        points = self._trail.add(update.stamp_s, update.T_odom_base[:3, 3], update.epoch)
+        if points is None:
+            return []
+        colors = np.full((len(points), 3), PATH_COLOR_BGR, np.uint8)
+        cloud = PointCloudMessage(update.stamp_s, FRAME_IDS.frame_id, points, colors)
+        data = encode_point_cloud(cloud)
+        return [_encoded("/vo/path", POINT_CLOUD_SCHEMA, update.stamp_s, data)]
+
+    def _world_transforms(
+        self, recorder: McapRecorder, update: OdometryUpdate
+    ) -> list[TransformMessage]:
+        """Make odom->world, once the ground truth is known at a pose of the epoch."""
+        truth = recorder.ground_truth
+        if truth is not None and update.epoch != self._world_epoch:
+            T_world_camera = truth.pose_near(update.stamp_s)
+            if T_world_camera is not None:
+                self._T_odom_world = update.T_odom_camera @ inverse(T_world_camera)
+                self._world_epoch = update.epoch
+        if update.epoch != self._world_epoch:
+            return []
+        return [
+            TransformMessage(update.stamp_s, FRAME_IDS.frame_id, WORLD_FRAME, self._T_odom_world)
+        ]
 
     def _published_ground_truth(self, update: OdometryUpdate) -> Trajectory | None:
         """Return the ground truth with published stamps."""
@@ -227,11 +263,6 @@ class McapOutput:
         with suppress(UserFacingError):
             if recorder is not None:
                 recorder.close()
-
-
-def _camera_transform(update: OdometryUpdate) -> TransformMessage:
-    T_base_camera = inverse(update.T_odom_base) @ update.T_odom_camera
-    return TransformMessage(update.stamp_s, FRAME_IDS.child_frame_id, CAMERA_FRAME, T_base_camera)
 
 
 def _transforms(topic: str, transforms: list[TransformMessage]) -> EncodedMessage:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drivers.calibration import CameraCalibration
 from drivers.core import InputError
-from drivers.core.geometry import Array, Trajectory, Vector
+from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, Vector
 from drivers.core.write_errors import WriteError
 from drivers.recording import (
     JPEG_START,
@@ -38,7 +38,8 @@ from drivers.recording_camera import FrameReader, check_bag_packages
 from drivers.tum.writer import TumWriter
 
 if TYPE_CHECKING:  # its packages are optional
-    from drivers.bag.bag_writer import BagWriter, FrameWriter
+    from drivers.bag.bag_writer import BagWriter
+    from drivers.bag.frame_writer import FrameWriter
 
 _log = logging.getLogger(__name__)
 
@@ -312,11 +313,13 @@ def _open_output(
 def _open_frame_writer(
     bag: "BagWriter", recording: Recording, calibration: CameraCalibration
 ) -> "FrameWriter":
-    from drivers.bag.bag_writer import CAMERA_FRAME, FrameWriter
+    from drivers.bag.frame_writer import FrameWriter
 
     logged = _log_stamps(recording.frames.pairs[0])
-    camera_frame = recording.topics.camera_frame if recording.topics else CAMERA_FRAME
-    return FrameWriter(bag, calibration, min(logged.color, logged.depth), camera_frame)
+    start = min(logged.color, logged.depth)
+    if recording.topics is None:
+        return FrameWriter(bag, calibration, start, T_base_camera=T_BODY_CAMERA)
+    return FrameWriter(bag, calibration, start, recording.topics.camera_frame)
 
 
 @contextmanager
@@ -326,7 +329,7 @@ def _copied_messages(
     """Yield the messages of a bag that are not of its frames; then name those without a place."""
     from drivers.bag.bag_file import open_bag_file
     from drivers.bag.bag_storage import BagStorage
-    from drivers.bag.bag_writer import FRAME_TOPICS
+    from drivers.bag.frame_writer import FRAME_TOPICS
     from drivers.bag.message_copy import MessageCopier
 
     storage = BagStorage(recording.path)

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.bag.bag_writer import FrameWriter, Ros1Writer
+from drivers.bag.bag_writer import Ros1Writer
+from drivers.bag.frame_writer import FrameWriter
 from drivers.core.geometry import read_trajectory
 from drivers.recording.clock_jumps import MAX_STALE_FRAMES
 from drivers.recording.frames import FrameStamps

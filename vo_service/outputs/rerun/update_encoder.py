@@ -81,9 +81,6 @@ class MapEncoder:
         return MapGraph(positions, lines[~is_loop], lines[is_loop])
 
 
-MAX_GROUND_TRUTH_GAP_S = 0.02
-
-
 class UpdateEncoder:
     """Encodes scalars for every result and images for some.
 
@@ -159,9 +156,8 @@ def _align_ground_truth(ground_truth: Trajectory, update: OdometryUpdate) -> Gro
 
     Returns None if the ground truth has no pose at this time.
     """
-    gaps_s = np.abs(ground_truth.stamps_s - update.frame.stamp_s)
-    nearest = int(np.argmin(gaps_s))
-    if gaps_s[nearest] > MAX_GROUND_TRUTH_GAP_S:
+    T_truth_camera = ground_truth.pose_near(update.frame.stamp_s)
+    if T_truth_camera is None:
         return None
-    T_world_truth = update.T_world_camera @ inverse(ground_truth.T_world_camera[nearest])
+    T_world_truth = update.T_world_camera @ inverse(T_truth_camera)
     return GroundTruth((T_world_truth @ ground_truth.T_world_camera)[:, :3, 3])

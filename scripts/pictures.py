@@ -2,21 +2,25 @@
 
     python -m scripts.pictures [FOLDER]        (default: docs/pictures)
 
-overview.jpg is Rerun's web viewer and comparison.jpg the report of `kinect-vo compare`, both in a
-real browser: Debian's `chromium`. trajectory.png is the plot of `kinect-vo evaluate`, and
-reconstruction.jpg the room from above. Exit code 1 if the viewer shows no trajectory or no image.
+overview.jpg is Rerun's web viewer, mcap.jpg the same with an MCAP file as it opens it, and
+comparison.jpg the report of `kinect-vo compare`, in a real browser: Debian's `chromium`.
+trajectory.png is the plot of `kinect-vo evaluate`, and reconstruction.jpg the room from above. Exit
+code 1 if the viewer shows no trajectory, no depth or no image.
 """
 
 import argparse
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vo_service.outputs.rerun.scene import TRAJECTORY_COLOR
 from vo_service.outputs.rerun.sinks import LOOPBACK
@@ -50,7 +54,8 @@ def main() -> int:
         make_reconstruction(room, folder / "reconstruction.jpg")
         make_comparison(room, folder / "comparison.jpg")
         problems = make_overview(room, folder / "overview.jpg")
-    print("\n".join(problems) or f"{folder}: 4 pictures")
+        problems += make_mcap_view(room, folder / "mcap.jpg")
+    print("\n".join(problems) or f"{folder}: 5 pictures")
     return 1 if problems else 0
 
 
@@ -82,18 +87,33 @@ def make_comparison(room: Path, picture: Path) -> None:
 
 def make_overview(room: Path, picture: Path) -> list[str]:
     """Show a replay in Rerun; return what is missing in the picture."""
-    recording, screenshot = room.with_suffix(".rrd"), room.parent / "overview.png"
+    recording = room.with_suffix(".rrd")
     run("replay", room, "--no-publish", "--loop-closure", "--rerun", recording)
+    return take_complete_picture(recording, picture, find_missing_trajectory)
+
+
+def make_mcap_view(room: Path, picture: Path) -> list[str]:
+    """Show an MCAP file in Rerun, without any setting; return what is missing in the picture."""
+    recording = room.with_suffix(".mcap")
+    run("replay", room, "--no-publish", "--mcap", recording)
+    return take_complete_picture(recording, picture, find_missing_depth)
+
+
+def take_complete_picture(
+    recording: Path, picture: Path, find_missing: Callable[[NDArray[Any]], list[str]]
+) -> list[str]:
+    """Show a recording in Rerun, longer until nothing is missing; return what still is."""
     problems: list[str] = []
     for page_time_ms in PAGE_TIMES_MS:
-        home = room.parent / str(page_time_ms)
-        home.mkdir()
-        take_rerun_picture(recording, screenshot, page_time_ms, home)
-        problems = find_missing_content(screenshot)
+        with tempfile.TemporaryDirectory() as home:
+            screenshot = Path(home) / "screenshot.png"
+            take_rerun_picture(recording, screenshot, page_time_ms, Path(home))
+            image = cv2.imread(str(screenshot))
+            problems = ["no screenshot"] if image is None else find_missing(image)
+            save_small(screenshot, picture)
         if not problems:
             break
-    save_small(screenshot, picture)
-    return problems
+    return [f"{picture}: {each}" for each in problems]
 
 
 def save_small(picture: Path, small: Path) -> None:
@@ -127,21 +147,26 @@ def take_rerun_picture(recording: Path, picture: Path, page_time_ms: int, home: 
         data.wait()
 
 
-def find_missing_content(picture: Path) -> list[str]:
-    """List the missing parts of the screenshot."""
-    image = cv2.imread(str(picture))
-    if image is None:
-        return [f"{picture}: the browser took no picture"]
+def find_missing_trajectory(image: NDArray[Any]) -> list[str]:
+    """List the missing parts of the view that the service lays out."""
     width = image.shape[1]
     below_the_bar = image[50:]
     scene, pictures = below_the_bar[:, : width // 2], below_the_bar[:, width // 2 :]
     trajectory = np.abs(scene.astype(int) - TRAJECTORY_COLOR[::-1]).max(axis=2) < 30
-    problems = []
-    if np.count_nonzero(trajectory) < 50:
-        problems.append(f"{picture}: no trajectory in the 3-D view")
-    if len(np.unique(pictures.reshape(-1, 3), axis=0)) < 2000:
-        problems.append(f"{picture}: no camera image beside it")
-    return problems
+    problems = ["no trajectory in the 3-D view"] if np.count_nonzero(trajectory) < 50 else []
+    return problems + _find_missing_image(pictures)
+
+
+def find_missing_depth(image: NDArray[Any]) -> list[str]:
+    """List the missing parts of the view that Rerun lays out, with the 3-D view first."""
+    views = image[62:640, 200:1100]
+    saturation = cv2.cvtColor(views[:150, :250], cv2.COLOR_BGR2HSV)[:, :, 1]
+    problems = ["no depth in the 3-D view"] if np.count_nonzero(saturation > 100) < 500 else []
+    return problems + _find_missing_image(views[:, 250:])
+
+
+def _find_missing_image(pixels: NDArray[Any]) -> list[str]:
+    return [] if len(np.unique(pixels.reshape(-1, 3), axis=0)) > 2000 else ["no camera image"]
 
 
 if __name__ == "__main__":

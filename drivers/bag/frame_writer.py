@@ -27,6 +27,8 @@ from drivers.recording.frames import ColorFormat, FrameStamps, encode_image
 
 NS_PER_S = 1_000_000_000
 NAMESPACE = "/camera"
+# Not in the namespace: Rerun then shows color and depth in one view, since all of it is images.
+IMU_TOPIC = "/imu"
 CAMERA_FRAME = "camera_rgb_optical_frame"
 BASE_FRAME = "base_link"
 WORLD_FRAME = "world"
@@ -163,7 +165,7 @@ class FrameWriter:
         message = self._make(
             IMU, self._header(stamp_ns), no_turn, unknown, no_rate, unknown, reaction, np.zeros(9)
         )  # fmt: skip
-        self._writer.write(f"{NAMESPACE}/imu", IMU, stamp_ns, message)
+        self._writer.write(IMU_TOPIC, IMU, stamp_ns, message)
 
     def write_true_pose(self, stamp: Decimal, T_world_camera: Array) -> None:
         """Write a true pose of the camera, and the path to it. Raises OSError."""

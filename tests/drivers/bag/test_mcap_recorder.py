@@ -80,14 +80,14 @@ def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path
         "/camera/depth_registered/image_raw/compressedDepth",
         "/camera/frame_stamps",
         "/camera/gravity",
-        "/camera/imu",
+        "/imu",
         "/camera/rgb/camera_info",
         "/camera/rgb/image_raw/compressed",
         "/ground_truth",
     ]
     color: object = found["/camera/rgb/image_raw/compressed"]
     assert getattr(color, "format", "") == "bgr8; jpeg compressed bgr8"
-    imu: object = found["/camera/imu"]
+    imu: object = found["/imu"]
     assert imu.linear_acceleration.y == -9.7  # type: ignore[attr-defined]
     assert imu.orientation_covariance[0] == -1  # type: ignore[attr-defined]
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vo_service.outputs.rerun import MIN_POINT_DISTANCE_M, BoundedTrajectory
+from drivers.core.bounded_trajectory import MIN_POINT_DISTANCE_M, BoundedTrajectory
 
 
 @given(st.lists(st.tuples(st.floats(-9, 9), st.integers(0, 3)), max_size=200))

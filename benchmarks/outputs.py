@@ -1,7 +1,8 @@
-"""Cost of the outputs of frames: Zenoh, a recording into MCAP, and the flight recorder.
+"""Cost of the outputs of frames: Zenoh, a recording into MCAP, its encodings, the flight recorder.
 
     python -m benchmarks outputs frames RECORDING [--seconds 20] [--case NAME]
     python -m benchmarks outputs mcap RECORDING [--seconds 60]
+    python -m benchmarks outputs encodings RECORDING [--rounds 5]
     python -m benchmarks outputs recorder [RECORDING] [--seconds 15]
 
 Frames of RECORDING are sent from memory 30 times a second, without odometry. Times are
@@ -20,24 +21,34 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
 import cv2
 import numpy as np
+from mcap.writer import CompressionType
 
 from benchmarks.harness import Variants, format_table
 from benchmarks.service_load import make_update, measure_processor_use, running_recorder
+from drivers.bag.bag_writer import McapWriter
+from drivers.bag.frame_writer import FrameWriter
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
+from drivers.recording.frames import (
+    ColorFormat,
+    FrameStamps,
+    calibration_of_frame,
+    encode_image,
+)
 from drivers.recording_camera import RecordingCamera, open_recording
 from tests.ports import free_port
 from tests.resource_leaks import child_pids_of, resident_memory_kb
 from vo_service.config_tables import FramesConfig, RecorderConfig, ZenohConfig
-from vo_service.outputs.frames import FrameOutput, FrameOutputConfig
+from vo_service.outputs.frames import FrameOutput, FrameOutputConfig, depth_in_mm
 from vo_service.outputs.recorder import FlightRecorder
 from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
 from vo_service.outputs.zenoh.output import ZenohOutput
@@ -282,7 +293,7 @@ def add_mcap_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def measure_mcap(args: argparse.Namespace) -> None:
-    """Cost and completeness of a recording into MCAP, with JPEG and PNG, then raw.
+    """Cost and completeness of a recording into MCAP, with color as JPEG, then raw.
 
     The table shows the frames that were written and read back, the CPU time per frame, its share of
     one core at 30 Hz, and the longest time that the camera's thread was held up.
@@ -310,6 +321,71 @@ def measure_mcap_file(
         *(f"{count}", f"{read_back}", f"{cpu_ms:.1f}", f"{cpu_ms * RATE_HZ / 10.0:.0f}"),
         *(f"{1e3 * max(taken_s):.0f}", f"{path.stat().st_size / 1e6:.0f}"),
     ]
+
+
+@dataclass(frozen=True)
+class McapEncoding:
+    """How an MCAP file stores images: color as JPEG or raw, depth as PNG or raw, and its chunks."""
+
+    is_raw_color: bool
+    is_png_depth: bool
+    compression: CompressionType
+
+    def write(self, frames: Sequence[RgbdFrame], path: Path) -> None:
+        """Write the frames on one thread."""
+        with path.open("wb") as file:
+            mcap = McapWriter(file, self.compression)
+            mcap.is_for_viewers = not self.is_png_depth
+            writer = FrameWriter(mcap, calibration_of_frame(frames[0]), Decimal(0))
+            for frame in frames:
+                color = frame.color_bgr
+                writer.write_frame(
+                    FrameStamps.from_frame(frame),
+                    color if self.is_raw_color else encode_image(color, ColorFormat.JPEG),
+                    frame.depth_raw,
+                )
+            mcap.close()
+
+
+MCAP_ENCODINGS = {
+    "JPEG, PNG, LZ4 chunks (before)": McapEncoding(False, True, CompressionType.LZ4),
+    "JPEG, raw depth, zstd chunks (now)": McapEncoding(False, False, CompressionType.ZSTD),
+    "JPEG, raw depth, LZ4 chunks": McapEncoding(False, False, CompressionType.LZ4),
+    "raw, LZ4 chunks (--raw)": McapEncoding(True, False, CompressionType.LZ4),
+    "raw, zstd chunks": McapEncoding(True, False, CompressionType.ZSTD),
+}
+
+
+def add_encodings_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `measure_encodings`."""
+    parser.add_argument("recording", metavar="RECORDING", type=Path, help="source of the frames")
+    parser.add_argument("--rounds", type=int, default=5, help="of all in turn (default: 5)")
+
+
+def measure_encodings(args: argparse.Namespace) -> None:
+    """CPU time and size of a frame in an MCAP file, by how its images are stored.
+
+    The encodings are measured in turn; the table has the median of the rounds.
+    """
+    frames = [
+        replace(frame, depth_raw=depth_in_mm(frame), depth_factor=1000.0)
+        for frame in load_frames(args.recording, SOURCE_FRAMES["mcap"])
+    ]
+    cpu_ms: dict[str, list[float]] = {name: [] for name in MCAP_ENCODINGS}
+    kilobytes: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "frames.mcap"
+        for _ in range(args.rounds):
+            for name, encoding in MCAP_ENCODINGS.items():
+                begin_s = time.process_time()
+                encoding.write(frames, path)
+                cpu_ms[name].append(1e3 * (time.process_time() - begin_s) / len(frames))
+                kilobytes[name] = path.stat().st_size / len(frames) / 1e3
+    rows = {
+        name: [f"{np.median(cpu_ms[name]):.1f}", f"{size:.0f}", f"{size * RATE_HZ / 1e3:.1f}"]
+        for name, size in kilobytes.items()
+    }
+    print(format_table(["CPU ms", "kB a frame", "MB/s"], rows))
 
 
 def add_recorder_arguments(parser: argparse.ArgumentParser) -> None:
@@ -416,5 +492,6 @@ def _memory_mb(process: int, kind: str) -> float:
 VARIANTS: Variants = {
     "frames": (add_frames_arguments, measure_publishing),
     "mcap": (add_mcap_arguments, measure_mcap),
+    "encodings": (add_encodings_arguments, measure_encodings),
     "recorder": (add_recorder_arguments, measure_recorder),
 }

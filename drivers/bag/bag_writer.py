@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
+from mcap.writer import CompressionType
 from mcap.writer import Writer as McapLibraryWriter
 from rosbags.interfaces import (
     Qos,
@@ -144,14 +145,16 @@ def offered_qos(topic: str) -> Qos:
 
 
 class McapWriter(BagWriter):
-    """Writes MCAP to an open file, in chunks compressed with Zstandard."""
+    """Writes MCAP to an open file, in compressed chunks."""
 
     is_for_viewers = True
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(
+        self, file: IO[bytes], compression: CompressionType = CompressionType.ZSTD
+    ) -> None:
         super().__init__(ros2_typestore())
         self._file = file
-        self._writer = McapLibraryWriter(file)
+        self._writer = McapLibraryWriter(file, compression=compression)
         self._writer.start(profile="ros2", library="kinect-vo")
         self._writer.add_metadata("rosbag2", {"serialized_metadata": ROSBAG2_METADATA})
 

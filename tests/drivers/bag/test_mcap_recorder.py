@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from ruamel.yaml import YAML
 
 from drivers.bag import mcap_recorder
 from drivers.bag.mcap_recorder import McapRecorder
@@ -76,20 +78,54 @@ def test_other_programs_read_the_messages(make_frame: FrameMaker, tmp_path: Path
         }
     assert sorted(found) == [
         "/camera/camera_file",
-        "/camera/depth_registered/camera_info",
-        "/camera/depth_registered/image_raw/compressedDepth",
+        "/camera/depth_registered/image_raw",
         "/camera/frame_stamps",
         "/camera/gravity",
-        "/imu",
         "/camera/rgb/camera_info",
         "/camera/rgb/image_raw/compressed",
         "/ground_truth",
+        "/ground_truth/path",
+        "/imu",
+        "/tf",
+        "/tf_static",
     ]
+    assert found["/camera/depth_registered/image_raw"].encoding == "16UC1"  # type: ignore[attr-defined]
     color: object = found["/camera/rgb/image_raw/compressed"]
     assert getattr(color, "format", "") == "bgr8; jpeg compressed bgr8"
     imu: object = found["/imu"]
     assert imu.linear_acceleration.y == -9.7  # type: ignore[attr-defined]
     assert imu.orientation_covariance[0] == -1  # type: ignore[attr-defined]
+
+
+def test_ros_2_plays_what_is_written_once_for_late_subscribers(
+    make_frame: FrameMaker, tmp_path: Path
+) -> None:
+    record(tmp_path / "a.mcap", [make_frame(0)])
+    with AnyReader([tmp_path / "a.mcap"]) as reader:
+        profiles = {each.topic: each.ext.offered_qos_profiles for each in reader.connections}  # type: ignore[union-attr]
+    latched = {
+        topic for topic, [qos] in profiles.items() if qos.durability.name == "TRANSIENT_LOCAL"
+    }
+    assert latched == {"/tf_static", "/camera/camera_file"}
+    assert {qos.reliability.name for [qos] in profiles.values()} == {"RELIABLE"}
+
+
+def test_ros_2_of_any_version_knows_how_to_read_the_quality_of_service(
+    make_frame: FrameMaker, tmp_path: Path
+) -> None:
+    record(tmp_path / "a.mcap", [make_frame(0)])
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file)
+        (rosbag2,) = reader.iter_metadata()
+        summary = reader.get_summary()
+    assert rosbag2.name == "rosbag2"
+    metadata = YAML(typ="safe").load(rosbag2.metadata["serialized_metadata"])
+    assert metadata["version"] < 9  # from 9 on it is read as words
+    assert summary is not None
+    for channel in summary.channels.values():
+        (qos,) = YAML(typ="safe").load(channel.metadata["offered_qos_profiles"])
+        names = ("history", "reliability", "durability", "liveliness")
+        assert all(isinstance(qos[name], int) for name in names)
 
 
 def test_each_reading_of_the_accelerometer_is_recorded_once_with_its_stamp(
@@ -125,6 +161,16 @@ def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
     assert read is not None
     np.testing.assert_array_equal(read.stamps_s, truth.stamps_s)
     np.testing.assert_array_equal(read.T_world_camera, T)
+
+
+def test_the_ground_truth_ends_after_the_last_frame(make_frame: FrameMaker, tmp_path: Path) -> None:
+    truth = Trajectory(np.arange(990.0, 2000.0), np.tile(np.eye(4), (1010, 1, 1)))
+    with McapRecorder(tmp_path / "a.mcap", ground_truth=truth) as recorder:
+        for k in range(2):
+            recorder.write(make_frame(k, stamp_s=1000.0 + k / 30))
+    read = open_recording(tmp_path / "a.mcap").ground_truth
+    assert read is not None
+    np.testing.assert_array_equal(read.stamps_s, np.arange(990.0, 1002.0))
 
 
 def test_frames_that_cannot_be_recorded_are_refused(

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError, write_errors
-from drivers.core.geometry import T_BODY_CAMERA, Trajectory
+from drivers.core.geometry import T_BODY_CAMERA, Trajectory, rigid_transform
 from drivers.recording_camera import open_recording
 from tests.full_disk import limit_file_size
 from tests.waiting import wait_until
@@ -80,6 +80,31 @@ def test_transforms_lead_from_odom_to_the_camera_except_while_lost(
     rotation = static.transforms[0].transform.rotation
     np.testing.assert_allclose(np.abs([rotation.x, rotation.y, rotation.z, rotation.w]), 0.5)
     assert found["/tf"][0].transforms[0].header.frame_id == "odom"
+
+
+def test_the_ground_truth_begins_at_the_first_pose_of_each_epoch(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    updates = [make_update(seq) for seq in range(4)]
+    updates[2:] = [replace(each, epoch=2) for each in updates[2:]]
+    stamps_s = np.array([each.frame.stamp_s for each in updates[1:]])  # none of the first frame
+    truth = Trajectory(stamps_s, np.stack([rigid_transform(np.eye(3), [9.0, 0.0, 0.0])] * 3))
+    record(tmp_path / "a.mcap", updates, ground_truth=lambda: truth)
+    found = read_messages(tmp_path / "a.mcap")["/tf"]
+    worlds = [[t for t in message.transforms if t.child_frame_id == "world"] for message in found]
+    assert [len(each) for each in worlds] == [0, 1, 1, 1]
+    shifts = [each.transform.translation.x for (each,) in worlds[1:]]
+    turned = [update.T_odom_camera @ [-9.0, 0.0, 0.0, 1.0] for update in updates]
+    assert shifts == pytest.approx([turned[1][0], turned[2][0], turned[2][0]])
+
+
+def test_the_path_grows_except_while_lost(tmp_path: Path, make_update: MakeUpdate) -> None:
+    updates = [make_update(seq) for seq in range(40)]
+    updates[5:35] = [replace(each, state=TrackingState.LOST) for each in updates[5:35]]
+    record(tmp_path / "a.mcap", updates)
+    paths = read_messages(tmp_path / "a.mcap")["/vo/path"]
+    assert [each.width for each in paths] == [1, 6]
+    assert {each.header.frame_id for each in paths} == {"odom"}
 
 
 def test_a_replay_takes_the_frames_and_not_the_poses(

@@ -47,9 +47,9 @@ examples:
 The folder can be replayed at any time, also after a crash: an image is listed only once it is
 complete. PNG is lossless, so a replay gives the same trajectory as the camera did.
 
-FILE.mcap opens in Rerun. Its color images are JPEG, which is lossy, unless --raw is
-given. After a crash it can be replayed up to the last second. For a file with poses, use
-`kinect-vo run --mcap FILE` or `kinect-vo replay RECORDING --mcap FILE`.
+FILE.mcap opens in Rerun, with color, depth and points. Its color images are JPEG, which is lossy,
+unless --raw is given. After a crash it can be replayed up to the last second. For a file with poses
+and the path, use `kinect-vo run --mcap FILE` or `kinect-vo replay RECORDING --mcap FILE`.
 
 Only one program can read a Kinect. While the service does, record by it: `kinect-vo run --mcap
 FILE`, or `kinect-vo command start-recording name=NAME` without a restart.
@@ -76,8 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--raw", action="store_true",
-        help="FILE.mcap: store the images as they are (default: color as JPEG, which is lossy, "
-        "and depth as PNG)",
+        help="FILE.mcap: store color as it is (default: as JPEG, which is lossy)",
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 import pytest
+from rosbags.highlevel import AnyReader
 
 from drivers.camera import CameraState, CameraStatus, Clock, FrameTimeout
 from tests.conftest import FRAMES
@@ -34,6 +35,32 @@ def test_the_ground_truth_is_copied(
     run_in_process(capfd, "record", "--camera", f"tum:{recording}", tmp_path / "copy")
     truth = (tmp_path / "copy" / "groundtruth.txt").read_bytes()
     assert truth == (recording / "groundtruth.txt").read_bytes()
+
+
+def test_an_mcap_file_has_the_configured_place_of_the_camera(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    config, output = tmp_path / "config.toml", tmp_path / "a.mcap"
+    config.write_text("schema = 1\n[T_base_camera]\ntranslation_m = [0.1, 0.2, 0.3]\n")
+    run_in_process(capfd, "record", "--config", config, "--camera", f"tum:{recording}", output)
+    with AnyReader([output]) as reader:
+        (static,) = [
+            reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.topic == "/tf_static"
+        ]
+    place = static.transforms[0].transform.translation  # type: ignore[attr-defined]
+    assert (place.x, place.y, place.z) == pytest.approx((0.1, 0.2, 0.3))
+
+
+def test_a_raw_mcap_file_replays_to_the_same_bytes(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy.mcap"
+    run_in_process(capfd, "record", "--camera", f"tum:{recording}", "--raw", copy)
+    for source, written in ((recording, tmp_path / "a.txt"), (copy, tmp_path / "b.txt")):
+        run_in_process(capfd, "replay", source, "--no-publish", "--trajectory", written)
+    assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
 
 
 @pytest.mark.parametrize(("seconds", "frames"), [("0.2", 6), ("0.001", 1)])

@@ -6,7 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+<<<<<<< HEAD
 from rosbags.rosbag2 import CompressionMode
+=======
+from rosbags.highlevel import AnyReader
+>>>>>>> f99d8ceb (Tests of a recorded MCAP file: the mounting, raw replays, and depth by the format of a conversion)
 from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.bag_file import open_bag_file
@@ -39,6 +43,7 @@ from tests.vo_service.fakes import make_frame
 from vo_service.tools.convert import OutputFormat, choose_format, convert
 
 CopyRecording = Callable[..., Path]
+DEPTH = "/camera/depth_registered/image_raw"
 OUTPUTS = [("a.mcap", OutputFormat.MCAP), ("a.bag", OutputFormat.ROS1), ("a", OutputFormat.ROS2)]
 
 
@@ -110,6 +115,33 @@ def test_ground_truth_comes_along(copy_recording: CopyRecording, tmp_path: Path)
         np.testing.assert_allclose(
             ours.ground_truth.T_world_camera, theirs.ground_truth.T_world_camera, atol=1e-9
         )
+
+
+@pytest.mark.parametrize(("name", "kind"), OUTPUTS)
+def test_depth_is_raw_for_viewers_and_small_in_bags(
+    name: str, kind: OutputFormat, tmp_path: Path
+) -> None:
+    for is_raw in (False, True):
+        with McapRecorder(tmp_path / f"{is_raw}.mcap", is_raw=is_raw) as recorder:
+            recorder.write(make_frame(0))
+        convert_path(tmp_path / f"{is_raw}.mcap", tmp_path / f"{is_raw}" / name, kind)
+        with AnyReader([tmp_path / f"{is_raw}" / name]) as reader:
+            depth = {each.topic for each in reader.connections if "depth" in each.topic}
+        in_bag = {f"{DEPTH}/compressedDepth", "/camera/depth_registered/camera_info"}
+        assert depth == ({DEPTH} if kind is OutputFormat.MCAP else in_bag)
+
+
+def test_ros_2_plays_the_static_transform_of_a_bag_for_late_subscribers(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    convert_path(copy_recording(), tmp_path / "bag", OutputFormat.ROS2)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        durability = {
+            each.topic: each.ext.offered_qos_profiles[0].durability.name  # type: ignore[union-attr]
+            for each in reader.connections
+        }
+    assert durability["/tf_static"] == "TRANSIENT_LOCAL"
+    assert durability["/tf"] == "VOLATILE"
 
 
 def test_gravity_beside_readings_comes_along(tmp_path: Path) -> None:

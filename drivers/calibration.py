@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import PinholeCamera, TimingPrior, TimingSource
+from drivers.camera import MAX_DEPTH_VALUE, PinholeCamera, TimingPrior, TimingSource
 from drivers.core import InputError
-from drivers.core.config import SCHEMA_VERSION, Field, read_toml
+from drivers.core.config import SCHEMA_VERSION, Field, FieldError, read_toml
 from drivers.core.geometry import Array, transform_from_pose
+from drivers.plausibility import find_intrinsics_error
 
 CAMERA_FILE_NAME = "camera.toml"
 Distortion = tuple[float, float, float, float, float]
@@ -238,7 +239,14 @@ def read_calibration(path: Path) -> CameraCalibration:
     Raises:
         InputError: The file is invalid; the message names file, line and key.
     """
-    return read_toml(path, CameraCalibration)
+    return read_toml(path, CameraCalibration, check_intrinsics)
+
+
+def check_intrinsics(calibration: CameraCalibration) -> None:
+    """Raise FieldError if a camera is impossible."""
+    for path, camera in (((), calibration), (("depth",), calibration.depth)):
+        if camera is not None and (error := find_intrinsics_error(camera.pinhole)) is not None:
+            raise FieldError((*path, error[0]), error[1])
 
 
 def format_calibration(calibration: CameraCalibration) -> str:
@@ -323,7 +331,6 @@ class Undistorter:
 
 # `cv2.registerDepth` interprets uint16 depth as millimeters, whatever its unit.
 MILLIMETERS_PER_METER = 1000.0
-MAX_DEPTH_VALUE = 65535
 _ZERO_DISTORTION = np.zeros(5)
 
 
@@ -392,5 +399,6 @@ def _usable_range(depth: PinholeCamera, T_color_depth: Array) -> tuple[int, int]
         )
     offset = T_color_depth[2, 3] * MILLIMETERS_PER_METER
     nearest = max(0, math.floor(-offset / growth.min())) + 1
-    farthest = math.floor((MAX_DEPTH_VALUE - offset) / growth.max())
-    return nearest, min(MAX_DEPTH_VALUE, farthest)
+    max_value = MAX_DEPTH_VALUE - 1  # above is no reading
+    farthest = math.floor((max_value - offset) / growth.max())
+    return nearest, min(max_value, farthest)

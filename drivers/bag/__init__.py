@@ -29,6 +29,7 @@ from drivers.bag.image_messages import ImageMessage, MessageCursor, is_depth_in_
 from drivers.calibration import (
     CameraCalibration,
     DepthCameraCalibration,
+    check_intrinsics,
     find_tum_calibration,
     read_calibration,
 )
@@ -51,6 +52,9 @@ MILLIMETER_DEPTH_FACTOR = 1000.0
 METER_DEPTH_FACTOR = 5000.0
 # The intrinsics that drivers report for a Kinect without calibration.
 DEFAULT_FOCAL_LENGTH_PX = 525.0
+# A calibrated camera differs less from the default intrinsics of the same camera, as a fraction of
+# the image's width.
+MAX_SAME_CAMERA_DIFFERENCE = 0.04
 
 
 def open_bag(path: Path, camera_file: Path | None, named: ImageTopics | None) -> Recording:
@@ -110,6 +114,8 @@ class _BagReader:
             accelerometer=self._find_accelerometer(),
             gravity=self._find_gravity(),
             depth_camera=self._find_depth_camera(calibration),
+            intrinsics_source=source,
+            depth_unit_source=self._describe_depth_unit(source),
             summary=f"{self.path}: {', '.join(part for part in parts if part)}",
             close=cursor.close,
         )
@@ -161,7 +167,8 @@ class _BagReader:
         if self.contents.camera_file:
             name = f"{self.path}: {self.topics.camera_file}"
             text = self.contents.camera_file
-            return parse_toml(text, name, CameraCalibration), self.topics.camera_file
+            calibration = parse_toml(text, name, CameraCalibration, check_intrinsics)
+            return calibration, self.topics.camera_file
         model = self._camera_model(self.topics.color_info, self.topics.color)
         tum = find_tum_calibration(self.path)
         if tum is not None and model.intrinsics[0] == DEFAULT_FOCAL_LENGTH_PX:
@@ -179,11 +186,20 @@ class _BagReader:
             )
         return camera_from_message(info, is_rectified(image_topic), f"{self.path}: {info_topic}")
 
+    def _describe_depth_unit(self, calibration_source: str) -> str:
+        """Return where the depth factor comes from; "" for meters, whose factor is any."""
+        if is_depth_in_meters(self.contents.depth.first):
+            return ""
+        has_file = self.camera_file is not None or self.contents.camera_file
+        return calibration_source if has_file else self.topics.depth
+
     def _find_depth_camera(self, calibration: CameraCalibration) -> DepthCameraCalibration | None:
         """Return the depth camera, if depth is not registered to color."""
         depth_frame = frame_name(self.contents.depth.first.header.frame_id)
-        is_registered = depth_frame in ("", self.color_frame)
-        if is_registered or is_named_registered(self.topics.depth):
+        if is_named_registered(self.topics.depth):
+            return None
+        if depth_frame in ("", self.color_frame):
+            self._check_registered(depth_frame)
             return None
         if calibration.depth is not None:
             return calibration.depth
@@ -196,6 +212,28 @@ class _BagReader:
             )
         model = self._camera_model(self.topics.depth_info, self.topics.depth)
         return model.depth_calibration(T_color_depth)
+
+    def _check_registered(self, depth_frame: str) -> None:
+        """Raise InputError if depth, by its camera_info, is of another camera than color.
+
+        A camera file replaces both topics, so it says whether depth is registered.
+        """
+        infos, topics = self.contents.infos, self.topics
+        has_file = self.camera_file is not None or self.contents.camera_file
+        if has_file or not {topics.color_info, topics.depth_info} <= infos.keys():
+            return
+        color = self._camera_model(topics.color_info, topics.color)
+        depth = self._camera_model(topics.depth_info, topics.depth)
+        difference = np.abs(np.subtract(color.intrinsics, depth.intrinsics)).max()
+        if difference <= MAX_SAME_CAMERA_DIFFERENCE * color.width:
+            return
+        raise InputError(
+            f"{self.path}: {topics.depth_info} has fx = {depth.intrinsics[0]:g}, cx = "
+            f"{depth.intrinsics[2]:g}, but {topics.color_info} has fx = {color.intrinsics[0]:g}, "
+            f"cx = {color.intrinsics[2]:g}: depth is not registered to color, and its frame "
+            f'"{depth_frame}" does not tell where its camera is; record registered depth, or give '
+            "--camera-file FILE, with a table [depth] unless depth is registered"
+        )
 
     def _find_ground_truth(self) -> tuple[Trajectory | None, str]:
         """Return the true poses of the color camera, and where they come from."""

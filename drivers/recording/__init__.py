@@ -338,6 +338,8 @@ class Recording:
         accelerometer: Readings of the accelerometer.
         gravity: Smoothed gravity with each frame, if it is recorded beside the readings.
         depth_camera: The depth camera, if depth is not registered to color.
+        intrinsics_source: The camera file or the topic that the intrinsics are from.
+        depth_unit_source: The same for the depth factor; "" if the unit of depth is certain.
         summary: What was found in a file that does not say which images to use; "" if it is clear.
         close: Closes the file that the images are read from. Reading opens it again.
     """
@@ -349,8 +351,15 @@ class Recording:
     accelerometer: AccelerometerSeries
     gravity: AccelerometerSeries | None = None
     depth_camera: DepthCameraCalibration | None = None
+    intrinsics_source: str = ""
+    depth_unit_source: str = ""
     summary: str = ""
     close: Callable[[], None] = _nothing_to_close
+
+    @property
+    def name(self) -> str:
+        """The recording's name in messages."""
+        return str(self.path)
 
     def gravity_at(self, stamp_s: float) -> Vector | None:
         """Return gravity in camera axes at a frame's stamp, if it is known."""

@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
-from drivers.calibration import find_calibration
+from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.camera import MAX_PAIR_SKEW_US
 from drivers.core import InputError
 from drivers.core.files import AppendOnlyFile
@@ -237,7 +237,17 @@ def open_tum_folder(folder: Path, camera_file: Path | None) -> Recording:
         raise InputError(f"{error} (the first frame, {location})") from error
     truth_file = folder / "groundtruth.txt"
     ground_truth = read_trajectory(truth_file) if truth_file.exists() else None
-    return Recording(folder, frames, camera, ground_truth, read_accelerometer(folder))
+    file = camera_file or folder / CAMERA_FILE_NAME
+    source = f"camera file {file}" if file.exists() else "the TUM benchmark's, by the folder's name"
+    return Recording(
+        folder,
+        frames,
+        camera,
+        ground_truth,
+        read_accelerometer(folder),
+        intrinsics_source=source,
+        depth_unit_source=source,
+    )
 
 
 def _check_folder(folder: Path) -> None:

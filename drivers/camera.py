@@ -378,7 +378,7 @@ class RgbdCamera(ABC):
 
     @property
     def intrinsics_source(self) -> str:
-        """The origin of the intrinsics: "camera file FILE", "factory", "default"; "" = exact."""
+        """The origin of the intrinsics: "camera file FILE", a topic, "factory"; "" = exact."""
         return ""
 
     @property

@@ -123,18 +123,19 @@ def find_unit_fault(histogram: DepthHistogram, depth_factor: float) -> str:
         is_near = median_m < MIN_KINECT_MEDIAN_M
     if not (is_far or is_near):
         return ""
-    plausible = _plausible_factor(depth_factor * ratio if ratio else median / USUAL_MEDIAN_M)
+    target = depth_factor / ratio if ratio else median / USUAL_MEDIAN_M
+    candidates = [
+        each
+        for each in (MILLIMETERS, TUM_UNIT)
+        if each != depth_factor and MIN_MEDIAN_M <= median / each <= MAX_MEDIAN_M
+    ]
+    unusual = float(f"{target:.1g}")
+    plausible = min(candidates, key=lambda each: abs(math.log(each / target)), default=unusual)
     steps = f" and steps {ratio:.1f} times those of a Kinect" if ratio else ""
     return (
         f"a median depth of {median_m:.2g} m{steps}; depth_factor = {plausible:g} in a camera file "
         f"would give {median / plausible:.2g} m"
     )
-
-
-def _plausible_factor(factor: float) -> float:
-    """Return the usual factor near this one, or this one with one digit."""
-    usual = min(MILLIMETERS, TUM_UNIT, key=lambda each: abs(math.log(each / factor)))
-    return usual if 1 / 3 < usual / factor < 3 else float(f"{factor:.1g}")
 
 
 def _find_range_fault(histogram: DepthHistogram, depth_factor: float) -> str:

@@ -190,8 +190,7 @@ class _BagReader:
         """Return where the depth factor comes from; "" for meters, whose factor is any."""
         if is_depth_in_meters(self.contents.depth.first):
             return ""
-        has_file = self.camera_file is not None or self.contents.camera_file
-        return calibration_source if has_file else self.topics.depth
+        return calibration_source if self._has_camera_file else self.topics.depth
 
     def _find_depth_camera(self, calibration: CameraCalibration) -> DepthCameraCalibration | None:
         """Return the depth camera, if depth is not registered to color."""
@@ -199,8 +198,7 @@ class _BagReader:
         if is_named_registered(self.topics.depth):
             return None
         if depth_frame in ("", self.color_frame):
-            self._check_registered(depth_frame)
-            return None
+            return self._find_depth_camera_without_frame(calibration, depth_frame)
         if calibration.depth is not None:
             return calibration.depth
         T_color_depth = self.contents.transforms.constant_transform(self.color_frame, depth_frame)
@@ -213,20 +211,25 @@ class _BagReader:
         model = self._camera_model(self.topics.depth_info, self.topics.depth)
         return model.depth_calibration(T_color_depth)
 
-    def _check_registered(self, depth_frame: str) -> None:
-        """Raise InputError if depth, by its camera_info, is of another camera than color.
+    def _find_depth_camera_without_frame(
+        self, calibration: CameraCalibration, depth_frame: str
+    ) -> DepthCameraCalibration | None:
+        """Return the depth camera if camera_info tells that depth is of another camera than color.
 
-        A camera file replaces both topics, so it says whether depth is registered.
+        Then the camera file says where it is, or that depth is registered nevertheless.
         """
-        infos, topics = self.contents.infos, self.topics
-        has_file = self.camera_file is not None or self.contents.camera_file
-        if has_file or not {topics.color_info, topics.depth_info} <= infos.keys():
-            return
+        topics = self.topics
+        if not {topics.color_info, topics.depth_info} <= self.contents.infos.keys():
+            return None
         color = self._camera_model(topics.color_info, topics.color)
         depth = self._camera_model(topics.depth_info, topics.depth)
         difference = np.abs(np.subtract(color.intrinsics, depth.intrinsics)).max()
-        if difference <= MAX_SAME_CAMERA_DIFFERENCE * color.width:
-            return
+        # Images of another size are refused when the first frame is loaded.
+        is_same_size = (color.width, color.height) == (depth.width, depth.height)
+        if not is_same_size or difference <= MAX_SAME_CAMERA_DIFFERENCE * color.width:
+            return None
+        if self._has_camera_file:
+            return calibration.depth
         raise InputError(
             f"{self.path}: {topics.depth_info} has fx = {depth.intrinsics[0]:g}, cx = "
             f"{depth.intrinsics[2]:g}, but {topics.color_info} has fx = {color.intrinsics[0]:g}, "
@@ -234,6 +237,10 @@ class _BagReader:
             f'"{depth_frame}" does not tell where its camera is; record registered depth, or give '
             "--camera-file FILE, with a table [depth] unless depth is registered"
         )
+
+    @property
+    def _has_camera_file(self) -> bool:
+        return self.camera_file is not None or bool(self.contents.camera_file)
 
     def _find_ground_truth(self) -> tuple[Trajectory | None, str]:
         """Return the true poses of the color camera, and where they come from."""

@@ -33,6 +33,6 @@ class FailureReasons:
             return ""
         kind, count = self._counts.most_common(1)[0]
         return (
-            f"none of {self._frames} frames could be tracked; the most frequent reason ({count} "
-            f"frames): {self._examples[kind]}; check the images and the camera file"
+            f"none of {self._frames} frames could be tracked; the most frequent reason ({count} of "
+            f"{self._frames}): {self._examples[kind]}; check the images and the camera file"
         )

@@ -2,7 +2,7 @@
 
 It finds what is wrong by a factor: millimeters for meters or pixels, and marks for no reading. It
 cannot find a near-range or time-of-flight sensor in a wrong unit, whose depth is that of another
-scene: docs/guide/bags.md tells what can be told apart.
+scene: docs/reference/files.md has the list.
 """
 
 import logging
@@ -32,15 +32,14 @@ def find_intrinsics_error(camera: PinholeCamera) -> tuple[str, str] | None:
         angle_deg = 2.0 * math.degrees(math.atan2(size_px / 2.0, focal_px))
         if not MIN_FIELD_OF_VIEW_DEG <= angle_deg <= MAX_FIELD_OF_VIEW_DEG:
             return key, (
-                f"{focal_px:g} pixels is a field of view of {angle_deg:.0f} degrees; a Kinect's "
-                f"{size_px} pixels have about {USUAL_FOCAL_LENGTH * size_px:.0f}: give pixels of "
-                "these images, not millimeters"
+                f"{focal_px:g} pixels is a field of view of {angle_deg:.0f} degrees; give it in "
+                f"pixels of these images, about {USUAL_FOCAL_LENGTH * size_px:.0f} for a Kinect"
             )
     for key, center_px, side_px in _principal_point(camera):
-        if _margin(center_px, side_px) < MIN_CENTER_MARGIN:
+        if not _margin(center_px, side_px) >= MIN_CENTER_MARGIN:  # also NaN
             return key, (
-                f"{center_px:g} is not inside the image, or at its edge; of {side_px} pixels about "
-                f"{side_px / 2:.0f} is usual: give pixels of these images"
+                f"{center_px:g} is not well inside the image; give it in pixels of these images, "
+                f"about {side_px / 2:.0f} of {side_px}"
             )
     return None
 

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ SEQUENCES = sorted((Path(__file__).parents[2] / "config/sequences").glob("*.toml
     ],
 )
 def test_impossible_intrinsics_are_named_with_a_plausible_value(
-    changes: dict[str, float], key: str
+    changes: dict[str, Any], key: str
 ) -> None:
     error = find_intrinsics_error(replace(KINECT, **changes))
     assert error is not None

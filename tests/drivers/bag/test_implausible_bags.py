@@ -11,13 +11,21 @@ from drivers.calibration import DepthCameraCalibration, RigidTransform, format_c
 from drivers.core import InputError
 from drivers.plausibility import PlausibilityCheck
 from drivers.recording_camera import RecordingCamera, open_recording
-from tests.drivers.bag.bag_maker import FRAME, IMAGE, INFO, SIZE, BagWriter, open_writer, stamp_ns
+from tests.drivers.bag.bag_maker import (
+    FRAME,
+    IMAGE,
+    INFO,
+    SIZE,
+    BagWriter,
+    color_image,
+    open_writer,
+    stamp_ns,
+)
 from tests.drivers.bag.test_bag import (
     COLOR_TOPIC,
     DEPTH_TOPIC,
     INFO_TOPIC,
     KINDS,
-    color_image,
     make_bag,
     write_color,
 )

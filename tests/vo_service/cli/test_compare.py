@@ -67,7 +67,7 @@ def test_a_method_without_a_pose_fails_and_names_the_reason(
 ) -> None:
     folder = copy_recording()
     for file in (folder / "depth").iterdir():
-        cv2.imwrite(str(file), np.full((480, 640), 65535, np.uint16))  # no reading at all
+        cv2.imwrite(str(file), np.full((240, 320), 65535, np.uint16))  # no reading at all
     done = run_in_process(
         capfd, "compare", folder, "--methods", "surf", "--output", tmp_path / "out", "--json"
     )

@@ -56,12 +56,12 @@ def test_a_run_without_a_pose_fails_and_names_the_reason(
 ) -> None:
     folder = copy_recording()
     for file in (folder / "depth").iterdir():
-        cv2.imwrite(str(file), np.full((480, 640), 65535, np.uint16))  # no reading at all
+        cv2.imwrite(str(file), np.full((240, 320), 65535, np.uint16))  # no reading at all
     outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
     assert outcome.code == 1
     assert json.loads(outcome.out)["failed"] >= FRAMES - 1
-    (line,) = outcome.err.splitlines()
-    assert f"{folder}: none of {FRAMES} frames could be tracked; the most frequent reason" in line
+    reason = f"none of {FRAMES} frames could be tracked; the most frequent reason"
+    assert f"{folder}: {reason} ({FRAMES} of {FRAMES}): cannot start" in outcome.error_lines
 
 
 def test_without_ground_truth_its_figures_are_null(

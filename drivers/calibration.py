@@ -16,11 +16,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import PinholeCamera, TimingPrior, TimingSource
+from drivers.camera import MAX_DEPTH_VALUE, PinholeCamera, TimingPrior, TimingSource
 from drivers.camera_yaml import YAML_SUFFIXES, read_camera_yaml
 from drivers.core import InputError
 from drivers.core.config import SCHEMA_VERSION, Field, FieldError, build_dataclass, read_toml
 from drivers.core.geometry import Array, transform_from_pose
+from drivers.plausibility import find_intrinsics_error
 
 _log = logging.getLogger(__name__)
 CAMERA_FILE_NAME = "camera.toml"
@@ -270,7 +271,7 @@ def read_calibration(path: Path, depth_factor: float | None = None) -> CameraCal
         InputError: The file is invalid; the message names file, line and key.
     """
     if path.suffix.lower() not in YAML_SUFFIXES:
-        return read_toml(path, CameraCalibration)
+        return read_toml(path, CameraCalibration, check_intrinsics)
     values = read_camera_yaml(path)
     if "depth_factor" not in values:
         values["depth_factor"] = depth_factor or MILLIMETERS_PER_METER
@@ -281,9 +282,18 @@ def read_calibration(path: Path, depth_factor: float | None = None) -> CameraCal
                 path,
             )
     try:
-        return build_dataclass(CameraCalibration, values)
+        calibration = build_dataclass(CameraCalibration, values)
+        check_intrinsics(calibration)
     except FieldError as error:
         raise InputError(f"{path}: key `{'.'.join(error.path)}`: {error}") from error.__cause__
+    return calibration
+
+
+def check_intrinsics(calibration: CameraCalibration) -> None:
+    """Raise FieldError if a camera is impossible."""
+    for path, camera in (((), calibration), (("depth",), calibration.depth)):
+        if camera is not None and (error := find_intrinsics_error(camera.pinhole)) is not None:
+            raise FieldError((*path, error[0]), error[1])
 
 
 def format_calibration(calibration: CameraCalibration) -> str:
@@ -366,7 +376,6 @@ class Undistorter:
         return cv2.remap(image, *self._nearest_maps, cv2.INTER_NEAREST)  # type: ignore[return-value]
 
 
-MAX_DEPTH_VALUE = 65535
 _ZERO_DISTORTION = np.zeros(5)
 
 
@@ -435,5 +444,6 @@ def _usable_range(depth: PinholeCamera, T_color_depth: Array) -> tuple[int, int]
         )
     offset = T_color_depth[2, 3] * MILLIMETERS_PER_METER
     nearest = max(0, math.floor(-offset / growth.min())) + 1
-    farthest = math.floor((MAX_DEPTH_VALUE - offset) / growth.max())
-    return nearest, min(MAX_DEPTH_VALUE, farthest)
+    max_value = MAX_DEPTH_VALUE - 1  # above is no reading
+    farthest = math.floor((max_value - offset) / growth.max())
+    return nearest, min(max_value, farthest)

@@ -152,6 +152,8 @@ class NewReadings:
 
 # The two images of a frame are at most this far apart.
 MAX_PAIR_SKEW_US = 20_000
+# Some programs store it for no reading.
+MAX_DEPTH_VALUE = 65535
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,8 @@ class RgbdFrame:
         stamp_s: Capture time of the color image's middle row, on the camera's `clock`.
         receive_time_s: CLOCK_MONOTONIC when the host had received the whole frame.
         color_bgr: (height, width, 3) uint8, OpenCV's channel order.
-        depth_raw: (height, width) uint16 as the sensor gave it, 0 = no reading.
+        depth_raw: (height, width) uint16 as the sensor gave it, 0 = no reading. The value 65535,
+            which is no reading either, becomes 0.
         depth_factor: Value of `depth_raw` per meter.
         camera: Intrinsics of both images.
         device_stamp_s: Stamp on the device's own clock, if it has one.
@@ -199,6 +202,11 @@ class RgbdFrame:
     timing_prior: TimingPrior | None = None
     serial: str = ""
     focal_prior: FocalPrior | None = None
+
+    def __post_init__(self) -> None:
+        if (self.depth_raw == MAX_DEPTH_VALUE).any():
+            depth_raw = np.where(self.depth_raw == MAX_DEPTH_VALUE, np.uint16(0), self.depth_raw)
+            object.__setattr__(self, "depth_raw", depth_raw)
 
     def restamped(self, stamp_s: float) -> Self:
         """Return the frame with another stamp, and its readings moved by the same time."""
@@ -370,8 +378,13 @@ class RgbdCamera(ABC):
 
     @property
     def intrinsics_source(self) -> str:
-        """The origin of the intrinsics: "camera file FILE", "factory", "default"; "" = exact."""
+        """The origin of the intrinsics: "camera file FILE", a topic, "factory"; "" = exact."""
         return ""
+
+    @property
+    def depth_unit_source(self) -> str:
+        """The origin of the depth factor; "" if the unit is certain."""
+        return self.intrinsics_source or "the camera"
 
     def wait_for_reconnect(self, timeout_s: float) -> None:
         """Wait before the next `open`; return early if a device is plugged in."""

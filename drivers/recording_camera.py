@@ -32,6 +32,7 @@ from drivers.camera import (
 from drivers.core import CameraError, InputError
 from drivers.core.geometry import Trajectory
 from drivers.layouts import open_folder
+from drivers.plausibility import PlausibilityCheck
 from drivers.recording import DepthImage, FramePair, ImageTopics, Recording, UnreadableFrameError
 from drivers.recording.bag_names import is_bag_file
 from drivers.recording.small_depth import enlarge
@@ -326,6 +327,20 @@ class FrameReader:
         )
 
 
+def log_implausible(recording: Recording) -> None:
+    """Log what is implausible in the first, the middle and the last frame of a recording."""
+    check, reader, pairs = (
+        PlausibilityCheck(recording),
+        FrameReader(recording),
+        recording.frames.pairs,
+    )
+    for index in sorted({0, len(pairs) // 2, len(pairs) - 1}):
+        try:
+            check.examine(reader.read(pairs[index], index))
+        except UnreadableFrameError:  # whoever reads all frames reports it
+            continue
+
+
 class RecordingCamera(RgbdCamera):
     """Replays a recording; a thread of its own decodes ahead of the reader.
 
@@ -400,6 +415,16 @@ class RecordingCamera(RgbdCamera):
             return CameraStatus(CameraState.OPENING)
         has_frame = self.counters.delivered > 0
         return CameraStatus(CameraState.STREAMING if has_frame else CameraState.STARTING)
+
+    @property
+    def intrinsics_source(self) -> str:
+        """The camera file or topic; "" before `open`."""
+        return self._opened.intrinsics_source if self._opened else ""
+
+    @property
+    def depth_unit_source(self) -> str:
+        """The camera file or topic; "" for depth in meters, and before `open`."""
+        return self._opened.depth_unit_source if self._opened else ""
 
     @property
     def frame_count(self) -> int | None:

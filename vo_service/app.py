@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers import make_reconnecting
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
-from drivers.core import CameraError
+from drivers.core import CameraError, UserFacingError
 from drivers.core.jit import release_memory
 from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
@@ -271,6 +271,12 @@ class RunResult:
 
     statistics: ServiceStatistics
     exit_code: int
+
+    def check_has_motion(self, name: str) -> None:
+        """Raise UserFacingError if a recording, `name`, was read to its end without any motion."""
+        reason = self.statistics.failure_reasons.no_motion_reason
+        if reason and not self.exit_code:
+            raise UserFacingError(f"{name}: {reason}")
 
 
 def run_replay(

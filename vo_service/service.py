@@ -3,7 +3,6 @@
 With its statistics, which are the figures of the status.
 """
 
-import re
 import threading
 import time
 from collections import deque
@@ -15,6 +14,7 @@ from statistics import fmean, median, pstdev
 import numpy as np
 
 from drivers.camera import RgbdCamera, RgbdFrame
+from drivers.plausibility import PlausibilityCheck
 from vo_service.control import Control, LoadShedder
 from vo_service.frame_source import FrameSource, PublishClock, TimestampFilter
 from vo_service.odom_frame import OdomFrame, StampedFrame
@@ -27,6 +27,7 @@ from vo_service.types import (
     OnlineTiming,
     TrackingState,
 )
+from vo_service.types.failure_reasons import FailureReasons, strip_numbers
 from vo_service.types.messages import (
     CameraReport,
     MapReport,
@@ -111,9 +112,11 @@ class Service:
         self._control = control
         self._load_shedder = load_shedder or LoadShedder(())
         self._loop_closure = loop_closure
+        self._plausibility = PlausibilityCheck(self._camera)
         self._warning_sources: Sequence[HasWarning] = (
             *outputs,
             self._load_shedder,
+            self._plausibility,
             *warning_sources,
         )
         self._timestamp_filter = TimestampFilter()
@@ -151,6 +154,7 @@ class Service:
             output.on_update(update)
         self.statistics.add(update, cpu_s * 1e3)
         self._last = update
+        self._plausibility.add(frame)
         # Load shedding: pause the viewers if the machine is too slow.
         busy_s = time.monotonic() - begin_s
         interval_s, dropped = self.statistics.interval_s, self._camera.counters.dropped
@@ -169,7 +173,7 @@ class Service:
         state, reason = self._state()
         sources = (*self._warning_sources, self.statistics)
         warnings = tuple(filter(None, (source.warning for source in sources)))
-        report = (state, *map(_strip_numbers, (reason, *warnings)))
+        report = (state, *map(strip_numbers, (reason, *warnings)))
         now_s = time.monotonic()
         if report == self._last_reported and now_s - self._last_reported_s < STATUS_PERIOD_S:
             return
@@ -262,11 +266,6 @@ class Service:
         )
 
 
-def _strip_numbers(text: str) -> str:
-    """Remove counts from a reason: a reason with other counts is not a new reason."""
-    return re.sub(r"\d+", "", text)
-
-
 # Number of frames that the status describes.
 WINDOW_FRAMES = 100
 # The rate counts the frames of this time.
@@ -288,6 +287,7 @@ class ServiceStatistics:
         out_of_order: Number of frames skipped because their stamp did not increase.
         start_s: Time of the first result; None before it.
         end_s: Time of the last result.
+        failure_reasons: Why frames have no motion estimate.
         timing: The sensor's timing at the last frame; None if it is taken as exact.
     """
 
@@ -295,6 +295,7 @@ class ServiceStatistics:
     frames: int = 0
     failed: int = 0
     out_of_order: int = 0
+    failure_reasons: FailureReasons = field(default_factory=FailureReasons)
     start_s: float | None = None
     end_s: float = 0.0
     _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
@@ -319,6 +320,7 @@ class ServiceStatistics:
         """
         self.frames += 1
         self.failed += not update.estimate.ok
+        self.failure_reasons.add(update.estimate.ok, update.estimate.reason)
         self.timing = update.estimate.timing
         self.focal_length = update.estimate.focal_length
         self.end_s = self.now_s()

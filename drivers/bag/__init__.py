@@ -30,6 +30,7 @@ from drivers.bag.pairing import FoundFrames, match_recorded_frames, pair_between
 from drivers.calibration import (
     CameraCalibration,
     DepthCameraCalibration,
+    check_intrinsics,
     find_benchmark_calibration,
     read_calibration,
 )
@@ -52,6 +53,9 @@ MILLIMETER_DEPTH_FACTOR = 1000.0
 METER_DEPTH_FACTOR = 5000.0
 # The intrinsics that drivers report for a Kinect without calibration.
 DEFAULT_FOCAL_LENGTH_PX = 525.0
+# A calibrated camera differs less from the default intrinsics of the same camera, as a fraction of
+# the image's width.
+MAX_SAME_CAMERA_DIFFERENCE = 0.04
 
 
 def open_bag(path: Path, camera_file: Path | None, named: ImageTopics | None) -> Recording:
@@ -118,6 +122,8 @@ class _BagReader:
             accelerometer=self._find_accelerometer(),
             gravity=self._find_gravity(),
             depth_camera=self._find_depth_camera(calibration),
+            intrinsics_source=source,
+            depth_unit_source=self._describe_depth_unit(source),
             summary=f"{self.path}: {', '.join(part for part in parts if part)}",
             warning=found.warning(self.path),
             topics=self._topics_in_use(truth_source),
@@ -172,7 +178,8 @@ class _BagReader:
         if self.contents.camera_file:
             name = f"{self.path}: {self.topics.camera_file}"
             text = self.contents.camera_file
-            return parse_toml(text, name, CameraCalibration), self.topics.camera_file
+            calibration = parse_toml(text, name, CameraCalibration, check_intrinsics)
+            return calibration, self.topics.camera_file
         model = self._camera_model(self.topics.color_info, self.topics.color)
         known = find_benchmark_calibration(self.path)
         if known is not None and model.intrinsics[0] == DEFAULT_FOCAL_LENGTH_PX:
@@ -188,12 +195,19 @@ class _BagReader:
             )
         return camera_from_message(info, is_rectified(image_topic), f"{self.path}: {info_topic}")
 
+    def _describe_depth_unit(self, calibration_source: str) -> str:
+        """Return where the depth factor comes from; "" for meters, whose factor is any."""
+        if is_depth_in_meters(self.contents.depth.first):
+            return ""
+        return calibration_source if self._has_camera_file else self.topics.depth
+
     def _find_depth_camera(self, calibration: CameraCalibration) -> DepthCameraCalibration | None:
         """Return the depth camera, if depth is not registered to color."""
         depth_frame = frame_name(self.contents.depth.first.header.frame_id)
-        is_registered = depth_frame in ("", self.color_frame)
-        if is_registered or is_named_registered(self.topics.depth):
+        if is_named_registered(self.topics.depth):
             return None
+        if depth_frame in ("", self.color_frame):
+            return self._find_depth_camera_without_frame(calibration, depth_frame)
         if calibration.depth is not None:
             return calibration.depth
         T_color_depth = self.contents.transforms.constant_transform(self.color_frame, depth_frame)
@@ -205,6 +219,37 @@ class _BagReader:
             )
         model = self._camera_model(self.topics.depth_info, self.topics.depth)
         return model.depth_calibration(T_color_depth)
+
+    def _find_depth_camera_without_frame(
+        self, calibration: CameraCalibration, depth_frame: str
+    ) -> DepthCameraCalibration | None:
+        """Return the depth camera if camera_info tells that depth is of another camera than color.
+
+        Then the camera file says where it is, or that depth is registered nevertheless.
+        """
+        topics = self.topics
+        if not {topics.color_info, topics.depth_info} <= self.contents.infos.keys():
+            return None
+        color = self._camera_model(topics.color_info, topics.color)
+        depth = self._camera_model(topics.depth_info, topics.depth)
+        difference = np.abs(np.subtract(color.intrinsics, depth.intrinsics)).max()
+        # Images of another size are refused when the first frame is loaded.
+        is_same_size = (color.width, color.height) == (depth.width, depth.height)
+        if not is_same_size or difference <= MAX_SAME_CAMERA_DIFFERENCE * color.width:
+            return None
+        if self._has_camera_file:
+            return calibration.depth
+        raise InputError(
+            f"{self.path}: {topics.depth_info} has fx = {depth.intrinsics[0]:g}, cx = "
+            f"{depth.intrinsics[2]:g}, but {topics.color_info} has fx = {color.intrinsics[0]:g}, "
+            f"cx = {color.intrinsics[2]:g}: depth is not registered to color, and its frame "
+            f'"{depth_frame}" does not tell where its camera is; record registered depth, or give '
+            "--camera-file FILE, with a table [depth] unless depth is registered"
+        )
+
+    @property
+    def _has_camera_file(self) -> bool:
+        return self.camera_file is not None or bool(self.contents.camera_file)
 
     def _find_ground_truth(self) -> tuple[Trajectory | None, str]:
         """Return the true poses of the color camera, and where they come from."""

@@ -14,6 +14,7 @@ from drivers.calibration import (
     Distortion,
     RigidTransform,
 )
+from drivers.camera import PinholeCamera
 from drivers.core import InputError
 from drivers.core.geometry import (
     Array,
@@ -23,6 +24,7 @@ from drivers.core.geometry import (
     quaternion_from_rotation,
     transform_from_pose,
 )
+from drivers.plausibility import find_intrinsics_error
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,11 @@ class CameraModel:
     height: int
     intrinsics: tuple[float, float, float, float]
     distortion: Distortion
+
+    @property
+    def pinhole(self) -> PinholeCamera:
+        """The intrinsics without the distortion."""
+        return PinholeCamera(self.width, self.height, *self.intrinsics)
 
     def color_calibration(self, depth_factor: float) -> CameraCalibration:
         """Make the calibration; the timing is not known."""
@@ -62,7 +69,8 @@ def camera_from_message(info: Any, is_rectified: bool, location: str) -> CameraM
         location: File and topic, for error messages.
 
     Raises:
-        InputError: The camera is not calibrated, or its lens has another model than Brown's.
+        InputError: The camera is not calibrated, its intrinsics are impossible, or its lens has
+            another model than Brown's.
     """
     K, D, P = (_values(info, name) for name in "kdp")
     fx, fy, cx, cy = (P[0], P[5], P[2], P[6]) if is_rectified else (K[0], K[4], K[2], K[5])
@@ -80,7 +88,12 @@ def camera_from_message(info: Any, is_rectified: bool, location: str) -> CameraM
             )
         k1, k2, p1, p2, k3 = [*D, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
         distortion = (k1, k2, p1, p2, k3)
-    return CameraModel(int(info.width), int(info.height), (fx, fy, cx, cy), distortion)
+    model = CameraModel(int(info.width), int(info.height), (fx, fy, cx, cy), distortion)
+    if (error := find_intrinsics_error(model.pinhole)) is not None:
+        raise InputError(
+            f"{location}: {error[0]} = {error[1]}; --camera-file FILE replaces the topic"
+        )
+    return model
 
 
 def _values(info: Any, name: str) -> list[float]:

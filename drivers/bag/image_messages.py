@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from drivers.bag.bag_file import BagFile, Message, open_bag_file
 from drivers.bag.bag_storage import BagStorage
 from drivers.bag.rvl import decode_rvl
+from drivers.camera import MAX_DEPTH_VALUE
 from drivers.core import InputError
 from drivers.recording import (
     BgrImage,
@@ -159,7 +160,8 @@ COLOR_ENCODINGS: dict[str, Encoding] = {
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")
 # Columns and rows.
 RVL_SIZE = struct.Struct("<II")
-MAX_DEPTH_VALUE = 65535
+# A larger median is in millimeters.
+MAX_MEDIAN_DEPTH_M = 50.0
 
 
 @dataclass(frozen=True)
@@ -268,7 +270,7 @@ def depth_from_message(message: Any, name: str, depth_factor: float) -> DepthIma
         )
     image = _pixels(message, np.dtype(DEPTH_ENCODINGS[message.encoding]), 1, name)
     if image.dtype == np.float32:
-        return _depth_from_meters(image, depth_factor)
+        return _depth_from_meters(image, depth_factor, name)
     return np.ascontiguousarray(image)
 
 
@@ -288,8 +290,16 @@ def _pixels(message: Any, dtype: np.dtype[Any], channels: int, name: str) -> NDA
     return pixels.reshape(message.height, message.width, channels) if channels > 1 else pixels
 
 
-def _depth_from_meters(depth_m: NDArray[np.float32], depth_factor: float) -> DepthImage:
+def _depth_from_meters(depth_m: NDArray[np.float32], depth_factor: float, name: str) -> DepthImage:
     """Convert meters; NaN, infinite and too large values have no reading."""
+    is_reading = (depth_m > 0) & (depth_m < np.inf)
+    is_far = is_reading & (depth_m > MAX_MEDIAN_DEPTH_M)
+    if 2 * np.count_nonzero(is_far) > np.count_nonzero(is_reading):
+        median = float(np.median(depth_m[is_reading]))
+        raise UnreadableFrameError(
+            f"{name}: 32FC1 is depth in meters, but the median is {median:.4g}; write millimeters "
+            f"as 16UC1, or divide them by 1000, which would give {median / 1000:.2g} m"
+        )
     values = np.nan_to_num(np.rint(depth_m * np.float32(depth_factor)), nan=0.0, posinf=0.0)
     values[(values < 0) | (values > MAX_DEPTH_VALUE)] = 0
     depth: DepthImage = values.astype(np.uint16)
@@ -310,7 +320,8 @@ def _decompress_depth(message: Any, name: str, depth_factor: float) -> DepthImag
         return _decode_rvl(image, name) if is_rvl else decode_depth(image, name)
     inverse = (_decode_rvl if is_rvl else decode_image)(image, name).astype(np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return _depth_from_meters(np.where(inverse > 0, a / (inverse - b), 0.0), depth_factor)
+        depth_m = np.where(inverse > 0, a / (inverse - b), 0.0)
+    return _depth_from_meters(depth_m, depth_factor, name)
 
 
 def _decode_rvl(data: bytes, name: str) -> DepthImage:

@@ -12,7 +12,7 @@ import math
 import re
 import tomllib
 import types
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -313,7 +313,11 @@ SCHEMA_VERSION = 1
 MAX_FILE_CHARACTERS = 1_000_000
 
 
-def read_toml(path: Path, kind: type[T]) -> T:
+def _accept(_: object) -> None:
+    """Raise nothing."""
+
+
+def read_toml(path: Path, kind: type[T], check: Callable[[T], None] = _accept) -> T:
     """Read a file into the dataclass `kind`. A Path is kept as it is written in the file.
 
     Raises:
@@ -328,16 +332,17 @@ def read_toml(path: Path, kind: type[T]) -> T:
         raise InputError(f"{path}: cannot be read: {cause}; name a TOML file") from error
     if not is_whole:
         raise InputError(f"{path}: is too large for a TOML file; name another")
-    return parse_toml(text, str(path), kind)
+    return parse_toml(text, str(path), kind, check)
 
 
-def parse_toml(text: str, name: str, kind: type[T]) -> T:
+def parse_toml(text: str, name: str, kind: type[T], check: Callable[[T], None] = _accept) -> T:
     """Parse a TOML text as `read_toml` does; error messages start with `name`.
 
     Args:
         text: The file's content.
         name: Name of the file, for errors.
         kind: The dataclass.
+        check: Is called with the result; raises a FieldError for values that make no sense.
     """
     try:
         table = tomllib.loads(text)
@@ -348,11 +353,13 @@ def parse_toml(text: str, name: str, kind: type[T]) -> T:
         ) from error
     try:
         _check_schema_version(table)
-        return build_dataclass(kind, {k: v for k, v in table.items() if k != "schema"})
+        result = build_dataclass(kind, {k: v for k, v in table.items() if k != "schema"})
+        check(result)
     except FieldError as error:
         line = find_key_lines(text).get(error.path, 0)
         key = f"key `{'.'.join(error.path)}`: " if error.path else ""
         raise InputError(f"{name}{f':{line}' if line else ''}: {key}{error}") from error.__cause__
+    return result
 
 
 def _check_schema_version(table: dict[str, Any]) -> None:

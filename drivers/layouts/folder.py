@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.calibration import find_calibration
+from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.core import InputError
 from drivers.layouts.color_depth_folders import (
     LISTS,
@@ -70,6 +70,8 @@ def open_folder(folder: Path, camera_file: Path | None) -> Recording:
     depth_camera = contents.depth_camera and (camera.depth or contents.depth_camera)
     unpaired = contents.frames.unpaired
     parts = [*contents.assumptions, *([f"images without a partner: {unpaired}"] * bool(unpaired))]
+    file = camera_file or folder / CAMERA_FILE_NAME
+    source = f"camera file {file}" if file.exists() else f"that of the layout of {layout.name}"
     recording = Recording(
         path=folder,
         frames=contents.frames,
@@ -78,6 +80,8 @@ def open_folder(folder: Path, camera_file: Path | None) -> Recording:
         accelerometer=read_accelerometer(folder),
         depth_camera=depth_camera,
         summary=f"{folder}: layout of {layout.name}: {'; '.join(parts)}",
+        intrinsics_source=source,
+        depth_unit_source=source,
     )
     return check_frames(recording)
 

@@ -277,6 +277,8 @@ class Recording:
         gravity: Smoothed gravity with each frame, if it is recorded beside the readings.
         depth_camera: The depth camera, if depth is not registered to color.
         depth_enlargement: N if each pixel of registered depth covers N x N of color.
+        intrinsics_source: The camera file or the topic that the intrinsics are from.
+        depth_unit_source: The same for the depth factor; "" if the unit of depth is certain.
         summary: What was found in a file that does not say which images to use; "" if it is clear.
         warning: What is wrong with its clock; "" if nothing is.
         topics: The topics of a bag; None for a folder.
@@ -291,10 +293,17 @@ class Recording:
     gravity: AccelerometerSeries | None = None
     depth_camera: DepthCameraCalibration | None = None
     depth_enlargement: int = 1
+    intrinsics_source: str = ""
+    depth_unit_source: str = ""
     summary: str = ""
     warning: str = ""
     topics: BagTopicsInUse | None = None
     close: Callable[[], None] = _nothing_to_close
+
+    @property
+    def name(self) -> str:
+        """The recording's name in messages."""
+        return str(self.path)
 
     def gravity_at(self, stamp_s: float) -> Vector | None:
         """Return gravity in camera axes at a frame's stamp, if it is known."""

@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
-from drivers.calibration import find_calibration
+from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.camera import MAX_PAIR_SKEW_US
 from drivers.core import InputError
 from drivers.core.files import AppendOnlyFile
@@ -236,7 +236,18 @@ def open_tum_folder(folder: Path, camera_file: Path | None) -> Recording:
     frames = read_frame_pairs(folder)
     camera = find_calibration(folder, camera_file)
     truth, note = read_ground_truth(folder, frames.stamps_s)
-    recording = Recording(folder, frames, camera, truth, read_accelerometer(folder), summary=note)
+    file = camera_file or folder / CAMERA_FILE_NAME
+    source = f"camera file {file}" if file.exists() else "the TUM benchmark's, by the folder's name"
+    recording = Recording(
+        folder,
+        frames,
+        camera,
+        truth,
+        read_accelerometer(folder),
+        summary=note,
+        intrinsics_source=source,
+        depth_unit_source=source,
+    )
     return check_frames(recording)
 
 

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from drivers.calibration import DepthCameraCalibration, RigidTransform, SoftwareRegistration
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import MAX_DEPTH_VALUE, PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, inverse, quaternion_from_rotation, rigid_transform, so3_exp
 from tests.vo_service.odometry.synthetic_views import CAMERA, FLOOR, WALL, render_corner
@@ -60,7 +60,14 @@ def units(depth_m: Array, factor: float = 1000.0) -> NDArray[np.uint16]:
 
 
 @settings(max_examples=20, deadline=None)
-@given(depth=arrays(np.uint16, (COLOR.height, COLOR.width), fill=st.just(1500)))
+@given(
+    depth=arrays(
+        np.uint16,
+        (COLOR.height, COLOR.width),
+        elements=st.integers(0, MAX_DEPTH_VALUE - 1),
+        fill=st.just(1500),
+    )
+)
 def test_a_depth_camera_that_is_the_color_camera_changes_nothing(
     depth: NDArray[np.uint16],
 ) -> None:

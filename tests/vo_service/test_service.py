@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,6 +50,14 @@ def test_every_frame_goes_to_every_output_in_order() -> None:
     for output in outputs:
         assert [pose.frame.seq for pose in output.poses] == [0, 1, 2, 3, 4]
         assert [pose.seq for pose in output.poses] == [0, 1, 2, 3, 4]
+
+
+def test_implausible_depth_is_a_warning_of_the_status(caplog: pytest.LogCaptureFixture) -> None:
+    depth = np.full((6, 8), 9000, np.uint16)
+    collector = run_loop([replace(make_frame(k), depth_raw=depth) for k in range(4)])
+    (warning,) = collector.statuses[-1].warnings
+    assert "depth_factor = 5000 in a camera file would give 1.8 m" in warning
+    assert caplog.messages == [warning]  # once, not for each frame
 
 
 def test_outputs_are_closed_by_their_owner() -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import logging
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -44,6 +45,8 @@ from vo_service.tools.benchmark.report.tables import cost_table, error_table
 from vo_service.tools.benchmark.results import SequenceResults, collect_results
 
 ALL_METHODS = "all"
+
+logger = logging.getLogger(__name__)
 
 EPILOG = f"""\
 {textwrap.fill("methods: " + ", ".join(METHOD_NAMES), 98, break_on_hyphens=False)}
@@ -184,7 +187,17 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(*unavailable, f"report: {args.output / PAGE_FILE}", sep="\n")
     all_done = all(judged.is_done for result in results for judged in result.evaluations.values())
-    return stop.exit_code or (0 if all_done else 1)
+    has_motion = [_has_motion(result) for result in results]  # logs each that has none
+    return stop.exit_code or (0 if all_done and all(has_motion) else 1)
+
+
+def _has_motion(result: SequenceResults) -> bool:
+    """Log each run in which no frame has a pose; return whether there is none."""
+    runs = {name: judged.outcome.run for name, judged in result.evaluations.items()}
+    reasons = {name: run.no_motion_reason for name, run in runs.items() if run.no_motion_reason}
+    for name, reason in reasons.items():
+        logger.error("%s, %s: %s", result.recording.name, name, reason)
+    return not reasons
 
 
 def _check_reference_method(

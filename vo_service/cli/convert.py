@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from drivers.recording import Recording
+from drivers.recording_camera import log_implausible
 from vo_service.cli.options import add_camera_file_option, add_topics_option
 from vo_service.cli.recordings import RECORDING_HELP, open_and_announce
 from vo_service.signals import stop_on_signals
@@ -42,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
         UserFacingError: If the recording cannot be read, or the output not be written.
     """
     recording = open_and_announce(args, args.camera_file)
+    log_implausible(recording)
     written = _convert(args, recording)
     print(f"{written} frames in {args.output} ({choose_format(args.output, args.format)})")
     return 0

@@ -104,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
     _write_results(args.output, recorder, truth)
     print_message(f"results: {args.output}" + (" (cut short)" if result.exit_code else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
+    result.check_has_motion(camera.name)
     return result.exit_code
 
 

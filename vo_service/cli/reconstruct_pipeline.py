@@ -83,12 +83,13 @@ def track_recording(
     with camera:
         progress = ProgressOutput(terminal, "tracking", camera.frame_count)
         own: list[Output] = [*([loop_closure] if loop_closure else []), recorder, progress]
-        run_replay(
+        result = run_replay(
             config, camera, FrameSource(camera), own, stop, loop_closure or NullLoopClosure()
         )
     for output in own:
         output.close()
     stop.check()
+    result.check_has_motion(str(folder))
     if loop_closure:
         recorder.apply_correction(
             loop_closure.trajectory, loop_closure.loop_closer.graph.are_connected

@@ -93,7 +93,8 @@ def run(args: argparse.Namespace) -> int:
     """Replay and print the summary.
 
     Raises:
-        UserFacingError: If an option or the recording is not valid, or if an output fails.
+        UserFacingError: If an option or the recording is not valid, if an output fails, or if no
+            frame has a pose.
     """
     config = load_config(args)
     _check_not_overwriting_recording(args)
@@ -146,6 +147,7 @@ def run(args: argparse.Namespace) -> int:
             args.optimized_trajectory, loop_closure.trajectory, recorder.publish_offset_s
         )
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
+    result.check_has_motion(str(args.folder))
     return result.exit_code
 
 

@@ -1,6 +1,7 @@
 """``kinect-vo run``: run the odometry as a service."""
 
 import argparse
+import logging
 import math
 import sys
 from contextlib import closing, suppress
@@ -55,6 +56,8 @@ from vo_service.signals import (
 )
 from vo_service.terminal import Terminal, set_log_level
 from vo_service.types.outputs import Output
+
+logger = logging.getLogger(__name__)
 
 EPILOG = """\
 examples:
@@ -151,6 +154,8 @@ def _serve(
         on_reload = stop.request if args.config is None else reload
         release_memory()  # all kernels are loaded
         run_on_loop_thread(live.service.run, stop, reload_signal, on_reload)
+        if reason := live.service.statistics.failure_reasons.no_motion_reason:
+            logger.warning("%s: %s", camera.name, reason)
 
 
 def _make_outputs_config(

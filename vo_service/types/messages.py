@@ -71,7 +71,9 @@ class CameraReport:
     name: Annotated[str, "name of the camera"]
     state: Annotated[CameraState, "connection state of the camera"]
     intrinsics: Annotated[
-        str, 'source of the intrinsics: "camera file FILE", "factory", "default"; "" = exact'
+        str,
+        'source of the intrinsics: "camera file FILE", a topic of a bag, "factory", "default"; '
+        '"" = exact',
     ]
     level: Annotated[
         LevelSource, "source of the up direction: measured, or the first pose counts as level"

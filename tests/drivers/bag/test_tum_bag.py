@@ -77,7 +77,7 @@ def test_a_bag_of_the_benchmark_has_its_published_camera(tmp_path: Path) -> None
     with open_writer(path) as bag:
         make, t = bag.maker, stamp_ns(0)
         color, depth = np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32)
-        bag.write("/camera/rgb/camera_info", INFO, t, make.info(t, focal_px=525.0))
+        bag.write("/camera/rgb/camera_info", INFO, t, make.info(t, focal_px=525.0, size=(640, 480)))
         bag.write("/camera/rgb/image_color", IMAGE, t, make.image(t, color, "rgb8"))
         bag.write("/camera/depth/image", IMAGE, t, make.image(t, depth, "32FC1"))
     recording = open_recording(path)

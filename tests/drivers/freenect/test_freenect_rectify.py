@@ -52,9 +52,9 @@ def test_the_requested_depth_format_depends_on_the_camera_file(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("camera", "words"),
     [
-        (replace(DEFAULT_CALIBRATION, width=320, height=240), "this file is for 320x240"),
+        (replace(DEFAULT_CALIBRATION, width=600, height=450), "this file is for 600x450"),
         (
-            replace(DEFAULT_CALIBRATION, depth=replace(OWN_CAMERA, width=320)),
+            replace(DEFAULT_CALIBRATION, depth=replace(OWN_CAMERA, width=600)),
             r"\[depth\] of this file",
         ),
         (replace(DEFAULT_CALIBRATION, depth_factor=5000.0), "set depth_factor = 1000.0"),

@@ -142,5 +142,5 @@ def test_a_first_frame_of_a_wrong_type_is_rejected_with_its_line(
 def test_images_unlike_the_camera_file_are_refused(make_folder: FolderMaker) -> None:
     folder = make_folder()
     text = (folder / "camera.toml").read_text()
-    (folder / "camera.toml").write_text(text.replace("width = 64", "width = 640"))
-    assert "the image is 64x48 but the camera is 640x48" in complaint(folder)
+    (folder / "camera.toml").write_text(text.replace("width = 64", "width = 80"))
+    assert "the image is 64x48 but the camera is 80x48" in complaint(folder)

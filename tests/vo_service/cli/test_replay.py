@@ -9,6 +9,7 @@ from decimal import Decimal
 from itertools import cycle, islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -55,6 +56,19 @@ def test_only_one_json_object_is_printed(recording: Path, tmp_path: Path) -> Non
     assert figures["rpe_1s_m"] is None  # the recording is shorter
     assert set(figures["stage_ms"]) >= {"images", "align", "covariance"}
     assert figures["cpu_ms_per_frame"] > 0
+
+
+def test_a_run_without_a_pose_fails_and_names_the_reason(
+    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    for file in (folder / "depth").iterdir():
+        cv2.imwrite(str(file), np.full((240, 320), 65535, np.uint16))  # no reading at all
+    outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
+    assert outcome.code == 1
+    assert json.loads(outcome.out)["failed"] >= FRAMES - 1
+    reason = f"none of {FRAMES} frames could be tracked; the most frequent reason"
+    assert f"{folder}: {reason} ({FRAMES} of {FRAMES}): cannot start" in outcome.error_lines
 
 
 def test_without_ground_truth_its_figures_are_null(

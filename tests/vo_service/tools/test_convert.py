@@ -6,11 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-<<<<<<< HEAD
-from rosbags.rosbag2 import CompressionMode
-=======
 from rosbags.highlevel import AnyReader
->>>>>>> f99d8ceb (Tests of a recorded MCAP file: the mounting, raw replays, and depth by the format of a conversion)
+from rosbags.rosbag2 import CompressionMode
 from rosbags.typesys import get_types_from_msg
 
 from drivers.bag.bag_file import open_bag_file

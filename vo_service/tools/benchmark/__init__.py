@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, Trajectory
+from vo_service.types.failure_reasons import FailureReasons
 
 
 class RunState(StrEnum):
@@ -117,6 +118,14 @@ class CompletedRun:
     def failed(self) -> int:
         """Number of frames without a pose."""
         return int(np.count_nonzero(~self.frames.has_pose))
+
+    @property
+    def no_motion_reason(self) -> str:
+        """See `FailureReasons`."""
+        reasons = FailureReasons()
+        for has_pose, reason in zip(self.frames.has_pose, self.frames.reasons, strict=True):
+            reasons.add(bool(has_pose), reason)
+        return reasons.no_motion_reason
 
     @property
     def new_epochs(self) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, has_match, nearest_indices
 from drivers.recording import ImageTopics, Recording
-from drivers.recording_camera import open_recording
+from drivers.recording_camera import log_implausible, open_recording
 from vo_service.terminal import announce, announce_if_slow
 from vo_service.tools.evaluation.gaps import Gap, find_gaps
 
@@ -151,10 +151,11 @@ def open_recordings(
 
 
 def _open(path: Path, camera_file: Path | None, topics: ImageTopics | None) -> Recording:
-    """Open a recording, and log what was found in a bag."""
+    """Open a recording, and log what was found in a bag, and what is implausible."""
     with announce_if_slow(f"reading {path}"):
         recording = open_recording(path, camera_file, topics)
     recording.require_rising_stamps("so methods cannot be compared on it; use `kinect-vo replay`")
     if recording.summary:
         announce(recording.summary)
+    log_implausible(recording)
     return recording

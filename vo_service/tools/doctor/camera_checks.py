@@ -30,6 +30,7 @@ from vo_service.tools.doctor.stream_checks import (
     LearnedFocalLengthCheck,
     LearnedTimingCheck,
     LostPacketsCheck,
+    PlausibleFramesCheck,
     SkewCheck,
 )
 from vo_service.tools.doctor.stream_probe import call_in_subprocess
@@ -290,6 +291,7 @@ def checks_for(source: str) -> tuple[Check, ...]:
 def _stream_checks(has_accelerometer: bool) -> tuple[Check, ...]:
     return (
         FirstFramesCheck(*FRAME_PREREQUISITES),
+        PlausibleFramesCheck(),
         FrameRateCheck(SENSOR_HZ),
         LostPacketsCheck(),
         SkewCheck(),
@@ -302,6 +304,7 @@ def _stream_checks(has_accelerometer: bool) -> tuple[Check, ...]:
 
 # The speed of a player does not depend on the device's clock.
 _RECORDING_CHECKS: tuple[Check, ...] = (
+    PlausibleFramesCheck(),
     FrameRateCheck(ANY_RATE_HZ),
     LostPacketsCheck(),
     SkewCheck(),

@@ -72,6 +72,18 @@ def _split_error(error: str) -> tuple[str, str]:
     return (text, advice) if has_advice else (text or advice, REPLUG_FIX)
 
 
+class PlausibleFramesCheck:
+    """Check that intrinsics and depth can be those of an RGB-D camera."""
+
+    name = "plausible"
+    needs = ("first-frames",)
+
+    def run(self, context: CheckContext) -> Finding:
+        if context.stream.implausible:
+            return warned(*_split_error(context.stream.implausible))
+        return passed("intrinsics and depth are plausible")
+
+
 class FrameRateCheck:
     """Check that frames arrive to the end, at the sensor's rate."""
 

@@ -20,6 +20,7 @@ from drivers.camera import (
     TimingPrior,
 )
 from drivers.core import InputError, UserFacingError
+from drivers.plausibility import PlausibilityCheck
 
 POLL_PERIOD_S = 0.1
 # A driver's process may start slowly on a slow disk; later pauses must be shorter.
@@ -54,6 +55,7 @@ class StreamSample:
         first_frame_s: Time from `open` to the first frame; None without a frame.
         counters: The camera's counters at the end.
         intrinsics_source: Where the intrinsics come from.
+        implausible: What is implausible of the intrinsics and the depth; "" if nothing.
         error: Why no frame came, or why frames stopped; "" if they came to the end.
     """
 
@@ -62,6 +64,7 @@ class StreamSample:
     first_frame_s: float | None = None
     counters: CameraCounters = CameraCounters()  # noqa: RUF009 (frozen)
     intrinsics_source: str = ""
+    implausible: str = ""
     error: str = ""
 
 
@@ -87,12 +90,14 @@ def probe_stream(
     """
     samples: list[FrameSample] = []
     size, error_text = None, ""
+    plausibility = PlausibilityCheck(camera)
     begin_s = time.monotonic()
     try:
         camera.open()
         for frame in _read_frames(camera, seconds):
             samples.append(_make_sample(frame))
             size = (frame.camera.width, frame.camera.height)
+            plausibility.add(frame)
             on_frame(frame)
     except (InputError, KeyboardInterrupt):
         raise
@@ -107,6 +112,7 @@ def probe_stream(
         first_frame_s=samples[0].receive_time_s - begin_s if samples else None,
         counters=counters,
         intrinsics_source=intrinsics_source,
+        implausible=plausibility.warning,
         error=error_text,
     )
 

@@ -24,12 +24,14 @@ from vo_service.tools.doctor.stream_checks import (
     LearnedFocalLengthCheck,
     LearnedTimingCheck,
     LostPacketsCheck,
+    PlausibleFramesCheck,
     SkewCheck,
 )
 from vo_service.tools.doctor.stream_probe import StreamSample
 
 CHECKS = (
     FirstFramesCheck(),
+    PlausibleFramesCheck(),
     FrameRateCheck(30.0),
     LostPacketsCheck(),
     SkewCheck(),
@@ -100,6 +102,12 @@ def test_lost_packets_count_by_the_discarded_frames(skipped: int, verdict: Check
 def test_frames_without_a_partner_are_no_lost_packets(skipped: int, verdict: str) -> None:
     stream = make_capture(make_samples(120), skipped=skipped)
     assert run_check(LostPacketsCheck(), stream).verdict == verdict
+
+
+def test_implausible_depth_is_a_warning_with_the_plausible_value() -> None:
+    text = "desk: depth_factor = 5000 gives a median depth of 0.4 m; 1000 would give 2 m"
+    finding = run_check(PlausibleFramesCheck(), replace(make_capture(), implausible=text))
+    assert (finding.verdict, finding.fix) == (CheckVerdict.WARNING, "1000 would give 2 m")
 
 
 def test_a_skew_beyond_half_a_frame_is_a_warning() -> None:

@@ -1,6 +1,7 @@
 """Reading a camera for some seconds, with all its errors."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,6 +82,12 @@ def test_frames_are_measured_and_passed_on(frame: RgbdFrame) -> None:
     assert sample.size == (frame.camera.width, frame.camera.height)
     assert sample.samples[0].stamp_s == frame.stamp_s
     assert (sample.error, sample.counters.lost_packets) == ("", 7)
+
+
+def test_frames_are_checked_for_plausibility(frame: RgbdFrame) -> None:
+    far = replace(frame, depth_raw=np.full((48, 64), 9000, np.uint16), depth_factor=1000.0)
+    sample = probe_stream(SampledCamera(far, EndOfStream()), 5.0, lambda _: None)
+    assert "depth_factor = 1000 (the camera) gives a median depth of 9 m" in sample.implausible
 
 
 def test_reading_ends_when_the_time_is_up(frame: RgbdFrame) -> None:

@@ -15,7 +15,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.recording.clock_jumps import MAX_STALE_FRAMES
+from drivers.clock_jumps import MAX_STALE_FRAMES
 
 RECORDING_ENDED = "the recording has ended"
 # A source yields at least this often, with or without a frame.

@@ -9,8 +9,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from drivers.bag.image_messages import ImageMessage
+from drivers.clock_jumps import split_at_jumps
 from drivers.recording import FramePair, RecordedFrames, pair_images, stamps_us
-from drivers.recording.clock_jumps import split_at_jumps
 from drivers.recording.frames import FrameStamps, format_stamp
 
 

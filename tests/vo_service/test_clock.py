@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import Clock
-from drivers.recording.clock_jumps import MAX_STALE_FRAMES
+from drivers.clock_jumps import MAX_STALE_FRAMES
 from tests.vo_service.fakes import FakeClock
 from vo_service.frame_source import (
     LiveClock,

@@ -15,8 +15,8 @@ import pytest
 
 from drivers.bag.bag_writer import Ros1Writer
 from drivers.bag.frame_writer import FrameWriter
+from drivers.clock_jumps import MAX_STALE_FRAMES
 from drivers.core.geometry import read_trajectory
-from drivers.recording.clock_jumps import MAX_STALE_FRAMES
 from drivers.recording.frames import FrameStamps
 from drivers.recording_camera import open_recording
 from tests.conftest import FRAMES

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.recording.clock_jumps import MAX_STALE_FRAMES, split_at_jumps
+from drivers.clock_jumps import MAX_STALE_FRAMES, split_at_jumps
 
 HOUR = 3600
 

@@ -66,7 +66,16 @@ class SampledPath:
         self._has_changed = False
 
     def add(self, stamp_s: float, position: Array, epoch: int = 0) -> NDArray[np.float32] | None:
-        """Add a position, meters. Return all, (N, 3), if they have changed and are due."""
+        """Add a position; return all if they have changed and are due.
+
+        Args:
+            stamp_s: Stamp of the position, s.
+            position: (3,), m.
+            epoch: Positions of different epochs are not connected.
+
+        Returns:
+            (N, 3) positions, m; None if they are not due.
+        """
         self._has_changed |= self._trajectory.add(position, epoch)
         if not self._has_changed or not self._throttle.allow(stamp_s):
             return None

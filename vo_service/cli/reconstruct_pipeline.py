@@ -95,11 +95,6 @@ def track_recording(
             loop_closure.trajectory, loop_closure.loop_closer.graph.are_connected
         )
     poses = recorder.longest_trajectory
-    if not len(poses):
-        raise InputError(
-            f"{folder}: the odometry found no motion in any of {recorder.frame_count} frames: see "
-            "`kinect-vo replay`, or give a trajectory"
-        )
     if recorder.epoch_count > 1:
         _log.warning(
             "tracking restarted %d times after a loss: the map has only the longest part, %d of %d "

@@ -195,7 +195,10 @@ def test_missing_library_is_one_line_with_the_package(monkeypatch: pytest.Monkey
 
 @pytest.mark.subprocess
 def test_dummy_device_opens_and_closes_without_a_crash(tmp_path: Path) -> None:
-    text = (CAMERA_FILE + DEPTH_CAMERA).replace("64", "320").replace("48", "240")
+    text = CAMERA_FILE + DEPTH_CAMERA
+    for small, large in (("64", "320"), ("48", "240"), ("52.5", "262.5"), ("31.5", "159.5")):
+        text = text.replace(small, large)
+    text = text.replace("23.5", "119.5")
     camera_file = tmp_path / "camera.toml"
     camera_file.write_text(text)
     run = subprocess.run(

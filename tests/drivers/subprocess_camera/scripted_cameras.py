@@ -35,7 +35,7 @@ def make_pattern_frame(seq: int, stamp_s: float, size: tuple[int, int] = SMALL_S
         color_bgr=np.full((height, width, 3), seq % 251, np.uint8),
         depth_raw=np.full((height, width), seq, np.uint16),
         depth_factor=1000.0,
-        camera=PinholeCamera(width, height, 525.0, 525.0, width / 2, height / 2),
+        camera=PinholeCamera(width, height, float(width), float(width), width / 2, height / 2),
     )
 
 

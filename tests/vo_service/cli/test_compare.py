@@ -182,7 +182,7 @@ def test_without_truth_coverage_and_cost_are_reported(
         (["gone"], "gone: no such folder; check the path"),
         (["corner", "empty"], "empty: the folder is empty; name one with rgb.txt and depth.txt"),
         (["corner", "corner"], "names are equal; rename one folder"),
-        (["corner", "--output", "file/out"], "name another with --output"),
+        (["corner", "--output", "file/out"], "file/out: cannot be written: Not a directory"),
         (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
         (["corner", "--time-limit", "0"], "0 is not a duration: give seconds, more than 0"),
         (["corner", "--every", "1", "x"], "x is not a count: give a whole number, 1 or more"),

@@ -31,7 +31,7 @@ def messages(frame: RgbdFrame) -> FrameMessages:
 
 
 def test_depth_of_another_unit_becomes_millimeters(frame: RgbdFrame) -> None:
-    tum = replace(frame, depth_raw=np.array([[0, 5, 5000, 65535]], np.uint16), depth_factor=5000.0)
+    tum = replace(frame, depth_raw=np.array([[0, 5, 5000, 65534]], np.uint16), depth_factor=5000.0)
     assert depth_in_mm(tum).tolist() == [[0, 1, 1000, 13107]]
     coarse = replace(tum, depth_factor=500.0)
     assert depth_in_mm(coarse).tolist() == [[0, 10, 10000, 0]]  # 131 m does not fit

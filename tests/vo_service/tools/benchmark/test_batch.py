@@ -114,7 +114,7 @@ def test_the_key_changes_with_everything_that_changes_the_result(
     os.utime(folder / "depth" / "0.200000.png", (1, 1))
     keys.append(key(folder, factory))
     camera = folder / "camera.toml"
-    camera.write_text(camera.read_text().replace("fx = ", "fx = 1"))
+    camera.write_text(camera.read_text().replace("fx = 2", "fx = 3"))
     keys.append(key(folder, factory))
     assert len(set(keys)) == 5
     assert key(folder, factory) == keys[-1]

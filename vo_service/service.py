@@ -217,6 +217,7 @@ class Service:
             dropped=counters.dropped,
             skipped=counters.skipped + self.statistics.out_of_order,
             lost_packets=counters.lost_packets,
+            depth_noise_per_m=self.statistics.depth_noise_per_m or 0.0,
         )
         if focal_length := self.statistics.focal_length:
             report = replace(
@@ -303,6 +304,7 @@ class ServiceStatistics:
     _interval_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     timing: OnlineTiming | None = None
     focal_length: OnlineFocalLength | None = None
+    depth_noise_per_m: float | None = None
     _last_frame: RgbdFrame | None = None
     _result_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_RECORDED_FRAMES))
@@ -323,6 +325,7 @@ class ServiceStatistics:
         self.failure_reasons.add(update.estimate.ok, update.estimate.reason)
         self.timing = update.estimate.timing
         self.focal_length = update.estimate.focal_length
+        self.depth_noise_per_m = update.estimate.depth_noise_per_m
         self.end_s = self.now_s()
         self.start_s = self.end_s if self.start_s is None else self.start_s
         self._cpu_ms.append(cpu_ms)

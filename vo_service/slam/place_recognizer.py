@@ -177,13 +177,13 @@ class PlaceRecognizer:
         keyframe, points = candidate.keyframe, candidate.keyframe.alignment_points
         prior = _motion_prior(query, candidate.T_keyframe_camera)
         initial_guess = inverse(candidate.T_keyframe_camera)
-        affine_brightness = (query.image_pyramid.brightness_ratio(keyframe), 0.0)
+        gain = query.image_pyramid.brightness_ratio(keyframe)
         alignment = align(
             points,
             query.image_pyramid,
-            [initial_guess],
+            initial_guess,
             prior,
-            affine_brightness,
+            gain,
             uniform_weights(),
         )
         T_keyframe_camera = inverse(alignment.T_camera_keyframe)

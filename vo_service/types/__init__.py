@@ -118,6 +118,8 @@ class Estimate:
         is_next_reference: Whether this frame is the reference of the next motion.
         timing: The sensor's timing; None if the odometry takes it as exact.
         focal_length: Of the color camera; None if the odometry takes it as exact.
+        depth_noise_per_m: Learned standard deviation of the inverse depth of a pixel, 1/m; None if
+            the odometry does not learn it, or before the first keyframe.
         debug: What a viewer can draw.
     """
 
@@ -133,6 +135,7 @@ class Estimate:
     is_next_reference: bool = True
     timing: OnlineTiming | None = None
     focal_length: OnlineFocalLength | None = None
+    depth_noise_per_m: float | None = None
     debug: TrackingDebug = field(default_factory=TrackingDebug)
 
 

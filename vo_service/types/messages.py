@@ -110,6 +110,11 @@ class CameraReport:
         "the same by depth minus that by brightness: far from 0, the calibration is wrong; "
         "0 = not known",
     ] = 0.0
+    depth_noise_per_m: Annotated[
+        float,
+        "learned standard deviation of inverse depth, 1/m: that of depth is z^2 times it; "
+        "0 = not known",
+    ] = 0.0
 
 
 @dataclass(frozen=True)

@@ -13,32 +13,32 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import (
-    IDENTITY_BRIGHTNESS,
     STATIC_PRIOR,
     align,
     uniform_weights,
 )
 from vo_service.odometry.direct.brightness import BrightnessWeight, VignettingEstimate
 from vo_service.odometry.direct.covariance import MotionUncertainty, estimate_uncertainty
+from vo_service.odometry.direct.depth_noise import DepthNoise
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid, build_image_pyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import (
     TrackedFrame,
     needs_keyframe,
+    rebuild_first_keyframe,
     refine,
-    reinitialize,
     select,
 )
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.motion_state import MotionState, fuse_and_filter
+from vo_service.odometry.direct.motion_state import MotionState, fuse_with_prediction
 from vo_service.odometry.direct.parameters import (
     MAX_FAILURES,
     MAX_INITIAL_FAILURES,
     MIN_FIRST_KEYFRAME_POINTS,
+    REINITIALIZATIONS,
 )
 from vo_service.odometry.direct.quality import (
     TrackingResult,
-    UsualSigmas,
     degradation_reason,
     make_tracking_debug,
     occlusion_reason,
@@ -48,7 +48,6 @@ from vo_service.odometry.direct.quality import (
 from vo_service.odometry.direct.recovery import (
     DirectRecovery,
     rejection_reason_after,
-    retry_without_half,
 )
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
@@ -64,7 +63,6 @@ class DirectTrack:
         T_world_reference: 4x4 pose of the frame since which the keyframe is active.
         is_first: Whether the keyframe is the first frame, so that the velocity is unknown.
         last_frame: The last good frame; None at the first one.
-        initial_observability: Of the keyframe's first view, see `MotionUncertainty`; None before.
     """
 
     keyframe: DirectKeyframe
@@ -72,15 +70,6 @@ class DirectTrack:
     T_world_reference: Array
     is_first: bool = False
     last_frame: TrackedFrame | None = None
-    initial_observability: float | None = None
-
-    def observability_at_start(
-        self, result: TrackingResult, uncertainty: MotionUncertainty
-    ) -> float:
-        """Observability of the first view of the result's keyframe; of this view if it is new."""
-        if self.initial_observability is None or result.keyframe is not self.keyframe:
-            return uncertainty.observability
-        return self.initial_observability
 
 
 class DirectOdometry:
@@ -101,7 +90,7 @@ class DirectOdometry:
         self._map = LocalMap()
         self._vignetting = VignettingEstimate()
         self._brightness_weight = BrightnessWeight()
-        self._usual_sigmas = UsualSigmas()
+        self._depth_noise = DepthNoise()
         self._track: DirectTrack | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
@@ -162,9 +151,14 @@ class DirectOdometry:
 
         The steps are those of docs/design/direct.md, in the same order.
         """
-        # Pyramid: brightness in four sizes, and inverse depth.
+        # Pyramid: brightness in three sizes, and inverse depth.
         with self._timer.stage("images"):
-            images = build_image_pyramid(frame, self.vignetting, self._brightness_weight.value)
+            images = build_image_pyramid(
+                frame,
+                self.vignetting,
+                self._brightness_weight.value,
+                self._depth_noise.value_per_m,
+            )
         if self._track is None:
             return self._start(frame, images, is_reset=False)
         track, motion_state = self._track, self._track.motion_state
@@ -172,7 +166,7 @@ class DirectOdometry:
         with self._timer.stage("align"):
             result = self._align(images, track)
         # Recovery: if the frame does not fit, or the prediction is old.
-        if result.needs_recovery(self._usual_sigmas) or motion_state.is_stale(images.stamp_s):
+        if rejection_reason(result.alignment) or motion_state.is_stale(images.stamp_s):
             with self._timer.stage("recovery"):
                 result = self._recovery.recover(frame, images, result, motion_state, self._map)
         result = self._reinitialize_first_keyframe(images, result, track)
@@ -190,14 +184,13 @@ class DirectOdometry:
         reason = uncertainty.rejection_reason
         if reason and not motion_state.is_recently_constrained(images.stamp_s):
             return self._fail(frame, images, track, result, reason)
-        self._usual_sigmas = self._usual_sigmas.update(result.alignment)
         # Filter: the measured pose is fused with the predicted one.
-        result, uncertainty, normalized_innovation = fuse_and_filter(
+        result, uncertainty, normalized_innovation = fuse_with_prediction(
             result, uncertainty, motion_state, images.stamp_s
         )
         # Keyframe: when the current one goes out of view, the next one is selected.
         tracked = TrackedFrame(frame, images, result, motion_state, is_well_constrained=not reason)
-        tracked, keyframe = self._select_keyframe(tracked, uncertainty, track)
+        tracked, keyframe = self._select_keyframe(tracked, track)
         return self._advance(track, tracked, uncertainty, keyframe, normalized_innovation)
 
     def _align(self, images: ImagePyramid, track: DirectTrack) -> TrackingResult:
@@ -206,13 +199,12 @@ class DirectOdometry:
         alignment = align(
             keyframe.points,
             images,
-            motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s),
+            motion_state.predict_alignment(keyframe.T_world_keyframe, images.stamp_s),
             prior,
-            motion_state.predict_affine_brightness(images),
+            motion_state.predict_gain(images, keyframe.images),
             uniform_weights(),
         )
-        result = TrackingResult(keyframe, alignment, prior)
-        return result if track.is_first else retry_without_half(result, images, motion_state)
+        return TrackingResult(keyframe, alignment, prior)
 
     def _reinitialize_first_keyframe(
         self, images: ImagePyramid, result: TrackingResult, track: DirectTrack
@@ -220,7 +212,8 @@ class DirectOdometry:
         """Rebuild the first keyframe of a rolling shutter, now that the velocity is known."""
         if not track.is_first or images.shutter.is_instant or rejection_reason(result.alignment):
             return result
-        result = reinitialize(result, images, track.motion_state)
+        for _ in range(REINITIALIZATIONS):
+            result = rebuild_first_keyframe(result, images, track.motion_state, ALL_STATIC)
         self._map.reset(result.keyframe)
         return result
 
@@ -233,16 +226,15 @@ class DirectOdometry:
         )
 
     def _select_keyframe(
-        self, tracked: TrackedFrame, uncertainty: MotionUncertainty, track: DirectTrack
+        self, tracked: TrackedFrame, track: DirectTrack
     ) -> tuple[TrackedFrame, DirectKeyframe]:
         """Refine the pose and select the next keyframe, if one is due.
 
         Returns:
             The frame relative to the refined pose, and the keyframe of the next frames.
         """
-        keyframe, observability = tracked.result.keyframe, uncertainty.observability
-        initial_observability = track.observability_at_start(tracked.result, uncertainty)
-        if not needs_keyframe(tracked, observability, initial_observability):
+        keyframe = tracked.result.keyframe
+        if not needs_keyframe(tracked):
             return tracked, keyframe
         self._vignetting = self._vignetting.update(
             keyframe, tracked.images, tracked.result.alignment
@@ -251,10 +243,13 @@ class DirectOdometry:
         with self._timer.stage("refine"):
             refined, tracked = refine(track.last_frame, tracked, self._map)
         with self._timer.stage("keyframe"):
+            self._depth_noise = self._depth_noise.update(tracked.images)
             return tracked, select(refined, self._map)
 
     def _start(self, frame: RgbdFrame, images: ImagePyramid, is_reset: bool) -> Estimate:
         """Make this frame the first keyframe, if others can be aligned with it."""
+        self._depth_noise = self._depth_noise.update(images)
+        images = replace(images, depth_noise=self._depth_noise.value_per_m)
         keyframe = make_keyframe(frame, images, self._T_world_camera, zero_motion(), ALL_STATIC)
         debug = TrackingDebug(keypoints_px=project_keyframe_points(keyframe))
         if reason := self._start_rejection_reason(keyframe, images):
@@ -264,7 +259,7 @@ class DirectOdometry:
             self._T_world_camera,
             np.zeros(6),
             images.stamp_s,
-            IDENTITY_BRIGHTNESS,
+            1.0,
             images.mean_brightness,
             well_constrained_stamp_s=images.stamp_s,
         )
@@ -279,9 +274,9 @@ class DirectOdometry:
         self_alignment = align(
             keyframe.points,
             images,
-            [np.eye(4)],
+            np.eye(4),
             STATIC_PRIOR,
-            IDENTITY_BRIGHTNESS,
+            1.0,
             uniform_weights(),
         )
         return (
@@ -322,9 +317,7 @@ class DirectOdometry:
             result.T_world_camera,
             result.alignment.camera_velocity,
             images,
-            result.alignment.affine_brightness
-            if keyframe is result.keyframe
-            else IDENTITY_BRIGHTNESS,
+            result.alignment.gain if keyframe is result.keyframe else 1.0,
             normalized_innovation,
             images.stamp_s
             if tracked.is_well_constrained
@@ -333,17 +326,11 @@ class DirectOdometry:
         T_reference_camera = inverse(track.T_world_reference) @ result.T_world_camera
         T_world_reference = result.T_world_camera if is_next_reference else track.T_world_reference
         self._T_world_camera = result.T_world_camera
-        initial_observability = (
-            track.observability_at_start(result, uncertainty)
-            if keyframe is result.keyframe
-            else None
-        )
         self._track = DirectTrack(
             keyframe,
             motion_state,
             T_world_reference,
             last_frame=tracked,
-            initial_observability=initial_observability,
         )
         self._failures = 0
         return self._make_estimate(
@@ -376,5 +363,6 @@ class DirectOdometry:
             inliers=int(debug.inlier.sum()),
             is_reset=is_reset,
             is_next_reference=is_next_reference,
+            depth_noise_per_m=self._depth_noise.measured_per_m,
             debug=debug,
         )

@@ -25,31 +25,28 @@ from vo_service.odometry.direct.motion import (
     zero_motion,
 )
 from vo_service.odometry.direct.parameters import (
-    BRIGHTNESS_WEIGHT,
     INITIAL_MODEL_UPDATES,
     INITIAL_SIGMAS,
-    MAX_EXTRAPOLATED_RATIOS,
     MAX_STEPS,
     MIN_STATIC_WEIGHT,
     MIN_STEP_SIZES,
     NUM_FINE_LEVELS,
 )
 from vo_service.odometry.direct.points import (
+    POINT_BRIGHTNESS,
     empty_samples,
     warp_and_sample,
 )
 from vo_service.odometry.direct.residuals import (
+    CONTRAST,
+    DEPTH_NOISE,
     GAIN,
-    IN_IMAGE,
-    MAX_POINT_COST,
-    OFFSET,
     RESIDUAL_MODEL_SIZE,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
     WEIGHT_BRIGHTNESS,
     count_residuals,
-    fit_affine_brightness,
-    robust_cost,
+    fit_residual_model,
     weigh_regions,
     weigh_samples,
 )
@@ -57,12 +54,7 @@ from vo_service.odometry.direct.residuals import (
 PointPyramid = Sequence[Array]
 Level = TypeVar("Level", Array, LevelImages)
 
-# Gain and offset of equal brightness.
-IDENTITY_BRIGHTNESS = (1.0, 0.0)
-STEP_LIMITS = tuple(
-    StepLimits(*limits)
-    for limits in zip(MAX_STEPS, MIN_STEP_SIZES, MAX_EXTRAPOLATED_RATIOS, strict=True)
-)
+STEP_LIMITS = tuple(StepLimits(*limits) for limits in zip(MAX_STEPS, MIN_STEP_SIZES, strict=True))
 # Information of a motion that is known, so that the images hardly change it.
 STATIC_INFORMATION = np.full(MOTION_SIZE, 1e6)
 # For a frame that is aligned with itself.
@@ -76,7 +68,7 @@ class DirectAlignment:
     Attributes:
         T_camera_keyframe: 4x4.
         motion: (9,) of the keyframe's points in the keyframe's axes, see `motion`.
-        residual_model: (5,) gain, offset, both sigmas and the brightness weight, see `residuals`.
+        residual_model: (6,) gain, both sigmas, brightness weight and depth noise, see `residuals`.
         counts: (7,) of the finest level, see `residuals`.
         samples: (N, COLUMNS) of the finest level's points, see `points`.
         cell_weights: (2, CELLS) of brightness and of depth.
@@ -106,9 +98,9 @@ class DirectAlignment:
         return is_static
 
     @property
-    def affine_brightness(self) -> tuple[float, float]:
-        """Gain and offset of the frame's brightness against the keyframe's."""
-        return float(self.residual_model[GAIN]), float(self.residual_model[OFFSET])
+    def gain(self) -> float:
+        """Ratio of the frame's brightness to the keyframe's."""
+        return float(self.residual_model[GAIN])
 
     @cached_property
     def uses_brightness(self) -> bool:
@@ -128,24 +120,24 @@ def depth_only_weights() -> Array:
     return weights
 
 
-def initial_residual_model(
-    affine_brightness: tuple[float, float] = IDENTITY_BRIGHTNESS,
-    brightness_weight: float = BRIGHTNESS_WEIGHT,
-) -> Array:
-    """(5,) residual model before the first step."""
+def initial_residual_model(images: ImagePyramid, points: Array, gain: float = 1.0) -> Array:
+    """(6,) residual model of a frame before the first step."""
     residual_model = np.empty(RESIDUAL_MODEL_SIZE)
-    residual_model[GAIN], residual_model[OFFSET] = affine_brightness
-    residual_model[SIGMA_BRIGHTNESS], residual_model[SIGMA_DEPTH] = INITIAL_SIGMAS
-    residual_model[WEIGHT_BRIGHTNESS] = brightness_weight
+    residual_model[GAIN] = gain
+    residual_model[SIGMA_BRIGHTNESS] = INITIAL_SIGMAS[0]
+    residual_model[SIGMA_DEPTH] = INITIAL_SIGMAS[1] * images.depth_noise
+    residual_model[WEIGHT_BRIGHTNESS] = images.brightness_weight
+    residual_model[DEPTH_NOISE] = images.depth_noise
+    residual_model[CONTRAST] = points[:, POINT_BRIGHTNESS].std() if len(points) else 0.0
     return residual_model
 
 
 def align(
     points: PointPyramid,
     images: ImagePyramid,
-    initial_guesses: Sequence[Array] | Array,
+    T_camera_keyframe: Array,
     prior: MotionPrior,
-    affine_brightness: tuple[float, float],
+    gain: float,
     cell_weights: Array,
 ) -> DirectAlignment:
     """Align a keyframe's points with a frame.
@@ -153,9 +145,9 @@ def align(
     Args:
         points: (N, COLUMNS) for each level, finest first.
         images: The frame.
-        initial_guesses: 4x4 motions T_camera_keyframe; the one that fits best is refined.
+        T_camera_keyframe: 4x4 initial guess.
         prior: What is known of the motion.
-        affine_brightness: Gain and offset of the last frame.
+        gain: Initial ratio of the frame's brightness to the keyframe's.
         cell_weights: (2, CELLS) of brightness and of depth, by the cell of the image.
     """
     levels = images.levels
@@ -165,9 +157,9 @@ def align(
         _pad(points[:count]),
         _pad(levels[:count]),
         count,
-        np.asarray(initial_guesses),
+        T_camera_keyframe,
         prior,
-        initial_residual_model(affine_brightness, images.brightness_weight),
+        initial_residual_model(images, points[0], gain),
         cell_weights,
     )
     return DirectAlignment(T, motion, residual_model, counts, samples, region_weights)
@@ -184,7 +176,7 @@ def _align_levels(
     points: tuple[Array, ...],
     images: tuple[LevelImages, ...],
     count: int,
-    initial_guesses: Array,
+    T: Array,
     prior: MotionPrior,
     residual_model: Array,
     cell_weights: Array,
@@ -195,17 +187,12 @@ def _align_levels(
         points: (N, COLUMNS) of each level.
         images: The frame at each level.
         count: Number of levels.
-        initial_guesses: (K, 4, 4).
+        T: 4x4 initial guess of T_camera_keyframe.
         prior: What is known of the motion.
-        residual_model: (5,) initial one.
+        residual_model: (6,) initial one.
         cell_weights: (2, CELLS).
     """
-    T, motion = initial_guesses[0], prior.motion
-    least = np.inf
-    for guess in initial_guesses[: len(initial_guesses) if len(initial_guesses) > 1 else 0]:
-        cost = _mean_cost(points[count - 1], images[count - 1], guess, motion, residual_model)
-        if cost < least:
-            T, least = guess, cost
+    motion = prior.motion
     # Coarse levels have too few points for region weights: those of the initial guess are used.
     level = min(count, NUM_FINE_LEVELS) - 1
     initial_weights = _initial_region_weights(
@@ -264,17 +251,5 @@ def _initial_region_weights(
     samples, residual_model = _sample_level(points, images, T, motion), residual_model.copy()
     weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES):
-        fit_affine_brightness(points, weighted, residual_model)
+        fit_residual_model(points, weighted, residual_model)
     return weigh_regions(points, samples, residual_model, cell_weights)
-
-
-@kernel
-def _mean_cost(
-    points: Array, images: LevelImages, T: Array, motion: Array, residual_model: Array
-) -> float:
-    """Mean robust cost of a level's points (N, COLUMNS); outside of the image it is the largest."""
-    samples = _sample_level(points, images, T, motion)
-    weights = np.ones((2, NUM_CELLS))
-    missing = len(points) - count_residuals(points, samples, residual_model, weights)[IN_IMAGE]
-    cost = robust_cost(points, samples, residual_model, weights)
-    return float(cost + MAX_POINT_COST * missing) / max(len(points), 1)

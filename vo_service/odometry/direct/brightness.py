@@ -12,7 +12,7 @@ Compensation" (PAMI 32, 2010), it is estimated together with the exposure.
 """
 
 from dataclasses import dataclass
-from math import log
+from math import exp, log
 
 import numpy as np
 
@@ -24,13 +24,8 @@ from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
-    BRIGHTNESS_WEIGHT_RANGE,
     INDEPENDENT_BRIGHTNESS_WEIGHT,
-    INITIAL_SHARED_ERROR_VIEWS,
     MAX_VIGNETTING,
-    MIN_SHARED_ERROR_SAMPLES,
-    SETTLED_SHARED_ERROR_STRIDE,
-    SETTLED_SHARED_ERROR_VIEWS,
     SHARED_ERROR_DECAY,
     VIGNETTING_DECAY,
     VIGNETTING_PRIOR_SIGMA,
@@ -49,7 +44,6 @@ from vo_service.odometry.direct.points import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
     SIGMA_BRIGHTNESS,
     student_weight,
 )
@@ -65,17 +59,16 @@ class BrightnessWeight:
     Attributes:
         log_shared_error: Mean logarithm of the ratio by which shared errors enlarge the scatter of
             the scores; 0 for independent samples.
-        views: Number of views, up to the one at hand.
+        views: Number of views.
     """
 
     log_shared_error: float = float(np.log(INDEPENDENT_BRIGHTNESS_WEIGHT / BRIGHTNESS_WEIGHT))
-    views: int = INITIAL_SHARED_ERROR_VIEWS
+    views: int = 0
 
     @property
     def value(self) -> float:
         """The weight."""
-        weight = INDEPENDENT_BRIGHTNESS_WEIGHT * float(np.exp(-self.log_shared_error))
-        return min(max(weight, BRIGHTNESS_WEIGHT_RANGE[0]), BRIGHTNESS_WEIGHT_RANGE[1])
+        return INDEPENDENT_BRIGHTNESS_WEIGHT * exp(-self.log_shared_error)
 
     def update(self, points: Array, alignment: DirectAlignment) -> "BrightnessWeight":
         """Return the weight updated by a view.
@@ -84,15 +77,13 @@ class BrightnessWeight:
             points: (N, COLUMNS) of the keyframe's finest level.
             alignment: Of the view with them.
         """
-        stride = SETTLED_SHARED_ERROR_STRIDE if self.views > SETTLED_SHARED_ERROR_VIEWS else 1
-        if self.views % stride:
-            return BrightnessWeight(self.log_shared_error, self.views + 1)
         shared_error = _measure_shared_error(
             points, alignment.samples, alignment.cell_weights, alignment.residual_model
         )
         if shared_error == 0.0:
             return self
-        step = max(stride * (1.0 - SHARED_ERROR_DECAY), 1.0 / self.views)
+        # The initial value counts as a view.
+        step = max(1.0 - SHARED_ERROR_DECAY, 1.0 / (self.views + 2))
         change = log(shared_error) - self.log_shared_error
         return BrightnessWeight(self.log_shared_error + step * change, self.views + 1)
 
@@ -101,17 +92,17 @@ class BrightnessWeight:
 def _measure_shared_error(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array
 ) -> float:
-    """Ratio by which shared errors enlarge the scatter of the scores; 0 with too few samples.
+    """Ratio by which shared errors enlarge the scatter of the scores; 0 without samples.
 
     Args:
         points: (N, COLUMNS) of the keyframe's finest level.
         samples: (N, COLUMNS) of the view.
         cell_weights: (2, CELLS).
-        residual_model: (5,), see `residuals`.
+        residual_model: (6,), see `residuals`.
     """
-    scores, independent, count = _accumulate_scores(points, samples, cell_weights, residual_model)
+    scores, independent = _accumulate_scores(points, samples, cell_weights, residual_model)
     trace = np.trace(independent)
-    if count < MIN_SHARED_ERROR_SAMPLES or trace <= 0.0:
+    if trace <= 0.0:
         return 0.0
     inverse = invert_cholesky(independent + REGULARIZATION * trace * np.eye(6))
     shared_error = 0.0
@@ -125,21 +116,19 @@ def _measure_shared_error(
 @kernel
 def _accumulate_scores(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array
-) -> tuple[Array, Array, int]:
-    """(CELLS, 6) sums of the scores w r J, (6, 6) sum of their outer products, and their number."""
+) -> tuple[Array, Array]:
+    """(CELLS, 6) sums of the scores w r J, and (6, 6) sum of their outer products."""
     scores, products = np.zeros((NUM_CELLS, 6)), np.zeros((6, 6))
-    count = 0
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    gain = residual_model[GAIN]
     for i in range(len(points)):
         brightness = samples[i, SAMPLE_BRIGHTNESS]
         if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
             continue
         cell = int(samples[i, SAMPLE_CELL])
-        residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
+        residual = brightness - gain * points[i, POINT_BRIGHTNESS]
         variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
         weighted = student_weight(residual, variance) * cell_weights[0, cell] * residual
         J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, weighted)
-        count += weighted != 0.0
         for a in range(6):
             scores[cell, a] += J[a]
             for b in range(a, 6):
@@ -147,7 +136,7 @@ def _accumulate_scores(
     for a in range(6):
         for b in range(a):
             products[a, b] = products[b, a]
-    return scores, products, count
+    return scores, products
 
 
 @dataclass(frozen=True)
@@ -179,14 +168,14 @@ class VignettingEstimate:
             alignment.residual_model,
             images.intrinsics[0],
         )
-        if H[2, 2] <= 0.0:
+        if H[1, 1] <= 0.0:
             return self
         inverse = np.linalg.inv(
-            H + REGULARIZATION * np.diag(np.diag(H)) + REGULARIZATION * np.eye(3)
+            H + REGULARIZATION * np.diag(np.diag(H)) + REGULARIZATION * np.eye(2)
         )
-        measured = images.vignetting + float(inverse[2] @ g)
+        measured = images.vignetting + float(inverse[1] @ g)
         prior_information = VIGNETTING_DECAY * self.information
-        view_information = 1.0 / (VIGNETTING_VIEW_SIGMA**2 + float(inverse[2, 2]))
+        view_information = 1.0 / (VIGNETTING_VIEW_SIGMA**2 + float(inverse[1, 1]))
         information = prior_information + view_information
         value = (prior_information * self.value + view_information * measured) / information
         return VignettingEstimate(min(max(value, -MAX_VIGNETTING), MAX_VIGNETTING), information)
@@ -196,21 +185,21 @@ class VignettingEstimate:
 def _regress(
     points: Array, samples: Array, cell_weights: Array, residual_model: Array, intrinsics: Array
 ) -> tuple[Array, Array]:
-    """Normal equations (3, 3) and (3,) of changes of gain, offset and vignetting."""
-    H, g, J = np.zeros((3, 3)), np.zeros(3), np.ones(3)
+    """Normal equations (2, 2) and (2,) of changes of gain and vignetting."""
+    H, g, J = np.zeros((2, 2)), np.zeros(2), np.empty(2)
     for i in range(len(points)):
         brightness = samples[i, SAMPLE_BRIGHTNESS]
         if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
             continue
         u, v = samples[i, SAMPLE_U], samples[i, SAMPLE_V]
         expected = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
-        residual = brightness - expected - residual_model[OFFSET]
+        residual = brightness - expected
         variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
         w = student_weight(residual, variance)
         w *= cell_weights[0, int(samples[i, SAMPLE_CELL])]
-        J[0], J[2] = expected, -expected * squared_radius_change(u, v, intrinsics, points[i])
-        for a in range(3):
-            for b in range(3):
+        J[0], J[1] = expected, -expected * squared_radius_change(u, v, intrinsics, points[i])
+        for a in range(2):
+            for b in range(2):
                 H[a, b] += w * J[a] * J[b]
             g[a] += w * J[a] * residual
     return H, g

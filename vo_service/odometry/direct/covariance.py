@@ -274,7 +274,7 @@ def accumulate_scores(
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
         weighted: The same samples.
-        residual_model: (5,), see the top of `residuals`.
+        residual_model: (6,), see the top of `residuals`.
         images: The frame at the level.
     """
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
@@ -293,7 +293,8 @@ def accumulate_scores(
             _add_score(scores[cell], J, row * readout_s, w * residuals[i])
         if depth_weights[i] != 0.0:
             w = depth_weights[i]
-            noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
+            slope_noise = SLOPE_NOISE[1] * images.depth_noise
+            noise += w * (slope_noise * depth_focal_px / points[i, 2]) ** 2
             J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
             row = (samples[i, SAMPLE_DEPTH_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s + skew_s, w * depth[i])

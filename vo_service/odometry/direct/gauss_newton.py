@@ -25,8 +25,6 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     DAMPING_SIGMAS,
     INITIAL_MODEL_UPDATES,
-    MIN_EXTRAPOLATED_COSINE,
-    MIN_EXTRAPOLATED_RATIO,
     TREMOR_SPAN_S,
 )
 from vo_service.odometry.direct.points import (
@@ -42,10 +40,9 @@ from vo_service.odometry.direct.points import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
     WEIGHT_BRIGHTNESS,
     WeightedSamples,
-    fit_affine_brightness,
+    fit_residual_model,
     residual_variances,
     student_weight,
     weigh_regions,
@@ -94,17 +91,15 @@ def velocity_information(sigma: Array) -> Array:
 
 
 class StepLimits(NamedTuple):
-    """When the steps on a level end, and how far they are extrapolated.
+    """When the steps on a level end.
 
     Attributes:
         max_steps: Largest number of steps.
         min_step_size: A smaller step, in m and rad, is the last one.
-        max_step_ratio: Largest ratio of a step to the last one that is extrapolated; 0 for none.
     """
 
     max_steps: int
     min_step_size: float
-    max_step_ratio: float
 
 
 @kernel
@@ -127,7 +122,7 @@ def solve_level(
         motion: (9,) initial guess, of the keyframe's points in the keyframe's axes.
         prior: Prior of the motion.
         base_weights: (2, CELLS) before the weights of the regions.
-        residual_model: (5,), in and out, see `residuals`.
+        residual_model: (6,), in and out, see `residuals`.
         limits: When the steps end.
 
     Returns:
@@ -135,13 +130,12 @@ def solve_level(
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
     samples = empty_samples(len(points))
-    last, is_extrapolated = np.zeros(NUM_UNKNOWNS), False
     for step in range(limits.max_steps):
         warp_and_sample(points, images, T, body_motion(T, motion), samples)
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
         weighted = weigh_samples(points, samples, cell_weights)
         for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
-            fit_affine_brightness(points, weighted, residual_model)
+            fit_residual_model(points, weighted, residual_model)
         bands = accumulate(points, samples, weighted, residual_model)
         H, g = expand_rolling_shutter(bands, images.readout_s, images.skew_s)
         if prior.rate_hz != 0.0:
@@ -150,39 +144,11 @@ def solve_level(
         add_motion_prior(H, g, motion - expected, prior)
         add_damping(H)
         x = solve_cholesky(H, g)
-        # The step after an extrapolated one does not follow it.
-        factor = 1.0 if is_extrapolated else extrapolation(x, last, limits.max_step_ratio)
-        is_extrapolated, last = factor > 1.0, x
-        x = factor * x
         T = compose(T, se3_exp(-x[:6]))
         motion -= x[6:]
         if np.max(np.abs(x[:6])) < limits.min_step_size:
             break
     return T, motion
-
-
-@kernel
-def extrapolation(x: Array, last: Array, max_ratio: float) -> float:
-    """Factor of a step in the direction of the last one; 1 for another direction.
-
-    With weights by the residuals before it, a step is too short: the steps to come are as a
-    geometric series, whose sum is that of Aitken (Proceedings of the Royal Society of Edinburgh
-    46, 1926).
-
-    Args:
-        x: (15,) step.
-        last: (15,) the step before; 0 if there is none.
-        max_ratio: Largest ratio of their lengths that is used.
-    """
-    product = squared = last_squared = 0.0
-    for i in range(6):
-        product += x[i] * last[i]
-        squared += x[i] * x[i]
-        last_squared += last[i] * last[i]
-    is_aligned = product > MIN_EXTRAPOLATED_COSINE * np.sqrt(squared * last_squared)
-    if not is_aligned or product < MIN_EXTRAPOLATED_RATIO * last_squared:
-        return 1.0
-    return 1.0 / (1.0 - min(product / last_squared, max_ratio))
 
 
 @kernel
@@ -199,7 +165,7 @@ def accumulate(
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
         weighted: The same samples.
-        residual_model: (5,), see the top of `residuals`.
+        residual_model: (6,), see the top of `residuals`.
     """
     sums = np.zeros((2 * NUM_ROW_BANDS, NUM_SUMS))
     residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
@@ -277,18 +243,18 @@ def student_weights(
     Args:
         points: (N, COLUMNS) of a keyframe level.
         weighted: The samples of these points in a frame.
-        residual_model: (5,), see the top of `residuals`.
+        residual_model: (6,), see the top of `residuals`.
     """
     count = len(points)
     residuals, weights, depth_weights = np.empty(count), np.empty(count), np.empty(count)
     keyframe_brightness = points[:, POINT_BRIGHTNESS]
     point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
     brightness, brightness_weight, depth, depth_weight = weighted
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    gain = residual_model[GAIN]
     weight_of_brightness = residual_model[WEIGHT_BRIGHTNESS]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(count):
-        residual = brightness[i] - gain * keyframe_brightness[i] - offset
+        residual = brightness[i] - gain * keyframe_brightness[i]
         residuals[i] = residual
         w = student_weight(residual, variance + point_variance[i])
         weights[i] = w * (weight_of_brightness * brightness_weight[i])

@@ -18,6 +18,9 @@ from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     DARK_BRIGHTNESS,
+    DEPTH_NOISE_PER_M,
+    MAX_SURFACE_STEP_SHARE,
+    MAX_SURFACE_STEP_SIGMAS,
     MIN_GAIN,
     MIN_IMAGE_PX,
     POINT_BLOCKS_PX,
@@ -70,6 +73,7 @@ class LevelImages(NamedTuple):
         readout_s: Time from the first row to the last.
         skew_s: Time of the depth image after the color image.
         vignetting: Of the lens, see `VignettingEstimate`.
+        depth_noise: Sigma of the inverse depth of a pixel, 1/m.
     """
 
     gray: NDArray[np.uint8]
@@ -79,6 +83,7 @@ class LevelImages(NamedTuple):
     readout_s: float
     skew_s: float
     vignetting: float
+    depth_noise: float
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,7 @@ class ImagePyramid:
         stamp_s: Of the frame.
         vignetting: Of the lens, see `VignettingEstimate`.
         brightness_weight: Relative to depth, see `BrightnessWeight`.
+        depth_noise: Sigma of the inverse depth of a pixel, 1/m, see `DepthNoise`.
     """
 
     gray: tuple[NDArray[np.uint8], ...]
@@ -124,6 +130,7 @@ class ImagePyramid:
     stamp_s: float
     vignetting: float = 0.0
     brightness_weight: float = BRIGHTNESS_WEIGHT
+    depth_noise: float = DEPTH_NOISE_PER_M
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
@@ -151,6 +158,7 @@ class ImagePyramid:
                 self.shutter.readout_s,
                 self.shutter.skew_s,
                 self.vignetting,
+                self.depth_noise,
             )
             for gray, intrinsics in zip(self.gray, halved, strict=True)
         )
@@ -170,6 +178,7 @@ def build_image_pyramid(
     frame: RgbdFrame,
     vignetting: float = 0.0,
     brightness_weight: float = BRIGHTNESS_WEIGHT,
+    depth_noise: float = DEPTH_NOISE_PER_M,
 ) -> ImagePyramid:
     """Build the image pyramid of a frame; see there for the arguments.
 
@@ -177,6 +186,7 @@ def build_image_pyramid(
         frame: The frame.
         vignetting: Of the lens, see `VignettingEstimate`.
         brightness_weight: Relative to depth, see `BrightnessWeight`.
+        depth_noise: See `DepthNoise`.
     """
     depth_raw = frame.depth_raw.view()
     depth_raw.flags.writeable = (
@@ -190,6 +200,7 @@ def build_image_pyramid(
         stamp_s=frame.stamp_s,
         vignetting=vignetting,
         brightness_weight=brightness_weight,
+        depth_noise=depth_noise,
     )
 
 
@@ -208,18 +219,49 @@ def _downscale(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
 
 @kernel
 def _invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
+    """(H, W) inverse depth, 1/m; holes one pixel wide within a surface are filled."""
     inverse = np.empty(depth_raw.shape, np.float32)
     height, width = depth_raw.shape
     for v in range(height):
         for u in range(width):
             inverse[v, u] = inverse_depth(depth_raw[v, u], depth_factor)
+    # Along the rows, then along the columns: a filled pixel fills no other one of its line.
+    for v in range(height):
+        for u in range(1, width - 1):
+            if inverse[v, u] == 0.0 and depth_raw[v, u - 1] > 0 and depth_raw[v, u + 1] > 0:
+                inverse[v, u] = _mean_within_surface(inverse[v, u - 1], inverse[v, u + 1])
+    above = inverse[0].copy()
+    for v in range(1, height - 1):
+        here = inverse[v].copy()
+        for u in range(width):
+            if here[u] == 0.0:
+                inverse[v, u] = _mean_within_surface(above[u], inverse[v + 1, u])
+        above = here
     return inverse
+
+
+@inline_kernel
+def _mean_within_surface(a: np.float32, b: np.float32) -> np.float32:
+    """Mean of two inverse depths of one surface; 0 of two surfaces, or without a reading."""
+    is_surface = (a > 0.0) & (b > 0.0) & (abs(a - b) <= MAX_SURFACE_STEP_SHARE * max(a, b))
+    return np.float32(0.5) * (a + b) if is_surface else np.float32(0.0)
 
 
 @inline_kernel
 def inverse_depth(depth_raw: int, depth_factor: float) -> np.float32:
     """Inverse depth in 1/m of a pixel, with single precision; 0 without a reading."""
     return np.float32(depth_factor) / np.float32(depth_raw) if depth_raw > 0 else np.float32(0.0)
+
+
+@inline_kernel
+def surface_step(inverse_depth: float, depth_noise: float) -> float:
+    """Largest difference of inverse depths within a surface, 1/m.
+
+    Args:
+        inverse_depth: Of the surface, 1/m.
+        depth_noise: Of a pixel, 1/m.
+    """
+    return MAX_SURFACE_STEP_SHARE * inverse_depth + MAX_SURFACE_STEP_SIGMAS * depth_noise
 
 
 @inline_kernel

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, inverse_depth
+from vo_service.odometry.direct.image_pyramid import ImagePyramid, inverse_depth, surface_step
 from vo_service.odometry.direct.motion import project, transform_point
 from vo_service.odometry.direct.parameters import (
     DYNAMIC_BLOCK_PX,
     EDGE_MARGIN_PX,
     MAX_KEYFRAMES,
-    MAX_SAME_SURFACE_PER_M,
-    MAX_SURFACE_STEP_PER_M,
+    MAX_SAME_SURFACE_RATIO,
     MIN_DEPTH_M,
     MIN_KNOWN_SHARE,
     MIN_OBSERVED_SHARE,
@@ -169,12 +168,13 @@ def remove_dynamic_points(
             images_of_other.depth.raw,
             images_of_other.depth.factor,
             images_of_other.intrinsics[0],
+            images.depth_noise,
             block_points,
             states,
         )
     if np.count_nonzero(states) < MIN_KNOWN_SHARE * np.count_nonzero(blocks):
         return keyframe
-    is_dynamic_block = find_dynamic_blocks(blocks, states)
+    is_dynamic_block = find_dynamic_blocks(blocks, states, images.depth_noise)
     points = tuple(
         np.asfortranarray(level[~are_in_blocks(level, images.intrinsics[0], is_dynamic_block)])
         for level in keyframe.points
@@ -218,6 +218,7 @@ def classify_from_view(
     depth_raw: NDArray[np.uint16],
     depth_factor: float,
     intrinsics: Array,
+    noise: float,
     block_points: Array,
     states: BlockStates,
 ) -> None:
@@ -228,6 +229,7 @@ def classify_from_view(
         depth_raw: (H, W) of the other view, 0 = no reading.
         depth_factor: Value of `depth_raw` per meter.
         intrinsics: (4,) of the other view.
+        noise: Of the inverse depth of a pixel, 1/m.
         block_points: (rows, columns, 3) in the camera's axes, m; z = 0 without depth.
         states: (rows, columns), in and out: known blocks are not changed.
     """
@@ -241,12 +243,12 @@ def classify_from_view(
             if z < MIN_DEPTH_M:
                 continue
             u, v = project(x, y, z, intrinsics)
-            states[i, j] = _classify_surface(depth_raw, depth_factor, u, v, 1.0 / z)
+            states[i, j] = _classify_surface(depth_raw, depth_factor, u, v, 1.0 / z, noise)
 
 
 @inline_kernel
 def _classify_surface(
-    depth_raw: NDArray[np.uint16], depth_factor: float, u: float, v: float, w: float
+    depth_raw: NDArray[np.uint16], depth_factor: float, u: float, v: float, w: float, noise: float
 ) -> int:
     """State of a surface at a pixel and an inverse depth w, by a view."""
     height, width = depth_raw.shape
@@ -254,9 +256,10 @@ def _classify_surface(
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
         return UNKNOWN
     inverse_depth_there = inverse_depth(depth_raw[row, column], depth_factor)
-    if inverse_depth_there <= 0.0 or inverse_depth_there > w + MAX_SAME_SURFACE_PER_M:
+    tolerance = MAX_SAME_SURFACE_RATIO * surface_step(w, noise)
+    if inverse_depth_there <= 0.0 or inverse_depth_there > w + tolerance:
         return UNKNOWN
-    if inverse_depth_there >= w - MAX_SAME_SURFACE_PER_M:
+    if inverse_depth_there >= w - tolerance:
         return OBSERVED
     if not (
         EDGE_MARGIN_PX <= row < height - EDGE_MARGIN_PX
@@ -266,13 +269,15 @@ def _classify_surface(
     for dv in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
         for du in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
             neighbor = inverse_depth(depth_raw[row + dv, column + du], depth_factor)
-            if not 0.0 < neighbor < w - MAX_SAME_SURFACE_PER_M:
+            if not 0.0 < neighbor < w - tolerance:
                 return UNKNOWN
     return FREE_SPACE
 
 
 @kernel
-def find_dynamic_blocks(blocks: DepthBlocks, states: BlockStates) -> NDArray[np.bool_]:
+def find_dynamic_blocks(
+    blocks: DepthBlocks, states: BlockStates, noise: float
+) -> NDArray[np.bool_]:
     """(rows, columns) blocks in free space and of dynamic surfaces, with a margin of one block."""
     rows, columns = blocks.shape
     is_dynamic_block = np.zeros((rows, columns), np.bool_)
@@ -282,7 +287,7 @@ def find_dynamic_blocks(blocks: DepthBlocks, states: BlockStates) -> NDArray[np.
         for j in range(columns):
             if is_visited[i, j]:
                 continue
-            size = _flood_fill_surface(blocks, is_visited, i, j, surface)
+            size = _flood_fill_surface(blocks, is_visited, i, j, surface, noise)
             observed = in_free_space = 0
             for a, b in surface[:size]:
                 observed += states[a, b] == OBSERVED
@@ -296,7 +301,12 @@ def find_dynamic_blocks(blocks: DepthBlocks, states: BlockStates) -> NDArray[np.
 
 @kernel
 def _flood_fill_surface(
-    blocks: DepthBlocks, is_visited: NDArray[np.bool_], i: int, j: int, surface: NDArray[np.int64]
+    blocks: DepthBlocks,
+    is_visited: NDArray[np.bool_],
+    i: int,
+    j: int,
+    surface: NDArray[np.int64],
+    noise: float,
 ) -> int:
     """Fill in the blocks of the surface that a block belongs to, and return their number."""
     rows, columns = blocks.shape
@@ -310,7 +320,7 @@ def _flood_fill_surface(
             c, d = a + da, b + db
             if not (0 <= c < rows and 0 <= d < columns) or is_visited[c, d]:
                 continue
-            if abs(blocks[c, d] - blocks[a, b]) < MAX_SURFACE_STEP_PER_M:
+            if abs(blocks[c, d] - blocks[a, b]) < surface_step(blocks[a, b], noise):
                 is_visited[c, d] = True
                 surface[size, 0], surface[size, 1] = c, d
                 size += 1

@@ -28,7 +28,7 @@ from vo_service.odometry.direct.gauss_newton import (
     accumulate,
     solve_cholesky,
 )
-from vo_service.odometry.direct.image_pyramid import ALL_STATIC, ImagePyramid
+from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe import (
     DirectKeyframe,
     KeyframeOverlap,
@@ -56,14 +56,10 @@ from vo_service.odometry.direct.parameters import (
     MAX_JOINT_STEPS,
     MAX_KEYFRAME_FLOW_PX,
     MAX_KEYFRAME_OCCLUDED_SHARE,
-    MAX_WEAK_OBSERVABILITY,
     MIN_JOINT_OVERLAP,
     MIN_JOINT_STEP_SIZE,
     MIN_KEYFRAME_OVERLAP,
     MIN_KEYFRAME_POINT_SHARE,
-    MIN_OBSERVABILITY_RATIO,
-    MIN_VIEW_OBSERVABILITY,
-    REINITIALIZATIONS,
 )
 from vo_service.odometry.direct.quality import (
     TrackingResult,
@@ -73,7 +69,7 @@ from vo_service.odometry.direct.quality import (
 )
 from vo_service.odometry.direct.residuals import (
     count_residuals,
-    fit_affine_brightness,
+    fit_residual_model,
     weigh_regions,
     weigh_samples,
 )
@@ -144,28 +140,13 @@ def _are_comparable(before: TrackedFrame, now: TrackedFrame) -> bool:
     )
 
 
-def needs_keyframe(
-    tracked: TrackedFrame, observability: float, initial_observability: float
-) -> bool:
-    """Whether the keyframe is going out of view, constrains little, or is too dark.
-
-    Args:
-        tracked: The frame that is aligned with the keyframe.
-        observability: Of the least constrained direction, as by the ratio of entropies of Kerl,
-            Sturm and Cremers (IROS 2013).
-        initial_observability: The same in the keyframe's first view.
-    """
+def needs_keyframe(tracked: TrackedFrame) -> bool:
+    """Whether the keyframe of a frame is going out of view, or is too dark."""
     result, images = tracked.result, tracked.images
     # When the light is back, there is texture that a dark keyframe does not have.
     if (
         degradation_reason(result.alignment)
         and images.brightness_ratio(result.keyframe.images) > MAX_BRIGHTNESS_RATIO
-    ):
-        return True
-    if (
-        MIN_VIEW_OBSERVABILITY
-        <= observability
-        < min(MAX_WEAK_OBSERVABILITY, MIN_OBSERVABILITY_RATIO * initial_observability)
     ):
         return True
     overlap = compute_overlap(result.keyframe, result.alignment.T_camera_keyframe)
@@ -248,7 +229,7 @@ def align_jointly(
     fits = [_KeyframeFit(active, np.eye(4), alignment.residual_model.copy(), is_active=True)]
     for other in others:
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
-        residual_model = initial_residual_model(brightness_weight=images.brightness_weight)
+        residual_model = initial_residual_model(images, other.points[0])
         fits.append(_KeyframeFit(other, T_other_active, residual_model))
     for step in range(MAX_JOINT_STEPS):
         H, g = np.zeros((6, 6)), np.zeros(6)
@@ -290,7 +271,7 @@ def _linearize(
     cell_weights = weigh_regions(points, samples, model, uniform_weights())
     weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
-        fit_affine_brightness(points, weighted, model)
+        fit_residual_model(points, weighted, model)
     may_disagree = step == 0 or fit.is_active
     if not may_disagree and not is_consistent(
         count_residuals(points, samples, model, cell_weights)
@@ -323,28 +304,13 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
     return keyframe
 
 
-def reinitialize(
-    result: TrackingResult, images: ImagePyramid, motion_state: MotionState
-) -> TrackingResult:
-    """Rebuild the first keyframe by the velocity, and align the second frame with it again.
-
-    Args:
-        result: Alignment of the second frame with the first keyframe.
-        images: The second frame.
-        motion_state: At the first frame.
-    """
-    for _ in range(REINITIALIZATIONS):
-        result = rebuild_first_keyframe(result, images, motion_state, ALL_STATIC)
-    return result
-
-
 def rebuild_first_keyframe(
     result: TrackingResult,
     images: ImagePyramid,
     motion_state: MotionState,
     is_static: NDArray[np.bool_],
 ) -> TrackingResult:
-    """Rebuild the first keyframe once.
+    """Rebuild the first keyframe by the velocity, and align the second frame with it again.
 
     Args:
         result: Alignment of the second frame with it.
@@ -359,9 +325,9 @@ def rebuild_first_keyframe(
     alignment = align(
         keyframe.points,
         images,
-        [result.alignment.T_camera_keyframe],
+        result.alignment.T_camera_keyframe,
         result.prior,
-        motion_state.affine_brightness,
+        motion_state.gain,
         uniform_weights(),
     )
     return TrackingResult(keyframe, alignment, result.prior)

@@ -1,19 +1,13 @@
 """Motion state of the camera: the prediction, and its fusion with a measured pose.
 
-An alpha-beta filter averages many frames of a calm camera. It blends the pose predicted by a
-constant velocity with the measured one; at a large innovation the measured pose is used alone. The
-velocity gain follows from the pose gain as in Kalata, "The Tracking Index: A Generalized Parameter
-for alpha-beta and alpha-beta-gamma Target Trackers" (IEEE Transactions on Aerospace and Electronic
-Systems 20, 1984).
-
-In a degenerate view the prediction fills in for the unconstrained directions. Predicted and
-measured pose are fused by their information: Kalman, "A New Approach to Linear Filtering and
-Prediction Problems" (Journal of Basic Engineering 82, 1960). The information that noise alone adds
-is suppressed, as it would look like a constraint.
+The prediction is that of a constant velocity. Its covariance is what the last innovations exceed
+that of the measured pose by: many frames of a calm camera are averaged, and one that moves is
+followed at once. In a direction that the view does not constrain, the camera continues at its last
+velocity. Mehra, "Approaches to Adaptive Filtering" (IEEE Transactions on Automatic Control 17,
+1972).
 """
 
 from dataclasses import dataclass, field, replace
-from math import sqrt
 
 import numpy as np
 
@@ -25,34 +19,31 @@ from vo_service.odometry.direct.gauss_newton import (
     solve_cholesky,
     velocity_information,
 )
-from vo_service.odometry.direct.image_pyramid import ImagePyramid
+from vo_service.odometry.direct.image_pyramid import HasMeanBrightness, ImagePyramid
 from vo_service.odometry.direct.motion import (
     body_motion,
     compose,
     constant_velocity_motion,
     invert,
+    orthonormalize_rotation,
     se3_exp,
     se3_log,
 )
 from vo_service.odometry.direct.parameters import (
-    DARK_BRIGHTNESS,
+    FRAME_COVARIANCE_SHARE,
     INNOVATION_DECAY,
     MAX_DEGENERATE_S,
     MAX_EXTRAPOLATION_S,
     MAX_PREDICTION_S,
     MAX_STEADY_BRIGHTNESS_CHANGE,
     MIN_FRAME_INTERVAL_S,
-    MIN_POSE_GAIN,
-    MIN_VELOCITY_NOISE_RATIO,
-    PREDICTION_SIGMA_GROWTH,
+    MIN_PREDICTION_SHARE,
     VELOCITY_NOISE_DECAY,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
 )
 from vo_service.odometry.direct.quality import TrackingResult
 
-# A normalized innovation at which the measured pose is used alone.
-UNFILTERED_INNOVATION = 2.0
 # Range of the sigma of the velocity, m/s and rad/s.
 MAX_VELOCITY_SIGMA = np.array(VELOCITY_SIGMA)
 MIN_VELOCITY_SIGMA = VELOCITY_SIGMA_RANGE[0] * MAX_VELOCITY_SIGMA
@@ -68,7 +59,7 @@ class MotionState:
         T_world_camera: 4x4 pose.
         velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
         stamp_s: Stamp of the frame.
-        affine_brightness: Gain and offset of its brightness against the keyframe's.
+        gain: Ratio of its brightness to the keyframe's.
         mean_brightness: Of the whole image, gray levels.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s: root of a
             fading mean square over three components; infinite if unknown.
@@ -81,18 +72,16 @@ class MotionState:
     T_world_camera: Array
     velocity: Array
     stamp_s: float
-    affine_brightness: tuple[float, float]
+    gain: float
     mean_brightness: float
     velocity_noise: Array = field(default_factory=lambda: np.full(2, np.inf))
     normalized_innovation: float = 0.0
     well_constrained_stamp_s: float = 0.0
 
-    def initial_guesses(self, T_world_keyframe: Array, stamp_s: float) -> Array:
-        """(K, 4, 4) initial guesses of T_camera_keyframe: at constant velocity, and at rest."""
-        guesses = _guess_poses(
-            self.T_world_camera, T_world_keyframe, self.velocity, self.stamp_s - stamp_s
-        )
-        return guesses if self.is_recent(stamp_s) else guesses[1:]
+    def predict_alignment(self, T_world_keyframe: Array, stamp_s: float) -> Array:
+        """4x4 T_camera_keyframe at a stamp: at constant velocity; at rest if the state is stale."""
+        elapsed_s = 0.0 if self.is_stale(stamp_s) else stamp_s - self.stamp_s
+        return _predict_alignment(self.T_world_camera, T_world_keyframe, self.velocity, elapsed_s)
 
     def predict_pose(self, stamp_s: float) -> Array:
         """4x4 pose T_world_camera at a stamp, at the velocity of the last good frame."""
@@ -116,12 +105,6 @@ class MotionState:
         """Whether the camera may be far from its predicted pose at a stamp."""
         return abs(stamp_s - self.stamp_s) > MAX_PREDICTION_S
 
-    def innovation_ratio(self, velocity: Array, stamp_s: float) -> float:
-        """Change of the velocity (6,) relative to its noise; 0 if the state is stale."""
-        if self.is_stale(stamp_s):
-            return 0.0
-        return _innovation_ratio(velocity, self.velocity, self.velocity_noise)
-
     def update_velocity_noise(self, velocity: Array) -> Array:
         """Velocity noise (2,) including the velocity (6,) of the next frame."""
         return _fade_velocity_noise(self.velocity_noise, velocity, self.velocity)
@@ -137,7 +120,7 @@ class MotionState:
         T_world_camera: Array,
         velocity: Array,
         images: ImagePyramid,
-        affine_brightness: tuple[float, float],
+        gain: float,
         normalized_innovation: float,
         well_constrained_stamp_s: float,
     ) -> "MotionState":
@@ -147,7 +130,7 @@ class MotionState:
             T_world_camera: 4x4 pose.
             velocity: (6,) twist of the camera in its own axes, m/s and rad/s.
             images: The frame.
-            affine_brightness: Gain and offset against the keyframe's brightness.
+            gain: Ratio of its brightness to the keyframe's.
             normalized_innovation: See `MotionState`.
             well_constrained_stamp_s: See `MotionState`.
         """
@@ -155,20 +138,18 @@ class MotionState:
             T_world_camera,
             velocity,
             images.stamp_s,
-            affine_brightness,
+            gain,
             images.mean_brightness,
             self.update_velocity_noise(velocity),
             normalized_innovation,
             well_constrained_stamp_s,
         )
 
-    def predict_affine_brightness(self, images: ImagePyramid) -> tuple[float, float]:
-        """Initial gain and offset: the last ones, scaled if the mean brightness has changed."""
-        before = self.mean_brightness + DARK_BRIGHTNESS
-        ratio = (images.mean_brightness + DARK_BRIGHTNESS) / before
-        if abs(ratio - 1.0) <= MAX_STEADY_BRIGHTNESS_CHANGE:
-            return self.affine_brightness
-        return ratio * self.affine_brightness[0], ratio * self.affine_brightness[1]
+    def predict_gain(self, images: ImagePyramid, keyframe: HasMeanBrightness) -> float:
+        """Initial gain: the last one; the ratio of the brightness if that has changed at once."""
+        if abs(images.brightness_ratio(self) - 1.0) <= MAX_STEADY_BRIGHTNESS_CHANGE:
+            return self.gain
+        return images.brightness_ratio(keyframe)
 
     def is_recently_constrained(self, stamp_s: float) -> bool:
         """Whether a degenerate view is acceptable at a stamp: the last good one is recent.
@@ -191,14 +172,12 @@ class MotionState:
 
 
 @kernel
-def _guess_poses(
-    T_world_camera: Array, T_world_keyframe: Array, velocity: Array, backward_s: float
+def _predict_alignment(
+    T_world_camera: Array, T_world_keyframe: Array, velocity: Array, elapsed_s: float
 ) -> Array:
-    """(2, 4, 4) guesses of T_camera_keyframe after a time, see `MotionState.initial_guesses`."""
-    guesses = np.empty((2, 4, 4))
-    guesses[1] = compose(invert(T_world_camera), T_world_keyframe)
-    guesses[0] = compose(se3_exp(backward_s * velocity), guesses[1])
-    return guesses
+    """4x4 T_camera_keyframe after a time, see `MotionState.predict_alignment`."""
+    T_last_keyframe = compose(invert(T_world_camera), T_world_keyframe)
+    return compose(se3_exp(-elapsed_s * velocity), T_last_keyframe)
 
 
 @kernel
@@ -216,35 +195,6 @@ def _predict_motion(
     if not is_recent:
         sigma = UNKNOWN_VELOCITY_SIGMA
     return T_keyframe_last, motion, velocity_information(sigma)
-
-
-@kernel
-def _compare_with_prediction(
-    motion_state: tuple[Array, Array], elapsed_s: float, T_world_camera: Array, covariance: Array
-) -> tuple[Array, Array, float]:
-    """Predicted pose 4x4, innovation (6,) of a measured pose, and its mean normalized square.
-
-    Args:
-        motion_state: Pose 4x4 and velocity (6,) at the last good frame.
-        elapsed_s: Time since that frame.
-        T_world_camera: 4x4 measured pose.
-        covariance: 6x6 of the measured pose, as a small motion in the camera's axes.
-    """
-    T_world_last, velocity = motion_state
-    T_world_expected = compose(T_world_last, se3_exp(elapsed_s * velocity))
-    innovation = se3_log(compose(invert(T_world_expected), T_world_camera))
-    squared = innovation * solve_cholesky(covariance, innovation)
-    return T_world_expected, innovation, squared.mean()
-
-
-@kernel
-def _innovation_ratio(velocity: Array, before: Array, velocity_noise: Array) -> float:
-    """Change of the velocity (6,) relative to its noise (2,), see `MotionState`."""
-    ratio, change = 0.0, _velocity_change(velocity, before)
-    for k in range(2):
-        usual = max(velocity_noise[k], MIN_VELOCITY_NOISE_RATIO * MAX_VELOCITY_SIGMA[k])
-        ratio = max(ratio, change[k] / usual)
-    return ratio
 
 
 @kernel
@@ -268,103 +218,81 @@ def _fade_velocity_noise(noise: Array, velocity: Array, before: Array) -> Array:
     return faded
 
 
-def fuse_and_filter(
-    result: TrackingResult,
-    uncertainty: MotionUncertainty,
-    motion_state: MotionState,
-    stamp_s: float,
-) -> tuple[TrackingResult, MotionUncertainty, float]:
-    """Fuse the measured pose with the predicted one.
-
-    Args:
-        result: The measured pose and velocity.
-        uncertainty: Of the measured pose; in a degenerate view the prediction fills in.
-        motion_state: The state up to the last good frame.
-        stamp_s: Stamp of the frame.
-
-    Returns:
-        The result, its uncertainty, and the updated normalized innovation of `MotionState`.
-    """
-    if uncertainty.rejection_reason:
-        result, uncertainty = fuse_with_prediction(result, uncertainty, motion_state, stamp_s)
-    elif motion_state.is_extrapolated:
-        # The step from the extrapolated pose to this one is no motion of the camera.
-        result = result.with_pose(result.T_world_camera, motion_state.velocity)
-    result, normalized_innovation = alpha_beta_filter(
-        result, uncertainty.covariance, motion_state, stamp_s
-    )
-    return result, uncertainty, normalized_innovation
-
-
-def alpha_beta_filter(
-    result: TrackingResult, covariance: Array, motion_state: MotionState, stamp_s: float
-) -> tuple[TrackingResult, float]:
-    """Blend the predicted and the measured pose.
-
-    Args:
-        result: The measured pose and velocity.
-        covariance: 6x6 of the measured pose, as a small motion in the camera's axes.
-        motion_state: The state up to the last good frame.
-        stamp_s: Stamp of the frame.
-
-    Returns:
-        The filtered result, and the updated normalized innovation of `MotionState`.
-    """
-    T_world_expected, innovation, normalized_square = _compare_with_prediction(
-        (motion_state.T_world_camera, motion_state.velocity),
-        stamp_s - motion_state.stamp_s,
-        result.T_world_camera,
-        covariance,
-    )
-    updated_innovation = motion_state.update_normalized_innovation(normalized_square)
-    pose_gain, velocity_gain = filter_gains(updated_innovation)
-    if pose_gain == 1.0 or motion_state.is_stale(stamp_s):
-        return result, updated_innovation
-    velocity_change = result.alignment.camera_velocity - motion_state.velocity
-    T_world_camera = T_world_expected @ se3_exp(pose_gain * innovation)
-    return result.with_pose(
-        T_world_camera, motion_state.velocity + velocity_gain * velocity_change
-    ), updated_innovation
-
-
-def filter_gains(normalized_innovation: float) -> tuple[float, float]:
-    """Gains of the pose and of the velocity, up to 1 for an unexpected motion."""
-    pose_gain = min(max(normalized_innovation - 1.0, MIN_POSE_GAIN), 1.0)
-    return pose_gain, min(2.0 * (2.0 - pose_gain) - 4.0 * sqrt(1.0 - pose_gain), 1.0)
-
-
 def fuse_with_prediction(
     result: TrackingResult,
     uncertainty: MotionUncertainty,
     motion_state: MotionState,
     stamp_s: float,
-) -> tuple[TrackingResult, MotionUncertainty]:
-    """Fuse the measured with the predicted pose, and mark the result as degraded.
-
-    The prediction gets less weight the older the last well constrained frame is.
+) -> tuple[TrackingResult, MotionUncertainty, float]:
+    """Fuse the measured pose and velocity with the predicted ones.
 
     Args:
         result: The measured pose and velocity.
         uncertainty: Of the measured pose.
         motion_state: The state up to the last good frame.
         stamp_s: Stamp of the frame.
+
+    Returns:
+        The fused result; its uncertainty; and the updated normalized innovation of `MotionState`.
+        In a degenerate view the result is degraded, and its uncertainty grows with the time since
+        the last well constrained frame.
     """
     T_world_expected = motion_state.predict_pose(stamp_s)
     innovation = se3_log(inverse(T_world_expected) @ result.T_world_camera)
+    measured = np.asarray(np.linalg.inv(uncertainty.covariance), np.float64)
+    W = _noise_suppression(result, uncertainty)
+    information = np.asarray(W.T @ measured @ W, np.float64)
+    normalized_innovation = motion_state.update_normalized_innovation(
+        float(innovation @ information @ innovation) / 6.0
+    )
+    if motion_state.is_stale(stamp_s):
+        return result, uncertainty, normalized_innovation
+    is_degenerate = bool(uncertainty.rejection_reason)
+    predicted = measured / max(normalized_innovation - 1.0, MIN_PREDICTION_SHARE)
+    extrapolated = np.zeros((6, 6))
+    if is_degenerate:
+        sigma = (stamp_s - motion_state.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA)
+        extrapolated = np.diag(np.repeat(sigma**-2.0, 3))
+    gain = _prediction_gain(information / FRAME_COVARIANCE_SHARE, predicted + extrapolated)
     velocity_change = result.alignment.camera_velocity - motion_state.velocity
+    if motion_state.is_extrapolated and not is_degenerate:
+        # The step from the extrapolated pose to this one is no motion of the camera.
+        velocity_change = np.zeros(6)
+    # The velocity of a calm camera is averaged over more frames than its pose, as by Kalata.
+    fused = result.with_pose(
+        orthonormalize_rotation(T_world_expected @ se3_exp(gain @ innovation)),
+        motion_state.velocity + gain @ gain @ velocity_change,
+    )
+    if not is_degenerate:
+        return fused, uncertainty, normalized_innovation
+    covariance = np.linalg.inv(extrapolated + information)
+    return (
+        replace(fused, degradation=uncertainty.rejection_reason),
+        replace(uncertainty, covariance=0.5 * (covariance + covariance.T)),
+        normalized_innovation,
+    )
+
+
+def _noise_suppression(result: TrackingResult, uncertainty: MotionUncertainty) -> Array:
+    """6x6 W of `DegeneracyAnalysis`, in the camera's axes.
+
+    The information that noise alone adds would look like a constraint.
+    """
     T_camera_keyframe = result.alignment.T_camera_keyframe
     W = uncertainty.degeneracy.noise_suppression
-    W = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
-    information = W.T @ np.linalg.inv(uncertainty.covariance) @ W
-    elapsed_s = stamp_s - motion_state.well_constrained_stamp_s
-    prediction_sigma = elapsed_s * np.array(PREDICTION_SIGMA_GROWTH)
-    covariance = np.linalg.inv(np.diag(np.repeat(prediction_sigma**-2.0, 3)) + information)
-    gain = covariance @ information
-    result = result.with_pose(
-        T_world_expected @ se3_exp(gain @ innovation),
-        motion_state.velocity + gain @ velocity_change,
-    )
-    return (
-        replace(result, degradation=uncertainty.rejection_reason),
-        replace(uncertainty, covariance=0.5 * (covariance + covariance.T)),
-    )
+    in_camera: Array = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
+    return in_camera
+
+
+@kernel
+def _prediction_gain(measured: Array, predicted: Array) -> Array:
+    """6x6 share of the innovation that is taken over: P (P + R)^-1 = (P^-1 + R^-1)^-1 R^-1.
+
+    Args:
+        measured: 6x6 information R^-1 of the measured pose.
+        predicted: 6x6 information P^-1 of the predicted pose.
+    """
+    total, gain = measured + predicted, np.empty((6, 6))
+    for k in range(6):
+        gain[:, k] = solve_cholesky(total, measured[:, k].copy())
+    return gain

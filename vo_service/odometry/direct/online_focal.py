@@ -56,7 +56,6 @@ from vo_service.odometry.direct.points import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
     WEIGHT_BRIGHTNESS,
     residual_variances,
     student_curvature,
@@ -64,9 +63,9 @@ from vo_service.odometry.direct.residuals import (
 )
 from vo_service.types import Estimate, NullStageTimer, OnlineFocalLength, StageTimer
 
-# Pose (6), gain, offset, focal length.
-_NUM_UNKNOWNS = 9
-_FOCAL = 8
+# Pose (6), gain, focal length.
+_NUM_UNKNOWNS = 8
+_FOCAL = 7
 # Rows of the information about the focal length.
 BY_BRIGHTNESS, BY_DEPTH = 0, 1
 
@@ -86,7 +85,7 @@ def measure_focal_length(
         points: (N, COLUMNS) of the keyframe's finest level.
         samples: (N, COLUMNS) of the view.
         cell_weights: (2, CELLS).
-        residual_model: (5,), see `residuals`.
+        residual_model: (6,), see `residuals`.
         intrinsics: (4,) of the whole image.
         T_camera_keyframe: 4x4.
 
@@ -96,7 +95,7 @@ def measure_focal_length(
     """
     H, g = np.zeros((2, _NUM_UNKNOWNS, _NUM_UNKNOWNS)), np.zeros((2, _NUM_UNKNOWNS))
     row = np.zeros(_NUM_UNKNOWNS)
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    gain = residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(0, len(points), FOCAL_POINT_STRIDE):
         brightness, depth = samples[i, SAMPLE_BRIGHTNESS], samples[i, SAMPLE_DEPTH_RESIDUAL]
@@ -107,18 +106,18 @@ def measure_focal_length(
             point, samples[i, SAMPLE_U], samples[i, SAMPLE_V], intrinsics, T_camera_keyframe
         )
         if point[HAS_TEXTURE] > 0:
-            residual = brightness - gain * point[POINT_BRIGHTNESS] - offset
+            residual = brightness - gain * point[POINT_BRIGHTNESS]
             sample_variance = variance + point[POINT_BRIGHTNESS_VARIANCE]
             w = student_weight(residual, sample_variance)
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
             _fill_row(jacobian(point, POINT_BRIGHTNESS_GRADIENT, gain), magnified, row)
-            row[6], row[7] = -point[POINT_BRIGHTNESS], -1.0
+            row[6] = -point[POINT_BRIGHTNESS]
             curvature = w * student_curvature(residual, sample_variance)
             add_residual(H[BY_BRIGHTNESS], g[BY_BRIGHTNESS], row, curvature, w * residual)
         if not np.isnan(depth) and point[HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
             _fill_row(jacobian(point, POINT_DEPTH_GRADIENT, 1.0), magnified, row)
-            row[6] = row[7] = 0.0
+            row[6] = 0.0
             curvature = w * student_curvature(depth, variance_depth)
             add_residual(H[BY_DEPTH], g[BY_DEPTH], row, curvature, w * depth)
     information = np.empty((2, 2))

@@ -17,6 +17,18 @@ DARK_BRIGHTNESS = 1.0
 # Smallest gain of the affine brightness model; the largest one is its inverse.
 MIN_GAIN = 0.5
 
+# DEPTH NOISE
+# Sigma of the inverse depth of a pixel before the first frame, 1/m: that of a Kinect. Also the
+# smallest one in use: registration and the motion within a frame have errors as well.
+DEPTH_NOISE_PER_M = 1.5e-3
+# Planes are fitted around pixels at this distance from each other. In these fits neighbors may
+# differ by this, 1/m, as the noise is not known yet.
+NOISE_GRID_PX = 16
+MAX_NOISE_STEP_PER_M = 0.03
+# Fewest planes of a measurement, and forgetting factor per keyframe.
+MIN_NOISE_PLANES = 50
+DEPTH_NOISE_DECAY = 0.8
+
 # KEYFRAME POINTS
 # One point per block of this size, by level: the pixel with the steepest brightness. Engel, Koltun
 # and Cremers, "Direct Sparse Odometry" (PAMI 40, 2018), Section 3.2, for one point per block.
@@ -31,24 +43,27 @@ PLANE_RADIUS_PX = 6
 PLANE_STEP_PX = 2
 # Smallest share of those pixels that belong to the same surface.
 MIN_PLANE_SUPPORT = 0.6
-# Largest root mean square residual of a plane, 1/m.
-MAX_PLANE_RMS_PER_M = 3e-3
-# Neighboring inverse depths (1/m) that differ by more belong to two surfaces.
-MAX_SURFACE_STEP_PER_M = 0.03
+# Largest root mean square residual of a plane, as a multiple of the noise.
+MAX_PLANE_RMS_RATIO = 2.2
+# Pixels up to PLANE_RADIUS_PX apart belong to one surface if their inverse depths differ by no more
+# than this share, that of a surface seen at 6 degrees, and this multiple of the noise.
+MAX_SURFACE_STEP_SHARE = 0.05
+MAX_SURFACE_STEP_SIGMAS = 4.0
 
 # SAMPLES
 # Nearest point that is projected, m.
 MIN_DEPTH_M = 0.05
-# Two views see the same surface if its inverse depths differ by no more than this, 1/m.
-MAX_SAME_SURFACE_PER_M = 0.06
+# Two views see the same surface if its inverse depths differ by no more than this multiple of the
+# step within a surface: the motion is not exact yet.
+MAX_SAME_SURFACE_RATIO = 2.0
 # Iterations for the row that sees a point: its time depends on the pixel, and that on the time.
 ROW_TIME_ITERATIONS = 2
 
 # RESIDUALS
-# Noise of the sensor: lower bound of the residuals' sigmas.
-SENSOR_SIGMAS = (1.0, 6e-4)
-# Sigmas of the residuals before the first step: noise, interpolation and plane fit together.
-INITIAL_SIGMAS = (10.0, 3e-3)
+# Sigmas of residuals, brightness in gray levels and depth as a multiple of its noise: their lower
+# bound; before the first step, with interpolation and plane fit.
+MIN_SIGMAS = (1.0, 0.4)
+INITIAL_SIGMAS = (10.0, 2.0)
 # Upper bound of the estimated sigmas, as a multiple of the initial ones.
 MAX_SIGMA_RATIO = 3.0
 # Fewest samples for an estimate of sigma.
@@ -57,16 +72,11 @@ MIN_SIGMA_SAMPLES = 50.0
 # Estimation for RGB-D Cameras" (ICRA 2013) use 5.
 DEGREES_OF_FREEDOM = 3.0
 # Weight of brightness relative to depth before any view; of brightness whose samples do not share
-# errors; its range.
+# errors.
 BRIGHTNESS_WEIGHT = 0.45
 INDEPENDENT_BRIGHTNESS_WEIGHT = 1.5
-BRIGHTNESS_WEIGHT_RANGE = (0.25, 1.2)
-# Forgetting factor per view of the errors that brightness samples share, number of views before the
-# first one, and fewest samples of a view.
-SHARED_ERROR_DECAY, INITIAL_SHARED_ERROR_VIEWS = 0.99, 4
-MIN_SHARED_ERROR_SAMPLES = 100
-# After so many views only every n-th is measured, as views of one keyframe are alike.
-SETTLED_SHARED_ERROR_VIEWS, SETTLED_SHARED_ERROR_STRIDE = 100, 3
+# Forgetting factor per view of the errors that brightness samples share.
+SHARED_ERROR_DECAY = 0.99
 # A sample within this many sigmas agrees with its point; larger residuals cost no more.
 INLIER_GATE_SIGMAS = 3.0
 # A cell of the image moves independently if its cost is this many times the median cost.
@@ -82,10 +92,6 @@ MAX_STEPS = (24, 24, 15, 12)
 # A smaller step (m and rad) is the last one of its level: at the finest level it is well below the
 # noise, at the others below what the next finer level corrects.
 MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
-# A step is extrapolated if the cosine of its angle to the last one, and its length relative to that
-# one, are larger. Largest ratio of the lengths that is used, by level; with 0 none is extrapolated.
-MIN_EXTRAPOLATED_COSINE, MIN_EXTRAPOLATED_RATIO = 0.9, 0.5
-MAX_EXTRAPOLATED_RATIOS = (0.6, 0.0, 0.0, 0.0)
 # Updates of the residual model in the first step; later steps have one.
 INITIAL_MODEL_UPDATES = 3
 # Sigma that damps directions without constraint, m and rad.
@@ -109,49 +115,22 @@ MIN_FRAME_INTERVAL_S = 1e-3
 # Forgetting factors per frame of the velocity noise and of the normalized innovation.
 VELOCITY_NOISE_DECAY = 0.9
 INNOVATION_DECAY = 0.9
-# An innovation of the velocity is relative to the velocity noise, or to at least this share of
-# VELOCITY_SIGMA.
-MIN_VELOCITY_NOISE_RATIO = 0.5
 # The last gain and offset are kept if the mean brightness changes by no more than this share.
 MAX_STEADY_BRIGHTNESS_CHANGE = 0.1
-# Smallest gain of the pose filter: a frame's share in the pose of a camera at rest.
-MIN_POSE_GAIN = 0.1
+# Share of the measured pose's covariance that differs from frame to frame; the rest is that of the
+# keyframe, which a filter does not average out.
+FRAME_COVARIANCE_SHARE = 0.1
+# Smallest covariance of the prediction, as a share of that of the measured pose.
+MIN_PREDICTION_SHARE = 0.01
 
 # RECOVERY
-# A better motion is searched for above this multiple of the initial sigmas, or above this multiple
-# of the usual sigma of the sensor's views, if that is larger; and in any case above the last one.
-SUSPECT_SIGMA_RATIO, SUSPECT_USUAL_RATIO, MAX_SUSPECT_SIGMA_RATIO = 0.8, 1.7, 1.2
-# The usual sigma is a running median: each view moves it by this share.
-USUAL_SIGMA_STEP = 0.02
-# A frame with a larger share of moving regions is searched for a better motion.
-MAX_MOVING_SHARE = 0.1
-# Halves of the view are masked if the velocity changes by more than this many times its noise.
-INNOVATION_GATE_SIGMAS = 3.0
-# Every point of this many is used for the first motion of a half view; it is another motion if it
-# moves the points by more than this, px of the whole image.
-HALF_VIEW_POINT_STRIDE = 3
-MAX_SAME_MOTION_FLOW_PX = 2.0
-# Weight of the innovation, and the degrees of freedom of its Student's t, in the cost by which the
-# motions of masked views are compared.
-INNOVATION_COST_WEIGHT = 0.1
-INNOVATION_DEGREES_OF_FREEDOM = 3.0
 # Probability that a feature match agrees with the right motion, and with a wrong one. Brown and
 # Lowe, "Automatic Panoramic Image Stitching using Invariant Features" (IJCV 74, 2007), Section 3.2.
 FEATURE_INLIER_SHARES = (0.2, 0.03)
-# Number of keyframes that are searched for features, and of matches that are aligned: the best
-# match may be on a moving object.
-MAX_SEARCHED_KEYFRAMES = 8
-MAX_FEATURE_MATCHES = 3
-# Another motion replaces the first one if its score is lower by at least this share.
-MIN_SCORE_GAIN = 0.1
-# Smallest share of static regions in that score.
-MIN_SCORED_STATIC_SHARE = 0.01
+# Number of keyframes that are searched for features: the active one, then the last used ones.
+MAX_SEARCHED_KEYFRAMES = 3
 # The lighting has changed where brightness differs by more than this factor.
 MAX_BRIGHTNESS_RATIO = 1.5
-# Features are not searched for in this many doubtful frames after a search without success: motion
-# blur and darkness last. The number doubles after each one up to the second value, half a second,
-# as long as the frames are doubtful but valid.
-RETRY_INTERVAL_FRAMES, MAX_RETRY_INTERVAL_FRAMES = 3, 15
 # The first keyframe is dropped after this many failures, as it may be distorted by a fast turn;
 # later ones after more.
 MAX_INITIAL_FAILURES = 3
@@ -165,9 +144,13 @@ MIN_SAMPLES = 100
 MIN_IN_VIEW_SHARE = 0.25
 # Smallest share of the samples that agree with the keyframe.
 MIN_CONSISTENT_SHARE = 0.75
-# A motion with a larger sigma, as a multiple of the initial one, is wrong. Brightness may fit
-# worse: fast motion blurs it, and it is registered to depth within a pixel or two only.
-MAX_VALID_SIGMA_RATIOS = (2.0, 1.7)
+# If the last pose is old, a motion with a larger sigma, as a share of the largest valid one, may be
+# at another place.
+SUSPECT_SIGMA_SHARE = 0.45
+# A motion with a larger sigma, as a multiple of the initial one, is wrong. Brightness may also fit
+# as badly as this share of the contrast: it is registered to depth within a pixel or two.
+MAX_VALID_RATIOS = (2.0, 1.7)
+MAX_VALID_CONTRAST_SHARE = 0.35
 # A frame with a larger share of moving or occluded view is rejected.
 MAX_MOVING_OR_OCCLUDED_SHARE = 0.5
 # A frame with a larger share of occluded view is degraded.
@@ -176,15 +159,13 @@ MAX_UNDEGRADED_OCCLUDED_SHARE = 0.25
 MIN_MODALITY_SHARE = 0.1
 
 # COVARIANCE AND DEGENERATE VIEWS
-# Noise of the slopes per pixel: of brightness in gray levels; of depth in 1/m, with
-# PLANE_RADIUS_PX.
-SLOPE_NOISE = (0.7, 8.9e-5)
+# Noise of the slopes per pixel: of brightness in gray levels; of depth as a multiple of its noise,
+# with PLANE_RADIUS_PX.
+SLOPE_NOISE = (0.7, 0.06)
 # Smallest ratio of a direction's information to that of noise; a smaller one is unconstrained.
 MIN_VIEW_OBSERVABILITY = 3.0
 # A degenerate view is accepted for this time after the last well constrained one.
 MAX_DEGENERATE_S = 0.4
-# Growth of the predicted pose's sigma in a degenerate view, m/s and rad/s.
-PREDICTION_SIGMA_GROWTH = (0.03, 0.1)
 # Factor for errors that are common to the whole image, which the residuals do not show.
 COVARIANCE_INFLATION = 2.0
 # Lower bound of the pose's sigmas, m and rad: errors of calibration and timing.
@@ -203,18 +184,14 @@ VIGNETTING_DECAY = 0.9
 # Fewest points of a first keyframe.
 MIN_FIRST_KEYFRAME_POINTS = 200
 # The first keyframe of a rolling shutter is rebuilt this many times, by the velocity that the one
-# before gives.
+# before gives: with one, the second pose of a fast start is off by 0.8 mm instead of 0.2 mm.
 REINITIALIZATIONS = 2
 # Largest number of keyframes that are kept.
 MAX_KEYFRAMES = 30
 # The next keyframe is due when the flow against the last one is larger, px of the whole image,
 MAX_KEYFRAME_FLOW_PX = 70.0
-# or a smaller share of its points is in view,
+# or a smaller share of its points is in view.
 MIN_KEYFRAME_OVERLAP = 0.75
-# or the observability falls below this share of its first value, and below this value. The share is
-# after the ratio of entropies of Kerl, Sturm and Cremers (IROS 2013).
-MIN_OBSERVABILITY_RATIO = 0.5
-MAX_WEAK_OBSERVABILITY = 6.0
 # Number of other keyframes that the next one is aligned with, and the share of their points in
 # view.
 MAX_JOINT_KEYFRAMES = 2
@@ -327,7 +304,7 @@ CONTRADICTION_SIGMAS = 4.0
 # Every point of this many is used for the focal length.
 FOCAL_POINT_STRIDE = 2
 # Share of the true step that one step of the focal length makes: residuals are not linear in it.
-FOCAL_STEP_RATIO = 0.75
+FOCAL_STEP_RATIO = 0.9
 # Sigma of the frames' focal length: a Kinect's usual intrinsics are 1 to 3 % off.
 FOCAL_PRIOR_SIGMA = 0.02
 # Squared error of a keyframe's views, relative to their information: views of a keyframe are alike.

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.depth import fit_plane
-from vo_service.odometry.direct.image_pyramid import ImagePyramid, LevelImages, cell_index
+from vo_service.odometry.direct.image_pyramid import (
+    ImagePyramid,
+    LevelImages,
+    cell_index,
+    surface_step,
+)
 from vo_service.odometry.direct.motion import (
     project,
     project_rolling_shutter,
@@ -23,9 +28,8 @@ from vo_service.odometry.direct.motion import (
 )
 from vo_service.odometry.direct.parameters import (
     INTERPOLATION_PX,
-    MAX_PLANE_RMS_PER_M,
-    MAX_SAME_SURFACE_PER_M,
-    MAX_SURFACE_STEP_PER_M,
+    MAX_PLANE_RMS_RATIO,
+    MAX_SAME_SURFACE_RATIO,
     MIN_DEPTH_M,
     MIN_PLANE_SUPPORT,
     MIN_TEXTURE_GRADIENT,
@@ -98,7 +102,7 @@ def _select_level(
 ) -> Array:
     """(N, COLUMNS) points of one level, at most one per block of `block` pixels."""
     # Fields of a tuple cost time in a loop.
-    gray, intrinsics, inverse_depth, depth_intrinsics, readout_s, skew_s, _ = images
+    gray, intrinsics, inverse_depth, depth_intrinsics, readout_s, skew_s, _, noise = images
     height, width = gray.shape
     scale = depth_intrinsics[0] / intrinsics[0]
     rows, columns = height // block, width // block
@@ -113,7 +117,14 @@ def _select_level(
             ray_x = (u - intrinsics[2]) / intrinsics[0]
             ray_y = (v - intrinsics[3]) / intrinsics[1]
             if not _locate_point(
-                ray_x, ray_y, inverse_depth, depth_intrinsics, readout_s, skew_s, motion, point
+                ray_x,
+                ray_y,
+                (inverse_depth, noise),
+                depth_intrinsics,
+                readout_s,
+                skew_s,
+                motion,
+                point,
             ):
                 continue
             _describe_texture(point, gray[v, u], gu, gv, intrinsics, scale)
@@ -183,7 +194,7 @@ def _find_steepest_pixel(
 def _locate_point(
     ray_x: float,
     ray_y: float,
-    inverse_depth: NDArray[np.float32],
+    depth: tuple[NDArray[np.float32], float],
     depth_intrinsics: Array,
     readout_s: float,
     skew_s: float,
@@ -192,8 +203,9 @@ def _locate_point(
 ) -> bool:
     """Fill in the position and the depth gradient of a pixel; False if it has no depth.
 
-    The pixel's ray is (ray_x, ray_y, 1).
+    The pixel's ray is (ray_x, ray_y, 1); `depth` is the inverse depth (H, W) and its noise.
     """
+    inverse_depth, noise = depth
     height = inverse_depth.shape[0]
     u_depth, v_depth = project(ray_x, ray_y, 1.0, depth_intrinsics)
     tau = row_time(v_depth, height, readout_s)
@@ -202,7 +214,7 @@ def _locate_point(
         u_depth, v_depth, shift_m = _find_in_depth_image(
             ray_x, ray_y, tau, inverse_depth, depth_intrinsics, readout_s, skew_s, motion
         )
-    w, wu, wv, has_shape = _fit_surface(inverse_depth, u_depth, v_depth)
+    w, wu, wv, has_shape = _fit_surface(inverse_depth, u_depth, v_depth, noise)
     if w <= 0.0:
         return False
     # To the time of the color row, on its ray; then to the frame's stamp.
@@ -249,7 +261,7 @@ def _find_in_depth_image(
 
 @inline_kernel
 def _fit_surface(
-    inverse_depth: NDArray[np.float32], u: float, v: float
+    inverse_depth: NDArray[np.float32], u: float, v: float, noise: float
 ) -> tuple[float, float, float, bool]:
     """1/z at a pixel, its slopes (1/m per pixel), whether a plane fits; 0 at edges and holes."""
     none = (0.0, 0.0, 0.0, False)
@@ -261,9 +273,10 @@ def _fit_surface(
     center = inverse_depth[row, column]
     if center <= 0:
         return none
+    max_step = surface_step(center, noise)
     for dv in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
         for du in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
-            if not abs(inverse_depth[row + dv, column + du] - center) <= MAX_SURFACE_STEP_PER_M:
+            if not abs(inverse_depth[row + dv, column + du] - center) <= max_step:
                 return none
     w, wu, wv, squared = fit_plane(
         inverse_depth,
@@ -271,12 +284,17 @@ def _fit_surface(
         row,
         PLANE_RADIUS_STEPS,
         PLANE_STEP_PX,
-        MAX_SURFACE_STEP_PER_M,
+        max_step,
         MIN_PLANE_SUPPORT,
     )
     if w <= 0.0:
         return float(center), 0.0, 0.0, False
-    return w + wu * (u - column) + wv * (v - row), wu, wv, squared <= MAX_PLANE_RMS_PER_M**2
+    return (
+        w + wu * (u - column) + wv * (v - row),
+        wu,
+        wv,
+        squared <= (MAX_PLANE_RMS_RATIO * noise) ** 2,
+    )
 
 
 @kernel
@@ -303,9 +321,9 @@ def warp_and_sample(
     )
     scale = images.intrinsics[0] / images.depth_intrinsics[0]
     brightness = _sample_brightness(images.gray, u_color, v_color, scale)
-    surface = _sample_inverse_depth(images.inverse_depth, u_depth, v_depth)
+    surface = _sample_inverse_depth(images.inverse_depth, u_depth, v_depth, images.depth_noise)
     pixels = u_color, v_color, v_depth
-    _fill_samples(pixels, inverse_z, brightness, surface, points, images.inverse_depth, samples)
+    _fill_samples(pixels, inverse_z, brightness, surface, points, images, samples)
     if images.vignetting != 0.0:
         _correct_vignetting(images.vignetting, points, images.depth_intrinsics, samples)
 
@@ -336,13 +354,16 @@ def _sample_brightness(gray: NDArray[np.uint8], u: Array, v: Array, scale: float
 
 
 @kernel
-def _sample_inverse_depth(inverse_depth: NDArray[np.float32], u: Array, v: Array) -> Array:
+def _sample_inverse_depth(
+    inverse_depth: NDArray[np.float32], u: Array, v: Array, noise: float
+) -> Array:
     """(N,) bilinear 1/z, 1/m, at pixels (N,); 0 outside, at edges, and next to a missing reading.
 
     Args:
         inverse_depth: (H, W), 1/m; 0 = no reading.
         u: (N,) columns.
         v: (N,) rows.
+        noise: Of the inverse depth, 1/m.
     """
     height, width = inverse_depth.shape
     surface, flat = np.zeros(len(u)), inverse_depth.ravel()
@@ -354,7 +375,8 @@ def _sample_inverse_depth(inverse_depth: NDArray[np.float32], u: Array, v: Array
         a, b = float(flat[k]), float(flat[k + 1])
         c, d = float(flat[k + width]), float(flat[k + width + 1])
         lowest = min(min(a, b), min(c, d))
-        if lowest <= 0.0 or max(max(a, b), max(c, d)) - lowest > MAX_SURFACE_STEP_PER_M:
+        span = max(max(a, b), max(c, d)) - lowest
+        if lowest <= 0.0 or span > surface_step(lowest, noise):
             continue
         right, down = u[n] - column, v[n] - row
         above, below = a + right * (b - a), c + right * (d - c)
@@ -369,7 +391,7 @@ def _fill_samples(
     brightness: Array,
     surface: Array,
     points: Array,
-    inverse_depth: NDArray[np.float32],
+    images: LevelImages,
     samples: Array,
 ) -> None:
     """Fill in the samples. Without branches, so that the compiler vectorizes the loop.
@@ -380,10 +402,11 @@ def _fill_samples(
         brightness: (N,) of the frame; -1 outside.
         surface: (N,) 1/z of the frame, 1/m; 0 without a reading.
         points: (N, COLUMNS) of a keyframe level.
-        inverse_depth: (H, W) image of the frame, for its size.
+        images: The frame, for its size and noise.
         samples: (N, COLUMNS), out.
     """
-    height, width = inverse_depth.shape
+    height, width = images.inverse_depth.shape
+    noise = images.depth_noise
     per_width, per_height = 1.0 / width, 1.0 / height
     u_color, v_color, v_depth = pixels
     for n in range(len(samples)):
@@ -391,7 +414,8 @@ def _fill_samples(
         in_image = (brightness[n] >= 0.0) & (w_point > 0.0) & (w_point <= 1.0 / MIN_DEPTH_M)
         difference = w - w_point
         has_surface = in_image & (w > 0.0)
-        is_other_surface = has_surface & (abs(difference) > MAX_SAME_SURFACE_PER_M)
+        same_surface = MAX_SAME_SURFACE_RATIO * surface_step(w_point, noise)
+        is_other_surface = has_surface & (abs(difference) > same_surface)
         is_same_surface = has_surface & (not is_other_surface)
         is_visible = in_image & (not is_other_surface)
         samples[n, SAMPLE_U] = u if in_image else -1.0

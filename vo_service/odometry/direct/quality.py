@@ -1,4 +1,4 @@
-"""Quality of an alignment: scores, reasons to reject it, and what it lacks.
+"""Quality of an alignment: reasons to reject it, and what it lacks.
 
 Also the result of the tracking, with its debug data for a viewer.
 """
@@ -6,7 +6,6 @@ Also the result of the tracking, with its debug data for a viewer.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +25,15 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     INITIAL_SIGMAS,
     MAX_MOVING_OR_OCCLUDED_SHARE,
-    MAX_MOVING_SHARE,
-    MAX_SUSPECT_SIGMA_RATIO,
     MAX_UNDEGRADED_OCCLUDED_SHARE,
-    MAX_VALID_SIGMA_RATIOS,
+    MAX_VALID_CONTRAST_SHARE,
+    MAX_VALID_RATIOS,
     MIN_CONSISTENT_SHARE,
     MIN_IN_VIEW_SHARE,
     MIN_MODALITY_SHARE,
     MIN_POINTS_IN_VIEW,
     MIN_SAMPLES,
-    MIN_SCORED_STATIC_SHARE,
-    SUSPECT_SIGMA_RATIO,
-    SUSPECT_USUAL_RATIO,
-    USUAL_SIGMA_STEP,
+    SUSPECT_SIGMA_SHARE,
 )
 from vo_service.odometry.direct.points import (
     SAMPLE_BRIGHTNESS,
@@ -48,7 +43,9 @@ from vo_service.odometry.direct.points import (
 )
 from vo_service.odometry.direct.residuals import (
     BRIGHTNESS_AGREES,
+    CONTRAST,
     DEPTH_AGREES,
+    DEPTH_NOISE,
     DISREGARDED,
     GAIN,
     IN_IMAGE,
@@ -58,56 +55,12 @@ from vo_service.odometry.direct.residuals import (
     WITH_BRIGHTNESS,
     WITH_DEPTH,
     find_inliers,
+    negative_log_likelihood,
 )
 from vo_service.types import TrackingDebug
 
-# Bounds of the sigmas of brightness (gray levels) and of depth (1/m): above the first pair, or that
-# of `UsualSigmas`, a better motion is searched for; above the second the motion is wrong.
-SUSPECT_SIGMAS = (SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[0], SUSPECT_SIGMA_RATIO * INITIAL_SIGMAS[1])
-MAX_VALID_SIGMAS = (
-    MAX_VALID_SIGMA_RATIOS[0] * INITIAL_SIGMAS[0],
-    MAX_VALID_SIGMA_RATIOS[1] * INITIAL_SIGMAS[1],
-)
 # Every 4th point is enough to see.
 POINT_STRIDE = 4
-
-
-@dataclass(frozen=True)
-class UsualSigmas:
-    """Usual sigmas of the residuals of this sensor: depth is noisier with some than with others.
-
-    Attributes:
-        medians: Running medians of the sigmas of brightness (gray levels) and of depth (1/m).
-    """
-
-    medians: tuple[float, float] = (
-        SUSPECT_SIGMAS[0] / SUSPECT_USUAL_RATIO,
-        SUSPECT_SIGMAS[1] / SUSPECT_USUAL_RATIO,
-    )
-
-    @property
-    def suspect(self) -> tuple[float, float]:
-        """Sigmas above which a view is unusual, so that a better motion is searched for."""
-        brightness, depth = (
-            min(
-                max(SUSPECT_SIGMA_RATIO * initial, SUSPECT_USUAL_RATIO * median),
-                MAX_SUSPECT_SIGMA_RATIO * initial,
-            )
-            for initial, median in zip(INITIAL_SIGMAS, self.medians, strict=True)
-        )
-        return brightness, depth
-
-    def update(self, alignment: DirectAlignment) -> "UsualSigmas":
-        """Return the medians updated by the alignment of an accepted view."""
-        brightness, depth = self.medians
-        if alignment.uses_brightness:
-            brightness = _move_median(brightness, alignment.residual_model[SIGMA_BRIGHTNESS])
-        return UsualSigmas((brightness, _move_median(depth, alignment.residual_model[SIGMA_DEPTH])))
-
-
-def _move_median(median: float, value: float) -> float:
-    factor = 1.0 + USUAL_SIGMA_STEP
-    return median * factor if value > median else median / factor
 
 
 def is_consistent(counts: Array) -> bool:
@@ -130,46 +83,6 @@ def _inconsistency_reason(counts: Sequence[float]) -> str:
     return ""
 
 
-def outlier_score(
-    alignment: DirectAlignment, suspect_sigmas: tuple[float, float] = SUSPECT_SIGMAS
-) -> float:
-    """Misfit of the keyframe: above 1 there may be a better motion.
-
-    Args:
-        alignment: Of a frame with the keyframe.
-        suspect_sigmas: See `UsualSigmas.suspect`.
-    """
-    in_view = max(alignment.counts[IN_IMAGE], 1.0)
-    return float(
-        max(
-            _normalized_sigma(alignment, suspect_sigmas),
-            alignment.counts[DISREGARDED] / in_view / MAX_MOVING_SHARE,
-        )
-    )
-
-
-def _normalized_sigma(alignment: DirectAlignment, suspect_sigmas: tuple[float, float]) -> float:
-    """Larger one of the two sigmas, relative to the suspect ones."""
-    by_depth = float(alignment.residual_model[SIGMA_DEPTH] / suspect_sigmas[1])
-    if not alignment.uses_brightness:
-        return by_depth
-    return max(by_depth, float(alignment.residual_model[SIGMA_BRIGHTNESS] / suspect_sigmas[0]))
-
-
-def residual_score(alignment: DirectAlignment) -> float:
-    """Score by which two motions are compared; lower is better.
-
-    It is the sigma of the static regions over their share of the view. `outlier_score` does not
-    suit: moving regions fit worse than most of the view, so there are none if all of it fits badly.
-    """
-    counts = alignment.counts
-    static_share = 1.0 - counts[DISREGARDED] / max(counts[IN_IMAGE], 1.0)
-    sigma = alignment.residual_model[SIGMA_DEPTH] / SUSPECT_SIGMAS[1]
-    if alignment.uses_brightness:
-        sigma = sqrt(sigma * alignment.residual_model[SIGMA_BRIGHTNESS] / SUSPECT_SIGMAS[0])
-    return float(sigma / max(static_share, MIN_SCORED_STATIC_SHARE))
-
-
 def rejection_reason(alignment: DirectAlignment) -> str:
     """Why an alignment is rejected; "" if it is valid."""
     counts, model = alignment.counts.tolist(), alignment.residual_model.tolist()
@@ -186,22 +99,32 @@ def rejection_reason(alignment: DirectAlignment) -> str:
         return "the brightness changed too much against the keyframe"
     if reason := _inconsistency_reason(counts):
         return reason
-    if model[SIGMA_DEPTH] > MAX_VALID_SIGMAS[1]:
+    brightness, depth = _relative_sigmas(alignment)
+    if depth > 1.0:
         return "the depth does not fit the keyframe"
-    if alignment.uses_brightness and model[SIGMA_BRIGHTNESS] > MAX_VALID_SIGMAS[0]:
+    if alignment.uses_brightness and brightness > 1.0:
         return "the brightness does not fit the keyframe"
     return ""
+
+
+def _relative_sigmas(alignment: DirectAlignment) -> tuple[float, float]:
+    """Sigmas of brightness and of depth, relative to the largest valid ones."""
+    model = alignment.residual_model.tolist()
+    max_brightness = max(
+        MAX_VALID_RATIOS[0] * INITIAL_SIGMAS[0], MAX_VALID_CONTRAST_SHARE * model[CONTRAST]
+    )
+    max_depth = MAX_VALID_RATIOS[1] * INITIAL_SIGMAS[1] * model[DEPTH_NOISE]
+    return model[SIGMA_BRIGHTNESS] / max_brightness, model[SIGMA_DEPTH] / max_depth
 
 
 def strict_rejection_reason(alignment: DirectAlignment) -> str:
     """Why an alignment is rejected where the camera may be anywhere; "" if it is valid."""
     if reason := rejection_reason(alignment):
         return reason
-    return (
-        "the keyframe fits badly: the camera may be elsewhere"
-        if _normalized_sigma(alignment, SUSPECT_SIGMAS) > 1.0
-        else ""
-    )
+    brightness, depth = _relative_sigmas(alignment)
+    if max(depth, brightness if alignment.uses_brightness else 0.0) > SUSPECT_SIGMA_SHARE:
+        return "the keyframe fits badly: the camera may be elsewhere"
+    return ""
 
 
 def occluded_fraction(alignment: DirectAlignment) -> float:
@@ -304,6 +227,13 @@ class TrackingResult:
         """4x4 pose of the camera."""
         return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)
 
+    @cached_property
+    def negative_log_likelihood(self) -> float:
+        """Of the whole view, by which two motions are compared; see `residuals`."""
+        return negative_log_likelihood(
+            self.keyframe.points[0], self.alignment.samples, self.alignment.residual_model
+        )
+
     def with_pose(self, T_world_camera: Array, velocity: Array) -> "TrackingResult":
         """Return a copy with another pose (4x4) and velocity (6,), in the camera's own axes."""
         T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
@@ -312,13 +242,3 @@ class TrackingResult:
         motion[:ACCELERATION_START] = moved[:ACCELERATION_START]
         alignment = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
         return replace(self, alignment=alignment)
-
-    def needs_recovery(self, usual_sigmas: UsualSigmas) -> bool:
-        """Whether the alignment is doubtful or invalid.
-
-        Args:
-            usual_sigmas: Those of the sensor.
-        """
-        return outlier_score(self.alignment, usual_sigmas.suspect) > 1.0 or bool(
-            rejection_reason(self.alignment)
-        )

@@ -1,12 +1,11 @@
 """Residuals of a keyframe's points in a frame, and the weights of image regions.
 
 Brightness and depth residuals follow Student's t, as many are outliers. Their sigmas are estimated
-with the motion, and so are gain and offset of the brightness: Kerl, Sturm and Cremers, "Robust
+with the motion, and so is the gain of the brightness: Kerl, Sturm and Cremers, "Robust
 Odometry Estimation for RGB-D Cameras" (ICRA 2013); Klose, Heise and Knoll, "Efficient Compositional
 Approaches for Real-Time Robust Direct Visual Odometry" (IROS 2013).
 """
 
-from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +23,8 @@ from vo_service.odometry.direct.parameters import (
     MIN_CELL_SAMPLES,
     MIN_CURVATURE_RATIO,
     MIN_SIGMA_SAMPLES,
+    MIN_SIGMAS,
     MIN_STATIC_WEIGHT,
-    SENSOR_SIGMAS,
 )
 from vo_service.odometry.direct.points import (
     HAS_SHAPE,
@@ -39,14 +38,13 @@ from vo_service.odometry.direct.points import (
     SAMPLE_OCCLUSION,
 )
 
-# The residual model: gain and offset of the keyframe's brightness, the two sigmas, and the weight
-# of brightness relative to depth.
-GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH, WEIGHT_BRIGHTNESS = range(5)
-RESIDUAL_MODEL_SIZE = 5
-# Upper bounds of the two sigmas.
+# The residual model: gain of the keyframe's brightness, the two sigmas, the weight of brightness
+# relative to depth, the noise of a pixel's inverse depth, 1/m, and the standard deviation of the
+# keyframe's brightness, gray levels.
+GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH, WEIGHT_BRIGHTNESS, DEPTH_NOISE, CONTRAST = range(6)
+RESIDUAL_MODEL_SIZE = 6
+# Upper bounds of the two sigmas, that of depth as a multiple of its noise.
 MAX_SIGMAS = (MAX_SIGMA_RATIO * INITIAL_SIGMAS[0], MAX_SIGMA_RATIO * INITIAL_SIGMAS[1])
-# Below this share of its first term the scatter of the brightness is rounding error.
-_ROUNDING = 1e-9
 # The counts: points in the image that are not occluded; points in moving regions; by weight,
 # samples with depth, and those whose depth agrees within the gate; the same of brightness;
 # occluded points.
@@ -61,13 +59,11 @@ _ROUNDING = 1e-9
 ) = range(7)
 # Largest squared residual of an inlier, in variances; larger ones are clipped to it.
 MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
-# Cost of a point whose brightness and depth are both wrong.
-MAX_POINT_COST = 2.0 * log(1.0 + MAX_SQUARED_RESIDUAL / DEGREES_OF_FREEDOM)
 
 
 @inline_kernel
 def residual_variances(residual_model: Array) -> tuple[float, float]:
-    """Variances of brightness and of depth by the residual model (5,)."""
+    """Variances of brightness and of depth by the residual model (6,)."""
     return residual_model[SIGMA_BRIGHTNESS] ** 2, residual_model[SIGMA_DEPTH] ** 2
 
 
@@ -127,42 +123,36 @@ def weigh_samples(points: Array, samples: Array, cell_weights: Array) -> Weighte
 
 
 @kernel
-def fit_affine_brightness(points: Array, weighted: WeightedSamples, residual_model: Array) -> None:
-    """Update gain, offset and sigmas of the residual model (5,) in place, by one reweighting.
+def fit_residual_model(points: Array, weighted: WeightedSamples, residual_model: Array) -> None:
+    """Update gain, offset and sigmas of the residual model (6,) in place, by one reweighting.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
         weighted: The samples of these points in a frame.
-        residual_model: (5,), in and out.
+        residual_model: (6,), in and out.
     """
     weights, costs, depth_costs = _student_costs(points, weighted, residual_model)
     # Fields of a tuple cost time in a loop.
     brightness, brightness_weight, _, depth_weight = weighted
-    n = chi = s = sk = sc = skk = skc = 0.0
+    n = chi = skk = skc = 0.0
     n_depth = chi_depth = 0.0
     for i in range(len(points)):
         n += brightness_weight[i]
         chi += costs[i]
         w, keyframe_brightness = weights[i], points[i, POINT_BRIGHTNESS]
-        s += w
-        sk += w * keyframe_brightness
-        sc += w * brightness[i]
         skk += w * keyframe_brightness * keyframe_brightness
         skc += w * keyframe_brightness * brightness[i]
         n_depth += depth_weight[i]
         chi_depth += depth_costs[i]
     if n >= MIN_SIGMA_SAMPLES:
         sigma = residual_model[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
-        residual_model[SIGMA_BRIGHTNESS] = min(max(sigma, SENSOR_SIGMAS[0]), MAX_SIGMAS[0])
-        scatter = skk - sk * sk / s
-        if scatter > _ROUNDING * skk:
-            residual_model[GAIN] = min(
-                max((skc - sk * sc / s) / scatter, GAIN_RANGE[0]), GAIN_RANGE[1]
-            )
-        residual_model[OFFSET] = (sc - residual_model[GAIN] * sk) / s
+        residual_model[SIGMA_BRIGHTNESS] = min(max(sigma, MIN_SIGMAS[0]), MAX_SIGMAS[0])
+        if skk > 0.0:
+            residual_model[GAIN] = min(max(skc / skk, GAIN_RANGE[0]), GAIN_RANGE[1])
     if n_depth >= MIN_SIGMA_SAMPLES:
         sigma = residual_model[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
-        residual_model[SIGMA_DEPTH] = min(max(sigma, SENSOR_SIGMAS[1]), MAX_SIGMAS[1])
+        noise = residual_model[DEPTH_NOISE]
+        residual_model[SIGMA_DEPTH] = min(max(sigma, MIN_SIGMAS[1] * noise), MAX_SIGMAS[1] * noise)
 
 
 @kernel
@@ -178,11 +168,11 @@ def _student_costs(
     keyframe_brightness = points[:, POINT_BRIGHTNESS]
     point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
     brightness, brightness_weight, depth, depth_weight = weighted
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    gain = residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(count):
         sample_variance = variance + point_variance[i]
-        residual = brightness[i] - gain * keyframe_brightness[i] - offset
+        residual = brightness[i] - gain * keyframe_brightness[i]
         squared = residual * residual / sample_variance
         w = brightness_weight[i] * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
         costs[i] = w * squared
@@ -203,7 +193,7 @@ def count_residuals(
     Args:
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (5,).
+        residual_model: (6,).
         cell_weights: (2, CELLS) of brightness and of depth.
     """
     counts = np.zeros(7)
@@ -229,29 +219,33 @@ def count_residuals(
 
 
 @kernel
-def robust_cost(points: Array, samples: Array, residual_model: Array, cell_weights: Array) -> float:
-    """Cost of a level's points by Student's t.
+def negative_log_likelihood(points: Array, samples: Array, residual_model: Array) -> float:
+    """Mean negative log-likelihood of the brightness plus that of the depth, up to a constant.
 
-    A point in free space of the frame has the largest cost; an occluded one has none.
+    By Student's t. Larger residuals than those of inliers cost no more, and so does a point in free
+    space of the frame; an occluded one has no cost.
 
     Args:
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (5,).
-        cell_weights: (2, CELLS) of brightness and of depth.
+        residual_model: (6,).
     """
-    cost = 0.0
     squared, squared_depth = _squared_residuals(points, samples, residual_model)
+    total = total_depth = count = count_depth = 0.0
     for i in range(len(points)):
-        cell = int(samples[i, SAMPLE_CELL])
-        if cell < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
+        if samples[i, SAMPLE_CELL] < 0 or samples[i, SAMPLE_OCCLUSION] == OCCLUDED:
             continue
         is_free_space = np.isnan(squared[i])
         if points[i, HAS_SHAPE] > 0 and (is_free_space or not np.isnan(squared_depth[i])):
-            cost += cell_weights[1, cell] * _log_cost(squared_depth[i])
+            total_depth += _log_cost(squared_depth[i])
+            count_depth += 1.0
         if points[i, HAS_TEXTURE] > 0:
-            cost += cell_weights[0, cell] * _log_cost(squared[i])
-    return cost
+            total += _log_cost(squared[i])
+            count += 1.0
+    half = 0.5 * (DEGREES_OF_FREEDOM + 1.0)
+    of_brightness = half * total / max(count, 1.0) + np.log(residual_model[SIGMA_BRIGHTNESS])
+    of_depth = half * total_depth / max(count_depth, 1.0) + np.log(residual_model[SIGMA_DEPTH])
+    return float(of_brightness + of_depth)
 
 
 @inline_kernel
@@ -268,7 +262,7 @@ def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArra
     Args:
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (5,).
+        residual_model: (6,).
     """
     is_inlier = np.zeros(len(points), np.bool_)
     variance, variance_depth = residual_variances(residual_model)
@@ -277,9 +271,7 @@ def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArra
         depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
         if np.isnan(brightness):
             continue
-        residual = (
-            brightness - residual_model[GAIN] * points[i, POINT_BRIGHTNESS] - residual_model[OFFSET]
-        )
+        residual = brightness - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
         brightness_agrees = residual * residual < MAX_SQUARED_RESIDUAL * (
             variance + points[i, POINT_BRIGHTNESS_VARIANCE]
         )
@@ -302,7 +294,7 @@ def weigh_regions(
     Args:
         points: (N, COLUMNS) of a keyframe level.
         samples: (N, COLUMNS) of these points in a frame.
-        residual_model: (5,).
+        residual_model: (6,).
         base_weights: (2, CELLS) of brightness and of depth.
     """
     means = _mean_cell_costs(points, samples, residual_model, base_weights)
@@ -358,10 +350,10 @@ def _squared_residuals(points: Array, samples: Array, residual_model: Array) -> 
     brightness, depth = samples[:, SAMPLE_BRIGHTNESS], samples[:, SAMPLE_DEPTH_RESIDUAL]
     keyframe_brightness = points[:, POINT_BRIGHTNESS]
     point_variance = points[:, POINT_BRIGHTNESS_VARIANCE]
-    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    gain = residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(count):
-        residual = brightness[i] - gain * keyframe_brightness[i] - offset
+        residual = brightness[i] - gain * keyframe_brightness[i]
         squared[i] = residual * residual / (variance + point_variance[i])
         squared_depth[i] = depth[i] * depth[i] / variance_depth
     return squared, squared_depth

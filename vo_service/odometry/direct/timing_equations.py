@@ -50,16 +50,15 @@ from vo_service.odometry.direct.points import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
     WEIGHT_BRIGHTNESS,
     residual_variances,
     student_curvature,
     student_weight,
 )
 
-# Pose (6), gain, offset, turn of the depth camera (2), readout, delay.
-NUM_UNKNOWNS = 12
-FIRST_TURN, FIRST_TIMING, NUM_TIMING = 8, 10, 2
+# Pose (6), gain, turn of the depth camera (2), readout, delay.
+NUM_UNKNOWNS = 11
+FIRST_TURN, FIRST_TIMING, NUM_TIMING = 7, 9, 2
 
 
 # Columns of the twists of a view, see `TimingView`.
@@ -129,14 +128,14 @@ def accumulate_timing(
         points: (N, COLUMNS) of the keyframe's finest level.
         samples: (N, COLUMNS) of the view.
         cell_weights: (2, CELLS).
-        residual_model: (5,), see `residuals`.
+        residual_model: (6,), see `residuals`.
         view: The view's velocities and timing.
 
     Returns:
-        (12, 12), of which the upper triangle is used, and (12,).
+        (11, 11), of which the upper triangle is used, and (11,).
     """
     H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
-    row, gain, offset = np.zeros(NUM_UNKNOWNS), residual_model[GAIN], residual_model[OFFSET]
+    row, gain = np.zeros(NUM_UNKNOWNS), residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
     # Fields of a tuple cost time in a loop.
     twists, camera_position, timing, keyframe_timing, intrinsics, height = view
@@ -152,7 +151,7 @@ def accumulate_timing(
         shares = (samples[i, SAMPLE_V] - middle_row) / height, (v_keyframe - middle_row) / height
         J_depth = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
         if points[i, HAS_TEXTURE] > 0:
-            residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
+            residual = brightness - gain * points[i, POINT_BRIGHTNESS]
             sample_variance = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
             w = student_weight(residual, sample_variance)
             w *= residual_model[WEIGHT_BRIGHTNESS] * cell_weights[0, cell]
@@ -162,13 +161,13 @@ def accumulate_timing(
             by_depth = -points[i, 2] * (
                 J[0] * camera_position[0] + J[1] * camera_position[1] + J[2] * camera_position[2]
             )
-            row[6], row[7] = -points[i, POINT_BRIGHTNESS], -1.0
+            row[6] = -points[i, POINT_BRIGHTNESS]
             linear = _fill_brightness_row(J, J_depth, by_depth, twists, shares, timings, row)
             add_residual(H, g, row, curvature, w * residual + curvature * linear)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = student_weight(depth, variance_depth) * cell_weights[1, cell]
             curvature = w * student_curvature(depth, variance_depth)
-            row[6] = row[7] = 0.0
+            row[6] = 0.0
             linear = _fill_depth_row(J_depth, twists, shares, timings, row)
             add_residual(H, g, row, curvature, w * depth + curvature * linear)
     for k in range(FIRST_TURN, FIRST_TIMING):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.alignment import IDENTITY_BRIGHTNESS, align, uniform_weights
+from vo_service.odometry.direct.alignment import align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import (
     CELL_COLUMNS,
     CELL_ROWS,
@@ -22,7 +22,7 @@ from vo_service.odometry.direct.image_pyramid import (
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import rebuild_first_keyframe
 from vo_service.odometry.direct.motion import zero_motion
-from vo_service.odometry.direct.motion_state import UNFILTERED_INNOVATION, MotionState
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
     MAX_SEARCH_STEPS_PER_FRAME,
@@ -35,10 +35,6 @@ from vo_service.odometry.direct.parameters import (
     SUFFICIENT_SEARCH_SCORE_GAIN,
 )
 from vo_service.odometry.direct.quality import TrackingResult, rejection_reason
-from vo_service.odometry.direct.residuals import (
-    SIGMA_BRIGHTNESS,
-    SIGMA_DEPTH,
-)
 from vo_service.odometry.direct.timing_equations import TimedFrame, TrackedView
 
 # A quarter of the cells, spread over the image: a tracker of the search takes its points from them.
@@ -121,8 +117,7 @@ class TimingHypothesis:
         correction: See above.
         keyframe: The keyframe, after the second frame with the camera's velocity.
         motion_state: At the last tracked frame.
-        scores: Of each frame but the first: sum of the logarithms of the residuals' sigmas; zero
-            if tracking failed.
+        scores: Of each frame but the first: its negative log-likelihood; zero if tracking failed.
         views: The tracked frames, as the equations of the timing take them.
     """
 
@@ -134,7 +129,7 @@ class TimingHypothesis:
             keyframe.T_world_keyframe,
             np.zeros(6),
             images.stamp_s,
-            IDENTITY_BRIGHTNESS,
+            1.0,
             images.mean_brightness,
             well_constrained_stamp_s=images.stamp_s,
         )
@@ -155,9 +150,9 @@ class TimingHypothesis:
         alignment = align(
             self.keyframe.points,
             images,
-            state.initial_guesses(self.keyframe.T_world_keyframe, images.stamp_s),
+            state.predict_alignment(self.keyframe.T_world_keyframe, images.stamp_s),
             prior,
-            state.predict_affine_brightness(images),
+            state.predict_gain(images, self.keyframe.images),
             uniform_weights(),
         )
         if rejection_reason(alignment):
@@ -175,12 +170,11 @@ class TimingHypothesis:
             result.T_world_camera,
             alignment.camera_velocity,
             images,
-            alignment.affine_brightness,
-            UNFILTERED_INNOVATION,
+            alignment.gain,
+            self.motion_state.normalized_innovation,
             images.stamp_s,
         )
-        model = alignment.residual_model
-        self.scores.append(float(np.log(model[SIGMA_BRIGHTNESS]) + np.log(model[SIGMA_DEPTH])))
+        self.scores.append(result.negative_log_likelihood)
         self.views.append(
             TrackedView(
                 images.stamp_s,

@@ -76,6 +76,7 @@ class RunSummary:
             "stage_ms": {name: round(ms, 3) for name, ms in statistics.stage_ms.items()},
             **_timing_json(statistics.timing),
             **_focal_json(statistics.focal_length),
+            "depth_noise_per_m": statistics.depth_noise_per_m,
             **metrics,
             **(self.loop_closure.as_json() if self.loop_closure else {}),
         }
@@ -99,6 +100,7 @@ class RunSummary:
             ("its stages", f"  {stages} ms (medians of the frames with the stage)"),
             *_timing_rows(statistics.timing),
             *_focal_rows(statistics.focal_length),
+            *_noise_rows(statistics.depth_noise_per_m),
         ]
         rows += self.evaluation.rows() if self.evaluation else []
         rows += self.loop_closure.rows() if self.loop_closure else []
@@ -144,6 +146,14 @@ def _focal_rows(focal_length: OnlineFocalLength | None) -> list[tuple[str, str]]
     if focal_length.disagreement is not None:
         text += f"; by depth {100.0 * focal_length.disagreement:+.1f} % more than by brightness"
     return [("focal length", text)]
+
+
+def _noise_rows(depth_noise_per_m: float | None) -> list[tuple[str, str]]:
+    """Return the table row of the noise of depth; none if it is not known."""
+    if depth_noise_per_m is None:
+        return []
+    at_1_m_mm, at_3_m_mm = (1e3 * depth_m**2 * depth_noise_per_m for depth_m in (1.0, 3.0))
+    return [("depth noise", f"{at_1_m_mm:6.1f} mm at 1 m, {at_3_m_mm:.1f} mm at 3 m")]
 
 
 def _focal_json(focal_length: OnlineFocalLength | None) -> dict[str, Any]:

@@ -54,8 +54,8 @@ def keyframe_of(frame: RgbdFrame) -> DirectKeyframe:
 def align_frame(
     keyframe: DirectKeyframe, images: ImagePyramid, hand: MovingCamera = STILL
 ) -> DirectAlignment:
-    initial_guesses, prior = [inverse(hand.pose_at(1.0))], UNKNOWN_MOTION
-    return align(keyframe.points, images, initial_guesses, prior, (1.0, 0.0), uniform_weights())
+    start = inverse(hand.pose_at(1.0))
+    return align(keyframe.points, images, start, UNKNOWN_MOTION, 1.0, uniform_weights())
 
 
 def view_through_lens(

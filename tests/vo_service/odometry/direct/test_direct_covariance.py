@@ -47,7 +47,7 @@ def align_frame(
 ) -> tuple[MotionUncertainty, Array]:
     """The uncertainty, and T_keyframe_camera."""
     images = build_image_pyramid(frame)
-    found = align(keyframe.points, images, [np.eye(4)], prior, (1.0, 0.0), uniform_weights())
+    found = align(keyframe.points, images, np.eye(4), prior, 1.0, uniform_weights())
     return estimate_uncertainty(keyframe.points, images, found, prior, velocity_noise), inverse(
         found.T_camera_keyframe
     )
@@ -141,7 +141,7 @@ def test_the_covariance_is_in_the_camera_axes() -> None:
         add_noise(render_view(MovingCamera(T_world_start=turned), planes=planes, paint=0.0), 1)
     )
     start = inverse(turned)
-    found = align(keyframe.points, images, [start], STATIC_PRIOR, (1.0, 0.0), uniform_weights())
+    found = align(keyframe.points, images, start, STATIC_PRIOR, 1.0, uniform_weights())
     covariance = estimate_uncertainty(
         keyframe.points, images, found, STATIC_PRIOR, CALM
     ).covariance[:3, :3]

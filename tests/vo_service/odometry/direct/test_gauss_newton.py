@@ -8,7 +8,6 @@ from drivers.core.geometry import Array
 from vo_service.odometry.direct.gauss_newton import (
     MotionPrior,
     add_motion_prior,
-    extrapolation,
     invert_cholesky,
     solve_cholesky,
 )
@@ -50,23 +49,3 @@ def test_the_prior_is_the_squared_difference_of_motion_and_prediction(
     apart[:6] -= rate_hz * step[:6]
     assert value == pytest.approx(information @ apart**2, rel=1e-6)
     np.testing.assert_array_equal(H, H.T)
-
-
-@FEW
-@given(arrays(np.float64, 15, elements=st.floats(0.1, 1.0)), st.floats(0.5, 0.59))
-def test_a_step_that_follows_the_last_one_goes_to_the_end_of_all_such_steps(
-    last: Array, ratio: float
-) -> None:
-    steps = [last * ratio**k for k in range(1, 100)]
-    np.testing.assert_allclose(
-        extrapolation(steps[0], last, 0.6) * steps[0], np.sum(steps, axis=0), rtol=1e-9
-    )
-
-
-def test_a_step_goes_no_further_than_the_limit_nor_where_the_last_one_did_not_lead() -> None:
-    last = np.arange(1.0, 16.0)
-    assert extrapolation(0.9 * last, last, 0.6) == pytest.approx(2.5)
-    assert extrapolation(0.3 * last, last, 0.6) == 1.0
-    assert extrapolation(-0.9 * last, last, 0.6) == 1.0
-    assert extrapolation(last, np.zeros(15), 0.6) == 1.0
-    assert extrapolation(0.9 * last, last, 0.0) == 1.0

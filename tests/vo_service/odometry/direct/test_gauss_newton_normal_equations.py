@@ -34,10 +34,9 @@ from vo_service.odometry.direct.points import (
 )
 from vo_service.odometry.direct.residuals import (
     GAIN,
-    OFFSET,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
-    fit_affine_brightness,
+    fit_residual_model,
     weigh_samples,
 )
 
@@ -86,7 +85,7 @@ def test_brightness_changes_as_its_jacobian_predicts(direction: Array) -> None:
 
 def sum_up(samples: Array, cell_weights: Array) -> Array:
     weighted = weigh_samples(POINTS[0], samples, cell_weights)
-    return accumulate(POINTS[0], samples, weighted, initial_residual_model())
+    return accumulate(POINTS[0], samples, weighted, initial_residual_model(IMAGES, POINTS[0]))
 
 
 def system(T: Array, points_motion: Array) -> tuple[Array, Array]:
@@ -152,16 +151,15 @@ def test_brightness_and_sigmas_are_estimated(seed: int) -> None:
     random = np.random.default_rng(seed)
     samples = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
     n = len(samples)
-    samples[:, SAMPLE_BRIGHTNESS] = 1.3 * POINTS[0][:, 3] - 12.0 + random.normal(0.0, 5.0, n)
+    samples[:, SAMPLE_BRIGHTNESS] = 1.3 * POINTS[0][:, 3] + random.normal(0.0, 5.0, n)
     samples[:, SAMPLE_DEPTH_RESIDUAL] = random.normal(0.0, 2e-3, n)
     wrong = random.uniform(size=n) < 0.05
     samples[wrong, SAMPLE_BRIGHTNESS] = 255.0
     weighted = weigh_samples(POINTS[0], samples, uniform_weights())
-    residual_model = initial_residual_model()
+    residual_model = initial_residual_model(IMAGES, POINTS[0])
     for _ in range(20):
-        fit_affine_brightness(POINTS[0], weighted, residual_model)
+        fit_residual_model(POINTS[0], weighted, residual_model)
     assert residual_model[GAIN] == pytest.approx(1.3, abs=0.04)
-    assert residual_model[OFFSET] == pytest.approx(-12.0, abs=5.0)
     # The variance of Student's t is larger than its squared sigma.
     assert 3.0 < residual_model[SIGMA_BRIGHTNESS] < 6.5
     assert 1.2e-3 < residual_model[SIGMA_DEPTH] < 2.3e-3
@@ -174,8 +172,11 @@ def test_too_few_samples_change_nothing(readings_each: int, is_enough: bool) -> 
     samples = np.asfortranarray(sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)[chosen])
     points = np.asfortranarray(POINTS[0][chosen])
     assert np.isfinite(samples[:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
-    residual_model = initial_residual_model()
+    residual_model = initial_residual_model(IMAGES, POINTS[0])
     weighted = weigh_samples(points, samples, uniform_weights())
-    fit_affine_brightness(points, weighted, residual_model)
+    fit_residual_model(points, weighted, residual_model)
     for spread in (SIGMA_BRIGHTNESS, SIGMA_DEPTH):
-        assert bool(residual_model[spread] != initial_residual_model()[spread]) is is_enough
+        assert (
+            bool(residual_model[spread] != initial_residual_model(IMAGES, POINTS[0])[spread])
+            is is_enough
+        )

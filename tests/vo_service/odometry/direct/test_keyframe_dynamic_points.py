@@ -119,9 +119,7 @@ def test_a_new_keyframe_has_no_points_on_the_dynamic_object() -> None:
     frame = add_noise(with_object(render_view(), 150, 230), 1)
     images, local_map = build_image_pyramid(frame), LocalMap()
     local_map.reset(EMPTY)
-    align_frame = align(
-        EMPTY.points, images, [np.eye(4)], STATIC_PRIOR, (1.0, 0.0), uniform_weights()
-    )
+    align_frame = align(EMPTY.points, images, np.eye(4), STATIC_PRIOR, 1.0, uniform_weights())
     found = TrackingResult(EMPTY, align_frame, STATIC_PRIOR)
     chosen = select(TrackedFrame(frame, images, found, MOTION, is_well_constrained=True), local_map)
     assert chosen.frame.depth_raw is frame.depth_raw

@@ -13,7 +13,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     add_noise,
     render_view,
 )
-from vo_service.odometry.direct.alignment import IDENTITY_BRIGHTNESS, align, uniform_weights
+from vo_service.odometry.direct.alignment import align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.keyframe import LocalMap, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import (
@@ -53,15 +53,13 @@ def good_frame(stamp_s: float, readout_s: float = 0.02) -> TrackedFrame:
         T_world_before,
         UNSTEADY.velocity,
         before_s,
-        IDENTITY_BRIGHTNESS,
+        1.0,
         128.0,
         well_constrained_stamp_s=before_s,
     )
     prior = state.motion_prior(DISTORTED.T_world_keyframe, stamp_s)
     start = inverse(UNSTEADY.pose_at(stamp_s)) @ DISTORTED.T_world_keyframe
-    align_frame = align(
-        DISTORTED.points, images, [start], prior, IDENTITY_BRIGHTNESS, uniform_weights()
-    )
+    align_frame = align(DISTORTED.points, images, start, prior, 1.0, uniform_weights())
     return TrackedFrame(
         frame,
         images,

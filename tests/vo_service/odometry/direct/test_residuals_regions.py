@@ -66,9 +66,7 @@ def with_moving_patch(frame: RgbdFrame, other: RgbdFrame) -> RgbdFrame:
 
 
 def align_frame(frame: RgbdFrame, weights: Array) -> DirectAlignment:
-    return align(
-        POINTS, build_image_pyramid(frame), [np.eye(4)], UNKNOWN_MOTION, (1.0, 0.0), weights
-    )
+    return align(POINTS, build_image_pyramid(frame), np.eye(4), UNKNOWN_MOTION, 1.0, weights)
 
 
 def in_patch(weights: Array) -> tuple[Array, Array]:
@@ -99,16 +97,15 @@ def test_without_moving_objects_all_regions_have_full_weight() -> None:
 def test_samples_without_weight_stay_without_weight() -> None:
     found = align_frame(add_noise(render_view(BRISK, 0.1), 1), depth_only_weights())
     assert not found.cell_weights[0].any()
-    assert found.cell_weights[1].mean() > 0.95
+    assert found.cell_weights[1].mean() > 0.9
     assert_close(inverse(found.T_camera_keyframe), BRISK.pose_at(0.1), 0.002, 0.05)
 
 
 def samples_at_rest() -> tuple[Array, Array]:
-    residual_model = initial_residual_model()
+    images = build_image_pyramid(add_noise(render_view(), 1))
+    residual_model = initial_residual_model(images, POINTS[0])
     residual_model[SIGMA_BRIGHTNESS], residual_model[SIGMA_DEPTH] = 3.0, 1e-3
-    return sample_points(
-        POINTS, build_image_pyramid(add_noise(render_view(), 1)), np.eye(4), zero_motion(), 0
-    ), residual_model
+    return sample_points(POINTS, images, np.eye(4), zero_motion(), 0), residual_model
 
 
 @pytest.mark.parametrize("worse_by", [15.0, 60.0, 120.0])

@@ -9,7 +9,6 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     series_exponential,
 )
 from vo_service.odometry.direct.alignment import (
-    IDENTITY_BRIGHTNESS,
     DirectAlignment,
     initial_residual_model,
 )
@@ -31,7 +30,7 @@ MOTION = MotionState(
     BRISK.pose_at(1.0),
     BRISK.velocity,
     1.0,
-    IDENTITY_BRIGHTNESS,
+    1.0,
     120.0,
     well_constrained_stamp_s=1.0,
 )
@@ -46,6 +45,11 @@ def make_result(off: Array, faster: Array) -> TrackingResult:
     )
     nothing = np.zeros((0, 0))
     alignment = DirectAlignment(
-        T_camera_keyframe, motion, initial_residual_model(), nothing, nothing, nothing
+        T_camera_keyframe,
+        motion,
+        initial_residual_model(KEYFRAME.images, KEYFRAME.points[0]),
+        nothing,
+        nothing,
+        nothing,
     )
     return TrackingResult(KEYFRAME, alignment, MOTION.motion_prior(T_WORLD_KEYFRAME, STAMP_S))

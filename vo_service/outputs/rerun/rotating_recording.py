@@ -106,6 +106,7 @@ class RotatingRecording:
                 self._last_check_s = time.monotonic()
                 self._scene.check_written(self._sink)
             if self._scene.should_rotate(self._sink):
+                self._scene.check_written(self._sink)
                 self._scene.finish()
                 self._start_scene()
         except ViewerGoneError:

@@ -13,7 +13,7 @@ from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import MEGABYTE, rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
-from drivers.core.write_errors import check_disk_space, creating, writing
+from drivers.core.write_errors import check_disk_space, creating, is_disk_full, writing
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -25,6 +25,8 @@ DATA_PORT = 9876  # Rerun's own default
 PRESENCE_TIMEOUT_S = 0.7
 # A viewer that takes longer to read what was sent is frozen, a disk that takes longer hangs.
 FLUSH_TIMEOUT_S = 5.0
+# After the first failed write Rerun writes nothing more, but its flush waits for the whole timeout.
+FLUSH_STEP_S = 0.25
 
 
 class Sink(ABC):
@@ -228,27 +230,50 @@ class RrdFileSink(Sink):
     def check(self, stream: "rr.RecordingStream") -> None:
         """Flush the file. Raises WriteError if it is gone or space is low, or BrokenFileError."""
         with writing(self._path):
-            check_disk_space(self._path.parent, RESERVE_BYTES)
-            try:
-                stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-            except RuntimeError as error:
-                raise self._broken_error(error) from error
+            self._flush(stream)
             self._flushed_bytes = self._path.stat().st_size
+            # Only now: a stream with unwritten data may block forever when it is closed.
+            check_disk_space(self._path.parent, RESERVE_BYTES)
 
     def is_full(self) -> bool:
         """Return whether the file has reached its greatest size; WriteError if it is gone."""
         with writing(self._path):
             return self._path.stat().st_size >= self._max_file_bytes
 
-    def _broken_error(self, error: RuntimeError) -> BrokenFileError:
+    def _flush(self, stream: "rr.RecordingStream") -> None:
+        """Flush the file; stop waiting as soon as the disk is full. Raises BrokenFileError."""
+        due_s = time.monotonic() + FLUSH_TIMEOUT_S
+        while True:
+            begin_s = time.monotonic()
+            try:
+                stream.flush(timeout_sec=FLUSH_STEP_S)
+                return
+            except RuntimeError as error:
+                now_s = time.monotonic()
+                has_timed_out = now_s - begin_s >= FLUSH_STEP_S
+                is_full = self._is_disk_full()
+                if has_timed_out and now_s < due_s and not is_full:
+                    continue
+                cause = "the disk is full" if is_full else f"the file cannot be written ({error})"
+                raise self._broken_error(cause) from error
+
+    def _is_disk_full(self) -> bool:
+        try:
+            check_disk_space(self._path.parent, RESERVE_BYTES)
+        except OSError as error:
+            return is_disk_full(error)
+        return False
+
+    def _broken_error(self, cause: str) -> BrokenFileError:
+        """Make the error, and end the file where it is complete."""
         # Rerun does not read a file that ends in the middle of a message.
         with suppress(OSError), self._path.open("r+b") as file:
             file.truncate(self._flushed_bytes)
             if not self._flushed_bytes:
                 self._path.unlink()
         return BrokenFileError(
-            f"{self.address}: the recording stops after {self._flushed_bytes} bytes: the file "
-            f"cannot be written ({error}); fix this and start again"
+            f"{self.address}: the recording stops after {self._flushed_bytes} bytes: {cause}; fix "
+            "this and start again"
         )
 
     def _serialize_blueprint(self, blueprint: "rrb.Blueprint") -> bytes:

@@ -32,11 +32,10 @@ def run_viewer(service: ServiceConnection) -> None:
     """
     logging.getLogger("numexpr").setLevel(logging.WARNING)  # at INFO it logs its thread count
     recording = _open_recording(service.config)
-    heartbeat = _HeartbeatThread(service)
+    heartbeat = _HeartbeatThread(service, recording)
     for message in service.messages(idle_s=CHECK_PERIOD_S):
         with heartbeat.busy():
             recording.check() if message is None else recording.log(message)
-        heartbeat.health = RerunHealth(recording.fault, recording.data_loss)
     with heartbeat.busy():
         recording.finish()
     service.send(RerunHealth(recording.fault, recording.data_loss))
@@ -52,12 +51,15 @@ def _open_recording(config: RerunWorkerConfig) -> "RotatingRecording":
 
 
 class _HeartbeatThread:
-    """Thread that sends the health to the service, also while Rerun is blocked."""
+    """Thread that sends the health to the service, also while Rerun is blocked.
 
-    def __init__(self, service: ServiceConnection) -> None:
-        self._service, self._config = service, service.config
+    It keeps the recording until the process ends: a stream that is freed waits until its data is
+    written, forever if the disk is full.
+    """
+
+    def __init__(self, service: ServiceConnection, recording: "RotatingRecording") -> None:
+        self._service, self._recording = service, recording
         self._busy_since_s = float("inf")
-        self.health = RerunHealth()
         threading.Thread(target=self._run, name="heartbeat", daemon=True).start()
 
     @contextmanager
@@ -72,6 +74,8 @@ class _HeartbeatThread:
             time.sleep(HEARTBEAT_S)
 
     def _current_health(self) -> RerunHealth:
+        health = RerunHealth(self._recording.fault, self._recording.data_loss)
         if time.monotonic() - self._busy_since_s < MAX_DRAW_S:
-            return self.health
-        return replace(self.health, fault=f"{self._config.sink.address} does not read its data")
+            return health
+        address = self._service.config.sink.address
+        return replace(health, fault=f"{address} does not read its data")

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,11 +31,12 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     read_column,
 )
 from tests.waiting import wait_until
+from vo_service.outputs.rerun import output as rerun_output
 from vo_service.outputs.rerun import rotating_recording, sinks
 from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.output import RerunOutput
 from vo_service.outputs.rerun.rotating_recording import RotatingRecording
-from vo_service.outputs.rerun.sinks import RrdFileSink
+from vo_service.outputs.rerun.sinks import BrokenFileError, RrdFileSink
 from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
@@ -207,9 +210,13 @@ def test_a_disk_that_is_full_at_the_start_is_a_fault_but_no_error(
 
 
 @pytest.mark.subprocess
-def test_a_file_that_cannot_grow_is_readable_so_far(
-    tmp_path: Path, make_large_update: Callable[[int], OdometryUpdate]
+def test_a_file_that_cannot_grow_is_readable_so_far_and_the_process_ends_by_itself(
+    tmp_path: Path,
+    make_large_update: Callable[[int], OdometryUpdate],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
+    monkeypatch.setattr(rerun_output, "CLOSE_TIMEOUT_S", 4.0)
     path = tmp_path / "out.rrd"
     # The first batch may have three updates of 2 MB.
     with limit_file_size(10_000_000):
@@ -228,9 +235,48 @@ def test_a_file_that_cannot_grow_is_readable_so_far(
         wait_until(has_written_or_stopped)
     with pytest.raises(UserFacingError, match="the recording is incomplete"):
         output.close()
+    assert "too slow" not in caplog.text
     with pytest.warns(RerunWarning, match="no footer"):
         assert count_rows(path)["/world/camera/image"] > 0
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
+
+
+class StreamOfFailedFile:
+    """A stream whose file could not be written: its flush waits `wait_s`, and then fails."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, wait_s: float) -> None:
+        self.now_s, self._wait_s = 0.0, wait_s
+        monkeypatch.setattr(sinks, "time", SimpleNamespace(monotonic=lambda: self.now_s))
+
+    def flush(self, timeout_sec: float) -> None:
+        self.now_s += min(self._wait_s, timeout_sec)
+        raise RuntimeError("no")
+
+
+@pytest.mark.parametrize(
+    ("free", "wait_s", "cause", "longest_s"),
+    [
+        (10**6, 10.0, "the disk is full", sinks.FLUSH_STEP_S),
+        (10**12, 10.0, "the file cannot be written", sinks.FLUSH_TIMEOUT_S),
+        (10**12, 0.0, "the file cannot be written", 0.0),
+    ],
+)
+def test_a_failed_file_is_waited_for_only_while_it_may_recover(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    free_bytes: list[int],
+    free: int,
+    wait_s: float,
+    cause: str,
+    longest_s: float,
+) -> None:
+    free_bytes[:] = [free]
+    (tmp_path / "out.rrd").write_bytes(b"half a message")
+    stream: Any = StreamOfFailedFile(monkeypatch, wait_s)
+    with pytest.raises(BrokenFileError, match=f"stops after 0 bytes: {cause}"):
+        RrdFileSink(tmp_path / "out.rrd").check(stream)
+    assert stream.now_s <= longest_s
+    assert (tmp_path / "out.rrd").read_bytes() == b""
 
 
 def test_a_name_that_is_not_utf8_is_one_line_and_existing_files_stay(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ class RigidTransform:
 
     def __post_init__(self) -> None:
         if abs(math.hypot(*self.quaternion_xyzw) - 1.0) > 1e-2:
-            raise ValueError("quaternion_xyzw must have length 1, as x y z w")
+            raise FieldError(("quaternion_xyzw",), "must have length 1, as x y z w")
 
     @property
     def matrix(self) -> Array:

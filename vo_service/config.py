@@ -142,7 +142,7 @@ class MountingConfig:
 
     def __post_init__(self) -> None:
         if abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) > 1e-2:
-            raise ValueError("quaternion_xyzw must have length 1, as x y z w")
+            raise FieldError(("quaternion_xyzw",), "must have length 1, as x y z w")
 
     @property
     def T_base_camera(self) -> Array:

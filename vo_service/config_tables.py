@@ -6,8 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-from drivers.core import InputError
-from drivers.core.config import FILE_NAME_IN_WORDS, FILE_NAME_PATTERN, Field
+from drivers.core.config import FILE_NAME_IN_WORDS, FILE_NAME_PATTERN, Field, FieldError
 
 # Unit of the settings whose names end in _mb, bytes.
 # A recording of the running service leaves this much of the disk free.
@@ -103,8 +102,8 @@ class ZenohConfig:
     """`[zenoh]`: publication of the poses.
 
     Raises:
-        InputError: If the prefix is not valid.
-        ValueError: If an endpoint or a frame is named twice, or a frame has no name.
+        FieldError: If the prefix is not valid, an endpoint or a frame is named twice, or a frame
+            has no name.
     """
 
     prefix: Annotated[
@@ -128,25 +127,31 @@ class ZenohConfig:
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)
-        frames = {self.map_frame_id, self.odom_frame_id, self.child_frame_id}
-        if len(frames) < 3 or "" in frames:
-            raise ValueError(
-                "map_frame_id, odom_frame_id and child_frame_id must be three different names"
-            )
+        frames: set[str] = {""}
+        for key in ("odom_frame_id", "child_frame_id", "map_frame_id"):
+            frame = getattr(self, key)
+            if frame in frames:
+                raise FieldError(
+                    (key,),
+                    f"{frame!r} is empty or the name of another frame; odom_frame_id, "
+                    "child_frame_id and map_frame_id must be three different names",
+                )
+            frames.add(frame)
         if len(set(self.listen)) < len(self.listen):
-            raise ValueError("listen has the same endpoint twice; remove one")
+            raise FieldError(("listen",), "has the same endpoint twice; remove one")
 
 
 def check_prefix(prefix: str) -> str:
     """Check a key prefix and return it.
 
     Raises:
-        InputError: If it is not a list of plain names separated by ``/``.
+        FieldError: If it is not a list of plain names separated by ``/``.
     """
     if not re.fullmatch(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*", prefix):
-        raise InputError(
+        raise FieldError(
+            ("prefix",),
             f"zenoh prefix {prefix!r}: use names of letters, digits, '_', '-', '.' separated by "
-            "single slashes, without a slash at either end, such as robot1/kinect"
+            "single slashes, without a slash at either end, such as robot1/kinect",
         )
     return prefix
 
@@ -188,9 +193,10 @@ class Ros2Config:
             ("namespace", self.namespace, "camera"),
         ):
             if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
-                raise ValueError(
-                    f"{key} {name!r} is not a valid ROS 2 {key}; use names separated by single "
-                    f"slashes, such as {example}"
+                raise FieldError(
+                    (key,),
+                    f"{name!r} is not a valid ROS 2 {key}; use names separated by single "
+                    f"slashes, such as {example}",
                 )
 
 

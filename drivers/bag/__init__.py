@@ -71,7 +71,7 @@ def open_bag(path: Path, camera_file: Path | None, named: ImageTopics | None) ->
     """
     storage = BagStorage(path)
     with open_bag_file(storage) as bag:
-        topics = find_topics(path, bag.types, named)
+        topics = find_topics(bag, named)
         contents = read_contents(bag, topics)
         is_cut_off = bag.is_cut_off
     for topic, track in ((topics.color, contents.color), (topics.depth, contents.depth)):
@@ -191,7 +191,7 @@ class _BagReader:
         if info is None:
             raise InputError(
                 f"{self.path}: no camera_info beside {image_topic}; give the camera file with "
-                "--camera"
+                "--camera-file"
             )
         return camera_from_message(info, is_rectified(image_topic), f"{self.path}: {info_topic}")
 

@@ -79,18 +79,20 @@ class BagTopics:
         return self.of_frames | {each for each in topics if each}
 
 
-def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None) -> BagTopics:
+def find_topics(bag: BagFile, named: ImageTopics | None) -> BagTopics:
     """Choose the topics.
 
     Args:
-        path: The file, for error messages.
-        types: Type of each topic.
+        bag: The open file.
         named: The topics of color and depth, if the user names them.
 
     Raises:
         InputError: A topic is missing, or there are several candidates.
     """
+    types = bag.types
     images = [topic for topic, kind in types.items() if kind in IMAGE_TYPES]
+    if not images:
+        raise InputError(f"{bag.path}: {_describe_other_topics(bag)}")
 
     def one(suffix: str, kind: str) -> str:
         return next((t for t, k in types.items() if k == kind and t.endswith(suffix)), "")
@@ -99,11 +101,11 @@ def find_topics(path: Path, types: Mapping[str, str], named: ImageTopics | None)
     frame_stamps = one("/frame_stamps", STRING)
     namespace = frame_stamps.removesuffix("/frame_stamps")
     own = [each for each in images if image_base(each) in {namespace + n for n in OWN_IMAGES}]
-    color, depth = named or _find_images(path, own if frame_stamps and own else images)
+    color, depth = named or _find_images(bag.path, own if frame_stamps and own else images)
     is_own = bool(frame_stamps) and color in own and depth in own
     for topic in (color, depth):
         if topic not in images:
-            raise InputError(f"{path}: no images at topic {topic}; {_list(images)}")
+            raise InputError(f"{bag.path}: no images at topic {topic}; {_list(images)}")
     poses = [t for t, kind in types.items() if kind in POSE_TYPES]
     return BagTopics(
         color,
@@ -182,9 +184,25 @@ def _best(
 
 
 def _list(images: list[str]) -> str:
-    if not images:
-        return "it holds no images"
     return f"name two of these with --topics COLOR DEPTH: {', '.join(sorted(images))}"
+
+
+MAX_LISTED_TOPICS = 4
+
+
+def _describe_other_topics(bag: BagFile) -> str:
+    """Describe a file without images by what it holds."""
+    topics = {**bag.unread, **bag.types}
+    if not topics:
+        return "holds no messages; is it a complete recording?"
+    likely_first = sorted(topics, key=lambda topic: ("mage" not in topics[topic], topic))
+    listed = [f"{topic} ({topics[topic]})" for topic in likely_first[:MAX_LISTED_TOPICS]]
+    if len(topics) > MAX_LISTED_TOPICS:
+        listed.append(f"{len(topics) - MAX_LISTED_TOPICS} more")
+    return (
+        f"holds no images that can be read, but {', '.join(listed)}; images are sensor_msgs/Image "
+        "or CompressedImage, in MCAP as ROS 2 writes them (encoding cdr): convert them to these"
+    )
 
 
 NS_PER_S = 1_000_000_000

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO, Self
 
 from backports import zstd
@@ -53,6 +54,7 @@ class BagFile(ABC):
         definitions: Definition of each topic's type, as far as the file has them.
         is_cut_off: The file has no end, because its writer was killed.
         is_ros1: Whether the messages are encoded as in ROS 1; otherwise they are CDR.
+        unread: Type and encoding of each topic that cannot be read.
     """
 
     is_ros1 = False
@@ -63,9 +65,10 @@ class BagFile(ABC):
         types: Mapping[str, str],
         definitions: Mapping[str, str],
         is_cut_off: bool = False,
+        unread: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.path, self.types, self.definitions = path, types, definitions
-        self.is_cut_off = is_cut_off
+        self.is_cut_off, self.unread = is_cut_off, unread
 
     @abstractmethod
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]: ...
@@ -115,7 +118,7 @@ DAMAGE_ERRORS = (Exception,)
 
 def damage_error(path: Path, error: Exception) -> InputError:
     """Make the error for a file that cannot be read, with what to do."""
-    reason = str(error) or type(error).__name__
+    reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
     if "not indexed" in reason or "index looks damaged" in reason:
         return InputError(
             f"{path}: the bag has no usable index, because it was not closed or cut off; "
@@ -135,10 +138,6 @@ def open_bag_file(storage: BagStorage) -> BagFile:
         if len({type(part) for part in parts}) > 1:
             raise InputError(f"{storage.path}: its files are of several formats; name one file")
         bag = parts[0] if len(parts) == 1 else SplitBagFile(storage.path, parts)
-        if bag.is_cut_off and not bag.types:
-            raise InputError(
-                f"{storage.path}: holds no messages of ROS 2; is it a complete MCAP file?"
-            )
         opened.pop_all()
     return bag
 
@@ -233,7 +232,9 @@ class SplitBagFile(BagFile):
         self.is_ros1 = parts[0].is_ros1
         types = ChainMap(*(dict(part.types) for part in parts))
         definitions = ChainMap(*(dict(part.definitions) for part in parts))
-        super().__init__(path, types, definitions, any(part.is_cut_off for part in parts))
+        unread = ChainMap(*(dict(part.unread) for part in parts))
+        is_cut_off = any(part.is_cut_off for part in parts)
+        super().__init__(path, types, definitions, is_cut_off, unread)
 
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
         for part in self._parts:
@@ -253,7 +254,7 @@ class McapFile(BagFile):
     def __init__(self, file: StorageFile) -> None:
         self._file: BinaryIO = file.content.open("rb")
         try:
-            schemas, is_cut_off = self._read_schemas()
+            schemas, unread, is_cut_off = self._read_channels()
         except BaseException:
             self._file.close()
             raise
@@ -264,27 +265,28 @@ class McapFile(BagFile):
             for topic, schema in schemas.items()
             if schema.encoding == "ros2msg"
         }
-        super().__init__(file.path, types, definitions, is_cut_off)
+        super().__init__(file.path, types, definitions, is_cut_off, unread)
 
-    def _read_schemas(self) -> tuple[dict[str, Schema], bool]:
-        """Return the schema of each topic in CDR, and whether the file is cut off."""
+    def _read_channels(self) -> tuple[dict[str, Schema], dict[str, str], bool]:
+        """Return topics in CDR with their schema, descriptions of others, whether it is cut off."""
         try:
             summary = make_reader(self._file).get_summary()
         except DAMAGE_ERRORS:
             summary = None
-        if summary is not None:
-            schemas, channels = summary.schemas, summary.channels.values()
-            found = {
-                each.topic: schemas[each.schema_id]
-                for each in channels
-                if each.schema_id in schemas and each.message_encoding == "cdr"
-            }
-            return found, False
-        found = {}
-        for schema, channel, _ in self._iterate_to_end(None, 0):
-            if schema is not None and channel.message_encoding == "cdr":
+        channels = (
+            ((schema, channel) for schema, channel, _ in self._iterate_to_end(None, 0))
+            if summary is None
+            else ((summary.schemas.get(c.schema_id), c) for c in summary.channels.values())
+        )
+        found, unread = {}, {}
+        for schema, channel in channels:
+            encoding = channel.message_encoding
+            if schema is not None and encoding == "cdr":
                 found[channel.topic] = schema
-        return found, True
+            else:
+                name = "no type" if schema is None else schema.name
+                unread[channel.topic] = f"{name} in the encoding {encoding or 'unknown'}"
+        return found, unread, summary is None
 
     def _messages(self, topics: Collection[str], start_ns: int) -> Iterator[Message]:
         if self.is_cut_off:

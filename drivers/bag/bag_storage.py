@@ -13,6 +13,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drivers.core import InputError
+from drivers.core.input_files import open_input
 from drivers.core.write_errors import is_disk_full
 from drivers.recording.bag_names import is_bag_file
 
@@ -127,7 +128,11 @@ def _order_parts(folder: Path, names: Collection[str]) -> list[str]:
 
 
 def _content_of(path: Path, folder: Path | None) -> Path:
-    """Return the file to read, after decompressing it into the folder."""
+    """Return the file to read, after decompressing it into the folder. Raises InputError."""
+    try:
+        open_input(path).close()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}; name another") from error
     if folder is None or path.suffix != COMPRESSED_SUFFIX:
         return path
     content = folder / path.stem

@@ -1,6 +1,8 @@
 """Cameras of a bag: intrinsics from CameraInfo, and transforms from /tf and /tf_static."""
 
+import math
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
@@ -74,17 +76,18 @@ def camera_from_message(info: Any, is_rectified: bool, location: str) -> CameraM
     """
     K, D, P = (_values(info, name) for name in "kdp")
     fx, fy, cx, cy = (P[0], P[5], P[2], P[6]) if is_rectified else (K[0], K[4], K[2], K[5])
-    if not (fx > 0 and fy > 0 and info.width and info.height):
+    fault = _find_fault(info, (fx, fy, cx, cy), [] if is_rectified else D, "KP"[is_rectified])
+    if fault:
         raise InputError(
-            f"{location}: the camera is not calibrated (its K is zero); give the camera file with "
-            "--camera"
+            f"{location}: the camera is not calibrated ({fault}); give the camera file with "
+            "--camera-file"
         )
     distortion = NO_DISTORTION
     if not is_rectified and any(D):
         if any(D[5:]) or info.distortion_model not in ("plumb_bob", "rational_polynomial", ""):
             raise InputError(
                 f"{location}: the lens model {info.distortion_model} with {len(D)} coefficients is "
-                "not supported; use the rectified images (image_rect), or give --camera FILE"
+                "not supported; use the rectified images (image_rect), or give --camera-file FILE"
             )
         k1, k2, p1, p2, k3 = [*D, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
         distortion = (k1, k2, p1, p2, k3)
@@ -94,6 +97,18 @@ def camera_from_message(info: Any, is_rectified: bool, location: str) -> CameraM
             f"{location}: {error[0]} = {error[1]}; --camera-file FILE replaces the topic"
         )
     return model
+
+
+def _find_fault(info: Any, intrinsics: Sequence[float], D: list[float], matrix: str) -> str:
+    """Return why a CameraInfo has no calibration; "" if it has one."""
+    if not (info.width and info.height):
+        return f"its size is {info.width}x{info.height}"
+    if not any(intrinsics):
+        return f"its {matrix} is zero"
+    if not all(map(math.isfinite, (*intrinsics, *D))):
+        return f"its {matrix} or D is not finite"
+    fx, fy = intrinsics[:2]
+    return "" if fx > 0 and fy > 0 else f"its focal length is {fx:g} and {fy:g}"
 
 
 def _values(info: Any, name: str) -> list[float]:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from drivers.core import InputError
+from drivers.core.input_files import read_input_text
 
 KeyPath = tuple[str, ...]
 T = TypeVar("T")
@@ -114,11 +115,12 @@ def _split_annotation(annotation: Any) -> tuple[Any, Field]:
     return annotation, spec if isinstance(spec, Field) else Field(spec)
 
 
-class FieldError(Exception):
+class FieldError(InputError):
     """A value that does not fit the field's declaration; the text has the reason and what to do.
 
     Attributes:
-        path: Names of the tables around the field and of the field; () = the whole object.
+        path: Names of the tables around the field and of the field; () = the whole object. "[1]" is
+            the second table of a list.
     """
 
     def __init__(self, path: KeyPath, reason: str) -> None:
@@ -130,8 +132,8 @@ def build_dataclass(kind: type[T], values: Mapping[str, Any], path: KeyPath = ()
     """Check parsed values of TOML or JSON and build the dataclass.
 
     Args:
-        kind: The dataclass. Its `__post_init__` may raise ValueError, InputError, or a FieldError
-            with the name of a field.
+        kind: The dataclass. Its `__post_init__` may raise a FieldError with the name of a field, or
+            a ValueError or InputError if several fields do not fit together.
         values: By name of the field: the parsed value.
         path: Names of the tables around it, for errors.
 
@@ -179,7 +181,11 @@ def _convert_sequence(kind: Any, value: Any, spec: Field, path: KeyPath) -> Any:
     expected = "a list" if length is None else f"a list of {length}"
     is_valid = isinstance(value, list) and length in (None, len(value))
     _check_type(is_valid, expected, value, spec, path)
-    return get_origin(kind)(_convert(items[0], item, spec, path) for item in value)
+    is_table = dataclasses.is_dataclass(items[0])
+    return get_origin(kind)(
+        _convert(items[0], item, spec, (*path, f"[{index}]") if is_table else path)
+        for index, item in enumerate(value)
+    )
 
 
 def _convert_number(kind: type[Any], value: Any, spec: Field, path: KeyPath) -> Any:
@@ -248,14 +254,16 @@ def suggest_name(name: str, known: Iterable[str]) -> str:
 def find_key_lines(text: str) -> dict[KeyPath, int]:
     """Find the first line (from 1) of every key and table of a valid TOML text.
 
-    `tomllib` does not give line numbers. Dotted keys are tuples.
+    `tomllib` does not give line numbers. Dotted keys are tuples; "[1]" is the second table of a
+    list.
     """
     lines: dict[KeyPath, int] = {}
     table: KeyPath = ()
+    list_lengths: dict[KeyPath, int] = {}
     for number, statement in _split_statements(text):
         parsed = tomllib.loads(statement)
         if statement.lstrip().startswith("["):
-            table = _header_path(parsed)
+            table = _header_path(parsed, list_lengths)
             paths = [table[:depth] for depth in range(1, len(table) + 1)]
         else:
             paths = [table + path for path in _key_paths(parsed)]
@@ -291,14 +299,23 @@ def _is_toml(text: str) -> bool:
     return True
 
 
-def _header_path(header: Any) -> KeyPath:
-    """Return a table's path from its parsed header, which nests exactly one key per level."""
-    path: list[str] = []
+def _header_path(header: Any, list_lengths: dict[KeyPath, int]) -> KeyPath:
+    """Return a table's path from its parsed header, which nests exactly one key per level.
+
+    Args:
+        header: The parsed header.
+        list_lengths: Number of tables in each list so far; a new one is counted.
+    """
+    path: KeyPath = ()
     while header:
         key, header = next(iter(header.items()))
-        path.append(key)
-        header = header[0] if isinstance(header, list) else header
-    return tuple(path)
+        path = (*path, key)
+        if isinstance(header, list):
+            header = header[0]
+            list_lengths[path] = list_lengths.get(path, 0) + 1
+        if path in list_lengths:
+            path = (*path, f"[{list_lengths[path] - 1}]")
+    return path
 
 
 def _key_paths(parsed: dict[str, Any]) -> Iterator[KeyPath]:
@@ -309,8 +326,8 @@ def _key_paths(parsed: dict[str, Any]) -> Iterator[KeyPath]:
 
 
 SCHEMA_VERSION = 1
-# Much longer than any TOML file of kinect-vo: a recording that is named by mistake is not loaded.
-MAX_FILE_CHARACTERS = 1_000_000
+# Much longer than any TOML file of kinect-vo.
+MAX_FILE_BYTES = 1_000_000
 
 
 def _accept(_: object) -> None:
@@ -320,19 +337,20 @@ def _accept(_: object) -> None:
 def read_toml(path: Path, kind: type[T], check: Callable[[T], None] = _accept) -> T:
     """Read a file into the dataclass `kind`. A Path is kept as it is written in the file.
 
+    Args:
+        path: The file.
+        kind: The dataclass.
+        check: A further check, which raises a FieldError.
+
     Raises:
         InputError: The file is invalid. The message is ``FILE:LINE: key `a.b`: reason; action``.
     """
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            text = file.read(MAX_FILE_CHARACTERS)
-            is_whole = not file.read(1)
-    except (OSError, UnicodeDecodeError) as error:
-        cause = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"{path}: cannot be read: {cause}; name a TOML file") from error
-    if not is_whole:
-        raise InputError(f"{path}: is too large for a TOML file; name another")
-    return parse_toml(text, str(path), kind, check)
+    return parse_toml(read_toml_text(path), str(path), kind, check)
+
+
+def read_toml_text(path: Path) -> str:
+    """Read the text of a TOML file. Raises InputError."""
+    return read_input_text(path, "name a TOML file", MAX_FILE_BYTES)
 
 
 def parse_toml(text: str, name: str, kind: type[T], check: Callable[[T], None] = _accept) -> T:
@@ -356,10 +374,16 @@ def parse_toml(text: str, name: str, kind: type[T], check: Callable[[T], None] =
         result = build_dataclass(kind, {k: v for k, v in table.items() if k != "schema"})
         check(result)
     except FieldError as error:
-        line = find_key_lines(text).get(error.path, 0)
-        key = f"key `{'.'.join(error.path)}`: " if error.path else ""
-        raise InputError(f"{name}{f':{line}' if line else ''}: {key}{error}") from error.__cause__
+        line = _nearest_line(find_key_lines(text), error.path)
+        location = f"{name}:{line}" if line else name
+        key = f"key `{'.'.join(error.path).replace('.[', '[')}`: " if error.path else ""
+        raise InputError(f"{location}: {key}{error}") from error.__cause__
     return result
+
+
+def _nearest_line(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
+    """Return the line of a key, or of the table that it is missing in; 0 without either."""
+    return next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), 0)
 
 
 def _check_schema_version(table: dict[str, Any]) -> None:

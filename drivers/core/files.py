@@ -9,11 +9,11 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from drivers.core import UserFacingError
+from drivers.core import InputError, UserFacingError
 from drivers.core.write_errors import check_in_place, writing
 
 MEGABYTE = 1_000_000
@@ -79,6 +79,18 @@ def state_folder() -> Path:
         "no folder is writable for incidents and recordings; set XDG_STATE_HOME to a writable "
         "folder"
     )
+
+
+def check_suffix(path: Path, suffixes: Sequence[str]) -> str:
+    """Return the suffix of a file to be written, in lower case.
+
+    Raises:
+        InputError: It is none of `suffixes`.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
+        raise InputError(f"{path}: the file name must end in {' or '.join(suffixes)}")
+    return suffix
 
 
 def kernel_folder() -> Path:

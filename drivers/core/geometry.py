@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.core import InputError
+from drivers.core.input_files import read_input_text
 
 Array = NDArray[np.float64]
 # Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
@@ -284,12 +285,7 @@ def read_trajectory_rows(path: Path) -> list[tuple[str, list[str]]]:
     Raises:
         InputError: The file cannot be read, or holds none.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the trajectory: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not a text file; expected lines of: {COLUMNS}") from error
+    lines = read_input_text(path, f"expected lines of: {COLUMNS}").splitlines()
     columns = [line.split("#", 1)[0].replace(",", " ").split() for line in lines]
     rows = [(f"{path}:{number}", words) for number, words in enumerate(columns, 1) if words]
     if not rows:

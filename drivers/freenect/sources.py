@@ -16,6 +16,7 @@ import numpy as np
 from drivers.camera import Clock, EndOfStream, PlaybackMode, SensorConfig
 from drivers.core import InputError, UserFacingError
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
+from drivers.core.input_files import open_input, read_input, read_input_text
 from drivers.freenect import (
     NO_BANDWIDTH_LINE,
     PACKAGE,
@@ -238,13 +239,8 @@ def check_dump_folder(folder: Path) -> None:
 
 def _read_index(folder: Path) -> list[str]:
     index = folder / INDEX_FILE
-    try:
-        lines = index.read_text(encoding="utf-8").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{index}: cannot be read ({_error_text(error)}); a dump is a folder with "
-            f"{INDEX_FILE} and the files that it names"
-        ) from error
+    advice = f"a dump is a folder with {INDEX_FILE} and the files that it names"
+    lines = read_input_text(index, advice).split("\n")
     names = lines[:-1] if lines[-1] == "" else lines
     for number, name in enumerate(names, start=1):
         if not _FILE_NAME.fullmatch(name):
@@ -271,23 +267,19 @@ def _check_file(path: Path) -> None:
 def _read_header(path: Path, pixel_bytes: int) -> bytes:
     """Read what precedes the pixels; b"" if the file is too short."""
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             size = path.stat().st_size
             return file.read(max(0, size - pixel_bytes))[:1000]
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be read ({_error_text(error)}); {INDEX_FILE} names it"
+            f"{path}: cannot be read: {error.strerror}; {INDEX_FILE} names it"
         ) from error
 
 
 def _check_unit(path: Path) -> None:
-    depth = np.frombuffer(path.read_bytes()[-PIXEL_BYTES["d"] :], dtype="<u2")
+    depth = np.frombuffer(read_input(path)[-PIXEL_BYTES["d"] :], dtype="<u2")
     if depth.max() == NO_DEPTH_RAW:
         raise InputError(
             f"{path}: holds raw 11-bit depth, as fakenect-record writes it; only a dump of "
             "registered depth in millimeters can be played"
         )
-
-
-def _error_text(error: OSError | UnicodeDecodeError) -> str:
-    return error.strerror or "" if isinstance(error, OSError) else "not a text file"

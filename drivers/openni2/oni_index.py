@@ -16,6 +16,7 @@ import numpy as np
 
 from drivers.camera import MAX_PAIR_SKEW_US
 from drivers.core import InputError
+from drivers.core.input_files import open_input
 from drivers.openni2 import SensorType
 from drivers.recording import pair_nearest
 
@@ -78,13 +79,11 @@ def read_oni_index(path: Path) -> OniIndex:
     Raises:
         InputError: If the file cannot be played to its end.
     """
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give an .oni file")
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             images = list(_read_images(file, path))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror}; give an .oni file") from error
     for sensor in SensorType:
         if not any(image.sensor is sensor for image in images):
             raise InputError(

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Annotated, Self
 
 from drivers.camera import PinholeCamera
-from drivers.core import InputError
-from drivers.core.config import Field
+from drivers.core.config import Field, FieldError
 
 KINECT_COLOR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -53,9 +52,10 @@ class Fault:
 
     def __post_init__(self) -> None:
         if self.first < 0 or self.count < 1:
-            raise InputError(f"fault {self.kind}: first must be at least 0 and count at least 1")
+            name = "first" if self.first < 0 else "count"
+            raise FieldError((name,), "first must be at least 0 and count at least 1")
         if self.kind is FaultKind.UNPLUGGED and self.seconds <= 0:
-            raise InputError("fault unplugged: seconds must be given: how long the camera is away")
+            raise FieldError(("seconds",), "must be given: how long the camera is away")
 
     def applies_to(self, index: int) -> bool:
         """Whether frame `index` is affected."""
@@ -166,7 +166,7 @@ class DynamicObjectConfig:
 
     def __post_init__(self) -> None:
         if self.begin_s >= self.end_s:
-            raise InputError(f"moving object {self.kind}: end_s must be after begin_s")
+            raise FieldError(("end_s",), "must be after begin_s")
 
 
 @dataclass(frozen=True)
@@ -209,22 +209,31 @@ class SyntheticConfig:
     def __post_init__(self) -> None:
         half_frame_s = 0.5 / self.rate_hz if self.rate_hz > 0 else 0.0
         checks = (
-            (self.seed >= 0, "seed must be at least 0"),
-            (self.rate_hz > 0, "rate_hz must be above 0"),
-            (self.duration_s * self.rate_hz >= 1, "duration_s must hold at least one frame"),
-            (min(self.camera.width, self.camera.height) >= 32, "images need at least 32 x 32"),
-            (1 <= self.depth_factor <= 10000, "depth_factor must lie in 1 .. 10000"),
-            (not (self.bare_wall and self.twin_corners), "twin_corners need all four walls"),
-            (self.texel_m >= 0.001, "texel_m must be at least 0.001"),
-            (len(self.color.distortion) == 5, "distortion needs five values: k1 k2 p1 p2 k3"),
-            (0 <= self.timing.readout_s <= 2 * half_frame_s, "readout_s must fit in one frame"),
-            (abs(self.timing.skew_s) <= half_frame_s, "skew_s must be at most half a frame"),
-            (0 <= self.color.exposure_s <= 2 * half_frame_s, "exposure_s must fit in one frame"),
-            (0 <= self.color.gain_drift < 1, "gain_drift must lie in 0 .. 1"),
+            (self.seed >= 0, "seed", "must be at least 0"),
+            (self.rate_hz > 0, "rate_hz", "must be above 0"),
+            (self.duration_s * self.rate_hz >= 1, "duration_s", "must hold at least one frame"),
+            (self.camera.width >= 32, "camera.width", "must be at least 32"),
+            (self.camera.height >= 32, "camera.height", "must be at least 32"),
+            (1 <= self.depth_factor <= 10000, "depth_factor", "must lie in 1 .. 10000"),
+            (not (self.bare_wall and self.twin_corners), "twin_corners", "needs all four walls"),
+            (self.texel_m >= 0.001, "texel_m", "must be at least 0.001"),
+            (len(self.color.distortion) == 5, "color.distortion", "needs five: k1 k2 p1 p2 k3"),
+            (
+                0 <= self.timing.readout_s <= 2 * half_frame_s,
+                "timing.readout_s",
+                "exceeds a frame",
+            ),
+            (abs(self.timing.skew_s) <= half_frame_s, "timing.skew_s", "exceeds half a frame"),
+            (
+                0 <= self.color.exposure_s <= 2 * half_frame_s,
+                "color.exposure_s",
+                "exceeds a frame",
+            ),
+            (0 <= self.color.gain_drift < 1, "color.gain_drift", "must lie in 0 .. 1"),
         )
-        for is_valid, message in checks:
+        for is_valid, key, message in checks:
             if not is_valid:
-                raise InputError(f"synthetic camera: {message}")
+                raise FieldError(tuple(key.split(".")), message)
 
     @property
     def frame_count(self) -> int:

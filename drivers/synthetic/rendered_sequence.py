@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core import CameraError, InputError
+from drivers.core.input_files import read_input
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 
@@ -87,7 +88,7 @@ def _key(config: SyntheticConfig) -> str:
         for source in sorted(sources):
             digest.update(source.read_bytes())
         if config.track is not None:
-            digest.update(config.track.read_bytes())
+            digest.update(read_input(config.track))
     except OSError as error:
         raise InputError(f"{error.filename}: cannot read it: {error.strerror}") from error
     return digest.hexdigest()[:24]

@@ -17,6 +17,7 @@ from drivers.core.geometry import (
     accelerometer_from_gravity,
     gravity_from_accelerometer,
 )
+from drivers.core.input_files import read_input, read_input_text
 from drivers.recording import (
     AccelerometerSeries,
     BgrImage,
@@ -61,7 +62,7 @@ class ListedImage(RecordedImage):
 
     def _read_bytes(self) -> bytes:
         try:
-            return self.file.read_bytes()
+            return read_input(self.file)
         except OSError as error:
             raise UnreadableFrameError(f"{self.name}: cannot be read: {error.strerror}") from error
 
@@ -109,12 +110,7 @@ def read_rows(path: Path, columns: str) -> list[tuple[int, list[str]]]:
     Raises:
         InputError: The list cannot be read, or a line has a wrong number of columns.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not a text file; expected lines of: {columns}") from error
+    lines = read_input_text(path, f"expected lines of: {columns}").splitlines()
     rows = []
     for number, line in enumerate(lines, 1):
         words = line.replace(",", " ").split()
@@ -318,4 +314,4 @@ def _check_files(pairs: list[FramePair]) -> None:
 
 
 def _missing_file(pair: FramePair) -> RecordedImage | None:
-    return next((image for image in (pair.color, pair.depth) if not image.file.is_file()), None)
+    return next((image for image in (pair.color, pair.depth) if not image.file.exists()), None)

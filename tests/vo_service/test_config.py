@@ -156,14 +156,14 @@ def test_a_wrong_key_is_reported_with_its_line(
         ("zenoh", 'odom_frame_id = ""', "must be three different names"),
         ("zenoh", 'child_frame_id = "odom"', "must be three different names"),
         ("zenoh", 'listen = ["tcp/[::1]:1", "tcp/[::1]:1"]', "the same endpoint twice"),
-        ("synthetic", "rate_hz = 0.04", "duration_s must hold at least one frame"),
+        ("synthetic", "duration_s = 0.01", "must hold at least one frame"),
     ],
 )
-def test_an_invalid_value_is_reported_with_its_table(
+def test_an_invalid_value_is_reported_with_its_key(
     tmp_path: Path, table: str, line: str, why: str
 ) -> None:
     message = mistake(tmp_path, f"schema = 1\n\n[{table}]\n{line}\n")
-    assert message.startswith(f"kinect.toml:3: key `{table}`: ")
+    assert message.startswith(f"kinect.toml:4: key `{table}.{line.partition(' =')[0]}`: ")
     assert why in message
 
 

@@ -1,5 +1,6 @@
 """``config check``: what a configuration relies on is looked at before anyone relies on it."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,14 +49,39 @@ def test_all_defaults_are_valid(tmp_path: Path) -> None:
         ('[zenoh]\nconnect = ["tpc/127.0.0.1:7450"]', "is not an endpoint"),
         ('[zenoh]\nlisten = ["serial//dev/ttyS9"]', "is not an endpoint"),
         ('[zenoh]\nlisten = ["tls/127.0.0.1:7450"]', "to listen with TLS"),
-        ('[zenoh]\nconfig_file = "/none.json5"', "/none.json5: cannot read"),
+        ('[zenoh]\nconfig_file = "/none.json5"', "/none.json5: cannot be read"),
+        ('[zenoh]\nprefix = "/a"', "zenoh prefix '/a': use names"),
+        ('[zenoh]\nmap_frame_id = "odom"', "'odom' is empty or the name of another frame"),
+        ('[zenoh]\nlisten = ["tcp/[::1]:1", "tcp/[::1]:1"]', "has the same endpoint twice"),
+        ('[ros2]\nnamespace = "/camera"', "'/camera' is not a valid ROS 2 namespace"),
+        ('[outputs]\nmcap = "a.txt"', "a.txt: the file name must end in .mcap"),
+        ('[outputs]\nextra = ["email"]', "output 'email' is unknown"),
+        ('[camera]\nsource = "bag:none.mcap"', "no recording none.mcap"),
+        ("[T_base_camera]\nquaternion_xyzw = [0, 0, 0, 2]", "must have length 1"),
+        ("[synthetic]\nduration_s = 0.01", "must hold at least one frame"),
+        ("[synthetic.color]\nexposure_s = 0.1", "exceeds a frame"),
+        ("[synthetic.timing]\nskew_s = 0.1", "exceeds half a frame"),
+        ("[synthetic.color]\ndistortion = [0, 0]", "needs five: k1 k2 p1 p2 k3"),
+        ('[synthetic]\ntrack = "none.txt"', "none.txt: cannot be read"),
+        ("[odometry]\nmethod = 'orb'", "'orb' is unknown"),
     ],
 )
-def test_each_error_is_one_line_that_names_it(tmp_path: Path, text: str, words: str) -> None:
+def test_each_error_is_one_line_with_file_line_and_key(
+    tmp_path: Path, text: str, words: str
+) -> None:
     with pytest.raises(InputError) as caught:
         check_config(config(tmp_path, text))
+    dotted = re.sub(r"\[(.*?)\](?s:.*?)(\w+) = [^=]*$", r"\1.\2", text)
+    file, line = tmp_path / "kinect.toml", 2 + text.count("\n")
+    assert str(caught.value).startswith(f"{file}:{line}: key `{dotted}`: ")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_an_error_of_a_later_table_of_a_list_has_its_own_line(tmp_path: Path) -> None:
+    fault = '[[synthetic.faults]]\nkind = "unplugged"\nfirst = 1\n'
+    with pytest.raises(InputError, match=r"toml:6: key `synthetic\.faults\[1\]\.seconds`: must be"):
+        check_config(config(tmp_path, f"{fault}seconds = 1\n{fault}"))
 
 
 def test_an_endpoint_may_have_settings_after_its_port(tmp_path: Path) -> None:

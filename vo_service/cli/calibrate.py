@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drivers import CAMERA_USAGES
 from drivers.core import InputError
+from drivers.core.files import check_suffix
 from drivers.core.write_errors import check_output_file
 from vo_service.cli.calibrate_timing import calibrate_timing, save_learnt
 from vo_service.cli.options import add_topics_option
@@ -24,7 +25,7 @@ from vo_service.tools.calibration.collect_live import (
     collect_live,
 )
 from vo_service.tools.calibration.output_files import check_camera_output, save_camera_file
-from vo_service.tools.calibration.plot import check_plot_format, write_plot
+from vo_service.tools.calibration.plot import FORMATS, write_plot
 from vo_service.tools.calibration.solver import CalibrationResult, solve_calibration
 
 EPILOG = """\
@@ -198,7 +199,7 @@ def _check_arguments(args: argparse.Namespace, output: Path) -> None:
         raise InputError(f"--views {args.views}: give 1 or more; 25 are good")
     check_camera_output(output)
     if args.picture is not None:
-        check_plot_format(args.picture)
+        check_suffix(args.picture, FORMATS)
         check_output_file(args.picture)
 
 

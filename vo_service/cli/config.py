@@ -6,14 +6,24 @@ import json
 import logging
 import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from drivers.core import InputError
-from drivers.core.config import SCHEMA_VERSION, Field, TypedField, typed_fields
-from vo_service.config import CameraConfig, Config, read_config
+from drivers.core.config import (
+    SCHEMA_VERSION,
+    Field,
+    FieldError,
+    TypedField,
+    read_toml,
+    typed_fields,
+)
+from drivers.core.files import check_suffix, check_writable
+from drivers.core.geometry import read_trajectory
+from vo_service.config import CameraConfig, Config
 from vo_service.config_tables import RecorderConfig, RerunConfig
 
 logger = logging.getLogger(__name__)
@@ -73,63 +83,76 @@ def check_config(path: Path) -> list[str]:
     Raises:
         InputError: For the first mistake, with the file.
     """
-    config = read_config(path)
-    _check_camera(config.camera, path)
-    _check_rerun(config.rerun, path)
-    _check_recorder(config.recorder, path)
-    return list(_check_zenoh(config))
+    warnings: list[str] = []
+    read_toml(path, Config, lambda config: warnings.extend(_check_parts(config)))
+    return warnings
 
 
-def _check_camera(camera: CameraConfig, path: Path) -> None:
+def _check_parts(config: Config) -> Iterator[str]:
+    """Check the files and addresses of a configuration, and yield warnings. Raises FieldError."""
+    from vo_service.outputs.zenoh.session_check import check_session_config
+
+    _check_camera(config.camera)
+    _check_rerun(config.rerun)
+    _check_recorder(config.recorder)
+    if config.synthetic.track is not None:
+        with _errors_of("synthetic", "track"):
+            read_trajectory(config.synthetic.track)
+    if config.outputs.mcap is not None:
+        with _errors_of("outputs", "mcap"):
+            check_suffix(config.outputs.mcap, [".mcap"])
+    with _errors_of("zenoh", "config_file" if config.zenoh.config_file else "listen"):
+        warning = check_session_config(config.zenoh)
+    if warning:
+        yield warning
+
+
+@contextmanager
+def _errors_of(*path: str) -> Iterator[None]:
+    """Raise an InputError of the block as one of a key."""
+    try:
+        yield
+    except FieldError:
+        raise
+    except InputError as error:
+        raise FieldError(path, str(error)) from error
+
+
+def _check_camera(camera: CameraConfig) -> None:
     kind, _, argument = camera.source.partition(":")
     if camera.file is not None and kind == "synthetic":
-        raise InputError(
-            f"{path}: key `camera.file`: the virtual Kinect has its own calibration; leave it out"
+        raise FieldError(
+            ("camera", "file"), "the virtual Kinect has its own calibration; leave it out"
         )
     if camera.file is not None:
         from drivers.calibration import read_calibration
 
-        read_calibration(camera.file)
-    is_recording = kind in ("tum", "fakenect") or argument.endswith(".oni")
-    if is_recording and not Path(argument).exists():
-        raise InputError(f"{path}: key `camera.source`: no recording {argument}; give another path")
+        with _errors_of("camera", "file"):
+            read_calibration(camera.file)
+    is_recording = kind in ("tum", "bag", "fakenect") or argument.endswith(".oni")
+    if is_recording and not (argument and Path(argument).exists()):
+        raise FieldError(("camera", "source"), f"no recording {argument}; give another path")
 
 
-def _check_rerun(rerun: RerunConfig, path: Path) -> None:
+def _check_rerun(rerun: RerunConfig) -> None:
     from vo_service.outputs.rerun.targets import check_targets
 
-    try:
+    with _errors_of("rerun", "targets"):
         check_targets(rerun.targets)
-    except InputError as error:
-        raise InputError(f"{path}: key `rerun.targets`: {error}") from error
-    for target in rerun.targets:
-        folder = Path(target).parent
-        if target.endswith(".rrd") and not folder.is_dir():
-            raise InputError(
-                f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; create it"
-            )
-    if rerun.targets and find_spec("rerun") is None:
-        raise InputError(
-            f"{path}: key `rerun.targets`: Rerun is not installed: pip install 'kinect-vo[rerun]'"
-        )
+        for target in rerun.targets:
+            folder = Path(target).parent
+            if target.endswith(".rrd") and not folder.is_dir():
+                raise InputError(f"{target}: there is no folder {folder}; create it")
+        if rerun.targets and find_spec("rerun") is None:
+            raise InputError("Rerun is not installed: pip install 'kinect-vo[rerun]'")
 
 
-def _check_recorder(recorder: RecorderConfig, path: Path) -> None:
+def _check_recorder(recorder: RecorderConfig) -> None:
     if not recorder.enabled or recorder.folder is None:
         return
-    from drivers.core.files import check_writable
-
     reason = check_writable(recorder.folder)
     if reason:
-        raise InputError(f"{path}: key `recorder.folder`: {reason}; name a writable folder")
-
-
-def _check_zenoh(config: Config) -> Iterator[str]:
-    from vo_service.outputs.zenoh.session_check import check_session_config
-
-    warning = check_session_config(config.zenoh)
-    if warning:
-        yield warning
+        raise FieldError(("recorder", "folder"), f"{reason}; name a writable folder")
 
 
 REFERENCE_COMMAND = "kinect-vo config reference"

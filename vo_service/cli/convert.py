@@ -42,14 +42,15 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         UserFacingError: If the recording cannot be read, or the output not be written.
     """
+    output_format = choose_format(args.output, args.format)
     recording = open_and_announce(args, args.camera_file)
     log_implausible(recording)
-    written = _convert(args, recording)
-    print(f"{written} frames in {args.output} ({choose_format(args.output, args.format)})")
+    written = _convert(recording, args.output, output_format)
+    print(f"{written} frames in {args.output} ({output_format})")
     return 0
 
 
-def _convert(args: argparse.Namespace, recording: Recording) -> int:
+def _convert(recording: Recording, output: Path, output_format: OutputFormat) -> int:
     """Convert until the end; a stop request raises KeyboardInterrupt and leaves nothing."""
     terminal = Terminal()
     with stop_on_signals() as stop:
@@ -58,6 +59,6 @@ def _convert(args: argparse.Namespace, recording: Recording) -> int:
             stop.check()
             terminal.progress("converting: frame", count, len(recording.frames.pairs))
 
-        written = convert(recording, args.output, choose_format(args.output, args.format), progress)
+        written = convert(recording, output, output_format, progress)
     terminal.clear()
     return written

@@ -31,6 +31,7 @@ from vo_service.config import Config, read_config
 from vo_service.frame_source import make_publish_clock
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
+from vo_service.tools.convert import OutputFormat, choose_format
 
 if TYPE_CHECKING:  # its packages are optional
     from drivers.bag.mcap_recorder import McapRecorder
@@ -132,15 +133,15 @@ def _write_frames(
 def _check_output(args: argparse.Namespace) -> None:
     """Raise InputError if the options do not fit the kind of output."""
     suffix = args.output.suffix.lower()
-    if suffix == MCAP_SUFFIX:
-        check_bag_packages(args.output)
-        if args.jpeg and args.raw:
-            raise InputError("--jpeg and --raw contradict each other; leave one of the two out")
-    elif is_bag_file(args.output.name):
+    if suffix != MCAP_SUFFIX and is_bag_file(args.output.name):
         raise InputError(
             f"{args.output}: bags are not recorded live; record an .mcap and use `kinect-vo "
             "convert`"
         )
+    if choose_format(args.output, None) is OutputFormat.MCAP:
+        check_bag_packages(args.output)
+        if args.jpeg and args.raw:
+            raise InputError("--jpeg and --raw contradict each other; leave one of the two out")
     elif args.raw:
         raise InputError("--raw is for FILE.mcap; a folder without --jpeg is lossless")
 

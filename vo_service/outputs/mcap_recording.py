@@ -16,9 +16,9 @@ from drivers.bag.bag_writer import EncodedMessage
 from drivers.bag.frame_writer import BASE_FRAME, NAMESPACE, WORLD_FRAME
 from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PlaybackMode
-from drivers.core import InputError, UserFacingError
+from drivers.core import UserFacingError
 from drivers.core.bounded_trajectory import SampledPath
-from drivers.core.files import rotate_file
+from drivers.core.files import check_suffix, rotate_file
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
@@ -72,8 +72,7 @@ def open_mcap_recording(
         InputError: No file can have this name, or it exists in lockstep.
         WriteError: The file cannot be written.
     """
-    if path.suffix.lower() != SUFFIX:
-        raise InputError(f"{path}: is no MCAP file; name a file that ends in {SUFFIX}")
+    check_suffix(path, [SUFFIX])
     if playback_mode is PlaybackMode.LOCKSTEP:
         create = partial(McapRecorder, path, is_base_estimated=True)
         return McapOutput(path, create, BlockingQueue(2), ground_truth, LOCKSTEP_CLOSE_TIMEOUT_S)

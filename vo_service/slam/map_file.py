@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.core import InputError
 from drivers.core.files import atomic_file
+from drivers.core.input_files import open_input
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import MapKeyframe
 from vo_service.slam.map_arrays import (
@@ -107,9 +108,7 @@ def _deserialize(data: bytes) -> MapContents:
 def _read_verified(path: Path) -> bytes:
     """Read and verify the data after the header. Raises InputError."""
     try:
-        if not path.is_file():
-            raise InputError(f"{path}: no such file; {REMEDY}")
-        with path.open("rb") as file:
+        with open_input(path) as file:
             header, size = file.read(HEADER.size), os.fstat(file.fileno()).st_size
             digest = _check_header(path, header, size)
             data = file.read(size - HEADER.size)

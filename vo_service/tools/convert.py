@@ -3,6 +3,7 @@
 import errno
 import heapq
 import logging
+import re
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drivers.calibration import CameraCalibration
 from drivers.core import InputError
+from drivers.core.files import check_suffix
 from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, Vector
 from drivers.core.write_errors import WriteError
 from drivers.recording import (
@@ -34,7 +36,7 @@ from drivers.recording.frames import (
     calibration_of_frame,
     encode_image,
 )
-from drivers.recording_camera import FrameReader, check_bag_packages
+from drivers.recording_camera import BAG_SUFFIXES, FrameReader, check_bag_packages
 from drivers.tum.writer import TumWriter
 
 if TYPE_CHECKING:  # its packages are optional
@@ -53,7 +55,9 @@ class OutputFormat(StrEnum):
     ROS2 = "ros2"
 
 
-FORMATS_BY_SUFFIX = {".mcap": OutputFormat.MCAP, ".bag": OutputFormat.ROS1}
+SUFFIXES = {OutputFormat.MCAP: ".mcap", OutputFormat.ROS1: ".bag"}
+# As of files (.mp4, .zip), and not as in folders' names that end in a time or a size (10.30, 1.5m).
+_FILE_SUFFIX = re.compile(r"\.[a-z][a-z0-9]{0,4}")
 
 
 class StoredFrame(NamedTuple):
@@ -135,16 +139,19 @@ def choose_format(path: Path, requested: str | None) -> OutputFormat:
     """Return the requested format, or that of the path's suffix; else a folder.
 
     Raises:
-        InputError: The requested format has a suffix, and the path has another one.
+        InputError: The path has the suffix of another format; or, if none is requested, that of a
+            file of no known format.
     """
-    by_suffix = FORMATS_BY_SUFFIX.get(path.suffix.lower(), OutputFormat.FOLDER)
-    if requested is None:
-        return by_suffix
-    suffixes = {each: suffix for suffix, each in FORMATS_BY_SUFFIX.items()}
-    output_format = OutputFormat(requested)
-    if output_format in suffixes and output_format is not by_suffix:
-        suffix = suffixes[output_format]
-        raise InputError(f"{path}: a file in the format {output_format} must end in {suffix}")
+    suffix = path.suffix.lower()
+    by_suffix = next((kind for kind in SUFFIXES if SUFFIXES[kind] == suffix), OutputFormat.FOLDER)
+    output_format = by_suffix if requested is None else OutputFormat(requested)
+    if output_format in SUFFIXES:
+        check_suffix(path, [SUFFIXES[output_format]])
+    elif suffix in BAG_SUFFIXES or (requested is None and _FILE_SUFFIX.fullmatch(suffix)):
+        raise InputError(
+            f"{path}: would be a folder, but {suffix} is the suffix of a file; name FILE.mcap, or "
+            "a folder without suffix"
+        )
     return output_format
 
 

@@ -1,5 +1,6 @@
 """Bags of ROS 1 and ROS 2, as robots record them."""
 
+import dataclasses
 import sqlite3
 import sys
 from collections.abc import Callable
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import mcap.writer
 import numpy as np
 import pytest
 from rosbags.typesys import get_types_from_msg
@@ -325,7 +327,9 @@ def test_a_bag_without_images_is_refused(tmp_path: Path) -> None:
         bag.write("/chatter", "std_msgs/msg/String", k, bag.maker.make("std_msgs/msg/String", "hi"))
 
     assert complaint(make_bag(tmp_path / "a", fill)) == (
-        "BAG: no topic of color images; it holds no images"
+        "BAG: holds no images that can be read, but /chatter (std_msgs/msg/String); images are "
+        "sensor_msgs/Image or CompressedImage, in MCAP as ROS 2 writes them (encoding cdr): "
+        "convert them to these"
     )
     path = make_bag(tmp_path / "b", write_color)
     assert complaint(path).startswith(
@@ -392,6 +396,57 @@ def test_a_lens_model_that_is_not_browns_is_refused(tmp_path: Path) -> None:
     assert "the lens model rational_polynomial with 8" in complaint(make_bag(tmp_path / "a", fill))
 
 
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"k": np.zeros(9)}, "its K is zero"),
+        ({"k": np.array([np.nan, 0, 32, 0, 500, 24, 0, 0, 1])}, "its K or D is not finite"),
+        ({"k": np.array([500, 0, np.inf, 0, 500, 24, 0, 0, 1])}, "its K or D is not finite"),
+        ({"d": np.array([np.nan, 0, 0, 0, 0])}, "its K or D is not finite"),
+        ({"k": np.array([-500.0, 0, 32, 0, 500, 24, 0, 0, 1])}, "its focal length is -500 and 500"),
+        ({"width": 0}, "its size is 0x48"),
+    ],
+)
+def test_a_camera_info_without_calibration_is_refused_with_the_reason(
+    tmp_path: Path, change: dict[str, Any], fault: str
+) -> None:
+    def fill(bag: BagWriter, k: int) -> None:
+        t = stamp_ns(k)
+        info = dataclasses.replace(bag.maker.info(t), **change)
+        bag.write(INFO_TOPIC, INFO, t, info)
+        bag.write(COLOR_TOPIC, IMAGE, t, bag.maker.image(t, color_image(k), "bgr8"))
+        bag.write(DEPTH_TOPIC, IMAGE, t, bag.maker.image(t, depth_mm(k), "16UC1"))
+
+    assert complaint(make_bag(tmp_path / "a", fill)) == (
+        f"BAG: {INFO_TOPIC}: the camera is not calibrated ({fault}); give the camera file with "
+        "--camera-file"
+    )
+
+
+@pytest.mark.parametrize(
+    ("encoding", "is_whole"), [("ros1", True), ("json", True), ("json", False)]
+)
+def test_an_mcap_of_other_encodings_names_them(
+    tmp_path: Path, encoding: str, is_whole: bool
+) -> None:
+    path = tmp_path / "a.mcap"
+    writer = mcap.writer.Writer(str(path))
+    writer.start()
+    schema = writer.register_schema("sensor_msgs/Image", "ros1msg", b"")
+    channels = [writer.register_channel("/rgb/image", encoding, schema)]
+    channels += [writer.register_channel(f"/a{n}", encoding, 0) for n in range(5)]
+    for channel in channels:
+        writer.add_message(channel, log_time=1, publish_time=1, data=b"{}")
+    writer.finish()  # type: ignore[no-untyped-call]
+    if not is_whole:
+        path.write_bytes(path.read_bytes()[:-300])
+    assert complaint(path).startswith(
+        "BAG: holds no images that can be read, but "
+        f"/rgb/image (sensor_msgs/Image in the encoding {encoding}), "
+        f"/a0 (no type in the encoding {encoding}), "
+    )
+
+
 def test_a_damaged_ros1_bag_is_one_clear_line(tmp_path: Path) -> None:
     path = make_bag(tmp_path / "a.bag", kind="bag")
     data = path.read_bytes()
@@ -416,7 +471,7 @@ def test_an_mcap_that_was_cut_off_is_read_up_to_its_last_chunk(tmp_path: Path) -
     assert 0 < len(frames) < whole
     np.testing.assert_array_equal(frames[-1].color_bgr, color_image(len(frames) - 1))
     file.write_bytes(data[:20])
-    assert "holds no messages of ROS 2" in complaint(file)
+    assert complaint(file) == "BAG: holds no messages; is it a complete recording?"
 
 
 def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

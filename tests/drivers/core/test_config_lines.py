@@ -20,6 +20,9 @@ inline = { p = 1, q = { r = 2 } }
 key = 3
 [[rows]]
 key = 1
+[[rows]]
+[rows.sub]
+key = 2
 '''
 
 
@@ -42,5 +45,9 @@ def test_every_key_has_its_line() -> None:
         ("table", "sub"): 17,
         ("table", "sub", "key"): 18,
         ("rows",): 19,
-        ("rows", "key"): 20,
+        ("rows", "[0]"): 19,
+        ("rows", "[0]", "key"): 20,
+        ("rows", "[1]"): 21,
+        ("rows", "[1]", "sub"): 22,
+        ("rows", "[1]", "sub", "key"): 23,
     }

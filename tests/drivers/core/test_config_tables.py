@@ -170,12 +170,12 @@ def test_an_unreadable_file_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read_toml(tmp_path / "none.toml", Room)
     (tmp_path / "latin.toml").write_bytes(b"name = '\xe9'")
-    with pytest.raises(InputError, match="it is not UTF-8 text"):
+    with pytest.raises(InputError, match=r"latin.toml:1: is not UTF-8 text"):
         read_toml(tmp_path / "latin.toml", Room)
 
 
 def test_a_file_without_end_is_refused() -> None:
-    with pytest.raises(InputError, match="/dev/zero: is too large for a TOML file; name another"):
+    with pytest.raises(InputError, match="/dev/zero: cannot be read: it is a device, not"):
         read_toml(Path("/dev/zero"), Room)
 
 

@@ -84,7 +84,7 @@ def test_comments_blank_lines_commas_and_a_byte_order_mark_are_skipped(tmp_path:
         ("1 0 1e300 0 0 0 0 1\n", "FILE:1: stamps must be in seconds and positions in meters"),
         ("", "FILE: holds no pose; expected lines of: stamp tx ty tz qx qy qz qw"),
         ("# only a comment\n", "FILE: holds no pose"),
-        (b"\xff\xfe1\x00", "FILE: is not a text file"),
+        (b"# \xe9\n1 0", "FILE:1: is not UTF-8 text (invalid continuation byte)"),
     ],
 )
 def test_errors_are_reported_with_their_line(
@@ -94,10 +94,10 @@ def test_errors_are_reported_with_their_line(
 
 
 def test_a_missing_file_and_a_folder_are_rejected(tmp_path: Path) -> None:
-    for path, cause in ((tmp_path / "gone.txt", "No such file"), (tmp_path, "Is a directory")):
+    for path, cause in ((tmp_path / "gone.txt", "No such file"), (tmp_path, "it is a folder")):
         with pytest.raises(InputError) as caught:
             read_trajectory(path)
-        assert str(caught.value).startswith(f"{path}: cannot read the trajectory: {cause}")
+        assert str(caught.value).startswith(f"{path}: cannot be read: {cause}")
 
 
 @given(st.binary(max_size=200))

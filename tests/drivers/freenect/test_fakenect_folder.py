@@ -36,7 +36,7 @@ def no_line(folder: Path) -> None:
         (lambda folder: (folder / "INDEX.txt").write_text("d-1.5-2.pgm\n"), "INDEX.txt names it"),
         (lambda folder: (folder / "INDEX.txt").write_text("rgb/1.png\n"), "INDEX.txt:1: 'rgb/1"),
         (lambda folder: (folder / "INDEX.txt").write_text(""), "names no depth image"),
-        (lambda folder: (folder / "INDEX.txt").write_bytes(b"\xff\xfe"), "cannot be read"),
+        (lambda folder: (folder / "INDEX.txt").write_bytes(b"\xff"), "is not UTF-8"),
         (lambda folder: first(folder, "r").write_bytes(b"P6\n12"), "not one line of text"),
         (no_line, "not one line of text"),
         (lambda folder: first(folder, "a").unlink(), "cannot be read"),

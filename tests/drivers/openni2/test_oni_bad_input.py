@@ -23,11 +23,13 @@ def complaint(path: Path, camera_file: Path | None = None) -> str:
 
 def test_missing_file(tmp_path: Path) -> None:
     missing = tmp_path / "none.oni"
-    assert complaint(missing) == f"{missing}: cannot be read: No such file or directory"
+    cause = "No such file or directory; give an .oni file"
+    assert complaint(missing) == f"{missing}: cannot be read: {cause}"
 
 
 def test_folder(tmp_path: Path) -> None:
-    assert complaint(tmp_path) == f"{tmp_path}: is a folder; give an .oni file"
+    cause = "it is a folder, not a file; give an .oni file"
+    assert complaint(tmp_path) == f"{tmp_path}: cannot be read: {cause}"
 
 
 @pytest.mark.parametrize("content", [b"", b"junk", b"\0" * 100, b"NI10", b"%PDF-1.7" * 20])

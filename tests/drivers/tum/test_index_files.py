@@ -81,7 +81,7 @@ def test_a_list_that_cannot_be_read_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read_image_list(tmp_path / "rgb.txt")
     (tmp_path / "rgb.txt").write_bytes(b"\x89PNG\xff")
-    with pytest.raises(InputError, match="is not a text file"):
+    with pytest.raises(InputError, match=r"rgb.txt:1: is not UTF-8 text"):
         read_image_list(tmp_path / "rgb.txt")
 
 

@@ -244,7 +244,7 @@ MISTAKES = {
     "no views": (["--camera", "freenect", "--views", "0"], "--views 0: give 1 or more"),
     "virtual": (["--camera", "synthetic"], "never shows a board"),
     "camera": (["--camera", "kinekt"], "camera 'kinekt' is unknown"),
-    "print": (["--print-board", "board.doc"], "the file name must end in .pdf, .svg, .png"),
+    "print": (["--print-board", "board.doc"], "the file name must end in .pdf or .svg or .png"),
 }
 
 

@@ -132,7 +132,7 @@ def test_a_full_map_is_a_warning_and_still_written(
         (("--max-depth-m", "-1"), "--max-depth-m: -1 is not a length"),
         (("--rerun", "nowhere"), "rerun target 'nowhere'"),
         (("--output", "/proc/no/such"), "/proc/no/such: cannot be written"),
-        (("nowhere.txt",), "nowhere.txt: cannot read the trajectory"),
+        (("nowhere.txt",), "nowhere.txt: cannot be read"),
     ],
 )
 def test_command_line_errors_are_one_line(

@@ -132,7 +132,7 @@ def test_an_existing_file_is_kept(tmp_path: Path, make_update: MakeUpdate) -> No
     output.on_update(make_update(0))
     output.close()
     assert (tmp_path / "a-0001.mcap").read_bytes() == before
-    with pytest.raises(InputError, match=r"is no MCAP file; name a file that ends in \.mcap"):
+    with pytest.raises(InputError, match=r"the file name must end in \.mcap"):
         open_mcap_recording(tmp_path / "a.bag", REALTIME)
 
 

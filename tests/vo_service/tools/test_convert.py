@@ -263,9 +263,9 @@ def test_a_format_is_read_whatever_the_name(copy_recording: CopyRecording, tmp_p
 def test_a_name_that_could_not_be_read_is_refused(
     copy_recording: CopyRecording, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=r"a.bag: a file in the format mcap must end in .mcap"):
+    with pytest.raises(InputError, match=r"a.bag: the file name must end in .mcap"):
         choose_format(Path("a.bag"), "mcap")
-    with pytest.raises(InputError, match=r"a: a file in the format ros1 must end in .bag"):
+    with pytest.raises(InputError, match=r"a: the file name must end in .bag"):
         choose_format(Path("a"), "ros1")
     folder = copy_recording()
     for name in ("a#b", "a%20b", "a?b"):

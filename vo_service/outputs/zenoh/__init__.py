@@ -18,6 +18,8 @@ from typing import Any
 import zenoh
 
 from drivers.core import InputError, UserFacingError
+from drivers.core.config import FieldError
+from drivers.core.input_files import open_input, read_input_text
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
 
 logger = logging.getLogger(__name__)
@@ -182,12 +184,7 @@ def read_zenoh_config(path: Path) -> zenoh.Config:
         InputError: The configuration or one of its files cannot be read.
     """
     try:
-        settings = zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        cause = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(
-            f"{path}: cannot read the Zenoh configuration: {cause}; name a JSON5 file"
-        ) from error
+        settings = zenoh.Config.from_json5(read_input_text(path, "name a JSON5 file"))
     except zenoh.ZError as error:
         raise InputError(
             f"{path}{_line_and_reason(str(error))}; compare it with the examples in config/zenoh"
@@ -215,7 +212,7 @@ def _resolve_file(name: str, config: Path, key: str) -> Path:
     candidates = [folder / name for folder in folders]  # `name` itself if it is absolute
     file = next((path for path in candidates if path.exists()), candidates[-1])
     try:
-        file.open("rb").close()
+        open_input(file).close()
     except OSError as error:
         searched = " or ".join(dict.fromkeys(str(path.parent) for path in candidates))
         raise InputError(
@@ -269,6 +266,10 @@ def open_session(config: ZenohConfig, max_message_bytes: int = MAX_MESSAGE_BYTES
         for marker, (error_type, clause, advice) in _TRANSIENT_ERRORS.items():
             if marker in str(error):
                 endpoint = _endpoint_in_error(str(error)) or endpoints
+                own, alternative = "zenoh.listen", ", or use --no-publish"
+                if not config.listen:  # a router, whose file has the addresses
+                    own, alternative = f"listen.endpoints in {config.config_file}", ""
+                advice = advice.format(listen=own, alternative=alternative)
                 raise error_type(clause.format(endpoint), advice) from error
         raise InputError(f"zenoh cannot use {endpoints}: {_format_error(error)}") from error
 
@@ -317,17 +318,17 @@ _TRANSIENT_ERRORS = {
     "Address already in use": (
         ZenohPortInUseError,
         "cannot listen on {}: the port is in use, probably by another kinect-vo",
-        "stop the other one, set zenoh.listen to a free port, or use --no-publish",
+        "stop the other one, set {listen} to a free port{alternative}",
     ),
     "Cannot assign requested address": (
         ZenohUnavailableError,
         "cannot listen on {}: this computer does not have that address now",
-        "set zenoh.listen to an address that it has",
+        "set {listen} to an address that it has",
     ),
     "failed to lookup address": (
         ZenohUnavailableError,
         "cannot listen on {}: the name has no address now",
-        "set zenoh.listen to an address of this computer",
+        "set {listen} to an address of this computer",
     ),
     "Unable to connect to any": (
         ZenohUnavailableError,
@@ -380,7 +381,9 @@ def _set_value(settings: zenoh.Config, key: str, value: object) -> None:
         settings.insert_json5(key, json.dumps(value))
     except zenoh.ZError:
         # Zenoh's error names its own source files.
-        raise _endpoint_error(f"zenoh.{key.split('/')[0]} = {json.dumps(value)}") from None
+        name = key.split("/")[0]
+        text = str(_endpoint_error(f"zenoh.{name} = {json.dumps(value)}"))
+        raise FieldError(("zenoh", name), text) from None
 
 
 def check_endpoint(endpoint: str) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import zenoh
 
 from drivers.core import InputError
+from drivers.core.config import FieldError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
 from vo_service.outputs.zenoh import (
     ENCRYPTED_PROTOCOLS,
@@ -31,13 +32,22 @@ def check_session_config(config: ZenohConfig) -> str:
         A warning about allowed but dangerous settings, one clause; "" if there are none.
 
     Raises:
+        FieldError: An endpoint of the configuration is invalid.
         InputError: A setting is invalid.
     """
     settings = build_zenoh_config(config)
     where = str(config.config_file or "zenoh")
     listen, connect = (configured_endpoints(settings, key) for key in ("listen", "connect"))
-    for endpoint in (*listen, *connect):
-        _check_endpoint(endpoint, where)
+    for key, own, endpoints in (
+        ("listen", config.listen, listen),
+        ("connect", config.connect, connect),
+    ):
+        for endpoint in endpoints:
+            fault = _find_endpoint_fault(endpoint)
+            if fault and endpoint in own:
+                raise FieldError(("zenoh", key), fault)
+            if fault:
+                raise InputError(f"{where}: {fault}")
     _check_tls_keys(settings, where, listen, connect)
     _check_rules(settings, where)
     exposed = exposed_endpoints(listen, requires_client_certificates(settings))
@@ -47,15 +57,17 @@ def check_session_config(config: ZenohConfig) -> str:
     return f"{where}: {open_to_all}; docs/guide/remote-access.md"
 
 
-def _check_endpoint(text: str, where: str) -> None:
+def _find_endpoint_fault(text: str) -> str:
+    """Return why a text is not an endpoint; "" if it is one."""
     if text.partition("/")[0] == _SOCKET_FILE_PROTOCOL:
-        return
+        return ""
     endpoint = parse_endpoint(text)
-    if endpoint.protocol not in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) or int(endpoint.port) > 65535:
-        raise InputError(
-            f"{where}: {json.dumps(text)} is not an endpoint; write PROTOCOL/ADDRESS:PORT, such as "
-            f"{DEFAULT_ENDPOINT} or tls/robot1.local:7451"
-        )
+    if endpoint.protocol in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) and int(endpoint.port) <= 65535:
+        return ""
+    return (
+        f"{json.dumps(text)} is not an endpoint; write PROTOCOL/ADDRESS:PORT, such as "
+        f"{DEFAULT_ENDPOINT} or tls/robot1.local:7451"
+    )
 
 
 def _check_rules(settings: zenoh.Config, where: str) -> None:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import Distortion
-from drivers.core import InputError
-from drivers.core.files import atomic_write
+from drivers.core.files import atomic_write, check_suffix
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.core.write_errors import check_output_file
 
@@ -217,14 +216,11 @@ def print_board(board: Board, path: Path) -> str:
     Raises:
         InputError: The suffix is not a known format, or the file cannot be written.
     """
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: the file name must end in {', '.join(FORMATS)}")
+    suffix = check_suffix(path, FORMATS)
     check_output_file(path)
     name, size_mm = choose_paper(board)
     image = io.BytesIO()
-    _draw(board, size_mm).savefig(
-        image, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH
-    )
+    _draw(board, size_mm).savefig(image, format=suffix.removeprefix("."), dpi=DOTS_PER_INCH)
     atomic_write(path, image.getvalue())
     return name
 

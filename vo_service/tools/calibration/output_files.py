@@ -6,6 +6,7 @@ from drivers.calibration import CameraCalibration, format_calibration
 from drivers.camera_yaml import YAML_SUFFIXES
 from drivers.core import InputError
 from drivers.core.files import atomic_write
+from drivers.core.input_files import read_input
 from drivers.core.write_errors import check_output_file
 
 
@@ -40,6 +41,6 @@ def save_with_backup(path: Path, data: bytes) -> Path | None:
     backup = None
     if path.exists():
         backup = path.with_name(f"{path.name}.bak")
-        atomic_write(backup, path.read_bytes())
+        atomic_write(backup, read_input(path))
     atomic_write(path, data)
     return backup

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.core import InputError
-from drivers.core.files import atomic_write
+from drivers.core.files import atomic_write, check_suffix
 from drivers.core.geometry import Array
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
@@ -33,17 +32,11 @@ ARROW_LENGTH_RATIO = 0.025
 MAX_RESIDUAL_SIGMAS = 2.5
 
 
-def check_plot_format(path: Path) -> None:
-    """Raise InputError for an unknown suffix."""
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")
-
-
 def write_plot(path: Path, calibration: CalibrationResult) -> None:
     """Write the figure. Raises InputError for an unknown suffix, WriteError for the disk."""
-    check_plot_format(path)
+    suffix = check_suffix(path, FORMATS)
     image = io.BytesIO()
-    draw_plot(calibration).savefig(image, format=path.suffix.lower().removeprefix("."), dpi=110)
+    draw_plot(calibration).savefig(image, format=suffix.removeprefix("."), dpi=110)
     atomic_write(path, image.getvalue())
 
 

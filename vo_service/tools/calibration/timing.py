@@ -14,7 +14,7 @@ from drivers.calibration import (
     kinect_timing,
     read_calibration,
 )
-from drivers.core.config import find_key_lines, parse_toml
+from drivers.core.config import find_key_lines, parse_toml, read_toml_text
 from vo_service.sensor_memory import RememberedSensor
 from vo_service.tools.calibration.output_files import save_with_backup
 
@@ -168,9 +168,7 @@ def save_timing(
         UserFacingError: The disk fails; the existing file is then unchanged.
     """
     before = (
-        path.read_text(encoding="utf-8-sig")
-        if path.exists()
-        else f"# {heading}\n{format_calibration(fallback)}"
+        read_toml_text(path) if path.exists() else f"# {heading}\n{format_calibration(fallback)}"
     )
     camera = parse_toml(before, str(path), CameraCalibration)
     values = file_values(changes)

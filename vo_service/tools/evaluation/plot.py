@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivers.core import InputError
-from drivers.core.files import atomic_write
+from drivers.core.files import atomic_write, check_suffix
 from drivers.core.geometry import (
     MAX_STAMP_DIFFERENCE_S,
     Array,
@@ -52,12 +51,11 @@ def write_plot(
             name.
         WriteError: The file cannot be written.
     """
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path}: the file name must end in {' or '.join(FORMATS)}")
+    suffix = check_suffix(path, FORMATS)
     check_output_file(path)
     figure = draw_plot(trajectory, truth, title, max_difference_s)
     image = io.BytesIO()
-    figure.savefig(image, format=path.suffix.lower().removeprefix("."))
+    figure.savefig(image, format=suffix.removeprefix("."))
     atomic_write(path, image.getvalue())
 
 

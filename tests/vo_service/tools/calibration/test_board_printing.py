@@ -75,7 +75,7 @@ def test_the_smallest_suitable_paper_is_named(layout: BoardLayout, name: str) ->
 
 def test_another_format_or_a_missing_folder_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"board\.gif: the file name must end in \.pdf, \.svg, \.png"
+        InputError, match=r"board\.gif: the file name must end in \.pdf or \.svg or \.png"
     ):
         print_board(CHESSBOARD, tmp_path / "board.gif")
     with pytest.raises(InputError, match="there is no folder"):

@@ -65,6 +65,14 @@ def test_without_a_board_there_are_no_corners(board: Board) -> None:
     assert not len(board.find_corners(smooth).pixels)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_noise_is_neither_a_board_of_few_corners_nor_another_board(seed: int) -> None:
+    noise = np.random.default_rng(seed).integers(0, 256, (15, 20), dtype=np.uint8)
+    image = np.asarray(cv2.resize(noise, (320, 240), interpolation=cv2.INTER_CUBIC), np.uint8)
+    assert not len(Chessboard(BoardLayout(4, 4, 0.035)).find_corners(image).pixels)
+    assert CHESSBOARD.suggest_other_board(image) == ""
+
+
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
 def test_a_board_too_far_away_has_no_corners(board: Board) -> None:
     T = rigid_transform(np.eye(3), [-0.17, -0.12, 4.0])

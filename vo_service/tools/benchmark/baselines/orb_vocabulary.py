@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core import InputError
+from drivers.core.input_files import open_input
 
 # Children of a node and levels of the tree, as ORB-SLAM3's own vocabulary has 10 and 6.
 BRANCHES, LEVELS = 10, 4
@@ -52,7 +53,7 @@ def read_vocabulary_file(path: Path) -> VocabularyFile:
         InputError: The file cannot be read, is truncated, or is not a vocabulary in text format.
     """
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             fault = _find_fault(file)
             file.seek(0)
             digest = hashlib.file_digest(file, "sha256").hexdigest()

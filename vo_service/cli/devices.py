@@ -21,7 +21,7 @@ A sensor without a driver, such as a Kinect v2, is listed as not supported.
 """
 NO_SENSOR_MESSAGE = """\
 no sensor on the USB: plug one in, with its own power supply if it has one;
-`kinect-vo doctor` shows details. Without a sensor: --camera synthetic"""
+`kinect-vo doctor` shows details. Without a sensor: kinect-vo run --camera synthetic"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

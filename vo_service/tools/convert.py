@@ -36,7 +36,7 @@ from drivers.recording.frames import (
     calibration_of_frame,
     encode_image,
 )
-from drivers.recording_camera import BAG_SUFFIXES, FrameReader, check_bag_packages
+from drivers.recording_camera import FrameReader, check_bag_packages
 from drivers.tum.writer import TumWriter
 
 if TYPE_CHECKING:  # its packages are optional
@@ -139,15 +139,15 @@ def choose_format(path: Path, requested: str | None) -> OutputFormat:
     """Return the requested format, or that of the path's suffix; else a folder.
 
     Raises:
-        InputError: The path has the suffix of another format; or, if none is requested, that of a
-            file of no known format.
+        InputError: The requested format has a suffix, and the path has another one; or none is
+            requested, and the path has the suffix of some other file.
     """
     suffix = path.suffix.lower()
     by_suffix = next((kind for kind in SUFFIXES if SUFFIXES[kind] == suffix), OutputFormat.FOLDER)
     output_format = by_suffix if requested is None else OutputFormat(requested)
     if output_format in SUFFIXES:
         check_suffix(path, [SUFFIXES[output_format]])
-    elif suffix in BAG_SUFFIXES or (requested is None and _FILE_SUFFIX.fullmatch(suffix)):
+    elif requested is None and _FILE_SUFFIX.fullmatch(suffix):
         raise InputError(
             f"{path}: would be a folder, but {suffix} is the suffix of a file; name FILE.mcap, or "
             "a folder without suffix"

@@ -11,7 +11,7 @@ import pytest
 from vo_service.cli import COMMANDS, make_parser
 
 ROOT = Path(__file__).parents[3]
-OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*[a-z]")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*[a-z0-9]")
 # Commands that print the messages below a path. For other paths one command with the option is
 # enough.
 RECORDING_COMMANDS = ("replay", "convert", "reconstruct", "compare", "calibrate", "run", "record")
@@ -23,6 +23,7 @@ PRINTED_BY = {
     "drivers/openni2/": ("run", "record", "calibrate", "doctor"),
     "drivers/core/files.py": ("compare", "demo", "reconstruct"),
     "vo_service/outputs/zenoh/": ("run", "replay"),
+    "vo_service/cli/devices.py": ("run", "record", "calibrate", "doctor"),  # a list for these
     "vo_service/tools/benchmark/": ("compare",),
     "vo_service/tools/calibration/": ("calibrate",),
     "vo_service/tools/doctor/": ("doctor",),
@@ -30,7 +31,7 @@ PRINTED_BY = {
     "vo_service/cli/calibrate_timing.py": ("calibrate",),
     "vo_service/cli/reconstruct_pipeline.py": ("reconstruct",),
     "vo_service/cli/loop_closure_options.py": ("replay", "reconstruct"),
-    **{f"vo_service/cli/{name.replace('-', '_')}.py": (name,) for name in COMMANDS},
+    **{f"vo_service/cli/{n.replace('-', '_')}.py": (n,) for n in COMMANDS if n != "devices"},
 }
 
 
@@ -57,9 +58,8 @@ def texts(tree: ast.AST) -> Iterator[str]:
                 if isinstance(child, ast.Constant) and isinstance(child.value, str):
                     yield child.value
         if isinstance(node, ast.JoinedStr):
-            yield "".join(
-                part.value if isinstance(part, ast.Constant) else "{}" for part in node.values
-            )
+            parts = [p.value if isinstance(p, ast.Constant) else "{}" for p in node.values]
+            yield "".join(map(str, parts))
 
 
 def named_options(path: str) -> Iterator[tuple[str, tuple[str, ...]]]:

@@ -1,7 +1,10 @@
 """Whatever a user gets wrong is one clear line and a code that is not 0."""
 
+import os
 import shutil
 import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -60,6 +63,11 @@ def truncate(folder: Path) -> None:
     first(folder, "rgb").write_bytes(data[: len(data) // 2])
 
 
+def make_pipe(folder: Path) -> None:
+    first(folder, "rgb").unlink()
+    os.mkfifo(first(folder, "rgb"))
+
+
 def write_image(folder: Path, kind: str, shape: tuple[int, ...], dtype: type) -> None:
     assert cv2.imwrite(str(first(folder, kind)), np.ones(shape, dtype))
 
@@ -86,6 +94,11 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
     "first truncated": (truncate, "rgb/0.000000.png: is truncated"),
     "first no image": (lambda f: first(f, "depth").write_text("hi"), "000000.png: is not an image"),
     "first empty": (lambda f: first(f, "rgb").write_text(""), "0.000000.png: is empty (0 bytes)"),
+    "first a pipe": (make_pipe, "rgb/0.000000.png: cannot be read: it is a pipe, not a file"),
+    "Latin-1 list": (
+        lambda f: (f / "rgb.txt").write_bytes(b"# k\xfcche\n0 rgb/a.png\n"),
+        "rgb.txt:1: is not UTF-8 text (invalid start byte); expected lines of: stamp file",
+    ),
     "8-bit depth": (
         lambda f: write_image(f, "depth", (240, 320), np.uint8),
         "depth/0.000000.png: depth has 8 bits and 1 channel(s), where 16 bits",
@@ -132,6 +145,82 @@ def test_an_invalid_folder_is_reported_and_an_existing_trajectory_is_kept(
     )
     assert_one_line(outcome, InputError.exit_code, message)
     assert kept.read_text() == "precious\n"
+
+
+def test_a_pipe_among_the_images_is_skipped_and_blocks_nothing(
+    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording(lists=True)
+    image = sorted((folder / "rgb").iterdir())[5]
+    image.unlink()
+    os.mkfifo(image)
+    outcome = run_in_process(capfd, "replay", folder, "--no-publish")
+    assert outcome.code == 0
+    assert f"{image}: cannot be read: it is a pipe, not a file" in outcome.err
+
+
+# Each names the pipe PIPE, PIPE.mcap or PIPE.oni, where the command expects a file; REC is a
+# recording.
+PIPES = (
+    "replay PIPE.mcap",
+    "replay REC --config PIPE",
+    "replay REC --camera-file PIPE",
+    "convert PIPE.bag out",
+    "record --camera bag:PIPE.mcap out",
+    "record --camera openni2:PIPE.oni out",
+    "evaluate PIPE REC",
+    "evaluate REC/groundtruth.txt PIPE",
+    "reconstruct REC PIPE",
+    "config check PIPE",
+    "listen --config-file PIPE",
+    "router PIPE",
+    "compare REC --orb-vocabulary PIPE --methods orb-slam3",
+)
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("command", PIPES)
+def test_a_pipe_for_a_file_is_refused_and_not_waited_for(
+    command: str,
+    copy_recording: CopyRecording,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for suffix in ("", ".mcap", ".bag", ".oni"):
+        os.mkfifo(tmp_path / f"PIPE{suffix}")
+    copy_recording(name="REC")
+    monkeypatch.chdir(tmp_path)
+    outcome = run_in_process(capfd, *command.split())
+    assert_one_line(outcome, InputError.exit_code, "it is a pipe, not a file; ")
+
+
+@pytest.mark.parametrize("list_name", ["rgb.txt", "depth.txt", "groundtruth.txt", "camera.toml"])
+def test_a_list_in_utf16_is_read(
+    list_name: str, copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording(lists=True)
+    (folder / list_name).write_text((folder / list_name).read_text(), "utf-16")
+    assert run_in_process(capfd, "replay", folder, "--no-publish").code == 0
+
+
+@pytest.mark.parametrize("name", ["x.mp4", "y.db3"])
+def test_a_recording_is_not_made_under_the_name_of_another_file(
+    name: str, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for command in (("record", "--camera", f"tum:{recording}"), ("convert", recording)):
+        outcome = run_in_process(capfd, *command, tmp_path / name)
+        assert (outcome.code, len(outcome.err.splitlines())) == (InputError.exit_code, 1)
+        assert f"{name}: " in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.subprocess
+def test_python_m_vo_service_is_the_command() -> None:
+    program = [sys.executable, "-m", "vo_service", "replai"]
+    ended = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert ended.returncode == InputError.exit_code
+    assert "invalid choice: 'replai'" in ended.stderr
 
 
 @pytest.mark.subprocess

@@ -267,6 +267,11 @@ def test_a_name_that_could_not_be_read_is_refused(
         choose_format(Path("a.bag"), "mcap")
     with pytest.raises(InputError, match=r"a: the file name must end in .bag"):
         choose_format(Path("a"), "ros1")
+    for name in ("y.db3", "x.MP4", "x.tar.gz"):
+        with pytest.raises(InputError, match=r"is the suffix of a file; name FILE.mcap"):
+            choose_format(Path(name), None)
+    for name in ("desk", "2026-11-26T10.30.05", "shelf_1.5m", ".hidden"):
+        assert choose_format(Path(name), None) is OutputFormat.FOLDER
     folder = copy_recording()
     for name in ("a#b", "a%20b", "a?b"):
         with pytest.raises(InputError, match=r"a ROS 2 bag cannot have %, \? or # in its path"):

@@ -285,7 +285,7 @@ def read_trajectory_rows(path: Path) -> list[tuple[str, list[str]]]:
     Raises:
         InputError: The file cannot be read, or holds none.
     """
-    lines = read_input_text(path, f"expected lines of: {COLUMNS}").splitlines()
+    lines = read_input_text(path, f"give a text file with lines of: {COLUMNS}").splitlines()
     columns = [line.split("#", 1)[0].replace(",", " ").split() for line in lines]
     rows = [(f"{path}:{number}", words) for number, words in enumerate(columns, 1) if words]
     if not rows:

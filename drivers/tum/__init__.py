@@ -110,7 +110,7 @@ def read_rows(path: Path, columns: str) -> list[tuple[int, list[str]]]:
     Raises:
         InputError: The list cannot be read, or a line has a wrong number of columns.
     """
-    lines = read_input_text(path, f"expected lines of: {columns}").splitlines()
+    lines = read_input_text(path, f"give a text file with lines of: {columns}").splitlines()
     rows = []
     for number, line in enumerate(lines, 1):
         words = line.replace(",", " ").split()

@@ -183,7 +183,7 @@ def test_a_missing_file_is_one_line(half: Path, capfd: Capture, swapped: bool) -
     files = [half, half.parent / "gone.txt"]
     outcome = run_in_process(capfd, "evaluate", *(reversed(files) if swapped else files))
     assert (outcome.code, outcome.out) == (2, "")
-    assert "gone.txt: cannot be read: No such file or directory; expected lines" in outcome.err
+    assert "gone.txt: cannot be read: No such file or directory; give a text file" in outcome.err
 
 
 def test_an_unwritable_figure_is_one_line(

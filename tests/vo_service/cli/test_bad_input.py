@@ -97,7 +97,7 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
     "first a pipe": (make_pipe, "rgb/0.000000.png: cannot be read: it is a pipe, not a file"),
     "Latin-1 list": (
         lambda f: (f / "rgb.txt").write_bytes(b"# k\xfcche\n0 rgb/a.png\n"),
-        "rgb.txt:1: is not UTF-8 text (invalid start byte); give a text file with lines of: stamp file",
+        "rgb.txt:1: is not UTF-8 text (invalid start byte); give a text file with lines of: stamp",
     ),
     "8-bit depth": (
         lambda f: write_image(f, "depth", (240, 320), np.uint8),

@@ -55,7 +55,7 @@ class Fault:
             name = "first" if self.first < 0 else "count"
             raise FieldError((name,), "first must be at least 0 and count at least 1")
         if self.kind is FaultKind.UNPLUGGED and self.seconds <= 0:
-            raise FieldError(("seconds",), "must be given: how long the camera is away")
+            raise FieldError(("seconds",), "seconds must be given: how long the camera is away")
 
     def applies_to(self, index: int) -> bool:
         """Whether frame `index` is affected."""
@@ -166,7 +166,7 @@ class DynamicObjectConfig:
 
     def __post_init__(self) -> None:
         if self.begin_s >= self.end_s:
-            raise FieldError(("end_s",), "must be after begin_s")
+            raise FieldError(("end_s",), "end_s must be after begin_s")
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ class SyntheticConfig:
         )
         for is_valid, key, message in checks:
             if not is_valid:
-                raise FieldError(tuple(key.split(".")), message)
+                raise FieldError(tuple(key.split(".")), f"{key} {message}")
 
     @property
     def frame_count(self) -> int:

@@ -113,10 +113,10 @@ DEPTH_TEXT = format_calibration(
     [
         ("fx = 580.0", 'fx = "580"', 'camera.toml:16: key `depth.fx`: "580" is the wrong type'),
         ("scale = 1.0", "scale = 3.0", "camera.toml:21: key `depth.scale`: 3.0 is out of range"),
-        ("fy = 579.0", "", "camera.toml: key `depth.fy`: is missing; add `fy = ...`"),
+        ("fy = 579.0", "", "camera.toml:13: key `depth.fy`: is missing; add `fy = ...`"),
         ("scale", "scales", "camera.toml:21: key `depth.scales`: is unknown; did you mean `scale`"),
         ("[-0.025,", "[-25.0,", "camera.toml:24: key `depth.T_color_depth.translation_m`: -25"),
-        ("0.0, 1.0]", "0.0, 2.0]", "camera.toml:23: key `depth.T_color_depth`: quaternion_xyzw mu"),
+        ("0.0, 1.0]", "0.0, 2.0]", "camera.toml:25: key `depth.T_color_depth.quaternion_xyzw`: mu"),
     ],
 )
 def test_a_mistake_in_the_depth_table_is_named_by_its_line(old: str, new: str, line: str) -> None:

@@ -80,7 +80,9 @@ def test_each_error_is_one_line_with_file_line_and_key(
 
 def test_an_error_of_a_later_table_of_a_list_has_its_own_line(tmp_path: Path) -> None:
     fault = '[[synthetic.faults]]\nkind = "unplugged"\nfirst = 1\n'
-    with pytest.raises(InputError, match=r"toml:6: key `synthetic\.faults\[1\]\.seconds`: must be"):
+    with pytest.raises(
+        InputError, match=r"toml:6: key `synthetic\.faults\[1\]\.seconds`: seconds must be"
+    ):
         check_config(config(tmp_path, f"{fault}seconds = 1\n{fault}"))
 
 

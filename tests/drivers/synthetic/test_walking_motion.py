@@ -134,5 +134,5 @@ def key(solid: Solid) -> tuple[float, ...]:
 
 
 def test_aliased_corners_need_all_four_walls() -> None:
-    with pytest.raises(InputError, match="twin_corners need all four walls"):
+    with pytest.raises(InputError, match="twin_corners needs all four walls"):
         SyntheticConfig(twin_corners=True, bare_wall=True)

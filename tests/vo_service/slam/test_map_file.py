@@ -122,8 +122,8 @@ def test_another_file_is_rejected_as_a_map(tmp_path: Path, data: bytes) -> None:
 
 
 def test_a_missing_or_irregular_file_is_rejected(tmp_path: Path) -> None:
-    assert "no such file" in load_error(tmp_path / "nowhere.map")
-    assert "no such file" in load_error(tmp_path)
+    assert "No such file" in load_error(tmp_path / "nowhere.map")
+    assert "it is a folder" in load_error(tmp_path)
 
 
 def test_another_version_is_refused(saved: Path) -> None:

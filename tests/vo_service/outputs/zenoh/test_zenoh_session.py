@@ -117,5 +117,5 @@ def test_a_broken_file_is_reported(tmp_path: Path, content: str) -> None:
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot read the Zenoh configuration"):
+    with pytest.raises(InputError, match="cannot be read: No such file"):
         open_session(ZenohConfig(config_file=tmp_path / "zenoh.json5"))

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from drivers.core import InputError
+from drivers.core.input_files import read_input_text
 
 YAML_SUFFIXES = (".yaml", ".yml")
-MAX_FILE_CHARACTERS = 1_000_000
+MAX_FILE_BYTES = 1_000_000
 # ORB-SLAM2's and ORB-SLAM3's prefixes.
 ORB_SLAM_PREFIXES = ("Camera1.", "Camera.")
 DEPTH_FACTOR_KEYS = ("RGBD.DepthMapFactor", "DepthMapFactor", "depth_factor")
@@ -50,11 +51,7 @@ def _parse(path: Path) -> dict[str, Any]:
     """Parse with OpenCV, which wants a header and lists that are further right than their key."""
     import cv2
 
-    try:
-        text = path.read_text(encoding="utf-8-sig")[:MAX_FILE_CHARACTERS]
-    except (OSError, UnicodeDecodeError) as error:
-        cause = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"{path}: cannot be read: {cause}; name a camera file") from error
+    text = read_input_text(path, "name a camera file", MAX_FILE_BYTES)
     has_header = text.startswith("%YAML")
     header = "" if has_header else "%YAML:1.0\n"
     text = re.sub(r"(?m)^( *)- ", r"\1  - ", text.replace("\t", " "))

@@ -30,6 +30,7 @@ from drivers.core.geometry import (
     parse_pose,
     read_trajectory_rows,
 )
+from drivers.core.input_files import read_input_text
 
 # Of files without stamps: all that are read are of sensors with this rate.
 ASSUMED_RATE_HZ = 30
@@ -116,7 +117,7 @@ def _is_nanoseconds(word: str) -> bool:
 
 
 def _read_nanoseconds(path: Path, rows: Sequence[Row]) -> TrajectoryFile:
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    lines = read_input_text(path, "name a trajectory").splitlines()
     has_commas = any("," in line.split("#", 1)[0] for line in lines)
     order = (0, 1, 2, 3, 5, 6, 7, 4) if has_commas else range(8)
     poses = []

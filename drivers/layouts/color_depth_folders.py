@@ -10,6 +10,7 @@ import numpy as np
 from drivers.calibration import NO_DISTORTION, CameraCalibration
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
+from drivers.core.input_files import read_input_text
 from drivers.core.trajectory_files import read_trajectory_file
 from drivers.layouts.contents import (
     AT_30_HZ,
@@ -121,11 +122,12 @@ def _find_camera(folder: Path) -> tuple[CameraCalibration, str]:
     files = sorted(each for each in folder.glob("*.json") if re.search("intrinsic", each.name))
     if not files:
         return PRIMESENSE_CAMERA, "the camera of PrimeSense (assumed): 525 525 319.5 239.5"
+    text = read_input_text(files[0], "restore it, or give a camera file")
     try:
-        parsed = json.loads(files[0].read_text(encoding="utf-8-sig"))
+        parsed = json.loads(text)
         size = (int(parsed["width"]), int(parsed["height"]))
         K = np.array(parsed["intrinsic_matrix"], np.float64).reshape(3, 3).T  # column by column
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{files[0]}: is not a camera of Open3D, with width, height and intrinsic_matrix; "
             "restore it, or give a camera file"

@@ -16,6 +16,7 @@ from drivers.calibration import (
 )
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse
+from drivers.core.input_files import read_input_text
 from drivers.layouts.contents import (
     AT_30_HZ,
     FolderContents,
@@ -77,10 +78,7 @@ def read_info(file: Path) -> tuple[CameraCalibration, DepthCameraCalibration | N
     Raises:
         InputError: A key is missing or is not what it should be; the message names it.
     """
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: cannot be read; restore it, or give a camera file") from error
+    lines = read_input_text(file, "restore it, or give a camera file").splitlines()
     pairs = [line.split("=", 1) for line in lines if "=" in line]
     values = {key.strip(): value.split() for key, value in pairs}
 

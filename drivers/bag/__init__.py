@@ -71,7 +71,7 @@ def open_bag(path: Path, camera_file: Path | None, named: ImageTopics | None) ->
     """
     storage = BagStorage(path)
     with open_bag_file(storage) as bag:
-        topics = find_topics(bag, named)
+        topics = find_topics(path, bag, named)
         contents = read_contents(bag, topics)
         is_cut_off = bag.is_cut_off
     for topic, track in ((topics.color, contents.color), (topics.depth, contents.depth)):

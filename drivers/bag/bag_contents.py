@@ -79,10 +79,11 @@ class BagTopics:
         return self.of_frames | {each for each in topics if each}
 
 
-def find_topics(bag: BagFile, named: ImageTopics | None) -> BagTopics:
+def find_topics(path: Path, bag: BagFile, named: ImageTopics | None) -> BagTopics:
     """Choose the topics.
 
     Args:
+        path: The recording, for error messages.
         bag: The open file.
         named: The topics of color and depth, if the user names them.
 
@@ -92,7 +93,7 @@ def find_topics(bag: BagFile, named: ImageTopics | None) -> BagTopics:
     types = bag.types
     images = [topic for topic, kind in types.items() if kind in IMAGE_TYPES]
     if not images:
-        raise InputError(f"{bag.path}: {_describe_other_topics(bag)}")
+        raise InputError(f"{path}: {_describe_other_topics(bag)}")
 
     def one(suffix: str, kind: str) -> str:
         return next((t for t, k in types.items() if k == kind and t.endswith(suffix)), "")
@@ -101,11 +102,11 @@ def find_topics(bag: BagFile, named: ImageTopics | None) -> BagTopics:
     frame_stamps = one("/frame_stamps", STRING)
     namespace = frame_stamps.removesuffix("/frame_stamps")
     own = [each for each in images if image_base(each) in {namespace + n for n in OWN_IMAGES}]
-    color, depth = named or _find_images(bag.path, own if frame_stamps and own else images)
+    color, depth = named or _find_images(path, own if frame_stamps and own else images)
     is_own = bool(frame_stamps) and color in own and depth in own
     for topic in (color, depth):
         if topic not in images:
-            raise InputError(f"{bag.path}: no images at topic {topic}; {_list(images)}")
+            raise InputError(f"{path}: no images at topic {topic}; {_list(images)}")
     poses = [t for t, kind in types.items() if kind in POSE_TYPES]
     return BagTopics(
         color,

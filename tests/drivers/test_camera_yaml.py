@@ -118,7 +118,7 @@ def test_a_missing_depth_factor_is_millimeters_with_a_warning_or_the_recordings(
         (ROS.replace(", 0, 0, 1]", "]"), "FILE: key `camera_matrix`: has 6 numbers; give 9"),
         (ROS.replace("  data: [5", "  date: [5"), "FILE: key `camera_matrix`: is not a matrix"),
         (ROS.replace("image_height: 480\n", ""), "FILE: key `image_height` is missing"),
-        (b"\xff\xfe", "FILE: cannot be read: it is not UTF-8 text"),
+        (b"# \xff", "FILE:1: is not UTF-8 text"),
     ],
 )
 def test_faults_name_the_key(tmp_path: Path, text: str | bytes, expected: str) -> None:

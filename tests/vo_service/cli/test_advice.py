@@ -12,6 +12,7 @@ from vo_service.cli import COMMANDS, make_parser
 
 ROOT = Path(__file__).parents[3]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*[a-z0-9]")
+OTHER_PROGRAMS = r"systemctl|groupadd|ScanNet's \.sens"
 # Commands that print the messages below a path. For other paths one command with the option is
 # enough.
 RECORDING_COMMANDS = ("replay", "convert", "reconstruct", "compare", "calibrate", "run", "record")
@@ -20,6 +21,7 @@ PRINTED_BY = {
     "drivers/recording": RECORDING_COMMANDS,
     "drivers/tum/": RECORDING_COMMANDS,
     "drivers/calibration.py": RECORDING_COMMANDS,
+    "drivers/layouts/": RECORDING_COMMANDS,
     "drivers/openni2/": ("run", "record", "calibrate", "doctor"),
     "drivers/core/files.py": ("compare", "demo", "reconstruct"),
     "vo_service/outputs/zenoh/": ("run", "replay"),
@@ -66,7 +68,7 @@ def named_options(path: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield each option in the messages of a file, with the commands that must have it."""
     printers = next((found for part, found in PRINTED_BY.items() if path.startswith(part)), ())
     for text in texts(ast.parse((ROOT / path).read_text())):
-        own_text = re.sub(r"\b(systemctl|groupadd) [^;]*", "", text)
+        own_text = re.sub(rf"\b({OTHER_PROGRAMS}) [^;]*", "", text)
         if " " not in own_text.strip():
             continue  # an argument of another program, or a declaration
         for sentence in re.split(r"(?=kinect-vo [a-z-]+)|[;()\n`]", own_text):

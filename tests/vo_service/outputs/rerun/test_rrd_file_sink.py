@@ -276,7 +276,7 @@ def test_a_failed_file_is_waited_for_only_while_it_may_recover(
     with pytest.raises(BrokenFileError, match=f"stops after 0 bytes: {cause}"):
         RrdFileSink(tmp_path / "out.rrd").check(stream)
     assert stream.now_s <= longest_s
-    assert (tmp_path / "out.rrd").read_bytes() == b""
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_name_that_is_not_utf8_is_one_line_and_existing_files_stay(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ class FrameFault:
 FRAME_FAULTS = (
     FrameFault("black", FaultKind.BLACK, 8, "degraded", "degenerate view"),
     FrameFault("darkness", FaultKind.DARK, 8, "degraded", "degenerate view"),
-    FrameFault("noise", FaultKind.NOISE, 8, "lost", "the brightness changed too much"),
+    FrameFault("noise", FaultKind.NOISE, 8, "lost", "the brightness does not fit"),
     FrameFault("frozen", FaultKind.FROZEN, 8, "tracking"),
     FrameFault("torn", FaultKind.TORN, 8, "tracking"),
     FrameFault("same stamp again", FaultKind.STAMP_REPEAT, 8, "", dropped_frames=8),

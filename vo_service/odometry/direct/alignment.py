@@ -121,7 +121,13 @@ def depth_only_weights() -> Array:
 
 
 def initial_residual_model(images: ImagePyramid, points: Array, gain: float = 1.0) -> Array:
-    """(6,) residual model of a frame before the first step."""
+    """(6,) residual model of a frame before the first step.
+
+    Args:
+        images: The frame.
+        points: (N, COLUMNS) of the keyframe's finest level.
+        gain: Initial ratio of the frame's brightness to the keyframe's.
+    """
     residual_model = np.empty(RESIDUAL_MODEL_SIZE)
     residual_model[GAIN] = gain
     residual_model[SIGMA_BRIGHTNESS] = INITIAL_SIGMAS[0]

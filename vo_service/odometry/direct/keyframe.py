@@ -278,7 +278,13 @@ def _classify_surface(
 def find_dynamic_blocks(
     blocks: DepthBlocks, states: BlockStates, noise: float
 ) -> NDArray[np.bool_]:
-    """(rows, columns) blocks in free space and of dynamic surfaces, with a margin of one block."""
+    """(rows, columns) blocks in free space and of dynamic surfaces, with a margin of one block.
+
+    Args:
+        blocks: (rows, columns) inverse depth, 1/m.
+        states: (rows, columns) by the views of other keyframes.
+        noise: Of the inverse depth of a pixel, 1/m.
+    """
     rows, columns = blocks.shape
     is_dynamic_block = np.zeros((rows, columns), np.bool_)
     is_visited = blocks <= 0.0

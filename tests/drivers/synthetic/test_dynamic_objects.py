@@ -125,5 +125,5 @@ def test_moving_objects_are_the_same_in_every_renderer(shared_renderer: Renderer
 
 
 def test_an_end_before_the_beginning_is_rejected() -> None:
-    with pytest.raises(InputError, match="moving object parcel: end_s must be after begin_s"):
+    with pytest.raises(InputError, match="end_s must be after begin_s"):
         replace(PARCEL, end_s=0.0)

@@ -118,7 +118,7 @@ def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"duration_s": 0.0}, "duration_s"),
         ({"depth_factor": 0.0}, "depth_factor"),
-        ({"timing": ShutterTiming(skew_s=0.02)}, "skew_s must be at most half a frame"),
+        ({"timing": ShutterTiming(skew_s=0.02)}, "timing.skew_s exceeds half a frame"),
         ({"timing": ShutterTiming(readout_s=0.05)}, "readout_s"),
         ({"color": ColorSensorModel(distortion=(0.1,))}, "k1 k2 p1 p2 k3"),
     ],

@@ -94,8 +94,11 @@ def make_overview(room: Path, picture: Path) -> list[str]:
 
 def make_mcap_view(room: Path, picture: Path) -> list[str]:
     """Show an MCAP file in Rerun, without any setting; return what is missing in the picture."""
-    recording = room.with_suffix(".mcap")
-    run("replay", room, "--no-publish", "--mcap", recording)
+    beginning, recording = room.parent / "beginning", room.with_suffix(".mcap")
+    run(
+        "record", "--camera", f"tum:{room}", "--seconds", "4", beginning
+    )  # all is drawn by software
+    run("replay", beginning, "--no-publish", "--mcap", recording)
     return take_complete_picture(recording, picture, find_missing_depth)
 
 

@@ -27,7 +27,7 @@ from drivers.recording.frames import ColorFormat, FrameStamps, encode_image
 
 NS_PER_S = 1_000_000_000
 NAMESPACE = "/camera"
-# Not in the namespace: Rerun then shows color and depth in one view, since all of it is images.
+# Not in the namespace: Rerun shows color and depth in one view only if all in it has their frame.
 IMU_TOPIC = "/imu"
 CAMERA_FRAME = "camera_rgb_optical_frame"
 BASE_FRAME = "base_link"

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import Trajectory
-from drivers.synthetic import DepthSensorModel, MotionKind, ShutterTiming, SyntheticConfig
+from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.tum.writer import TumWriter
 
@@ -35,15 +35,7 @@ MOTIONS = (MotionKind.HAND_HELD, MotionKind.ORBIT, MotionKind.SMOOTH)
 # The configuration of a folder; a folder without this file is incomplete.
 CONFIG_RECORD = "sensor.txt"
 # Exact depth, measured from the color camera; the sensors below add their errors.
-EXACT_DEPTH = DepthSensorModel(
-    registration=False,
-    shadows=False,
-    disparity_step_px=0.0,
-    disparity_sigma_px=0.0,
-    lateral_sigma_px=0.0,
-    min_range_m=0.0,
-    max_range_m=20.0,
-)
+EXACT_DEPTH = SyntheticConfig.ideal().depth
 EXACT_DEPTH_FACTOR = 5000.0
 DEPTH_FACTOR = 1000.0
 

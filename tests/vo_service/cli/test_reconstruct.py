@@ -114,7 +114,9 @@ def test_a_full_map_is_a_warning_and_still_written(
 ) -> None:
     tight = ("--voxel-m", 0.01, "--memory-mb", 20, "--output", tmp_path, "--json")
     outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *tight)
-    assert (outcome.code, outcome.error_lines.count("\n")) == (0, 1)
+    # On a slow machine, progress comes besides.
+    warnings = [line for line in outcome.error_lines.splitlines() if "warning: " in line]
+    assert (outcome.code, len(warnings)) == (0, 1)
     assert "the map was full at frame 1 of 12: surfaces seen later are left out" in outcome.err
     assert "--memory-mb 20, or larger voxels than --voxel-m 0.01" in outcome.err
     assert json.loads(outcome.out)["full_at_frame"] == 1

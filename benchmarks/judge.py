@@ -110,7 +110,7 @@ def recording_cases(folder: Path, methods: Sequence[str]) -> list[Case]:
         cases += [make(first=max(1, round(share * count))) for share in STARTS]
     if count >= MIN_FRAMES_TO_STEP:
         cases += [
-            Case(f"{name}, every {step}th", folder, method, perturbation=seed, step=step)
+            Case(f"{name}, step {step}", folder, method, perturbation=seed, step=step)
             for step in STEPS
             for method in methods
             for seed in (STEP_PERTURBATIONS if method == judged else (0,))

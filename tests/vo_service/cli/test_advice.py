@@ -15,7 +15,9 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*[a-z0-9]")
 OTHER_PROGRAMS = r"systemctl|groupadd|ScanNet's \.sens"
 # Commands that print the messages below a path. For other paths one command with the option is
 # enough.
-RECORDING_COMMANDS = ("replay", "convert", "reconstruct", "compare", "calibrate", "run", "record")
+RECORDING_COMMANDS = (
+    *("replay", "convert", "reconstruct", "compare", "calibrate", "run", "record", "doctor"),
+)
 PRINTED_BY = {
     "drivers/bag/": RECORDING_COMMANDS,
     "drivers/recording": RECORDING_COMMANDS,

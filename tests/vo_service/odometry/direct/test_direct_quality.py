@@ -116,6 +116,9 @@ def test_an_occluded_point_is_not_counted_and_one_seen_through_disagrees() -> No
     assert count_of(through)[columns.IN_IMAGE] == before[columns.IN_IMAGE]
     assert count_of(through)[columns.DEPTH_AGREES] < 0.8 * before[columns.DEPTH_AGREES]
     assert cost_of(through) > cost_of(GOOD.samples)
+    others = POINTS[0][~within], hidden[~within]
+    of_others = columns.negative_log_likelihood(*others, GOOD.residual_model)
+    assert cost_of(hidden) == pytest.approx(of_others)
 
 
 def test_points_agree_if_both_brightness_and_depth_do() -> None:

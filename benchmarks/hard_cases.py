@@ -41,7 +41,8 @@ from vo_service.types import TrackingState
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"
 SCENES = (
-    *("object-8", "object-20", "person", "wall", "dark", "covered", "gap", "fast-turn", "floor"),
+    *("object-8", "object-20", "person", "wall", "wall-drive", "dark", "covered", "gap"),
+    *("fast-turn", "floor"),
     SLOW,
 )
 MIN_POSES = 3

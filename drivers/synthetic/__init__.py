@@ -22,6 +22,7 @@ class MotionKind(StrEnum):
     ORBIT = "orbit"  # a walk around the tables in the middle, with fast turns
     TOUR = "tour"  # a walk through a large room, several times past the same places
     WALL = "wall"  # looks aside, then straight at the wall of `bare_wall`, and back
+    WALL_DRIVE = "wall-drive"  # the same from a robot that drives along the wall
     FAST_TURN = "fast-turn"  # a hand that turns away and back, each in half a second
     CREEP = "creep"  # straight on at a millimeter a second
 

@@ -46,6 +46,9 @@ LEVEL_AT_WALL = HandheldProfile(
 TOWARD_WALL_M = 0.5
 LOOK_ASIDE_RAD = 1.15
 WALL_VIEW_PERIOD_S = 10.0
+# A robot that drives back and forth.
+ROBOT_CAMERA_HEIGHT_M = 1.3
+DRIVE_M, DRIVE_SPEED_M_S = 0.6, 0.3
 # Each period has a turn away and a turn back, half a second each. The angles alternate between
 # periods. Halfway through a turn the rate is pi times the angle: 2.5 and 3.8 radians per second.
 TURN_PAIR_PERIOD_S = 6.0
@@ -59,17 +62,37 @@ class WallMotion(CameraMotion):
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
         self._handheld = HandheldMotion(rng, duration_s, LEVEL_AT_WALL)
-        looks = max(1, round(duration_s / WALL_VIEW_PERIOD_S))
-        self._period_s = duration_s / looks
+        self._duration_s = duration_s
 
     def poses(self, times_s: Array) -> Array:
-        phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / self._period_s)
-        T = _rotate_yaw(
-            self._handheld.poses(times_s),
-            LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5)),
-        )
+        T = _rotate_yaw(self._handheld.poses(times_s), _yaw_from_wall(times_s, self._duration_s))
         T[:, 1, 3] += TOWARD_WALL_M
         return T
+
+
+class WallDriveMotion(CameraMotion):
+    """A robot that drives back and forth along the wall at +y; its level camera turns to it."""
+
+    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
+        self._duration_s = duration_s
+        self._start_rad = rng.uniform(-np.pi, np.pi)
+        drives = max(1, round(DRIVE_SPEED_M_S / DRIVE_M * duration_s / (2 * np.pi)))
+        self._rate_rad_s = 2 * np.pi * drives / duration_s
+
+    def poses(self, times_s: Array) -> Array:
+        T, zero = np.tile(np.eye(4), (len(times_s), 1, 1)), np.zeros_like(times_s)
+        T[:, :3, :3] = look_rotations(_yaw_from_wall(times_s, self._duration_s), zero, zero)
+        T[:, 0, 3] = DRIVE_M * np.sin(self._rate_rad_s * times_s + self._start_rad)
+        T[:, 1, 3], T[:, 2, 3] = TOWARD_WALL_M, ROBOT_CAMERA_HEIGHT_M
+        return T
+
+
+def _yaw_from_wall(times_s: Array, duration_s: float) -> Array:
+    """Angle (N,) to the wall at +y, rad: zero for a third of each period."""
+    period_s = duration_s / max(1, round(duration_s / WALL_VIEW_PERIOD_S))
+    phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / period_s)
+    yaw_rad: Array = LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5))
+    return yaw_rad
 
 
 class FastTurnMotion(CameraMotion):
@@ -223,6 +246,8 @@ def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
             return TourMotion(rng, duration_s)
         case MotionKind.WALL:
             return WallMotion(rng, duration_s)
+        case MotionKind.WALL_DRIVE:
+            return WallDriveMotion(rng, duration_s)
         case MotionKind.FAST_TURN:
             return FastTurnMotion(rng, duration_s)
         case MotionKind.CREEP:

@@ -66,13 +66,14 @@ class DegeneracyAnalysis:
         """(6, K) the constrained directions."""
         return self.axes[:, self.is_observable]
 
-    @property
-    def noise_suppression(self) -> Array:
+    def suppress_noise(self, is_constrained: NDArray[np.bool_]) -> Array:
         """(6, 6) W such that W^T J W removes the share of noise from an information matrix J.
 
-        In each direction this share is 1 / observability, at most 1.
+        Args:
+            is_constrained: (6,) which directions have information; there the share of noise is
+                1 / observability, elsewhere 1.
         """
-        shares = 1.0 - 1.0 / np.maximum(self.observability, 1.0)
+        shares = np.where(is_constrained, 1.0 - 1.0 / np.maximum(self.observability, 1.0), 0.0)
         W: Array = (self.axes * np.sqrt(shares)) @ np.linalg.inv(self.axes)
         return W
 

@@ -33,7 +33,7 @@ from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import MotionState, fuse_with_prediction
 from vo_service.odometry.direct.parameters import (
     MAX_FAILURES,
-    MAX_INITIAL_FAILURES,
+    MAX_LOST_S,
     MIN_FIRST_KEYFRAME_POINTS,
     REINITIALIZATIONS,
 )
@@ -171,16 +171,14 @@ class DirectOdometry:
                 result = self._recovery.recover(frame, images, result, motion_state, self._map)
         result = self._reinitialize_first_keyframe(images, result, track)
         # Quality: a motion that may be wrong is rejected.
-        if reason := rejection_reason_after(
-            result.alignment, motion_state, images
-        ) or occlusion_reason(result.alignment):
+        if reason := rejection_reason_after(result, motion_state, images) or occlusion_reason(
+            result.alignment
+        ):
             return self._fail(frame, images, track, result, reason)
         # Covariance: a view that constrains too little is accepted for a short time only.
         with self._timer.stage("covariance"):
             uncertainty = self._estimate_uncertainty(images, result, track)
-            self._brightness_weight = self._brightness_weight.update(
-                result.keyframe.points[0], result.alignment
-            )
+            self._brightness_weight = self._brightness_weight.update(uncertainty.shared_error)
         reason = uncertainty.rejection_reason
         if reason and not motion_state.is_recently_constrained(images.stamp_s):
             return self._fail(frame, images, track, result, reason)
@@ -296,7 +294,8 @@ class DirectOdometry:
     ) -> Estimate:
         """Keep the pose; after too many failures drop the keyframes and start again."""
         self._failures += 1
-        if self._failures > (MAX_INITIAL_FAILURES if track.is_first else MAX_FAILURES):
+        lost_s = images.stamp_s - track.motion_state.stamp_s
+        if self._failures > MAX_FAILURES and (track.is_first or lost_s > MAX_LOST_S):
             return self._start(frame, images, is_reset=True)
         return self._make_estimate(
             False, reason, make_tracking_debug(result.keyframe, result.alignment)

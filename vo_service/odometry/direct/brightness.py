@@ -2,8 +2,7 @@
 
 Blur, shadows, reflections, and depth that is registered to color with an error of a pixel shift the
 brightness of a whole region. Its samples then count as fewer ones. How many fewer is shown by the
-scores of the image's cells: they scatter more than independent samples would make them (Liang and
-Zeger, Biometrika 73, 1986, as in `covariance`).
+scores of the image's cells, see `covariance`.
 
 Vignetting: where the tangent of the angle to the optical axis is r, the brightness is
 1 - vignetting r^2 of that in the center. Without this model, points that enter at the side get
@@ -19,8 +18,7 @@ import numpy as np
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.gauss_newton import invert_cholesky, jacobian
-from vo_service.odometry.direct.image_pyramid import NUM_CELLS, ImagePyramid
+from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
@@ -34,7 +32,6 @@ from vo_service.odometry.direct.parameters import (
 from vo_service.odometry.direct.points import (
     HAS_TEXTURE,
     POINT_BRIGHTNESS,
-    POINT_BRIGHTNESS_GRADIENT,
     POINT_BRIGHTNESS_VARIANCE,
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
@@ -70,73 +67,14 @@ class BrightnessWeight:
         """The weight."""
         return INDEPENDENT_BRIGHTNESS_WEIGHT * exp(-self.log_shared_error)
 
-    def update(self, points: Array, alignment: DirectAlignment) -> "BrightnessWeight":
-        """Return the weight updated by a view.
-
-        Args:
-            points: (N, COLUMNS) of the keyframe's finest level.
-            alignment: Of the view with them.
-        """
-        shared_error = _measure_shared_error(
-            points, alignment.samples, alignment.cell_weights, alignment.residual_model
-        )
+    def update(self, shared_error: float) -> "BrightnessWeight":
+        """Return the weight updated by the `MotionUncertainty.shared_error` of a view."""
         if shared_error == 0.0:
             return self
         # The initial value counts as a view.
         step = max(1.0 - SHARED_ERROR_DECAY, 1.0 / (self.views + 2))
         change = log(shared_error) - self.log_shared_error
         return BrightnessWeight(self.log_shared_error + step * change, self.views + 1)
-
-
-@kernel
-def _measure_shared_error(
-    points: Array, samples: Array, cell_weights: Array, residual_model: Array
-) -> float:
-    """Ratio by which shared errors enlarge the scatter of the scores; 0 without samples.
-
-    Args:
-        points: (N, COLUMNS) of the keyframe's finest level.
-        samples: (N, COLUMNS) of the view.
-        cell_weights: (2, CELLS).
-        residual_model: (6,), see `residuals`.
-    """
-    scores, independent = _accumulate_scores(points, samples, cell_weights, residual_model)
-    trace = np.trace(independent)
-    if trace <= 0.0:
-        return 0.0
-    inverse = invert_cholesky(independent + REGULARIZATION * trace * np.eye(6))
-    shared_error = 0.0
-    for score in scores:
-        for i in range(6):
-            for j in range(6):
-                shared_error += inverse[i, j] * score[i] * score[j]
-    return shared_error / 6.0
-
-
-@kernel
-def _accumulate_scores(
-    points: Array, samples: Array, cell_weights: Array, residual_model: Array
-) -> tuple[Array, Array]:
-    """(CELLS, 6) sums of the scores w r J, and (6, 6) sum of their outer products."""
-    scores, products = np.zeros((NUM_CELLS, 6)), np.zeros((6, 6))
-    gain = residual_model[GAIN]
-    for i in range(len(points)):
-        brightness = samples[i, SAMPLE_BRIGHTNESS]
-        if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
-            continue
-        cell = int(samples[i, SAMPLE_CELL])
-        residual = brightness - gain * points[i, POINT_BRIGHTNESS]
-        variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
-        weighted = student_weight(residual, variance) * cell_weights[0, cell] * residual
-        J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, weighted)
-        for a in range(6):
-            scores[cell, a] += J[a]
-            for b in range(a, 6):
-                products[a, b] += J[a] * J[b]
-    for a in range(6):
-        for b in range(a):
-            products[a, b] = products[b, a]
-    return scores, products
 
 
 @dataclass(frozen=True)

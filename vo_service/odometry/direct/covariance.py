@@ -2,12 +2,13 @@
 
 Neighboring samples share errors: of the keyframe's depth, of interpolation, of calibration. The
 scatter of the scores of the image's cells shows how much: the "sandwich" estimator for clustered
-observations (Liang and Zeger, Biometrika 73, 1986).
+observations (Liang and Zeger, Biometrika 73, 1986). The weight of brightness follows from it too.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
@@ -37,6 +38,7 @@ from vo_service.odometry.direct.motion import (
 )
 from vo_service.odometry.direct.parameters import (
     COVARIANCE_INFLATION,
+    MIN_PLANE_OBSERVABILITY,
     MIN_POSE_SIGMAS,
     MIN_VIEW_OBSERVABILITY,
     SLOPE_NOISE,
@@ -73,10 +75,13 @@ class MotionUncertainty:
         covariance: 6x6 of T_keyframe_camera: (translation m, rotation rad), as a small motion in
             the camera's axes.
         degeneracy: Which directions of a small motion of the keyframe's points are constrained.
+        shared_error: Ratio by which errors that neighbors share enlarge the scatter of the
+            brightness; 0 without brightness.
     """
 
     covariance: Array
     degeneracy: DegeneracyAnalysis
+    shared_error: float = 0.0
 
     @property
     def observability(self) -> float:
@@ -84,9 +89,22 @@ class MotionUncertainty:
         return float(self.degeneracy.observability[0])
 
     @property
+    def is_constrained(self) -> NDArray[np.bool_]:
+        """(6,) which of the degeneracy's directions the view constrains.
+
+        One plane leaves three directions weak at once.
+        """
+        observability = self.degeneracy.observability
+        is_one_plane = observability[2] < MIN_PLANE_OBSERVABILITY
+        is_constrained: NDArray[np.bool_] = observability >= (
+            MIN_PLANE_OBSERVABILITY if is_one_plane else MIN_VIEW_OBSERVABILITY
+        )
+        return is_constrained
+
+    @property
     def rejection_reason(self) -> str:
         """Why the motion is rejected though the keyframe fits; "" if it is valid."""
-        count = np.count_nonzero(self.degeneracy.observability < MIN_VIEW_OBSERVABILITY)
+        count = np.count_nonzero(~self.is_constrained)
         if count == 0:
             return ""
         return f"degenerate view: {count} of 6 degrees of freedom are unconstrained"
@@ -108,7 +126,7 @@ def estimate_uncertainty(
         prior: The prior of its motion.
         velocity_noise: (2,) change of the velocity from frame to frame, m/s and rad/s.
     """
-    covariance, information, moments = _analyze_view(
+    covariance, information, moments, shared_error = _analyze_view(
         points[0],
         (alignment.samples, alignment.cell_weights, alignment.residual_model),
         images.levels[0],
@@ -117,7 +135,7 @@ def estimate_uncertainty(
         velocity_noise,
     )
     return MotionUncertainty(
-        covariance, analyze_degeneracy(information, point_information(moments))
+        covariance, analyze_degeneracy(information, point_information(moments)), shared_error
     )
 
 
@@ -129,8 +147,8 @@ def _analyze_view(
     T_camera_keyframe: Array,
     prior: MotionPrior,
     velocity_noise: Array,
-) -> tuple[Array, Array, Array]:
-    """6x6 covariance in the camera's axes, 6x6 information of the pose, and moments (4, 4).
+) -> tuple[Array, Array, Array, float]:
+    """6x6 covariance in the camera's axes, 6x6 information of the pose, moments, shared error.
 
     In one kernel, as each call from Python takes time. See its parts for the arguments.
 
@@ -147,14 +165,35 @@ def _analyze_view(
     weighted = weigh_samples(points, samples, cell_weights)
     bands = accumulate(points, samples, weighted, residual_model)
     H, _ = expand_rolling_shutter(bands, readout_s, skew_s)
-    scores, moments = accumulate_scores(points, samples, weighted, residual_model, images)
+    scores, depth_scores, products, moments = accumulate_scores(
+        points, samples, weighted, residual_model, images
+    )
+    shared_error = _shared_error(scores, products)
     in_keyframe = _covariance_in_keyframe(
-        H, bands, scores, prior, readout_s, skew_s, velocity_noise
+        H, bands, scores + depth_scores, prior, readout_s, skew_s, velocity_noise
     )
     Ad = se3_adjoint(T_camera_keyframe)
     in_camera = _multiply(_multiply(Ad, in_keyframe), Ad.T.copy())
     covariance = 0.5 * (in_camera + in_camera.T) + MIN_COVARIANCE
-    return covariance, H[:6, :6].copy(), moments
+    return covariance, H[:6, :6].copy(), moments, shared_error
+
+
+@kernel
+def _shared_error(scores: Array, products: Array) -> float:
+    """Ratio of the scatter of the cells' scores to that of independent samples; 0 without samples.
+
+    Args:
+        scores: (CELLS, 15) of brightness.
+        products: 6x6 sum of the outer products of the scores of the samples.
+    """
+    if np.trace(products) <= 0.0:
+        return 0.0
+    inverse, total = _invert(products), 0.0
+    for score in scores:
+        for i in range(6):
+            for j in range(6):
+                total += inverse[i, j] * score[i] * score[j]
+    return total / 6.0
 
 
 @kernel
@@ -264,8 +303,8 @@ def accumulate_scores(
     weighted: WeightedSamples,
     residual_model: Array,
     images: LevelImages,
-) -> tuple[Array, Array]:
-    """(CELLS, 15) scores of pose and motion for each cell, and moments (4, 4).
+) -> tuple[Array, Array, Array, Array]:
+    """Scores of the cells, the scatter of independent ones, and moments of the points.
 
     A cell's score is sum w J' r, see `expand_rolling_shutter`. The moments are sum w v^2 q q^T,
     with q the point (x, y, z, 1) and v^2 the variance of its derivative by the slope noise.
@@ -276,8 +315,13 @@ def accumulate_scores(
         weighted: The same samples.
         residual_model: (6,), see the top of `residuals`.
         images: The frame at the level.
+
+    Returns:
+        (CELLS, 15) scores of brightness and of depth; 6x6 sum of the outer products of the scores
+        of the brightness samples; moments (4, 4).
     """
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
+    depth_scores, products = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((6, 6))
     residuals, weights, depth_weights = student_weights(points, weighted, residual_model)
     gain, depth = residual_model[GAIN], weighted.depth
     readout_s, skew_s = images.readout_s, images.skew_s
@@ -291,19 +335,22 @@ def accumulate_scores(
             J = jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain)
             row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s, w * residuals[i])
+            for a in range(6):
+                for b in range(6):
+                    products[a, b] += (w * residuals[i]) ** 2 * J[a] * J[b]
         if depth_weights[i] != 0.0:
             w = depth_weights[i]
             slope_noise = SLOPE_NOISE[1] * images.depth_noise
             noise += w * (slope_noise * depth_focal_px / points[i, 2]) ** 2
             J = jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0)
             row = (samples[i, SAMPLE_DEPTH_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
-            _add_score(scores[cell], J, row * readout_s + skew_s, w * depth[i])
+            _add_score(depth_scores[cell], J, row * readout_s + skew_s, w * depth[i])
         if noise > 0.0:
             q = points[i, 0], points[i, 1], points[i, 2], 1.0
             for a in range(4):
                 for b in range(4):
                     moments[a, b] += noise * q[a] * q[b]
-    return scores, moments
+    return scores, depth_scores, products, moments
 
 
 @inline_kernel

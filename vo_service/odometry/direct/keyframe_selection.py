@@ -272,10 +272,8 @@ def _linearize(
     weighted = weigh_samples(points, samples, cell_weights)
     for _ in range(INITIAL_MODEL_UPDATES if step == 0 else 1):
         fit_residual_model(points, weighted, model)
-    may_disagree = step == 0 or fit.is_active
-    if not may_disagree and not is_consistent(
-        count_residuals(points, samples, model, cell_weights)
-    ):
+    agrees = is_consistent(count_residuals(points, samples, model, cell_weights))
+    if step > 0 and not fit.is_active and not agrees:
         return None
     sums: Array = accumulate(points, samples, weighted, model).sum(axis=0)
     return sums

@@ -79,9 +79,13 @@ class MotionState:
     well_constrained_stamp_s: float = 0.0
 
     def predict_alignment(self, T_world_keyframe: Array, stamp_s: float) -> Array:
-        """4x4 T_camera_keyframe at a stamp: at constant velocity; at rest if the state is stale."""
-        elapsed_s = 0.0 if self.is_stale(stamp_s) else stamp_s - self.stamp_s
+        """4x4 T_camera_keyframe at a stamp, at constant velocity."""
+        elapsed_s = stamp_s - self.stamp_s
         return _predict_alignment(self.T_world_camera, T_world_keyframe, self.velocity, elapsed_s)
+
+    def resting_alignment(self, T_world_keyframe: Array) -> Array:
+        """4x4 T_camera_keyframe if the camera has not moved since the last good frame."""
+        return np.asarray(inverse(self.T_world_camera) @ T_world_keyframe, np.float64)
 
     def predict_pose(self, stamp_s: float) -> Array:
         """4x4 pose T_world_camera at a stamp, at the velocity of the last good frame."""
@@ -90,15 +94,15 @@ class MotionState:
 
     def motion_prior(self, T_world_keyframe: Array, stamp_s: float) -> MotionPrior:
         """Prior of the motion at a stamp: the velocity changes no more than it did recently."""
-        is_recent = self.is_recent(stamp_s)
         T_keyframe_last, motion, information = _predict_motion(
             self.T_world_camera,
             T_world_keyframe,
             self.velocity,
             self.velocity_noise,
-            is_recent,
+            self.is_recent(stamp_s),
         )
-        rate_hz = 1.0 / max(stamp_s - self.stamp_s, MIN_FRAME_INTERVAL_S) if is_recent else 0.0
+        elapsed_s = stamp_s - self.stamp_s
+        rate_hz = 1.0 / max(elapsed_s, MIN_FRAME_INTERVAL_S) if elapsed_s > 0.0 else 0.0
         return MotionPrior(T_keyframe_last, rate_hz, motion, information)
 
     def is_stale(self, stamp_s: float) -> bool:
@@ -154,12 +158,9 @@ class MotionState:
     def is_recently_constrained(self, stamp_s: float) -> bool:
         """Whether a degenerate view is acceptable at a stamp: the last good one is recent.
 
-        It is not if the last frame is older: then the prediction is too uncertain.
+        Then the extrapolation is not yet too uncertain.
         """
-        return (
-            not self.is_stale(stamp_s)
-            and 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_DEGENERATE_S
-        )
+        return 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_DEGENERATE_S
 
     @property
     def is_extrapolated(self) -> bool:
@@ -245,13 +246,16 @@ def fuse_with_prediction(
     normalized_innovation = motion_state.update_normalized_innovation(
         float(innovation @ information @ innovation) / 6.0
     )
-    if motion_state.is_stale(stamp_s):
-        return result, uncertainty, normalized_innovation
     is_degenerate = bool(uncertainty.rejection_reason)
+    if motion_state.is_stale(stamp_s) and not is_degenerate:
+        return result, uncertainty, normalized_innovation
     predicted = measured / max(normalized_innovation - 1.0, MIN_PREDICTION_SHARE)
     extrapolated = np.zeros((6, 6))
     if is_degenerate:
-        sigma = (stamp_s - motion_state.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA)
+        sigma_rate = np.clip(
+            motion_state.velocity_noise, MAX_VELOCITY_SIGMA, UNKNOWN_VELOCITY_SIGMA
+        )
+        sigma = (stamp_s - motion_state.well_constrained_stamp_s) * sigma_rate
         extrapolated = np.diag(np.repeat(sigma**-2.0, 3))
     gain = _prediction_gain(information / FRAME_COVARIANCE_SHARE, predicted + extrapolated)
     velocity_change = result.alignment.camera_velocity - motion_state.velocity
@@ -279,7 +283,7 @@ def _noise_suppression(result: TrackingResult, uncertainty: MotionUncertainty) -
     The information that noise alone adds would look like a constraint.
     """
     T_camera_keyframe = result.alignment.T_camera_keyframe
-    W = uncertainty.degeneracy.noise_suppression
+    W = uncertainty.degeneracy.suppress_noise(uncertainty.is_constrained)
     in_camera: Array = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
     return in_camera
 

@@ -117,14 +117,10 @@ def _relative_sigmas(alignment: DirectAlignment) -> tuple[float, float]:
     return model[SIGMA_BRIGHTNESS] / max_brightness, model[SIGMA_DEPTH] / max_depth
 
 
-def strict_rejection_reason(alignment: DirectAlignment) -> str:
-    """Why an alignment is rejected where the camera may be anywhere; "" if it is valid."""
-    if reason := rejection_reason(alignment):
-        return reason
+def is_suspect(alignment: DirectAlignment) -> bool:
+    """Whether a valid fit is so bad that it may be that of another place."""
     brightness, depth = _relative_sigmas(alignment)
-    if max(depth, brightness if alignment.uses_brightness else 0.0) > SUSPECT_SIGMA_SHARE:
-        return "the keyframe fits badly: the camera may be elsewhere"
-    return ""
+    return max(depth, brightness if alignment.uses_brightness else 0.0) > SUSPECT_SIGMA_SHARE
 
 
 def occluded_fraction(alignment: DirectAlignment) -> float:

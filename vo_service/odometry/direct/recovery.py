@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from math import log
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
 from vo_service.odometry.direct.alignment import (
-    DirectAlignment,
     align,
     depth_only_weights,
     uniform_weights,
 )
+from vo_service.odometry.direct.covariance import estimate_uncertainty
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap
 from vo_service.odometry.direct.motion_state import MotionState
@@ -23,11 +25,12 @@ from vo_service.odometry.direct.parameters import (
     FEATURE_INLIER_SHARES,
     MAX_BRIGHTNESS_RATIO,
     MAX_SEARCHED_KEYFRAMES,
+    MIN_DISTANT_OBSERVABILITY,
 )
 from vo_service.odometry.direct.quality import (
     TrackingResult,
+    is_suspect,
     rejection_reason,
-    strict_rejection_reason,
 )
 from vo_service.odometry.features import (
     FeatureView,
@@ -70,10 +73,26 @@ class DirectRecovery:
             motion_state: The state up to the last good frame.
             local_map: The keyframes.
         """
-        result = self._recover_by_features(frame, images, initial, motion_state, local_map)
+        result = self._recover_from_rest(images, initial, motion_state)
+        result = self._recover_by_features(frame, images, result, motion_state, local_map)
         if rejection_reason(result.alignment):
             result = self._recover_by_depth(images, result, motion_state)
         return result
+
+    def _recover_from_rest(
+        self, images: ImagePyramid, best: TrackingResult, motion_state: MotionState
+    ) -> TrackingResult:
+        """Align from the last pose as well, where the velocity predicts little."""
+        keyframe = best.keyframe
+        candidate = align(
+            keyframe.points,
+            images,
+            motion_state.resting_alignment(keyframe.T_world_keyframe),
+            best.prior,
+            images.brightness_ratio(keyframe.images),
+            uniform_weights(),
+        )
+        return _better(TrackingResult(keyframe, candidate, best.prior), best)
 
     def _recover_by_features(
         self,
@@ -98,9 +117,8 @@ class DirectRecovery:
                 uniform_weights(),
             )
             result = TrackingResult(keyframe, candidate, prior)
-            if _is_better(result, best):
-                best = result
-            if not rejection_reason_after(candidate, motion_state, images):
+            best = _better(result, best)
+            if not rejection_reason_after(result, motion_state, images):
                 break
         return best
 
@@ -116,10 +134,13 @@ class DirectRecovery:
         is_anywhere = not motion_state.is_recent(images.stamp_s)
         if is_anywhere or not has_lighting_changed(images.brightness_ratio(keyframe.images)):
             return best
+        is_stale = motion_state.is_stale(images.stamp_s)
         candidate = align(
             keyframe.points,
             images,
-            motion_state.predict_alignment(keyframe.T_world_keyframe, images.stamp_s),
+            motion_state.resting_alignment(keyframe.T_world_keyframe)
+            if is_stale
+            else motion_state.predict_alignment(keyframe.T_world_keyframe, images.stamp_s),
             prior,
             1.0,
             depth_only_weights(),
@@ -135,20 +156,26 @@ class DirectRecovery:
 
 
 def rejection_reason_after(
-    alignment: DirectAlignment, motion_state: MotionState, images: ImagePyramid
+    result: TrackingResult, motion_state: MotionState, images: ImagePyramid
 ) -> str:
     """Why an alignment is rejected; stricter if the last known pose is old.
 
     Args:
-        alignment: Of a frame with a keyframe.
+        result: Alignment of a frame with a keyframe.
         motion_state: The state up to the last good frame.
         images: The frame.
     """
-    return (
-        rejection_reason(alignment)
-        if motion_state.is_recent(images.stamp_s)
-        else strict_rejection_reason(alignment)
+    reason = rejection_reason(result.alignment)
+    if reason or motion_state.is_recent(images.stamp_s):
+        return reason
+    if is_suspect(result.alignment):
+        return "the keyframe fits badly: the camera may be elsewhere"
+    uncertainty = estimate_uncertainty(
+        result.keyframe.points, images, result.alignment, result.prior, np.zeros(2)
     )
+    if uncertainty.observability < MIN_DISTANT_OBSERVABILITY:
+        return "degenerate view: the camera may be elsewhere along a surface"
+    return ""
 
 
 def has_lighting_changed(ratio: float) -> bool:
@@ -156,10 +183,9 @@ def has_lighting_changed(ratio: float) -> bool:
     return abs(log(ratio)) > log(MAX_BRIGHTNESS_RATIO)
 
 
-def _is_better(candidate: TrackingResult, best: TrackingResult) -> bool:
-    if bool(rejection_reason(candidate.alignment)) != bool(rejection_reason(best.alignment)):
-        return not rejection_reason(candidate.alignment)
-    return candidate.negative_log_likelihood < best.negative_log_likelihood
+def _better(a: TrackingResult, b: TrackingResult) -> TrackingResult:
+    """Return the valid one of two results, or the more likely one."""
+    return min(b, a, key=lambda r: (bool(rejection_reason(r.alignment)), r.negative_log_likelihood))
 
 
 @dataclass(frozen=True)

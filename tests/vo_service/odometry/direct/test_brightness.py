@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import (
     UNKNOWN_MOTION,
     MovingCamera,
@@ -21,6 +22,7 @@ from vo_service.odometry.direct.alignment import (
     uniform_weights,
 )
 from vo_service.odometry.direct.brightness import BrightnessWeight
+from vo_service.odometry.direct.covariance import estimate_uncertainty
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.parameters import BRIGHTNESS_WEIGHT
@@ -38,14 +40,20 @@ def with_registration_error(frame: RgbdFrame, shift_px: int) -> RgbdFrame:
 
 def align_frame(frame: RgbdFrame) -> DirectAlignment:
     images = build_image_pyramid(frame)
-    prior = UNKNOWN_MOTION
-    return align(POINTS, images, np.eye(4), prior, 1.0, uniform_weights())
+    return align(POINTS, images, np.eye(4), UNKNOWN_MOTION, 1.0, uniform_weights())
+
+
+def shared_error(points: tuple[Array, ...], frame: RgbdFrame) -> float:
+    images = build_image_pyramid(frame)
+    alignment = align(points, images, np.eye(4), UNKNOWN_MOTION, 1.0, uniform_weights())
+    return estimate_uncertainty(points, images, alignment, UNKNOWN_MOTION, np.zeros(2)).shared_error
 
 
 def weight_after(frame: RgbdFrame, views: int = 200) -> float:
-    weight, alignment = BrightnessWeight(), align_frame(frame)
+    weight = BrightnessWeight()
+    error = shared_error(POINTS, frame)
     for _ in range(views):
-        weight = weight.update(POINTS[0], alignment)
+        weight = weight.update(error)
     return weight.value
 
 
@@ -72,9 +80,8 @@ def test_a_keyframe_without_texture_changes_nothing() -> None:
     points = select_points(
         build_image_pyramid(remove_color(render_view())), zero_motion(), ALL_STATIC
     )
-    images, prior = build_image_pyramid(render_view()), UNKNOWN_MOTION
-    alignment = align(points, images, np.eye(4), prior, 1.0, uniform_weights())
-    assert BrightnessWeight().update(points[0], alignment) == BrightnessWeight()
+    error = shared_error(points, render_view())
+    assert BrightnessWeight().update(error) == BrightnessWeight()
 
 
 def test_the_odometry_aligns_with_the_weight_of_the_views_before() -> None:

@@ -25,11 +25,11 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 from tests.vo_service.odometry.estimate_checks import assert_valid
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from vo_service.odometry.direct import DirectOdometry
-from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_INITIAL_FAILURES
+from vo_service.odometry.direct.parameters import MAX_FAILURES, MAX_LOST_S
 
 SHAPE = (CAMERA.height, CAMERA.width)
 # Brightness noise, gray levels: strong, but the view is still recognizable.
-GRAIN = 45.0
+GRAIN = 90.0
 
 
 @pytest.fixture(scope="module")
@@ -160,14 +160,14 @@ def elsewhere(k: int) -> RgbdFrame:
     return add_noise(render_view(MovingCamera(BRISK.velocity, start), k / 30, corner), k)
 
 
-def test_after_too_many_failures_tracking_restarts(views: list[RgbdFrame]) -> None:
+def test_after_a_long_time_without_a_pose_tracking_restarts(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     before = estimate_all(odometry, views[:2])[-1]
-    black = [
-        replace(make_empty_frame(views[0]), stamp_s=k / 30) for k in range(2, 2 + MAX_FAILURES)
-    ]
+    stamps_s = np.arange(2 / 30, 1 / 30 + MAX_LOST_S, 0.2)
+    black = [replace(make_empty_frame(views[0]), stamp_s=stamp_s) for stamp_s in stamps_s]
     assert not any(e.ok or e.is_reset for e in estimate_all(odometry, black))
-    restarted, after = estimate_all(odometry, [elsewhere(40), elsewhere(41)])
+    again = [replace(elsewhere(40 + k), stamp_s=0.1 + MAX_LOST_S + k / 30) for k in range(2)]
+    restarted, after = estimate_all(odometry, again)
     assert restarted.ok
     assert restarted.is_reset
     np.testing.assert_array_equal(restarted.T_world_camera, before.T_world_camera)
@@ -184,8 +184,8 @@ def test_after_too_many_failures_tracking_restarts(views: list[RgbdFrame]) -> No
 def test_a_first_keyframe_without_a_match_is_dropped_soon(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
     estimates = estimate_all(odometry, [views[0], *(elsewhere(40 + k) for k in range(6))])
-    assert [e.ok for e in estimates] == [True, *[False] * MAX_INITIAL_FAILURES, True, True, True]
-    assert [e.is_reset for e in estimates].index(True) == 1 + MAX_INITIAL_FAILURES
+    assert [e.ok for e in estimates] == [True, *[False] * MAX_FAILURES, True, True, True]
+    assert [e.is_reset for e in estimates].index(True) == 1 + MAX_FAILURES
 
 
 def test_without_a_usable_frame_the_old_keyframes_are_kept(
@@ -193,12 +193,11 @@ def test_without_a_usable_frame_the_old_keyframes_are_kept(
 ) -> None:
     odometry = DirectOdometry()
     estimate_all(odometry, views[:2])
-    black = [
-        replace(make_empty_frame(views[0]), stamp_s=k / 30) for k in range(2, 5 + MAX_FAILURES)
-    ]
+    stamps_s = np.arange(2 / 30, 1.0 + MAX_LOST_S, 0.2)
+    black = [replace(make_empty_frame(views[0]), stamp_s=stamp_s) for stamp_s in stamps_s]
     lost = estimate_all(odometry, black)
     assert not any(e.ok or e.is_reset for e in lost)
-    found = odometry.estimate(replace(views[2], stamp_s=2.0))
+    found = odometry.estimate(replace(views[2], stamp_s=1.0 + MAX_LOST_S))
     assert found.ok
     assert not found.is_reset
     assert_close(found.T_world_camera, BRISK.pose_at(2 / 30), 0.0015, 0.05)
@@ -207,7 +206,7 @@ def test_without_a_usable_frame_the_old_keyframes_are_kept(
 @pytest.mark.slow
 def test_one_failure_does_not_count_for_the_next(views: list[RgbdFrame]) -> None:
     odometry = DirectOdometry()
-    frames = [views[0], *[views[1], make_empty_frame(views[2])] * (MAX_FAILURES + 2)]
-    estimates = [odometry.estimate(replace(f, stamp_s=k / 30)) for k, f in enumerate(frames)]
-    assert [e.ok for e in estimates[1:]] == [True, False] * (MAX_FAILURES + 2)
+    frames = [views[0], *[views[1], make_empty_frame(views[2])] * 10]
+    estimates = [odometry.estimate(replace(f, stamp_s=0.3 * k)) for k, f in enumerate(frames)]
+    assert [e.ok for e in estimates[1:]] == [True, False] * 10
     assert not any(e.is_reset for e in estimates)

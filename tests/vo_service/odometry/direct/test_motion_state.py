@@ -26,11 +26,9 @@ def test_the_prediction_is_a_constant_velocity() -> None:
 
 
 @pytest.mark.parametrize("stamp_s", [5.0, 1.0, 0.2])
-def test_after_a_long_time_the_camera_is_predicted_at_rest(stamp_s: float) -> None:
-    only = MOTION_STATE.predict_alignment(T_WORLD_KEYFRAME, stamp_s)
-    np.testing.assert_allclose(only, inverse(BRISK.pose_at(1.0)) @ T_WORLD_KEYFRAME, atol=1e-12)
+def test_after_a_long_time_the_velocity_is_hardly_known(stamp_s: float) -> None:
     prior = MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, stamp_s)
-    assert prior.rate_hz == 0.0
+    assert prior.rate_hz == pytest.approx(0.25 if stamp_s > 1.0 else 0.0)
     assert np.all(prior.information < MOTION_STATE.motion_prior(T_WORLD_KEYFRAME, 1.03).information)
 
 
@@ -119,7 +117,7 @@ def test_prediction_continues_from_the_next_good_frame() -> None:
     [
         (0.7, 1.05, True),
         (0.6, 1.05, False),
-        (1.0, 1.15, False),
+        (1.0, 1.15, True),
         (1.0, 1.0, False),
         (1.0, 0.95, False),
     ],

@@ -22,6 +22,7 @@ OPEN = np.array([True, False, False, True, False, False])
 SURE = 1e-6
 # No information is noise.
 CLEAR = np.full(6, 1e12)
+STEADY = replace(MOTION, velocity_noise=np.zeros(2))
 # Sigma of the prediction at the stamp.
 STRAYED = np.repeat((STAMP_S - MOTION.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA), 3)
 
@@ -37,7 +38,7 @@ def fuse(
 
 
 def test_directions_with_only_noise_are_predicted_and_reported() -> None:
-    found, uncertainty = fuse(np.full(6, SURE), np.where(OPEN, 1.0, 1e12))
+    found, uncertainty = fuse(np.full(6, SURE), np.where(OPEN, 1.0, 1e12), STEADY)
     expected = BRISK.pose_at(STAMP_S) @ series_exponential(np.where(OPEN, 0.0, OFF))
     np.testing.assert_allclose(found.T_world_camera, expected, atol=1e-5)
     sigma = np.sqrt(np.diag(uncertainty.covariance))
@@ -47,6 +48,21 @@ def test_directions_with_only_noise_are_predicted_and_reported() -> None:
         == uncertainty.rejection_reason
         == "degenerate view: 2 of 6 degrees of freedom are unconstrained"
     )
+
+
+def test_the_prediction_of_an_unsteady_camera_is_less_certain() -> None:
+    unsteady = replace(MOTION, velocity_noise=3.0 * np.array(VELOCITY_SIGMA))
+    _, uncertainty = fuse(np.full(6, SURE), np.where(OPEN, 1.0, 1e12), unsteady)
+    sigma = np.sqrt(np.diag(uncertainty.covariance))
+    np.testing.assert_allclose(sigma, np.where(OPEN, 3.0 * STRAYED, SURE), rtol=1e-3)
+
+
+def test_one_plane_leaves_three_directions_open() -> None:
+    _, uncertainty = fuse(np.full(6, SURE), np.array([4.0, 6.0, 11.0, 40.0, 50.0, 60.0]), STEADY)
+    assert uncertainty.rejection_reason.startswith("degenerate view: 3 of 6")
+    sigma = np.sqrt(np.diag(uncertainty.covariance))
+    np.testing.assert_allclose(sigma[:3], STRAYED[:3], rtol=1e-3)
+    assert np.all(sigma[3:] < 2.0 * SURE)
 
 
 def test_noise_hardly_moves_a_calm_camera() -> None:

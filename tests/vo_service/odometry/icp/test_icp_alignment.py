@@ -100,7 +100,7 @@ def test_observability_depends_neither_on_units_nor_on_the_origin(seed: int, uni
 def test_information_of_noise_is_subtracted(clarity: float, share: float) -> None:
     axes = np.random.default_rng(3).normal(size=(6, 6))
     observabilities = np.array([clarity, *[1e9] * 5])
-    W = DegeneracyAnalysis(observabilities, axes).noise_suppression
+    W = DegeneracyAnalysis(observabilities, axes).suppress_noise(np.ones(6, np.bool_))
     information = np.linalg.inv(axes).T @ np.diag(observabilities) @ np.linalg.inv(axes)
     left = axes.T @ W.T @ information @ W @ axes
     np.testing.assert_allclose(np.diag(left)[0], share * clarity, rtol=1e-5, atol=1e-3)
@@ -111,7 +111,7 @@ def test_zero_information_constrains_nothing() -> None:
     nothing = analyze_degeneracy(np.zeros((6, 6)), np.zeros((6, 6)))
     assert not nothing.observability.any()
     assert nothing.observable_axes.shape == (6, 0)
-    assert not nothing.noise_suppression.any()
+    assert not nothing.suppress_noise(nothing.is_observable).any()
 
 
 def test_the_step_is_the_derivative_of_the_residuals() -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
+from vo_service.odometry.direct.factor import brightness_residual, student_weight
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.parameters import (
@@ -42,7 +43,6 @@ from vo_service.odometry.direct.points import (
 from vo_service.odometry.direct.residuals import (
     GAIN,
     SIGMA_BRIGHTNESS,
-    student_weight,
 )
 
 # Added to the diagonal of a matrix before a system is solved, relative to its trace or diagonal.
@@ -131,7 +131,9 @@ def _regress(
             continue
         u, v = samples[i, SAMPLE_U], samples[i, SAMPLE_V]
         expected = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
-        residual = brightness - expected
+        residual = brightness_residual(
+            brightness, points[i, POINT_BRIGHTNESS], residual_model[GAIN]
+        )
         variance = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
         w = student_weight(residual, variance)
         w *= cell_weights[0, int(samples[i, SAMPLE_CELL])]

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment, PointPyramid
+from vo_service.odometry.direct.factor import Jacobian, jacobian
 from vo_service.odometry.direct.gauss_newton import (
     TRIANGLE_SIZE,
     UPPER_TRIANGLE,
-    Jacobian,
     MotionPrior,
     accumulate,
     band_times,
     expand_rolling_shutter,
     invert_cholesky,
-    jacobian,
+    prior_information,
     student_weights,
 )
 from vo_service.odometry.direct.image_pyramid import (
@@ -31,8 +31,6 @@ from vo_service.odometry.direct.image_pyramid import (
     LevelImages,
 )
 from vo_service.odometry.direct.motion import (
-    ACCELERATION_START,
-    MOTION_SIZE,
     NUM_UNKNOWNS,
     se3_adjoint,
 )
@@ -217,8 +215,8 @@ def _covariance_in_keyframe(
         skew_s: Time of the depth image after the color image.
         velocity_noise: (2,), see `estimate_uncertainty`.
     """
-    prior_information = _prior_information(prior)
-    scatter = prior_information.copy()
+    of_prior = prior_information(prior)
+    scatter = of_prior.copy()
     for n in range(len(scores)):
         _add_outer_product(scatter, scores[n])
     times_s, score = band_times(readout_s, skew_s), np.empty(NUM_UNKNOWNS)
@@ -229,7 +227,7 @@ def _covariance_in_keyframe(
             if k >= 3:
                 score[9 + k] = 0.5 * times_s[n] ** 2 * score[k]
         _add_outer_product(scatter, score)
-    bread = _invert(H + prior_information)
+    bread = _invert(H + of_prior)
     joint = _multiply(_multiply(bread, scatter), bread)
     # The keyframe's rows were corrected by a motion that has the same uncertainty.
     pose_bread = _invert(H[:6, :6].copy())
@@ -257,19 +255,6 @@ def _velocity_noise_scatter(bands: Array, span_s: float, velocity_noise: Array) 
                 row[i] = np.sqrt(2.0) * sigma * bands[n, UPPER_TRIANGLE[i, j]]
             _add_outer_product(scatter, row)
     return scatter
-
-
-@kernel
-def _prior_information(prior: MotionPrior) -> Array:
-    """(15, 15) information of the prior, which couples pose and motion."""
-    information, rate_hz = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), prior.rate_hz
-    for k in range(MOTION_SIZE):
-        P = prior.information[k]
-        information[6 + k, 6 + k] = P
-        if k < ACCELERATION_START:
-            information[k, k] = rate_hz**2 * P
-            information[k, 6 + k] = information[6 + k, k] = -rate_hz * P
-    return information
 
 
 @inline_kernel

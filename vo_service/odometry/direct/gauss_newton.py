@@ -1,7 +1,6 @@
 """Gauss-Newton on one pyramid level: the pose that aligns a keyframe with a frame, and the motion.
 
-The derivatives are those of the keyframe (inverse compositional): Baker and Matthews, "Lucas-Kanade
-20 Years On" (IJCV 56, 2004), Section 3.2. With a rolling shutter, the motion during the readout is
+With a rolling shutter, the motion during the readout is
 solved for as well: Kerl, Stueckler and Cremers, "Dense Continuous-Time Tracking and Mapping with
 Rolling Shutter RGB-D Cameras" (ICCV 2015).
 """
@@ -12,6 +11,12 @@ import numpy as np
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.factor import (
+    Jacobian,
+    brightness_residual,
+    jacobian,
+    student_weight,
+)
 from vo_service.odometry.direct.image_pyramid import LevelImages
 from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
@@ -44,7 +49,6 @@ from vo_service.odometry.direct.residuals import (
     WeightedSamples,
     fit_residual_model,
     residual_variances,
-    student_weight,
     weigh_regions,
     weigh_samples,
 )
@@ -56,8 +60,6 @@ NUM_SUMS = TRIANGLE_SIZE + 6
 # Indices of the matrix's elements in the triangle.
 UPPER_TRIANGLE = np.empty((6, 6), np.intp)
 UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(TRIANGLE_SIZE)
-# Derivatives of a residual by a small motion of the keyframe's points.
-Jacobian = tuple[float, float, float, float, float, float]
 # Smallest pivot of a factorization, so that rounding makes no root of a negative number.
 MIN_PIVOT = 1e-12
 # Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
@@ -129,7 +131,7 @@ def solve_level(
         T_camera_keyframe 4x4 and the motion (9,).
     """
     T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
-    samples = empty_samples(len(points))
+    samples, information_of_prior = empty_samples(len(points)), prior_information(prior)
     for step in range(limits.max_steps):
         warp_and_sample(points, images, T, body_motion(T, motion), samples)
         cell_weights = weigh_regions(points, samples, residual_model, base_weights)
@@ -141,7 +143,7 @@ def solve_level(
         if prior.rate_hz != 0.0:
             mean_motion = se3_log(compose(prior.T_keyframe_last, T)) * prior.rate_hz
             expected[:ACCELERATION_START] = mean_motion
-        add_motion_prior(H, g, motion - expected, prior)
+        add_motion_prior(H, g, motion - expected, information_of_prior)
         add_damping(H)
         x = solve_cholesky(H, g)
         T = compose(T, se3_exp(-x[:6]))
@@ -254,32 +256,12 @@ def student_weights(
     weight_of_brightness = residual_model[WEIGHT_BRIGHTNESS]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(count):
-        residual = brightness[i] - gain * keyframe_brightness[i]
+        residual = brightness_residual(brightness[i], keyframe_brightness[i], gain)
         residuals[i] = residual
         w = student_weight(residual, variance + point_variance[i])
         weights[i] = w * (weight_of_brightness * brightness_weight[i])
         depth_weights[i] = student_weight(depth[i], variance_depth) * depth_weight[i]
     return residuals, weights, depth_weights
-
-
-@inline_kernel
-def jacobian(point: Array, gradient_column: int, scale: float) -> Jacobian:
-    """Scale times (p, x cross p) of the derivative p by the point's position x.
-
-    As a tuple it is kept in registers.
-
-    Args:
-        point: (COLUMNS,) of a keyframe.
-        gradient_column: First of the three columns of p.
-        scale: Of the derivative.
-    """
-    x, y, z = point[0], point[1], point[2]
-    px, py, pz = (
-        scale * point[gradient_column],
-        scale * point[gradient_column + 1],
-        scale * point[gradient_column + 2],
-    )
-    return px, py, pz, y * pz - z * py, z * px - x * pz, x * py - y * px
 
 
 @inline_kernel
@@ -378,25 +360,36 @@ def add_damping(H: Array) -> None:
 
 
 @kernel
-def add_motion_prior(H: Array, g: Array, motion_error: Array, prior: MotionPrior) -> None:
-    """Add the prior: the velocity is about the mean since the last frame.
+def prior_information(prior: MotionPrior) -> Array:
+    """(15, 15) information of the prior: the velocity is about the mean since the last frame.
+
+    It couples pose and motion, as a change of the pose changes that mean.
+    """
+    information, rate_hz = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), prior.rate_hz
+    for k in range(MOTION_SIZE):
+        P = prior.information[k]
+        information[6 + k, 6 + k] = P
+        if k < ACCELERATION_START:
+            information[k, k] = rate_hz**2 * P
+            information[k, 6 + k] = information[6 + k, k] = -rate_hz * P
+    return information
+
+
+@kernel
+def add_motion_prior(H: Array, g: Array, motion_error: Array, information: Array) -> None:
+    """Add the prior.
 
     Args:
         H: (15, 15), in and out.
         g: (15,), in and out.
         motion_error: (9,) difference of the motion from its expected value.
-        prior: Of the motion.
+        information: (15, 15), see `prior_information`.
     """
-    rate_hz = prior.rate_hz
-    for i in range(MOTION_SIZE):
-        P = prior.information[i]
-        H[6 + i, 6 + i] += P
-        g[6 + i] += P * motion_error[i]
-        if i < ACCELERATION_START:
-            H[6 + i, i] -= P * rate_hz
-            H[i, 6 + i] -= P * rate_hz
-            H[i, i] += P * rate_hz * rate_hz
-            g[i] -= P * rate_hz * motion_error[i]
+    for i in range(NUM_UNKNOWNS):
+        for j in range(NUM_UNKNOWNS):
+            H[i, j] += information[i, j]
+        for j in range(MOTION_SIZE):
+            g[i] += information[i, 6 + j] * motion_error[j]
 
 
 @kernel

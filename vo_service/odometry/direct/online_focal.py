@@ -21,7 +21,13 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct import DirectOdometry
-from vo_service.odometry.direct.gauss_newton import Jacobian, add_residual, jacobian, marginalize
+from vo_service.odometry.direct.factor import (
+    Jacobian,
+    jacobian,
+    student_curvature,
+    student_weight,
+)
+from vo_service.odometry.direct.gauss_newton import add_residual, marginalize
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
@@ -58,8 +64,6 @@ from vo_service.odometry.direct.residuals import (
     GAIN,
     WEIGHT_BRIGHTNESS,
     residual_variances,
-    student_curvature,
-    student_weight,
 )
 from vo_service.types import Estimate, NullStageTimer, OnlineFocalLength, StageTimer
 

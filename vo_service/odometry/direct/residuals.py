@@ -1,9 +1,8 @@
 """Residuals of a keyframe's points in a frame, and the weights of image regions.
 
-Brightness and depth residuals follow Student's t, as many are outliers. Their sigmas are estimated
-with the motion, and so is the gain of the brightness: Kerl, Sturm and Cremers, "Robust
-Odometry Estimation for RGB-D Cameras" (ICRA 2013); Klose, Heise and Knoll, "Efficient Compositional
-Approaches for Real-Time Robust Direct Visual Odometry" (IROS 2013).
+The sigmas of brightness and depth are estimated with the motion, and so is the gain: Klose, Heise
+and Knoll, "Efficient Compositional Approaches for Real-Time Robust Direct Visual Odometry" (IROS
+2013).
 """
 
 from typing import NamedTuple
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.factor import brightness_residual
 from vo_service.odometry.direct.image_pyramid import GAIN_RANGE, NUM_CELLS
 from vo_service.odometry.direct.parameters import (
     DEGREES_OF_FREEDOM,
@@ -21,7 +21,6 @@ from vo_service.odometry.direct.parameters import (
     MAX_REGION_COST_RATIO,
     MAX_SIGMA_RATIO,
     MIN_CELL_SAMPLES,
-    MIN_CURVATURE_RATIO,
     MIN_SIGMA_SAMPLES,
     MIN_SIGMAS,
     MIN_STATIC_WEIGHT,
@@ -65,20 +64,6 @@ MAX_SQUARED_RESIDUAL = INLIER_GATE_SIGMAS**2
 def residual_variances(residual_model: Array) -> tuple[float, float]:
     """Variances of brightness and of depth by the residual model (6,)."""
     return residual_model[SIGMA_BRIGHTNESS] ** 2, residual_model[SIGMA_DEPTH] ** 2
-
-
-@inline_kernel
-def student_weight(residual: float, variance: float) -> float:
-    """Weight of a residual in the fit: that of Student's t over its variance."""
-    # A division takes as long as all the rest.
-    return (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM * variance + residual * residual)
-
-
-@inline_kernel
-def student_curvature(residual: float, variance: float) -> float:
-    """Second derivative of Student's t over its weight, bounded."""
-    squared = residual * residual / variance
-    return max((DEGREES_OF_FREEDOM - squared) / (DEGREES_OF_FREEDOM + squared), MIN_CURVATURE_RATIO)
 
 
 class WeightedSamples(NamedTuple):
@@ -172,7 +157,7 @@ def _student_costs(
     variance, variance_depth = residual_variances(residual_model)
     for i in range(count):
         sample_variance = variance + point_variance[i]
-        residual = brightness[i] - gain * keyframe_brightness[i]
+        residual = brightness_residual(brightness[i], keyframe_brightness[i], gain)
         squared = residual * residual / sample_variance
         w = brightness_weight[i] * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
         costs[i] = w * squared
@@ -265,13 +250,14 @@ def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArra
         residual_model: (6,).
     """
     is_inlier = np.zeros(len(points), np.bool_)
+    gain = residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(len(points)):
         brightness = samples[i, SAMPLE_BRIGHTNESS]
         depth = samples[i, SAMPLE_DEPTH_RESIDUAL]
         if np.isnan(brightness):
             continue
-        residual = brightness - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+        residual = brightness_residual(brightness, points[i, POINT_BRIGHTNESS], gain)
         brightness_agrees = residual * residual < MAX_SQUARED_RESIDUAL * (
             variance + points[i, POINT_BRIGHTNESS_VARIANCE]
         )
@@ -353,7 +339,7 @@ def _squared_residuals(points: Array, samples: Array, residual_model: Array) -> 
     gain = residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(count):
-        residual = brightness[i] - gain * keyframe_brightness[i]
+        residual = brightness_residual(brightness[i], keyframe_brightness[i], gain)
         squared[i] = residual * residual / (variance + point_variance[i])
         squared_depth[i] = depth[i] * depth[i] / variance_depth
     return squared, squared_depth

@@ -19,7 +19,13 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.direct.alignment import DirectAlignment
-from vo_service.odometry.direct.gauss_newton import Jacobian, add_residual, jacobian
+from vo_service.odometry.direct.factor import (
+    Jacobian,
+    jacobian,
+    student_curvature,
+    student_weight,
+)
+from vo_service.odometry.direct.gauss_newton import add_residual
 from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.motion import (
     body_motion,
@@ -52,8 +58,6 @@ from vo_service.odometry.direct.residuals import (
     GAIN,
     WEIGHT_BRIGHTNESS,
     residual_variances,
-    student_curvature,
-    student_weight,
 )
 
 # Pose (6), gain, turn of the depth camera (2), readout, delay.

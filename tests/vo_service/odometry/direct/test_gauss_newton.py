@@ -9,6 +9,7 @@ from vo_service.odometry.direct.gauss_newton import (
     MotionPrior,
     add_motion_prior,
     invert_cholesky,
+    prior_information,
     solve_cholesky,
 )
 
@@ -43,7 +44,7 @@ def test_the_prior_is_the_squared_difference_of_motion_and_prediction(
     information, step = random.uniform(1.0, 100.0, 9), random.normal(size=15)
     H, g = np.zeros((15, 15)), np.zeros(15)
     prior = MotionPrior(np.eye(4), rate_hz, np.zeros(9), information)
-    add_motion_prior(H, g, off, prior)
+    add_motion_prior(H, g, off, prior_information(prior))
     value = step @ H @ step + 2 * g @ step + information @ off**2
     apart = off + step[6:]
     apart[:6] -= rate_hz * step[:6]

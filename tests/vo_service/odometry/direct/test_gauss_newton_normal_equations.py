@@ -16,10 +16,10 @@ from vo_service.odometry.direct.alignment import (
     sample_points,
     uniform_weights,
 )
+from vo_service.odometry.direct.factor import jacobian
 from vo_service.odometry.direct.gauss_newton import (
     accumulate,
     expand_rolling_shutter,
-    jacobian,
 )
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC, build_image_pyramid
 from vo_service.odometry.direct.motion import zero_motion

@@ -1,0 +1,59 @@
+"""The factor of a point: its residuals in a frame, their weights, and their derivatives.
+
+A point of a keyframe with brightness I_k and position x has two residuals in a frame:
+
+    r_I = I - a I_k        brightness, gray levels; a is the gain
+    r_D = w - w(x)         inverse depth, 1/m, as seen from the keyframe
+
+Both follow Student's t with the variances sigma_I^2 + v (v is that of the interpolation) and
+sigma_D^2: Kerl, Sturm and Cremers, "Robust Odometry Estimation for RGB-D Cameras" (ICRA 2013). The
+derivatives are those of the keyframe (inverse compositional): Baker and Matthews, "Lucas-Kanade 20
+Years On" (IJCV 56, 2004), Section 3.2.
+"""
+
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel
+from vo_service.odometry.direct.parameters import DEGREES_OF_FREEDOM, MIN_CURVATURE_RATIO
+
+# Derivatives of a residual by a small motion of the keyframe's points.
+Jacobian = tuple[float, float, float, float, float, float]
+
+
+@inline_kernel
+def brightness_residual(brightness: float, keyframe_brightness: float, gain: float) -> float:
+    """Residual r_I of a point's brightness in a frame, gray levels."""
+    return brightness - gain * keyframe_brightness
+
+
+@inline_kernel
+def student_weight(residual: float, variance: float) -> float:
+    """Weight of a residual in the fit: that of Student's t over its variance."""
+    # A division takes as long as all the rest.
+    return (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM * variance + residual * residual)
+
+
+@inline_kernel
+def student_curvature(residual: float, variance: float) -> float:
+    """Second derivative of Student's t over its weight, bounded."""
+    squared = residual * residual / variance
+    return max((DEGREES_OF_FREEDOM - squared) / (DEGREES_OF_FREEDOM + squared), MIN_CURVATURE_RATIO)
+
+
+@inline_kernel
+def jacobian(point: Array, gradient_column: int, scale: float) -> Jacobian:
+    """Scale times (p, x cross p) of the derivative p by the point's position x.
+
+    As a tuple it is kept in registers.
+
+    Args:
+        point: (COLUMNS,) of a keyframe.
+        gradient_column: First of the three columns of p.
+        scale: Of the derivative.
+    """
+    x, y, z = point[0], point[1], point[2]
+    px, py, pz = (
+        scale * point[gradient_column],
+        scale * point[gradient_column + 1],
+        scale * point[gradient_column + 2],
+    )
+    return px, py, pz, y * pz - z * py, z * px - x * pz, x * py - y * px

@@ -133,14 +133,13 @@ def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
 def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
     from vo_service.odometry.direct import DirectOdometry
-    from vo_service.odometry.direct.online_focal import OnlineFocalOdometry
-    from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
+    from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
     from vo_service.odometry.surf import SurfExtractor
 
     tracker = DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
     if features.timing == FIXED_TIMING_MODE:
         return tracker
-    return OnlineFocalOdometry(OnlineTimingOdometry(tracker, timer=timer), timer=timer)
+    return SelfCalibratingOdometry(tracker, timer=timer)
 
 
 def make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:
@@ -169,8 +168,7 @@ STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {
         "covariance": 1.0,
         "refine": 0.5,
         "keyframe": 0.5,
-        "timing": 0.3,
-        "focal length": 0.3,
+        "calibration": 0.5,
     }
 }
 

@@ -20,8 +20,9 @@ from drivers.core import InputError
 from drivers.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
 from vo_service.odometry.direct import DirectOdometry
-from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
-from vo_service.odometry.direct.timing_estimate import TimingEstimator
+from vo_service.odometry.direct.calibration import CalibrationFilter
+from vo_service.odometry.direct.calibration_equations import TIMING
+from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.collect_live import read_frames
 from vo_service.tools.calibration.timing import (
@@ -43,24 +44,24 @@ class TimingMeasurement:
 
     def __init__(self) -> None:
         self.frame_count = 0
-        self._odometry = OnlineTimingOdometry(DirectOdometry())
-        self._estimator: TimingEstimator | None = None
+        self._odometry = SelfCalibratingOdometry(DirectOdometry())
+        self._learned: CalibrationFilter | None = None
 
     def process(self, frame: RgbdFrame) -> None:
         """Process the next frame; its skew is the difference of its stamps."""
         self.frame_count += 1
         self._odometry.estimate(replace(frame, readout_s=0.0, timing_prior=UNKNOWN_TIMING))
-        self._estimator = self._odometry.timing_estimator
+        self._learned = self._odometry.calibration
 
     @property
     def timing(self) -> SensorTiming:
         """The timing so far."""
-        estimator = self._estimator
-        if estimator is None:
+        learned = self._learned
+        if learned is None:
             return make_timing(0.0, 0.0, *UNKNOWN_TIMING_SIGMAS_S)
         # A certain estimate may be exactly zero, which the mean of a Gaussian is not.
-        values_s = estimator.in_use if estimator.is_certain else estimator.estimate
-        return make_timing(*values_s.tolist(), *estimator.sigmas_s.tolist())
+        values = learned.in_use if learned.is_certain else learned.estimate
+        return make_timing(*values[TIMING].tolist(), *learned.sigmas[TIMING].tolist())
 
     @property
     def is_sufficient(self) -> bool:

@@ -20,13 +20,13 @@ from tests.vo_service.odometry.direct.swinging_camera import (
 )
 from vo_service.odometry import make_odometry
 from vo_service.odometry.direct import DirectOdometry
-from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
 from vo_service.odometry.direct.parameters import MAX_KEYFRAME_TIMING_ERRORS_S
+from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.types import Estimate, OnlineTiming
 
 
 def learn(frames: tuple[RgbdFrame, ...]) -> list[Estimate]:
-    odometry = OnlineTimingOdometry(DirectOdometry())
+    odometry = SelfCalibratingOdometry(DirectOdometry())
     return [odometry.estimate(frame) for frame in frames]
 
 
@@ -125,7 +125,7 @@ def test_a_right_timing_that_was_told_is_not_contradicted() -> None:
 
 def test_exact_timing_is_not_estimated() -> None:
     frames = swinging_frames(0.0, 0.0)[:8]
-    odometry, plain = OnlineTimingOdometry(DirectOdometry()), DirectOdometry()
+    odometry, plain = SelfCalibratingOdometry(DirectOdometry()), DirectOdometry()
     for frame in frames:
         exact = replace(frame, timing_prior=None)
         estimate = odometry.estimate(exact)
@@ -138,11 +138,11 @@ def test_fixed_timing_is_that_of_the_frames() -> None:
 
 
 def learn_from_a_wrong_value() -> tuple[
-    OnlineTimingOdometry, list[Estimate], dict[float, set[float]]
+    SelfCalibratingOdometry, list[Estimate], dict[float, set[float]]
 ]:
     """Learn from frames that tell half of the readout; the readouts of each active keyframe."""
     prior = TimingPrior(0.0, 0.0049, 0.0029, TimingSource.SENSOR)
-    odometry, estimates = OnlineTimingOdometry(DirectOdometry()), []
+    odometry, estimates = SelfCalibratingOdometry(DirectOdometry()), []
     readouts_s: dict[float, set[float]] = {}
     for frame in swinging_frames(READOUT_S, DELAY_S):
         told = replace(frame, readout_s=0.5 * READOUT_S, timing_prior=prior)

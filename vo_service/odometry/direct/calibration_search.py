@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.alignment import align, uniform_weights
+from vo_service.odometry.direct.alignment import DirectAlignment, align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import (
     CELL_COLUMNS,
     CELL_ROWS,
     ImagePyramid,
-    ImageTiming,
     build_image_pyramid,
 )
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
@@ -25,8 +25,8 @@ from vo_service.odometry.direct.motion import zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
+    MAX_CALIBRATION_SIGMAS,
     MAX_SEARCH_STEPS_PER_FRAME,
-    MAX_TIMING_SIGMAS_S,
     MIN_SEARCH_SCORE_GAIN,
     NUM_SEARCHED_FRAMES,
     SEARCH_SCORE_SCALE,
@@ -35,7 +35,11 @@ from vo_service.odometry.direct.parameters import (
     SUFFICIENT_SEARCH_SCORE_GAIN,
 )
 from vo_service.odometry.direct.quality import TrackingResult, rejection_reason
-from vo_service.odometry.direct.timing_equations import TimedFrame, TrackedView
+from vo_service.odometry.direct.view_history import (
+    ToldFrame,
+    TrackedView,
+    corrected_shutter,
+)
 
 # A quarter of the cells, spread over the image: a tracker of the search takes its points from them.
 SEARCHED_CELLS = np.array(
@@ -74,35 +78,44 @@ class TimingSearchResult:
 
 def needs_search(sigmas_s: Array) -> bool:
     """Whether a timing is too uncertain to start with."""
-    return bool((sigmas_s > MAX_TIMING_SIGMAS_S).any())
+    return bool((sigmas_s > MAX_CALIBRATION_SIGMAS[:2]).any())
 
 
 @dataclass(frozen=True)
 class SearchedFrame:
-    """A frame and its image pyramid, with the timing that the frame tells."""
+    """A frame and its image pyramid, with the focal length in use.
 
-    timed: TimedFrame
+    Attributes:
+        told: What the frame tells.
+        frame: The frame with the focal length in use.
+        images: Its image pyramid.
+        focal: Logarithm of the ratio of that focal length to that of the frame.
+    """
+
+    told: ToldFrame
+    frame: RgbdFrame
     images: ImagePyramid
+    focal: float
 
     @classmethod
-    def of(cls, timed: TimedFrame) -> "SearchedFrame":
-        """Make it from a frame."""
-        return cls(timed, build_image_pyramid(timed.frame))
-
-    @classmethod
-    def of_tracked(cls, timed: TimedFrame, tracked: ImagePyramid) -> "SearchedFrame":
-        """Make it from a frame with its image pyramid, without what has been learned of the light.
+    def of(
+        cls, told: ToldFrame, focal: float, tracked: ImagePyramid | None = None
+    ) -> "SearchedFrame":
+        """Make it from a frame, without what has been learned of the light.
 
         Args:
-            timed: The frame.
-            tracked: Its image pyramid, as the tracker has built it.
+            told: The frame.
+            focal: Logarithm of the ratio of the focal length in use to that of the frame.
+            tracked: Its image pyramid, if the tracker has built it.
         """
-        return cls(timed, replace(tracked, vignetting=0.0, brightness_weight=BRIGHTNESS_WEIGHT))
+        frame = told.with_correction(np.array([0.0, 0.0, focal]))
+        images = tracked or build_image_pyramid(frame)
+        images = replace(images, vignetting=0.0, brightness_weight=BRIGHTNESS_WEIGHT)
+        return cls(told, frame, images, focal)
 
-    def with_correction(self, correction: Array) -> ImagePyramid:
-        """Return the image pyramid with a corrected timing; the readout is at least zero."""
-        readout_s, skew_s = (self.timed.told + correction).tolist()
-        return replace(self.images, shutter=ImageTiming(max(readout_s, 0.0), skew_s))
+    def with_timing(self, timing: Array) -> ImagePyramid:
+        """Return the image pyramid with a timing corrected by (2,) s."""
+        return replace(self.images, shutter=corrected_shutter(self.told.timing, timing))
 
 
 class TimingHypothesis:
@@ -122,7 +135,7 @@ class TimingHypothesis:
     """
 
     def __init__(self, correction: Array, first: SearchedFrame, keyframe: DirectKeyframe) -> None:
-        images = first.with_correction(correction)
+        images = first.with_timing(correction)
         self.correction = correction
         self.keyframe = replace(keyframe, images=images)
         self.motion_state = MotionState(
@@ -134,9 +147,7 @@ class TimingHypothesis:
             well_constrained_stamp_s=images.stamp_s,
         )
         self.scores: list[float] = []
-        self.views = [
-            TrackedView.without_alignment(first.timed, keyframe.T_world_keyframe, correction)
-        ]
+        self.views = [self._view(first, keyframe.T_world_keyframe)]
 
     @property
     def steps_to_next(self) -> int:
@@ -145,7 +156,7 @@ class TimingHypothesis:
 
     def track(self, frame: SearchedFrame) -> None:
         """Align the next frame with the keyframe."""
-        images, state = frame.with_correction(self.correction), self.motion_state
+        images, state = frame.with_timing(self.correction), self.motion_state
         prior = state.motion_prior(self.keyframe.T_world_keyframe, images.stamp_s)
         alignment = align(
             self.keyframe.points,
@@ -176,14 +187,24 @@ class TimingHypothesis:
         )
         self.scores.append(result.negative_log_likelihood)
         self.views.append(
-            TrackedView(
-                images.stamp_s,
-                result.T_world_camera,
-                frame.timed.told,
-                self.correction,
-                result.keyframe,
-                alignment,
-            )
+            self._view(frame, result.T_world_camera, result.keyframe, result.alignment)
+        )
+
+    def _view(
+        self,
+        frame: SearchedFrame,
+        T_world_camera: Array,
+        keyframe: DirectKeyframe | None = None,
+        alignment: DirectAlignment | None = None,
+    ) -> TrackedView:
+        calibration = np.append(self.correction, frame.focal)
+        return TrackedView(
+            frame.images.stamp_s,
+            frame.told.timing,
+            calibration,
+            T_world_camera,
+            keyframe,
+            alignment,
         )
 
 
@@ -201,12 +222,12 @@ class TimingSearch:
         self._frames: list[SearchedFrame] = []
         # Of a camera at rest it is the same for each timing.
         keyframe = make_keyframe(
-            first.timed.frame, first.images, T_world_first, zero_motion(), SEARCHED_CELLS
+            first.frame, first.images, T_world_first, zero_motion(), SEARCHED_CELLS
         )
         self.first = first
         self.hypotheses = [
             TimingHypothesis(correction, first, keyframe)
-            for correction in _make_corrections(first.timed.told, sigmas_s)
+            for correction in _make_corrections(first.told.timing, sigmas_s)
         ]
 
     @property
@@ -258,7 +279,7 @@ class TimingSearch:
 
 def _make_corrections(told: Array, sigmas_s: Array) -> Array:
     """(N, 2) corrections to try of the values that are uncertain, the first one zero."""
-    is_uncertain = sigmas_s > MAX_TIMING_SIGMAS_S
+    is_uncertain = sigmas_s > MAX_CALIBRATION_SIGMAS[:2]
     readout_step, delay_step = np.where(is_uncertain, SEARCH_STEPS_S, 0.0)
     # A readout is never negative.
     readouts = (0.0, readout_step, 2.0 * readout_step if told[0] < readout_step else -readout_step)

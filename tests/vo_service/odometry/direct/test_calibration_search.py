@@ -7,19 +7,19 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.direct.rolling_shutter_views import remove_color, remove_depth
 from tests.vo_service.odometry.direct.swinging_camera import DELAY_S, READOUT_S, swinging_frames
+from vo_service.odometry.direct.calibration_search import SearchedFrame, TimingSearch
 from vo_service.odometry.direct.parameters import (
     MAX_SEARCH_STEPS_PER_FRAME,
     NUM_SEARCHED_FRAMES,
     SEARCH_STEPS_S,
 )
-from vo_service.odometry.direct.timing_equations import TimedFrame
-from vo_service.odometry.direct.timing_search import SearchedFrame, TimingSearch
+from vo_service.odometry.direct.view_history import ToldFrame
 
 SIGMAS_S = np.array([0.03, 0.01])
 
 
 def searched(frame: RgbdFrame) -> SearchedFrame:
-    return SearchedFrame.of(TimedFrame.of(frame))
+    return SearchedFrame.of(ToldFrame.of(frame), focal=0.0)
 
 
 def begin_search(frames: tuple[RgbdFrame, ...]) -> TimingSearch:

@@ -11,9 +11,9 @@ from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
-from vo_service.odometry.direct import DirectOdometry, online_focal
-from vo_service.odometry.direct.online_focal import OnlineFocalOdometry, measure_focal_length
-from vo_service.odometry.direct.online_timing import OnlineTimingOdometry
+from vo_service.odometry.direct import DirectOdometry, self_calibration
+from vo_service.odometry.direct.calibration_equations import measure_calibration
+from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.types import Estimate, OnlineFocalLength
 
 TOLD = TimingPrior(0.0, 0.001, 0.0005, TimingSource.CAMERA_FILE)
@@ -31,8 +31,8 @@ def with_focal_error(frame: RgbdFrame, scale: float) -> RgbdFrame:
     return replace(frame, camera=replace(camera, fx=scale * camera.fx, fy=scale * camera.fy))
 
 
-def learn(scale: float) -> tuple[OnlineFocalOdometry, list[Estimate]]:
-    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
+def learn(scale: float) -> tuple[SelfCalibratingOdometry, list[Estimate]]:
+    odometry = SelfCalibratingOdometry(DirectOdometry())
     frames = (with_focal_error(frame, scale) for frame in swinging_frames())
     return odometry, [odometry.estimate(frame) for frame in frames]
 
@@ -53,9 +53,10 @@ def test_a_wrong_focal_length_is_corrected() -> None:
 
 def test_with_right_intrinsics_nothing_changes() -> None:
     _, estimates = learn(1.0)
-    assert last_focal_length(estimates).scale == 1.0
-    plain = OnlineTimingOdometry(DirectOdometry())
+    plain = DirectOdometry()
     for estimate, frame in zip(estimates, swinging_frames(), strict=True):
+        assert estimate.focal_length is not None
+        assert (estimate.focal_length.scale, estimate.focal_length.source) == (1.0, "intrinsics")
         assert (estimate.T_world_camera == plain.estimate(frame).T_world_camera).all()
 
 
@@ -71,7 +72,7 @@ def test_keyframes_have_the_learned_focal_length() -> None:
     scale = last_focal_length(estimates).scale
     told = with_focal_error(swinging_frames()[0], 0.96).camera
     assert scale > 1.0
-    for keyframe in odometry.keyframes:
+    for keyframe in odometry.tracker.keyframes:
         assert np.isclose(keyframe.images.camera.fx, scale * told.fx, rtol=1e-9)
 
 
@@ -84,7 +85,7 @@ def test_another_sensor_starts_with_its_own_focal_length() -> None:
 
 
 def test_what_an_earlier_run_has_learned_is_used_from_the_first_frame() -> None:
-    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
+    odometry = SelfCalibratingOdometry(DirectOdometry())
     frames = [
         replace(with_focal_error(frame, 0.96), focal_prior=FocalPrior(1.04, 0.01))
         for frame in swinging_frames()
@@ -102,13 +103,13 @@ def test_once_it_is_known_every_third_view_is_used(monkeypatch: pytest.MonkeyPat
 
     def measure(*arguments: Any) -> Array:
         used.append(arguments)
-        return measure_focal_length(*arguments)
+        return measure_calibration(*arguments)
 
-    monkeypatch.setattr(online_focal, "measure_focal_length", measure)
+    monkeypatch.setattr(self_calibration, "measure_calibration", measure)
     counts = []
     for sigma in (0.02, 0.005):
         used.clear()
-        odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
+        odometry = SelfCalibratingOdometry(DirectOdometry())
         for frame in swinging_frames()[:31]:
             odometry.estimate(replace(frame, focal_prior=FocalPrior(1.0, sigma)))
         counts.append(len(used))
@@ -117,6 +118,6 @@ def test_once_it_is_known_every_third_view_is_used(monkeypatch: pytest.MonkeyPat
 
 
 def test_exact_frames_are_not_learned_from() -> None:
-    odometry = OnlineFocalOdometry(OnlineTimingOdometry(DirectOdometry()))
+    odometry = SelfCalibratingOdometry(DirectOdometry())
     for frame in swinging_frames()[:8]:
         assert odometry.estimate(replace(frame, timing_prior=None)).focal_length is None

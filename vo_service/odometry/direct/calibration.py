@@ -1,0 +1,317 @@
+"""The sensor's calibration as one state, and the information filter that learns it.
+
+The state has the readout time, the delay of depth after color and the logarithm of the focal
+length, as corrections of what the frames tell, and the disagreement of depth with brightness about
+the focal length. Information is a (4, 5) array [A b] with A x = b at the best state x.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from drivers.calibration import UNKNOWN_TIMING_SIGMAS_S
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from vo_service.odometry.direct.calibration_equations import (
+    DELAY,
+    DISAGREEMENT,
+    FOCAL,
+    NUM_KEPT,
+    READOUT,
+    TIMING,
+    USED,
+)
+from vo_service.odometry.direct.gauss_newton import invert_cholesky
+from vo_service.odometry.direct.parameters import (
+    CALIBRATION_DECAY,
+    CALIBRATION_VIEW_ERROR,
+    CONTRADICTION_SIGMAS,
+    FOCAL_NONLINEARITY,
+    INSTANT_TIMING_BAND_S,
+    INSTANT_TIMING_SIGMAS,
+    KEYFRAME_CALIBRATION_SIGMAS,
+    MAX_CALIBRATION_SIGMAS,
+    MAX_FOCAL_CORRECTION,
+    MAX_IMPOSSIBLE_SIGMAS,
+    MAX_TIMING_S,
+    MIN_CALIBRATION_CHANGE_SIGMAS,
+    MIN_CALIBRATION_CHANGES,
+    MIN_CALIBRATION_VIEWS,
+    MIN_CHANGED_KEYFRAMES,
+    MIN_FOCAL_DISAGREEMENT_SHARE,
+    NUM_RECENT_KEYFRAMES,
+    SETTLED_CALIBRATION_SIGMAS,
+    TIMING_CHANGE_SIGMAS,
+)
+
+# Sigma of the disagreement before any view: it is free.
+FREE_SIGMA = 1.0
+# Information of the error that the views of a keyframe share.
+SHARED_INFORMATION = np.diag(np.array(KEYFRAME_CALIBRATION_SIGMAS) ** -2.0)
+# Added to the diagonal of an information before it is inverted, relative to it, and 1/s^2.
+RELATIVE_REGULARIZATION, REGULARIZATION = 1e-9, 1e-3
+
+
+@dataclass(frozen=True)
+class CalibrationPrior:
+    """What is known before any view, and used from the first one on.
+
+    Attributes:
+        mean: (3,) readout and delay, s, and logarithm of the focal length.
+        sigmas: (3,) standard deviations.
+        instant: (2,) timing of an instantaneous shutter without delay, s.
+        focal_source: Source of the focal length, see `OnlineFocalLength`.
+    """
+
+    mean: Array
+    sigmas: Array
+    instant: Array
+    focal_source: str = "intrinsics"
+
+    @property
+    def information(self) -> Array:
+        """(4, 5) information; the disagreement is free."""
+        return _information_of(np.append(self.mean, 0.0), np.append(self.sigmas, FREE_SIGMA))
+
+
+class CalibrationFilter:
+    """Information about the calibration, summed over keyframes, and the calibration in use.
+
+    The views of a keyframe share its errors, so their information is summed first and then limited.
+    If the timing by the last keyframes contradicts all that was known before, the latter is
+    forgotten: the timing has changed. Only brightness gives the focal length. The one in use is
+    kept if brightness is not clearly further away from it than depth.
+
+    Args:
+        prior: What is known before any view.
+
+    Attributes:
+        in_use: (3,) calibration in use.
+        estimate: (3,) calibration by all views and the prior.
+        sigmas: (3,) its standard deviations.
+        disagreement: Focal length by depth minus that by brightness; None while unsure.
+        focal_source: Source of the focal length in use, see `OnlineFocalLength`.
+        is_certain: Whether the timing is known well enough to be used.
+        contradiction: (2,) timing by the frames alone, if it is certain and far from the prior.
+    """
+
+    def __init__(self, prior: CalibrationPrior) -> None:
+        self.in_use = self.estimate = prior.mean
+        self.sigmas = prior.sigmas
+        self.disagreement: float | None = None
+        self.focal_source = prior.focal_source
+        self.is_certain = False
+        self.contradiction: Array | None = None
+        self._instant, self._told = prior.instant, prior.information
+        # Before any view; of older keyframes; of the last ones; of the views of the current one.
+        self._prior, self._older, self._current = prior.information, _nothing(), _nothing()
+        self._recent: deque[Array] = deque()
+        self._state = np.append(prior.mean, 0.0)
+        self._keyframe_stamp_s = np.nan
+        self._num_views = 0
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the estimate is so good that few of the views are enough."""
+        return bool((self.sigmas < SETTLED_CALIBRATION_SIGMAS).all())
+
+    def add(self, keyframe_stamp_s: float, view: Array) -> bool:
+        """Add a view; return whether the calibration in use has changed.
+
+        Args:
+            keyframe_stamp_s: Stamp of the view's keyframe.
+            view: (4, 5) information.
+        """
+        if keyframe_stamp_s != self._keyframe_stamp_s:
+            self._finish_keyframe()
+            self._keyframe_stamp_s = keyframe_stamp_s
+        self._current += view
+        self._num_views += 1
+        from_frames = (
+            self._older
+            + sum(self._recent)
+            + limit_information(self._current, CALIBRATION_VIEW_ERROR)
+        )
+        self._state, covariance = solve_information(self._prior + from_frames)
+        sigmas = np.sqrt(np.diag(covariance))
+        self.estimate, self.sigmas = self._state[USED], sigmas[USED]
+        is_certain = sigmas < MAX_CALIBRATION_SIGMAS
+        self.is_certain = bool(is_certain[TIMING].all()) and (
+            self._num_views >= MIN_CALIBRATION_VIEWS
+        )
+        self.disagreement = float(self._state[DISAGREEMENT]) if is_certain[FOCAL:].all() else None
+        self.contradiction = self._find_contradiction(from_frames)
+        return self.is_certain and self._update_in_use()
+
+    # -- keyframes -------------------------------------------------------------------------------
+    def _finish_keyframe(self) -> None:
+        """Add the information of the current keyframe's views to that of the last keyframes."""
+        self._older = CALIBRATION_DECAY * self._older
+        self._recent = deque(CALIBRATION_DECAY * each for each in self._recent)
+        finished = limit_information(self._current, CALIBRATION_VIEW_ERROR)
+        self._current = _nothing()
+        if not self._is_possible(finished):
+            return
+        self._recent.append(finished)
+        self._forget_if_changed()
+        if len(self._recent) > NUM_RECENT_KEYFRAMES:
+            self._older = self._older + self._recent.popleft()
+
+    def _is_possible(self, keyframe: Array) -> bool:
+        """Whether a timing may be that of a sensor; errors of another kind give other ones."""
+        timing, covariance = solve_information(given_focal(keyframe, self._state))
+        readout_s, delay_s = (timing - (self._instant[READOUT], 0.0)).tolist()
+        off_s = (
+            max(-readout_s, readout_s - MAX_TIMING_S[READOUT]),
+            abs(delay_s) - MAX_TIMING_S[DELAY],
+        )
+        return bool((off_s <= MAX_IMPOSSIBLE_SIGMAS * np.sqrt(np.diag(covariance))).all())
+
+    def _forget_if_changed(self) -> None:
+        """Forget the timing that the last keyframes contradict, if several do, from any on."""
+        keyframes = list(self._recent)
+        known = self._prior + self._older
+        squared = [
+            squared_disagreement(
+                sum(keyframes[k:], _nothing()), sum(keyframes[:k], known), self._state
+            )
+            for k in range(1, len(keyframes))
+        ]
+        by_several = squared[: max(len(keyframes) - MIN_CHANGED_KEYFRAMES, 0)]
+        if max(by_several, default=0.0) > TIMING_CHANGE_SIGMAS**2:
+            self._recent = deque(keyframes[1 + int(np.argmax(squared)) :])
+            self._older = _nothing()
+            sigmas = np.array([*UNKNOWN_TIMING_SIGMAS_S, self.sigmas[FOCAL], FREE_SIGMA])
+            self._prior = _information_of(np.append(self.in_use, 0.0), sigmas)
+
+    def _find_contradiction(self, from_frames: Array) -> Array | None:
+        if not self.is_certain:
+            return None
+        if squared_disagreement(from_frames, self._told, self._state) <= CONTRADICTION_SIGMAS**2:
+            return None
+        by_frames, covariance = solve_information(given_focal(from_frames, self._state))
+        is_certain = np.sqrt(np.diag(covariance)) < MAX_CALIBRATION_SIGMAS[:2]
+        return by_frames if is_certain.all() else None
+
+    # -- the calibration in use ------------------------------------------------------------------
+    def _update_in_use(self) -> bool:
+        target = np.append(self._target_timing(), self._target_focal())
+        change = np.abs(target - self.in_use)
+        is_changed = change > MIN_CALIBRATION_CHANGES
+        is_changed &= change > np.array(MIN_CALIBRATION_CHANGE_SIGMAS) * self.sigmas
+        if is_changed[FOCAL]:
+            self._restart_focal(float(target[FOCAL]), float(change[FOCAL]))
+        else:
+            target[FOCAL] = self.in_use[FOCAL]
+        if not is_changed[TIMING].any():
+            target[TIMING] = self.in_use[TIMING]
+        self.in_use = target
+        return bool(is_changed.any())
+
+    def _target_timing(self) -> Array:
+        """(2,) exactly instantaneous if the estimate is close to that."""
+        band, estimate = np.array(INSTANT_TIMING_BAND_S), self.estimate[TIMING]
+        if (self.in_use[TIMING] == self._instant).all():
+            band = np.maximum(band, INSTANT_TIMING_SIGMAS * self.sigmas[TIMING])
+        if (np.abs(estimate - self._instant) < band).all():
+            return self._instant
+        return np.array([max(estimate[READOUT], self._instant[READOUT]), estimate[DELAY]])
+
+    def _target_focal(self) -> float:
+        """The focal length by brightness, if it is clearly further away than depth."""
+        in_use, estimate = float(self.in_use[FOCAL]), float(self.estimate[FOCAL])
+        target = min(max(estimate, -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)
+        disagreement = self.disagreement
+        if disagreement is None:
+            return in_use
+        is_clear = abs(target - in_use) > MIN_FOCAL_DISAGREEMENT_SHARE * abs(disagreement)
+        return target if is_clear else in_use
+
+    def _restart_focal(self, focal: float, change: float) -> None:
+        """Use another focal length: residuals of the views so far are not linear in the change."""
+        self.focal_source, self.disagreement = "learned", None
+        self._older, self._current, *recent = (
+            _without_focal(each, self._state)
+            for each in (self._older, self._current, *self._recent)
+        )
+        self._recent = deque(recent)
+        sigma = hypot(float(self.sigmas[FOCAL]), FOCAL_NONLINEARITY * change)
+        focal_only = _information_of(
+            np.array([0.0, 0.0, focal, 0.0]), np.array([np.inf, np.inf, sigma, FREE_SIGMA])
+        )
+        self._prior = _without_focal(self._prior, self._state) + focal_only
+
+
+def _nothing() -> Array:
+    return np.zeros((NUM_KEPT, NUM_KEPT + 1))
+
+
+def _information_of(mean: Array, sigmas: Array) -> Array:
+    """(N, N + 1) information of a state (N,) with standard deviations (N,)."""
+    A = np.diag(sigmas**-2.0)
+    return np.column_stack([A, A @ mean])
+
+
+@kernel
+def solve_information(information: Array) -> tuple[Array, Array]:
+    """(N,) best state and its (N, N) covariance, of an information (N, N + 1)."""
+    n = len(information)
+    A = information[:, :n].copy()
+    for k in range(n):
+        A[k, k] += RELATIVE_REGULARIZATION * A[k, k] + REGULARIZATION
+    covariance, state = invert_cholesky(A), np.zeros(n)
+    # Not `@`: a kernel with it loads SciPy's linear algebra.
+    for i in range(n):
+        for k in range(n):
+            state[i] += covariance[i, k] * information[k, n]
+    return state, covariance
+
+
+@kernel
+def limit_information(information: Array, error: float) -> Array:
+    """(4, 5) information of a keyframe's views; the error that they share is added.
+
+    Args:
+        information: (4, 5) sum over the views.
+        error: Squared error of a view, relative to its information.
+    """
+    n, views = len(information), information / error
+    # The error is one more unknown of the same views, and is marginalized.
+    inverse, limited = invert_cholesky(views[:, :n] + SHARED_INFORMATION), views.copy()
+    for i in range(n):
+        for j in range(n + 1):
+            for k in range(n):
+                for m in range(n):
+                    limited[i, j] -= views[i, k] * inverse[k, m] * views[m, j]
+    return limited
+
+
+def given_focal(information: Array, state: Array) -> Array:
+    """(2, 3) information of the timing, given focal length and disagreement of a state (4,)."""
+    A, b = information[TIMING, TIMING], information[TIMING, NUM_KEPT]
+    return np.column_stack([A, b - information[TIMING, FOCAL:NUM_KEPT] @ state[FOCAL:]])
+
+
+def _without_focal(information: Array, state: Array) -> Array:
+    """(4, 5) information of the timing alone, see `given_focal`."""
+    timing = given_focal(information, state)
+    alone = _nothing()
+    alone[TIMING, TIMING], alone[TIMING, NUM_KEPT] = timing[:, :2], timing[:, 2]
+    return alone
+
+
+def squared_disagreement(one: Array, other: Array, state: Array) -> float:
+    """Squared difference, in its standard deviations, of the timings of two informations (4, 5).
+
+    Args:
+        one: The first.
+        other: The second.
+        state: (4,) state whose focal length and disagreement are those of both.
+    """
+    mean, covariance = solve_information(given_focal(one, state))
+    other_mean, other_covariance = solve_information(given_focal(other, state))
+    difference = mean - other_mean
+    inverse = invert_cholesky(covariance + other_covariance)
+    return float(difference @ inverse @ difference)

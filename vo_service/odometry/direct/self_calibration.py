@@ -1,0 +1,348 @@
+"""Direct odometry that learns the sensor's timing and focal length while it runs.
+
+What a frame tells of its timing is a prior, see `TimingPrior`. If it is uncertain, the first moving
+frames are tracked with several timings, and the odometry goes on with the best one. Each tracked
+view adds to the estimate, two frames late, when the velocity at it is known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import exp, hypot, log
+
+import numpy as np
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.geometry import Array
+from vo_service.odometry.direct import DirectOdometry
+from vo_service.odometry.direct.calibration import CalibrationFilter, CalibrationPrior
+from vo_service.odometry.direct.calibration_equations import (
+    FOCAL,
+    TIMING,
+    CalibrationView,
+    measure_calibration,
+)
+from vo_service.odometry.direct.calibration_search import (
+    SearchedFrame,
+    TimingSearch,
+    TimingSearchResult,
+    needs_search,
+)
+from vo_service.odometry.direct.image_pyramid import ALL_STATIC
+from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.motion import constant_velocity_motion
+from vo_service.odometry.direct.parameters import (
+    FOCAL_PRIOR_SIGMA,
+    HALF_WEIGHT_SPEED,
+    MAX_KEYFRAME_TIMING_ERRORS_S,
+    MIN_CALIBRATION_SPEED,
+    SCENE_DEPTH_M,
+    SETTLED_VIEW_STRIDE,
+)
+from vo_service.odometry.direct.view_history import (
+    ToldFrame,
+    TrackedView,
+    ViewHistory,
+    correct_camera,
+    corrected_shutter,
+)
+from vo_service.types import (
+    Estimate,
+    NullStageTimer,
+    OnlineFocalLength,
+    OnlineTiming,
+    StageTimer,
+)
+
+
+class SelfCalibratingOdometry:
+    """Direct odometry with learned timing and focal length.
+
+    Args:
+        tracker: Tracks the frames.
+        timer: Times the stages; not timed if None.
+    """
+
+    def __init__(self, tracker: DirectOdometry, timer: StageTimer | None = None) -> None:
+        self._tracker = tracker
+        self._timer = timer or NullStageTimer()
+        self._history = ViewHistory()
+        self._filter: CalibrationFilter | None = None
+        self._sensor: tuple[str, PinholeCamera] | None = None
+        self._is_search_needed = False
+        # The last good frame with the pose at it, before the search.
+        self._before_search: tuple[ToldFrame, Array] | None = None
+        self._search: TimingSearch | None = None
+        self._view_count = 0
+
+    @property
+    def calibration(self) -> CalibrationFilter | None:
+        """What has been learned, as corrections of what frames tell; None before any frame."""
+        return self._filter
+
+    @property
+    def tracker(self) -> DirectOdometry:
+        """The odometry that tracks the frames."""
+        return self._tracker
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Estimate the camera's pose, see `DirectOdometry.estimate`, and learn from it."""
+        if frame.timing_prior is None:
+            return self._tracker.estimate(frame)
+        told = ToldFrame.of(frame)
+        # Another sensor has been plugged in: it has its own calibration.
+        if self._filter is None or self._sensor != (frame.serial, frame.camera):
+            self._filter = self._start(told)
+        if self._is_search_needed:
+            with self._timer.stage("calibration"):
+                self._end_search(told)
+        estimate = self._track(told)
+        if self._is_search_needed:
+            with self._timer.stage("calibration"):
+                self._search_timing(told, estimate)
+        return replace(
+            estimate, timing=self._report_timing(frame), focal_length=self._report_focal_length()
+        )
+
+    @property
+    def _learned(self) -> CalibrationFilter:
+        assert self._filter is not None
+        return self._filter
+
+    # -- tracking --------------------------------------------------------------------------------
+    def _start(self, told: ToldFrame) -> CalibrationFilter:
+        """Start with what the first frame of a sensor tells."""
+        frame = told.frame
+        self._sensor = frame.serial, frame.camera
+        self._history.clear()
+        self._before_search = self._search = None
+        sigmas_s = _told_sigmas_s(frame)
+        self._is_search_needed = needs_search(sigmas_s)
+        return CalibrationFilter(_make_prior(told, np.zeros(2), sigmas_s))
+
+    def _track(self, told: ToldFrame) -> Estimate:
+        calibration = self._learned.in_use
+        estimate = self._tracker.estimate(told.with_correction(calibration))
+        if estimate.is_reset:
+            self._history.clear()
+        if not estimate.ok:
+            self._history.interrupt()
+            return estimate
+        with self._timer.stage("calibration"):
+            view = TrackedView(
+                told.frame.stamp_s, told.timing, calibration, estimate.T_world_camera
+            )
+            tracked = self._tracker.last_frame
+            if tracked is not None and tracked.images.stamp_s == view.stamp_s:
+                view.keyframe, view.alignment = tracked.result.keyframe, tracked.result.alignment
+            if self._learn(view, self._tracker.keyframes):
+                self._correct_keyframes(calibration)
+        return estimate
+
+    # -- search ----------------------------------------------------------------------------------
+    def _search_timing(self, told: ToldFrame, estimate: Estimate) -> None:
+        """Begin the search once there is motion or tracking fails, and continue it."""
+        learned = self._learned
+        if estimate.is_reset or learned.is_certain:
+            self._search = None
+            self._is_search_needed = not learned.is_certain
+        is_moving = not estimate.ok or _speed(self._tracker.velocity) > HALF_WEIGHT_SPEED
+        focal = float(learned.in_use[FOCAL])
+        if self._search is None and self._before_search is not None and is_moving:
+            first, T_world_first = self._before_search
+            self._search = TimingSearch(
+                SearchedFrame.of(first, focal), T_world_first, _told_sigmas_s(told.frame)
+            )
+        if self._search is not None:
+            tracked = self._tracker.last_frame
+            is_tracked = tracked is not None and tracked.images.stamp_s == told.frame.stamp_s
+            images = tracked.images if tracked is not None and is_tracked else None
+            self._search.add(SearchedFrame.of(told, focal, images))
+        self._before_search = (told, estimate.T_world_camera) if estimate.ok else None
+
+    def _end_search(self, told: ToldFrame) -> None:
+        """Go on with the best timing, if the search has found it."""
+        search = self._search
+        if search is None or not search.num_compared:
+            return
+        found = search.evaluate()
+        if not (found.is_certain or search.is_complete):
+            return
+        self._search = None
+        if found.is_clear:
+            self._is_search_needed = False
+            self._continue_from(search, found)
+        elif _speed(self._tracker.velocity) > HALF_WEIGHT_SPEED:
+            self._is_search_needed = False
+
+    def _continue_from(self, search: TimingSearch, found: TimingSearchResult) -> None:
+        """Track the next frame from the best hypothesis on, with the timing found."""
+        best, first = found.best, search.first
+        search.catch_up(best)
+        self._history.clear()
+        self._filter = CalibrationFilter(_make_prior(first.told, found.mean, found.sigmas_s))
+        for view in best.views:
+            self._learn(view, [best.keyframe])
+        velocity = best.views[0].velocity
+        keyframe = make_keyframe(
+            first.frame,
+            first.with_timing(self._filter.in_use),
+            best.keyframe.T_world_keyframe,
+            best.keyframe.motion if velocity is None else constant_velocity_motion(velocity),
+            ALL_STATIC,
+        )
+        self._tracker.continue_from(keyframe, best.motion_state)
+
+    # -- learning --------------------------------------------------------------------------------
+    def _learn(self, view: TrackedView, keyframes: Sequence[DirectKeyframe]) -> bool:
+        """Add a view to the history, and learn from the one whose velocity is now known.
+
+        Args:
+            view: The view.
+            keyframes: All that are in use.
+
+        Returns:
+            Whether the calibration in use has changed.
+        """
+        past = self._history.add(view, keyframes)
+        if past is None or past.keyframe is None or past.alignment is None:
+            return False
+        assert past.velocity is not None
+        self._view_count += 1
+        speed = _speed(past.velocity)
+        keyframe, alignment = past.keyframe, past.alignment
+        keyframe_view = self._history.find(keyframe.images.stamp_s)
+        if (
+            speed < MIN_CALIBRATION_SPEED
+            or keyframe_view is None
+            or keyframe_view.velocity is None
+            or (self._learned.is_settled and self._view_count % SETTLED_VIEW_STRIDE)
+        ):
+            return False
+        information = measure_calibration(
+            keyframe.points[0],
+            alignment.samples,
+            alignment.cell_weights,
+            alignment.residual_model,
+            CalibrationView(
+                T_camera_keyframe=alignment.T_camera_keyframe,
+                motion=alignment.motion,
+                velocity=past.velocity,
+                keyframe_motion=keyframe.motion,
+                keyframe_velocity=keyframe_view.velocity,
+                calibration=past.calibration,
+                keyframe_timing=_timing_of(keyframe) - keyframe_view.told,
+                intrinsics=keyframe.images.intrinsics[0],
+                height=keyframe.images.camera.height,
+            ),
+        )
+        weight = speed**4 / (speed**4 + HALF_WEIGHT_SPEED**4)
+        return self._learned.add(keyframe.images.stamp_s, weight * information)
+
+    def _correct_keyframes(self, before: Array) -> None:
+        """After a change: rebuild the active keyframe, forget those that are far off.
+
+        Args:
+            before: (3,) calibration in use before.
+        """
+        active = self._tracker.active_keyframe
+        assert active is not None
+        has_same_focal = before[FOCAL] == self._learned.in_use[FOCAL]
+        rebuilt = self._rebuild(active)
+        self._tracker.replace_keyframes(
+            [
+                rebuilt if keyframe is active else keyframe
+                for keyframe in self._tracker.keyframes
+                if keyframe is active or (has_same_focal and self._is_close(keyframe))
+            ],
+            rebuilt,
+        )
+
+    def _rebuild(self, keyframe: DirectKeyframe) -> DirectKeyframe:
+        """Return a keyframe with the calibration in use; without velocity its timing stays."""
+        assert self._sensor is not None
+        calibration, shutter = self._learned.in_use, keyframe.images.shutter
+        camera, motion = correct_camera(self._sensor[1], calibration), keyframe.motion
+        view = self._history.find(keyframe.images.stamp_s)
+        if view is not None and view.velocity is not None:
+            shutter = corrected_shutter(view.told, calibration)
+            motion = constant_velocity_motion(view.velocity)
+        elif camera == keyframe.images.camera:
+            return keyframe
+        return make_keyframe(
+            replace(keyframe.frame, camera=camera),
+            replace(keyframe.images, camera=camera, shutter=shutter),
+            keyframe.T_world_keyframe,
+            motion,
+            ALL_STATIC,
+        )
+
+    def _is_close(self, keyframe: DirectKeyframe) -> bool:
+        """Whether a keyframe was made with nearly the timing in use."""
+        view = self._history.find(keyframe.images.stamp_s)
+        if view is None:
+            return True
+        off = np.abs(_timing_of(keyframe) - view.told - self._learned.in_use[TIMING])
+        return bool((off <= MAX_KEYFRAME_TIMING_ERRORS_S).all())
+
+    # -- report ----------------------------------------------------------------------------------
+    def _report_timing(self, frame: RgbdFrame) -> OnlineTiming:
+        learned, prior = self._learned, frame.timing_prior
+        assert prior is not None
+        told = np.array([frame.readout_s, prior.depth_offset_s])
+        readout_s, depth_offset_s = (told + learned.in_use[TIMING]).tolist()
+        by_frames = learned.contradiction
+        # An estimate that confirms what was told well is not called learned.
+        is_learned = learned.is_certain and (
+            learned.in_use[TIMING].any() or needs_search(_told_sigmas_s(frame))
+        )
+        return OnlineTiming(
+            readout_s=readout_s,
+            depth_offset_s=depth_offset_s,
+            readout_sigma_s=float(learned.sigmas[0]),
+            depth_offset_sigma_s=float(learned.sigmas[1]),
+            source="learned" if is_learned else prior.source.value,
+            contradiction=None if by_frames is None else tuple((told + by_frames).tolist()),
+        )
+
+    def _report_focal_length(self) -> OnlineFocalLength:
+        learned = self._learned
+        return OnlineFocalLength(
+            exp(learned.in_use[FOCAL]),
+            float(learned.sigmas[FOCAL]),
+            learned.disagreement,
+            learned.focal_source,
+        )
+
+
+def _make_prior(told: ToldFrame, timing: Array, sigmas_s: Array) -> CalibrationPrior:
+    """Make the prior of a timing (2,) with sigmas (2,), and of the known focal length."""
+    frame, prior = told.frame, told.frame.timing_prior
+    stamp_skew_s = told.timing[1] - (prior.depth_offset_s if prior else 0.0)
+    instant = -told.timing if abs(stamp_skew_s) == 0.0 else np.array([-told.timing[0], -np.inf])
+    focal, source = frame.focal_prior, "memory"
+    mean, sigma = (log(focal.scale), focal.sigma) if focal else (0.0, FOCAL_PRIOR_SIGMA)
+    return CalibrationPrior(
+        np.append(timing, mean),
+        np.append(sigmas_s, sigma),
+        instant,
+        source if focal else "intrinsics",
+    )
+
+
+def _told_sigmas_s(frame: RgbdFrame) -> Array:
+    prior = frame.timing_prior
+    assert prior is not None
+    # A value without error keeps its place by a tiny sigma.
+    return np.maximum([prior.readout_sigma_s, prior.depth_offset_sigma_s], 1e-6)
+
+
+def _speed(velocity: Array) -> float:
+    """Speed in rad/s of a velocity (6,), as if everything were `SCENE_DEPTH_M` away."""
+    translation, rotation = velocity[:3].tolist(), velocity[3:].tolist()
+    return hypot(*rotation, hypot(*translation) / SCENE_DEPTH_M)
+
+
+def _timing_of(keyframe: DirectKeyframe) -> Array:
+    """(2,) readout and delay that a keyframe was made with, s."""
+    shutter = keyframe.images.shutter
+    return np.array([shutter.readout_s, shutter.skew_s])

@@ -22,7 +22,7 @@ from typing import Any
 
 import pytest
 
-from drivers.core.process import supervisor
+from drivers.core.process import worker_process
 from tests.simulators.libusb_build import simulated_library_path
 from tests.waiting import DEFAULT_TIMEOUT_S
 from vo_service.tools.doctor import stream_probe
@@ -95,7 +95,7 @@ def run_module(module: str, *arguments: str) -> "subprocess.CompletedProcess[str
 def start_worker(
     function: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
-    """Replace `start_worker` of the supervisor by a `ForkedProcess`."""
+    """Replace `worker_process.start_worker` by a `ForkedProcess`."""
     program = "import sys\nfrom drivers.core.process.worker_main import main\n"
     return ForkedProcess(
         [
@@ -123,7 +123,7 @@ def program_of(module: str) -> str:
 @contextmanager
 def forked_workers(functions: Collection[str]) -> Iterator[None]:
     """Let this process fork the workers that run one of these functions."""
-    real, conditions = supervisor.start_worker, _start_conditions()
+    real, conditions = worker_process.start_worker, _start_conditions()
 
     def start(function: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
         # A test that changes these needs a new process.
@@ -131,7 +131,7 @@ def forked_workers(functions: Collection[str]) -> Iterator[None]:
         return (start_worker if is_forked else real)(function, *args, **kwargs)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervisor, "start_worker", start)
+        patch.setattr(worker_process, "start_worker", start)
         yield
 
 

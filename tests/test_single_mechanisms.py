@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 # reason for each beside the mechanism's own file.
 SINGLE = {
     "Popen": {
-        "drivers/core/process/supervisor.py",
+        "drivers/core/process/worker_process.py",
         "vo_service/outputs/rerun/web_viewer_server.py",  # Rerun's own program, for a moment
     },
     "Process": {
@@ -20,7 +20,7 @@ SINGLE = {
     },
     "ProcessPoolExecutor": set(),
     "fork": set(),
-    "memfd_create": {"drivers/core/process/__init__.py"},
+    "memfd_create": {"drivers/core/process/record_ring.py"},
     "SharedMemory": set(),
     "Condition": {
         "drivers/core/flow_control.py",

@@ -187,7 +187,7 @@ def open_recorder(config: Config) -> Recorder:
     """Open the flight recorder; a `NullRecorder` if it is disabled or fails."""
     if not config.recorder.enabled:
         return NullRecorder("the recorder is switched off (recorder.enabled)")
-    from vo_service.outputs.recorder import open_recorder
+    from vo_service.outputs.recorder.client import open_recorder
 
     return open_recorder(config.recorder, asdict(config))
 
@@ -196,7 +196,7 @@ def open_mapper(config: Config) -> Mapper:
     """Open the mapper; a `NullMapper` if it is disabled or fails."""
     if not config.map.enabled:
         return NullMapper("the map is disabled (map.enabled)")
-    from vo_service.slam.mapper import open_mapper
+    from vo_service.slam.mapper.client import open_mapper
 
     return open_mapper(config.map)
 

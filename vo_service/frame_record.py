@@ -22,7 +22,7 @@ from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
 from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.core.process import RecordRingWriter, RingRecord
+from drivers.core.process.record_ring import RecordRingWriter, RingRecord
 from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.messages import Status
 

@@ -8,7 +8,8 @@ from functools import partial
 
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MapConfig
-from vo_service.slam.mapper.mesh_job import FusedMesh, MeshKeyframe
+from vo_service.slam.mapper.mesh_job import FusedMesh
+from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
 from vo_service.slam.mapper.worker import run_mapper
 
 

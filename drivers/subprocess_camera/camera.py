@@ -3,7 +3,6 @@
 import logging
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.camera import (
@@ -21,10 +20,12 @@ from drivers.camera import (
 from drivers.core import CameraError, CameraLostError
 from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.geometry import Trajectory
-from drivers.core.process import WorkerFailed, WorkerSpec
-from drivers.core.process.supervisor import WorkerSupervisor
+from drivers.core.process.client import WorkerClient
+from drivers.core.process.messages import WorkerFailed
+from drivers.core.process.worker_spec import WorkerSpec
 from drivers.reconnect import ConnectionPhase
-from drivers.subprocess_camera import (
+from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingReader
+from drivers.subprocess_camera.messages import (
     CameraFinished,
     CameraHeartbeat,
     CameraProperties,
@@ -35,7 +36,7 @@ from drivers.subprocess_camera import (
     SetTilt,
     Timeouts,
 )
-from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingReader
+from drivers.subprocess_camera.sequencing import make_sequencer
 
 _log = logging.getLogger(__name__)
 
@@ -77,7 +78,7 @@ class CameraWorkerClient:
             exit_timeout_s=timeouts.closing_s,
             orphan_timeout_s=timeouts.orphan_s,
         )
-        self._supervisor: WorkerSupervisor | None = None
+        self._supervisor: WorkerClient | None = None
         # The last request of each type, for every new process.
         self._requests: dict[type[DeviceRequest], DeviceRequest] = {}
         self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
@@ -86,7 +87,7 @@ class CameraWorkerClient:
     def start(self) -> None:
         """Start the worker process."""
         self._reset()
-        self._supervisor = WorkerSupervisor(
+        self._supervisor = WorkerClient(
             self._spec,
             self._make_config,
             self._handle_message,
@@ -176,9 +177,6 @@ class CameraWorkerClient:
         self.final_exception = exception
         self._ring.finish()
         self._is_settled.set()
-
-
-Sequencer = Callable[[RgbdFrame], RgbdFrame | None]
 
 
 class SubprocessCamera(RgbdCamera):
@@ -307,42 +305,3 @@ class SubprocessCamera(RgbdCamera):
             raise self._client.final_exception or CameraLostError(
                 f"{self.name}: not open; use `with`, or call open()"
             ) from None
-
-
-def make_sequencer(clock: Clock, playback_mode: PlaybackMode) -> Sequencer:
-    """Make the function that returns a frame as delivered, or None for a frame to discard."""
-    if clock is Clock.MONOTONIC:
-        return MonotonicSequence()
-    return stamp_receive_time if playback_mode is PlaybackMode.LOCKSTEP else pass_through
-
-
-class MonotonicSequence:
-    """Keeps `seq` and stamps of a live camera rising, however often it is opened again.
-
-    A camera that is opened again counts from 0; its numbers continue here from the last one. Its
-    new clock estimate may put its first frames before the last ones: those are discarded.
-    """
-
-    def __init__(self) -> None:
-        self._last_stamp_s = -float("inf")
-        self._last_seq = -1
-        self._seq_offset = 0
-
-    def __call__(self, frame: RgbdFrame) -> RgbdFrame | None:
-        """Return the frame with its new number; None if its stamp does not rise."""
-        if frame.stamp_s <= self._last_stamp_s:
-            return None
-        if frame.seq + self._seq_offset <= self._last_seq:
-            self._seq_offset = self._last_seq + 1 - frame.seq
-        self._last_stamp_s, self._last_seq = frame.stamp_s, frame.seq + self._seq_offset
-        return replace(frame, seq=self._last_seq)
-
-
-def stamp_receive_time(frame: RgbdFrame) -> RgbdFrame:
-    """Set the receive time to now: in lockstep a frame arrives when it is read."""
-    return replace(frame, receive_time_s=time.monotonic())
-
-
-def pass_through(frame: RgbdFrame) -> RgbdFrame:
-    """Return the frame unchanged, for a recording in realtime."""
-    return frame

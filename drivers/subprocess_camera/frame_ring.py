@@ -30,7 +30,7 @@ from drivers.camera import (
     TimingSource,
 )
 from drivers.core import UserFacingError
-from drivers.core.process import create_shared_memory
+from drivers.core.process.record_ring import create_shared_memory
 
 SLOT_COUNT = 4
 # Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.

@@ -11,14 +11,14 @@ from drivers.core import CameraError
 from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.reconnect import ConnectionPhase, ReconnectingCamera
-from drivers.subprocess_camera import (
+from drivers.subprocess_camera.frame_ring import FrameRingWriter
+from drivers.subprocess_camera.messages import (
     CameraFinished,
     CameraHeartbeat,
     CameraProperties,
     CameraWorkerConfig,
     DeviceRequest,
 )
-from drivers.subprocess_camera.frame_ring import FrameRingWriter
 
 _log = logging.getLogger(__name__)
 POLL_S = 0.25

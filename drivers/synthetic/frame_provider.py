@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.core import CameraLostError
-from drivers.core.process import WorkerFailed, WorkerSpec
-from drivers.core.process.supervisor import WorkerProcess
+from drivers.core.process.messages import WorkerFailed
+from drivers.core.process.worker_process import WorkerProcess
+from drivers.core.process.worker_spec import WorkerSpec
 from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.rendered_sequence import (
     ReaderPosition,

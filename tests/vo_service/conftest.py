@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core import process
+from drivers.core.process import worker_spec
 from tests import forked_process
 from tests.forked_process import forked_workers
 from tests.shared_fixture import make_once
@@ -24,7 +24,7 @@ def patience() -> Iterator[None]:
     service in this very process would be ended by force, and pytest with it.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(process, "FINISHING_TIMEOUT_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(worker_spec, "FINISHING_TIMEOUT_S", DEFAULT_TIMEOUT_S)
         patch.setattr(run, "MAX_SHUTDOWN_S", DEFAULT_TIMEOUT_S)
         yield
 

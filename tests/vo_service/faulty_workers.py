@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from drivers.core.process import Heartbeat
+from drivers.core.process.messages import Heartbeat
 from drivers.core.process.service_connection import ServiceConnection
 
 PERIOD_S = 0.05

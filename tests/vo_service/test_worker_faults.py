@@ -12,21 +12,22 @@ from typing import Protocol
 import pytest
 
 from drivers.camera import Clock, PlaybackMode
-from drivers.core import process
-from drivers.core.process import RecordRingWriter
-from drivers.subprocess_camera import Timeouts
+from drivers.core.process import worker_spec
+from drivers.core.process.record_ring import RecordRingWriter
 from drivers.subprocess_camera import camera as camera_client
 from drivers.subprocess_camera.camera import SubprocessCamera
+from drivers.subprocess_camera.messages import Timeouts
 from tests.forked_process import forked_workers
 from tests.resource_leaks import child_pids, is_alive, resources_in_use
 from tests.waiting import wait_until
 from vo_service.config_tables import MapConfig
-from vo_service.outputs import recorder
-from vo_service.outputs.recorder import RecorderWorkerConfig
-from vo_service.outputs.rerun import InitialState, RerunWorkerConfig
+from vo_service.outputs.recorder import client as recorder
+from vo_service.outputs.recorder.messages import RecorderWorkerConfig
 from vo_service.outputs.rerun import output as viewer_client
+from vo_service.outputs.rerun.messages import InitialState, RerunWorkerConfig
 from vo_service.outputs.rerun.sinks import RrdFileSink
-from vo_service.slam import MapperWorkerConfig, mapper
+from vo_service.slam.mapper import client as mapper
+from vo_service.slam.mapper.messages import MapperWorkerConfig
 
 pytestmark = pytest.mark.subprocess
 
@@ -113,7 +114,7 @@ def make_faulty(
         opened.append(open_worker(tmp_path))
         return opened[0]
 
-    monkeypatch.setattr(process, "FINISHING_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(worker_spec, "FINISHING_TIMEOUT_S", 0.5)
     with forked_workers(FUNCTIONS):
         yield make
         opened[0].close()

@@ -23,7 +23,7 @@ from vo_service.cli.options import (
     print_message,
 )
 from vo_service.frame_source import PacedSource
-from vo_service.outputs import ProgressOutput
+from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.signals import stop_on_signals

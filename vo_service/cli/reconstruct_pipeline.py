@@ -27,7 +27,7 @@ from vo_service.cli.options import load_config, prepare_kernels, requested_topic
 from vo_service.cli.recordings import open_requested
 from vo_service.config import Config
 from vo_service.frame_source import FrameSource
-from vo_service.outputs import ProgressOutput
+from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.reconstruction import warm_up_reconstruction
 from vo_service.reconstruction.reconstructor import (

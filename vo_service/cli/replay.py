@@ -27,7 +27,7 @@ from vo_service.cli.options import (
 )
 from vo_service.cli.recordings import RECORDING_HELP, replayed_recording
 from vo_service.frame_source import FrameSource
-from vo_service.outputs import ProgressOutput
+from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
 from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.outputs.zenoh.output import ConnectOnce

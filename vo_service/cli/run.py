@@ -39,7 +39,9 @@ from vo_service.cli.options import (
 )
 from vo_service.config import Config, ConfigReloader
 from vo_service.control import CommandQueue
-from vo_service.outputs import ProgressOutput, StateLogOutput, SystemdOutput
+from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.state_log import StateLogOutput
+from vo_service.outputs.systemd import SystemdOutput
 from vo_service.outputs.zenoh.endpoints import (
     CommandEndpoint,
     ExtraEndpoints,

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
-from vo_service.slam import pose_distance_steps
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe
+from vo_service.slam.keyframe_selection import pose_distance_steps
 from vo_service.slam.pose_graph import NodeRemoval, PoseGraph
 
 # Distance of two keyframes: the sum of their distance and their angle, in these units.

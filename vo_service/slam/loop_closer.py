@@ -12,7 +12,6 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, poses_close
-from vo_service.slam import OdometryConstraint, RelocalizationResult
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_culling import KeyframeCuller
 from vo_service.slam.keyframe_database import (
@@ -21,10 +20,12 @@ from vo_service.slam.keyframe_database import (
     MapKeyframe,
     QueryFrame,
 )
+from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_selection import LoopCandidates, MapMerger, OptimizationSchedule
 from vo_service.slam.map_file import MapContents
 from vo_service.slam.place_recognizer import PlaceMatch, PlaceRecognizer
 from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval, PoseGraph
+from vo_service.slam.relocalization import RelocalizationResult
 from vo_service.types import MapSnapshot
 
 # A loop that differs from the map by more than this calls for an optimization.

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, poses_close
-from vo_service.slam import pose_distance_steps
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe, QueryFrame
+from vo_service.slam.keyframe_selection import pose_distance_steps
 from vo_service.slam.pose_graph import PoseGraph
 
 # The last keyframes are no loop candidates: the odometry itself was aligned with them.

@@ -13,7 +13,6 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, orthonormalize, poses_close
-from vo_service.slam import RelocalizationResult
 from vo_service.types import NO_MAP, Estimate, MapSnapshot, Odometry, OdometryUpdate
 
 # The search ends after this many tracked frames: a second.
@@ -24,6 +23,25 @@ QUERY_INTERVAL_FRAMES = 3
 MAX_SPEED_M_S, POSITION_MARGIN_M = 1.5, 0.5
 # Two results agree if their poses differ by no more than this.
 MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD = 0.05, 0.035
+
+
+@dataclass(frozen=True)
+class RelocalizationResult:
+    """Pose of a frame by the map.
+
+    Attributes:
+        seq: Sequence number of the frame.
+        T_world_camera: 4x4 pose, in the world frame of the poses before the loss.
+        covariance: 6x6: (translation m, rotation rad), as a small motion in the camera's axes.
+    """
+
+    seq: int
+    T_world_camera: Array
+    covariance: Array
+
+    def transform_to(self, T_other_world: Array) -> "RelocalizationResult":
+        """Transform the result to another world frame by T_other_world (4x4)."""
+        return replace(self, T_world_camera=T_other_world @ self.T_world_camera)
 
 
 class Relocalizer(Protocol):

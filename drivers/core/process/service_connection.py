@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from drivers.core import UserFacingError
-from drivers.core.process import (
+from drivers.core.process.messages import (
     LogMessage,
     Shutdown,
     WorkerFailed,
-    WorkerSpec,
     receive_message,
     send_message,
 )
+from drivers.core.process.worker_spec import WorkerSpec
 
 _MEMORY_PERIOD_S = 0.5
 _BYTES_PER_MB = 1e6

@@ -14,13 +14,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.process import (
-    StartWorker,
-    WorkerFailed,
-    WorkerSpec,
-    receive_message,
-)
+from drivers.core.process.messages import StartWorker, WorkerFailed, receive_message
 from drivers.core.process.service_connection import ForwardingHandler, ServiceConnection
+from drivers.core.process.worker_spec import WorkerSpec
 
 # They reach every process of a terminal or a unit, but only the service handles them.
 _IGNORED_SIGNALS = (

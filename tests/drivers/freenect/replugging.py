@@ -21,8 +21,8 @@ from drivers.camera import (
     SensorConfig,
 )
 from drivers.freenect.camera import make_kinect_camera
-from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera.camera import SubprocessCamera
+from drivers.subprocess_camera.messages import Timeouts
 from tests.resource_leaks import child_pids, resident_memory_kb, resources_in_use_by
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until

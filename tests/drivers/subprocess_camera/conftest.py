@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from drivers.camera import PlaybackMode, RgbdCamera
-from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera.camera import SubprocessCamera
+from drivers.subprocess_camera.messages import Timeouts
 from tests.drivers.subprocess_camera.scripted_cameras import FileScriptedCamera
 
 MakeSubprocessCamera = Callable[..., SubprocessCamera]

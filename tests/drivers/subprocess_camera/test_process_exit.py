@@ -24,7 +24,7 @@ from functools import partial
 from pathlib import Path
 from drivers.camera import Clock, FrameTimeout, PlaybackMode
 from drivers.subprocess_camera.camera import SubprocessCamera
-from drivers.subprocess_camera import Timeouts
+from drivers.subprocess_camera.messages import Timeouts
 from tests.resource_leaks import child_pids, resources_in_use
 from tests.drivers.subprocess_camera.scripted_cameras import FileScriptedCamera
 

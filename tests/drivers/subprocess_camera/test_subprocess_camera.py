@@ -8,8 +8,8 @@ import pytest
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout, RgbdFrame
 from drivers.core import CameraLostError, InputError
-from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera.camera import SubprocessCamera
+from drivers.subprocess_camera.messages import Timeouts
 from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
 from tests.drivers.subprocess_camera.scripted_cameras import (
     LOST_PACKETS,
@@ -265,7 +265,7 @@ def test_driver_logs_and_prints_reach_the_log(
     logged = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
     assert ("scripted", "WARNING", "2 strings left") in logged
     assert (
-        "drivers.core.process.supervisor",
+        "drivers.core.process.worker_process",
         "DEBUG",
         "driver: libscripted: mind the strings",
     ) in logged

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import CameraState, PlaybackMode
-from drivers.subprocess_camera import Timeouts
 from drivers.subprocess_camera.camera import SubprocessCamera
+from drivers.subprocess_camera.messages import Timeouts
 from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
 from tests.drivers.subprocess_camera.scripted_cameras import (
     OpeningMarkerCamera,

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.camera import CameraCounters, EndOfStream, PlaybackMode
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.subprocess_camera import Timeouts
+from drivers.subprocess_camera.messages import Timeouts
 from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
 from tests.drivers.subprocess_camera.scripted_cameras import (
     RecordedCamera,

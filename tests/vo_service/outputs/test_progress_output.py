@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.fakes import make_status
-from vo_service.outputs import ProgressOutput
+from vo_service.outputs.progress import ProgressOutput
 from vo_service.terminal import Terminal
 from vo_service.types import OdometryUpdate, TrackingState
 

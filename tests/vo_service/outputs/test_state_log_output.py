@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from tests.vo_service.fakes import FakeClock
-from vo_service import outputs
-from vo_service.outputs import StateLogOutput
+from vo_service.outputs import state_log
+from vo_service.outputs.state_log import StateLogOutput
 from vo_service.types import TrackingState
 from vo_service.types.messages import Status
 
@@ -41,7 +41,7 @@ def test_a_camera_that_opens_slowly_is_logged_once_and_then_with_the_time(
     status: Status, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = FakeClock()
-    monkeypatch.setattr(outputs, "time", clock)
+    monkeypatch.setattr(state_log, "time", clock)
     output = StateLogOutput()
     opening = replace(status, state=NO_CAMERA, reason="opening: preparing its room")
     with caplog.at_level("INFO"):

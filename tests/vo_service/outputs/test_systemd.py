@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.vo_service.fakes import make_status
-from vo_service.outputs import SystemdNotifier, SystemdOutput
+from vo_service.outputs.systemd import SystemdNotifier, SystemdOutput
 from vo_service.types import TrackingState
 from vo_service.types.messages import TimingReport
 

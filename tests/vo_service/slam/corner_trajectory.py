@@ -9,7 +9,7 @@ from tests.vo_service.fakes import good_estimate
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.slam import OdometryConstraint
+from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation, LoopCloser
 from vo_service.slam.synchronous_loop_closure import create_loop_closer
 from vo_service.types import OdometryUpdate, TrackingState

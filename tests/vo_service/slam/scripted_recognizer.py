@@ -9,13 +9,13 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, rigid_transform
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.slam import OdometryConstraint
 from vo_service.slam.keyframe_database import (
     TRACKED_VELOCITY_SIGMA,
     KeyframeDatabase,
     MapKeyframe,
     QueryFrame,
 )
+from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation, LoopCloser
 from vo_service.slam.place_recognizer import (
     NO_POSES,

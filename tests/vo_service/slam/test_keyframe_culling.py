@@ -16,8 +16,8 @@ from tests.vo_service.slam.scripted_recognizer import (
     pose_ahead,
 )
 from tests.vo_service.slam.scripted_recognizer import make_observation as straight_on
-from vo_service.slam import STEP_M as ONE_STEP_M
 from vo_service.slam.keyframe_culling import MAX_DUPLICATE_STEPS, find_most_redundant
+from vo_service.slam.keyframe_selection import STEP_M as ONE_STEP_M
 
 
 def along(*positions_m: float) -> Array:

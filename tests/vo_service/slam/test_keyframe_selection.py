@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.core.geometry import rigid_transform, so3_exp
 from tests.vo_service.slam.mapper.wall_sequence import make_wall_update
-from vo_service.slam import (
+from vo_service.slam.keyframe_selection import (
     STEP_M,
     STEP_RAD,
     ConstraintAccumulator,

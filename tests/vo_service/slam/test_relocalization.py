@@ -8,8 +8,11 @@ import pytest
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, is_rigid, rigid_transform, so3_exp
 from tests.vo_service import fakes
-from vo_service.slam import RelocalizationResult
-from vo_service.slam.relocalization import MAX_SEARCH_FRAMES, RelocalizingOdometry
+from vo_service.slam.relocalization import (
+    MAX_SEARCH_FRAMES,
+    RelocalizationResult,
+    RelocalizingOdometry,
+)
 from vo_service.types import Estimate
 
 STEP = rigid_transform(so3_exp([0.0, 0.02, 0.0]), [0.01, 0.0, 0.02])

@@ -21,7 +21,7 @@ from drivers.core.files import (
     lock_folder,
 )
 from drivers.core.geometry import COLUMNS, format_pose_line
-from drivers.core.process import RecordRingReader, RingRecord
+from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.write_errors import writing
 from drivers.tum.writer import TumWriter
 from vo_service.frame_record import FrameMetadata, decode_frame, decode_metadata

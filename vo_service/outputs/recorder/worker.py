@@ -14,14 +14,15 @@ from pathlib import Path
 
 from drivers.core import UserFacingError
 from drivers.core.files import check_writable
-from drivers.core.process import RecordRingReader, RingRecord
+from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.core.write_errors import check_disk_space, writing
 from drivers.recording.frames import ColorFormat
 from drivers.tum.writer import TumWriter
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.frame_record import decode_frame, decode_metadata
-from vo_service.outputs.recorder import (
+from vo_service.outputs.recorder.incidents import IncidentStore, IncidentWriter, select_last_frames
+from vo_service.outputs.recorder.messages import (
     IncidentResult,
     RecorderMessage,
     RecorderRequest,
@@ -34,7 +35,6 @@ from vo_service.outputs.recorder import (
     StopRecordingRequest,
     incident_name,
 )
-from vo_service.outputs.recorder.incidents import IncidentStore, IncidentWriter, select_last_frames
 
 _POLL_PERIOD_S = 0.03
 # JPEG takes a third of PNG's time and size; two slow cores cannot encode PNG fast enough.

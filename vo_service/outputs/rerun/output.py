@@ -13,10 +13,11 @@ from dataclasses import replace
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
 from drivers.core.flow_control import ExponentialBackoff, WorkerThread
-from drivers.core.process import Shutdown, WorkerFailed, WorkerSpec
-from drivers.core.process.supervisor import WorkerSupervisor
+from drivers.core.process.client import WorkerClient
+from drivers.core.process.messages import Shutdown, WorkerFailed
+from drivers.core.process.worker_spec import WorkerSpec
 from vo_service.config_tables import RerunConfig
-from vo_service.outputs.rerun import (
+from vo_service.outputs.rerun.messages import (
     InitialState,
     RerunHealth,
     RerunMessage,
@@ -100,7 +101,7 @@ class RerunClient:
         self._last_error = ""
         self.data_loss = ""
         self._initialized = 0  # the last process that has the initial state
-        self._supervisor = WorkerSupervisor(
+        self._supervisor = WorkerClient(
             replace(RERUN_WORKER, memory_mb=memory_mb),
             self._make_config,
             self._handle_message,

@@ -7,7 +7,8 @@ import rerun as rr
 
 from drivers.core import UserFacingError
 from drivers.core.write_errors import WriteError, is_disk_full
-from vo_service.outputs.rerun import (
+from vo_service.outputs.rerun.blueprint import make_blueprint
+from vo_service.outputs.rerun.messages import (
     FrameScalars,
     GroundTruth,
     InitialState,
@@ -16,7 +17,6 @@ from vo_service.outputs.rerun import (
     RerunWorkerConfig,
     TrajectoryPoint,
 )
-from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.scene import RerunScene
 from vo_service.outputs.rerun.sinks import APPLICATION, BrokenFileError, Sink, ViewerGoneError
 

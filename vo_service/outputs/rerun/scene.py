@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.outputs.rerun import (
+from vo_service.outputs.rerun import blueprint as paths
+from vo_service.outputs.rerun.blueprint import MAP
+from vo_service.outputs.rerun.messages import (
     CorrectedPosition,
     FrameImages,
     FrameScalars,
@@ -24,8 +26,6 @@ from vo_service.outputs.rerun import (
     TrackingStatus,
     TrajectoryPoint,
 )
-from vo_service.outputs.rerun import blueprint as paths
-from vo_service.outputs.rerun.blueprint import MAP
 from vo_service.outputs.rerun.sinks import Sink
 from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
 

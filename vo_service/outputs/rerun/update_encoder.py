@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.core.flow_control import Throttle
 from drivers.core.geometry import Trajectory, inverse, transform_points
-from vo_service.outputs.rerun import (
+from vo_service.outputs.rerun.messages import (
     CorrectedPosition,
     FrameImages,
     FrameScalars,

@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivers.core.process.service_connection import ServiceConnection
-from vo_service.outputs.rerun import RerunHealth, RerunWorkerConfig
+from vo_service.outputs.rerun.messages import RerunHealth, RerunWorkerConfig
 from vo_service.outputs.rerun.targets import prepare_rerun
 
 if TYPE_CHECKING:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from drivers.core.geometry import Array
 from drivers.core.jit import release_memory
-from drivers.core.process import RingRecord
+from drivers.core.process.record_ring import RingRecord
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata
-from vo_service.slam import OdometryConstraint, RelocalizationQuery, SendMapperMessage
+from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation
 from vo_service.slam.map_file import read_map, write_map
 from vo_service.slam.mapper.map_store import MapStore
+from vo_service.slam.mapper.messages import RelocalizationQuery, SendMapperMessage
 from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval
 from vo_service.slam.synchronous_loop_closure import (
     create_loop_closer,

@@ -13,7 +13,10 @@ from drivers.core.files import (
     lock_folder,
 )
 from drivers.core.write_errors import writing
-from vo_service.slam import MAP_SUFFIX, MESH_SUFFIX
+
+# Suffixes of a saved map's files: the mesh, and the keyframes with their pose graph.
+MESH_SUFFIX = ".ply"
+MAP_SUFFIX = ".keyframes"
 
 
 class MapStore:

@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING, Any
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import MEGABYTE, check_writable
 from drivers.core.geometry import Array
-from drivers.core.process import RecordRingReader, RingRecord
+from drivers.core.process.record_ring import RecordRingReader, RingRecord
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_metadata
-from vo_service.slam import (
+from vo_service.slam.mapper.map_store import MapStore
+from vo_service.slam.mapper.mesh_job import FuseKeyframes, MeshJob, build_mesh
+from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
+from vo_service.slam.mapper.messages import (
     LoadMapRequest,
     LoadMapResult,
     MapperStatus,
@@ -29,14 +32,6 @@ from vo_service.slam import (
     SaveMapRequest,
     SaveMapResult,
     SendMapperMessage,
-)
-from vo_service.slam.mapper.map_store import MapStore
-from vo_service.slam.mapper.mesh_job import (
-    FuseKeyframes,
-    MeshJob,
-    MeshKeyframe,
-    MeshKeyframeStore,
-    build_mesh,
 )
 from vo_service.slam.pose_graph import AnchoredPose
 from vo_service.types import TrackingState

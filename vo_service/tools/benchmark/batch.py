@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.process import WorkerSpec
-from drivers.core.process.supervisor import WorkerProcess
+from drivers.core.process.worker_process import WorkerProcess
+from drivers.core.process.worker_spec import WorkerSpec
 from drivers.recording import ImageTopics
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark import RunOutcome, RunState, collect_versions

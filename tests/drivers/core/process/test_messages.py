@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
-from drivers.core.process import receive_message, send_message
+from drivers.core.process.messages import receive_message, send_message
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.process import RecordRingReader, RecordRingWriter
+from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
 from tests.full_disk import limit_file_size
 from tests.waiting import wait_until
 
@@ -141,7 +141,7 @@ def test_a_reader_beside_a_fast_writer_never_reads_a_partial_record() -> None:
 
 WATCH_THE_COUNTERS = """
 import sys
-from drivers.core.process import RecordRingMemory, RecordRingReader
+from drivers.core.process.record_ring import RecordRingMemory, RecordRingReader
 
 reader = RecordRingReader(RecordRingMemory(*map(int, sys.argv[1:])))
 print(min(reader.record_count for _ in range(5_000_000)))

@@ -12,7 +12,7 @@ from drivers.core.geometry import rigid_transform
 from tests.vo_service.fakes import make_status
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
-from vo_service.outputs.recorder import FlightRecorder
+from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.types import Estimate, OdometryUpdate, TrackingState
 from vo_service.types.commands import CommandError
 from vo_service.types.messages import Status, TrackingReport

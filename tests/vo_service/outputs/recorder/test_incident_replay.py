@@ -26,7 +26,7 @@ from vo_service.app import run_replay
 from vo_service.config import Config
 from vo_service.config_tables import RecorderConfig
 from vo_service.frame_source import FrameSource
-from vo_service.outputs.recorder import FlightRecorder
+from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.signals import StopSignal
 from vo_service.types import OdometryUpdate
 

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.core import UserFacingError
 from drivers.core.files import PARTIAL_SUFFIX, check_writable
-from vo_service.outputs.recorder import incident_name
 from vo_service.outputs.recorder.incidents import IncidentStore
+from vo_service.outputs.recorder.messages import incident_name
 
 NEW = "2026-11-21T16-30-05Z-lost"
 

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.core.process import RecordRingReader, RecordRingWriter, RingRecord
+from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter, RingRecord
 from tests.drivers.tum.read_recording import read_recording
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
 from vo_service.frame_record import pack_depth, write_frame
-from vo_service.outputs.recorder import RecorderMessage, RecorderWorkerConfig
 from vo_service.outputs.recorder import incidents as incident_module
 from vo_service.outputs.recorder.incidents import IncidentWriter, select_last_frames
+from vo_service.outputs.recorder.messages import RecorderMessage, RecorderWorkerConfig
 from vo_service.outputs.recorder.worker import RecorderWorker
 
 FRAMES = 20

@@ -1,6 +1,6 @@
 """The trigger fires one second after a loss, and not again for a while."""
 
-from vo_service.outputs.recorder import DELAY_S, MIN_INTERVAL_S, LossTrigger
+from vo_service.outputs.recorder.loss_trigger import DELAY_S, MIN_INTERVAL_S, LossTrigger
 from vo_service.types import TrackingState
 
 TRACKING, LOST = TrackingState.TRACKING, TrackingState.LOST

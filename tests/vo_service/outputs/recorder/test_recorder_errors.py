@@ -23,7 +23,7 @@ from tests.waiting import wait_until
 from vo_service import app
 from vo_service.config import Config
 from vo_service.config_tables import RecorderConfig
-from vo_service.outputs.recorder import open_recorder
+from vo_service.outputs.recorder.client import open_recorder
 from vo_service.types import TrackingState
 from vo_service.types.outputs import NullRecorder
 

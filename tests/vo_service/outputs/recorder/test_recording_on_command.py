@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.core.process import RecordRingReader, RecordRingWriter
+from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
 from tests.drivers.tum.read_recording import read_recording
 from tests.resource_leaks import child_pids
 from tests.vo_service.outputs.recorder.recorder_inputs import (
@@ -24,8 +24,8 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
 from vo_service.frame_record import pack_depth, write_frame
-from vo_service.outputs.recorder import RecordingResult
 from vo_service.outputs.recorder import worker as recording_module
+from vo_service.outputs.recorder.messages import RecordingResult
 from vo_service.outputs.recorder.worker import RecordingWriter
 
 pytestmark = pytest.mark.subprocess

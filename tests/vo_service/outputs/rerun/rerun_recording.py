@@ -9,7 +9,7 @@ from typing import Any
 from rerun.chunk import RrdReader
 
 from drivers.core.geometry import Trajectory
-from vo_service.outputs.rerun import RerunWorkerConfig, TextLog
+from vo_service.outputs.rerun.messages import RerunWorkerConfig, TextLog
 from vo_service.outputs.rerun.rotating_recording import RotatingRecording
 from vo_service.outputs.rerun.sinks import Sink
 from vo_service.outputs.rerun.update_encoder import UpdateEncoder

@@ -15,7 +15,7 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
     is_complete,
     read_column,
 )
-from vo_service.outputs.rerun import TextLog
+from vo_service.outputs.rerun.messages import TextLog
 from vo_service.outputs.rerun.scene import back_project
 from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.types import OdometryUpdate, OnlineTiming

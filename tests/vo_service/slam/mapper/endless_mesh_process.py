@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from drivers.core.process.service_connection import ServiceConnection
 from vo_service.config_tables import MapConfig
-from vo_service.slam.mapper.mesh_job import MeshKeyframe
+from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
 from vo_service.slam.mapper.worker import run_mapper
 
 

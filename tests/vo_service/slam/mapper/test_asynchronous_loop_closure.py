@@ -22,9 +22,8 @@ from tests.vo_service.slam.corner_trajectory import (
 )
 from tests.vo_service.slam.mapper.wall_sequence import COARSE, mapper_pid, running_mapper
 from tests.waiting import wait_until
-from vo_service.slam import RelocalizationResult
-from vo_service.slam.mapper import LiveMapper
-from vo_service.slam.relocalization import AsynchronousLoopClosure
+from vo_service.slam.mapper.client import LiveMapper
+from vo_service.slam.relocalization import AsynchronousLoopClosure, RelocalizationResult
 
 pytestmark = pytest.mark.subprocess
 

@@ -26,8 +26,8 @@ from tests.waiting import wait_until
 from vo_service import app
 from vo_service.config import Config
 from vo_service.config_tables import MapConfig
-from vo_service.slam import mapper as mapper_package
-from vo_service.slam.mapper import LiveMapper, open_mapper
+from vo_service.slam.mapper import client as mapper_package
+from vo_service.slam.mapper.client import LiveMapper, open_mapper
 from vo_service.types.outputs import NullMapper
 
 pytestmark = pytest.mark.subprocess

@@ -6,16 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core.process import RecordRingMemory, WorkerSpec
+from drivers.core.process.record_ring import RecordRingMemory
+from drivers.core.process.worker_spec import WorkerSpec
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.slam import (
+from vo_service.slam.mapper import client as mapper
+from vo_service.slam.mapper.client import MapperClient
+from vo_service.slam.mapper.messages import (
     LoadMapResult,
     MapperMessage,
     MapperStatus,
     MapperWorkerConfig,
-    mapper,
 )
-from vo_service.slam.mapper import MapperClient
 
 FIRST_AFTER = 77
 
@@ -55,7 +56,7 @@ def fixture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ClientFixture:
         supervisors.append(FakeSupervisor(*given))  # type: ignore[arg-type]
         return supervisors[0]
 
-    monkeypatch.setattr(mapper, "WorkerSupervisor", make_supervisor)
+    monkeypatch.setattr(mapper, "WorkerClient", make_supervisor)
     loaded_events: list[None] = []
     job = MapperWorkerConfig(RecordRingMemory(0, 0), 0, tmp_path, COARSE)
     made = MapperClient(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from drivers.core.process import RecordRingReader, RecordRingWriter
+from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.slam.corner_trajectory import (
     make_loop_closer,
@@ -19,19 +19,18 @@ from tests.vo_service.slam.corner_trajectory import (
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import pack_depth, write_frame
 from vo_service.mapper_process import fuse_keyframes
-from vo_service.slam import (
-    MapperMessage,
-    MapperWorkerConfig,
-    OdometryConstraint,
-    RelocalizationQuery,
-    RelocalizationResult,
-    SaveMapRequest,
-)
+from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.map_file import write_map
 from vo_service.slam.mapper import worker as desk_module
 from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
+from vo_service.slam.mapper.messages import (
+    MapperMessage,
+    MapperWorkerConfig,
+    RelocalizationQuery,
+    SaveMapRequest,
+)
 from vo_service.slam.mapper.worker import MapperWorker
-from vo_service.slam.relocalization import AsynchronousLoopClosure
+from vo_service.slam.relocalization import AsynchronousLoopClosure, RelocalizationResult
 from vo_service.types import OdometryUpdate, TrackingState
 
 WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core.geometry import rigid_transform
-from drivers.core.process import RecordRingReader, RecordRingWriter
+from drivers.core.process.record_ring import RecordRingReader, RecordRingWriter
 from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.vo_service.slam.mapper.wall_sequence import CAMERA
 from vo_service.frame_record import pack_depth, write_frame
-from vo_service.slam import STEP_M
-from vo_service.slam.mapper.mesh_job import MeshKeyframe, MeshKeyframeStore
+from vo_service.slam.keyframe_selection import STEP_M
+from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
 from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval
 
 SIZE = 1000

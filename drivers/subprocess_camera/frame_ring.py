@@ -5,29 +5,21 @@ on; the reader copies the frame and returns the token. In realtime a writer with
 takes back the oldest filled one.
 """
 
-import math
 import mmap
 import os
+import pickle
 import select
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from struct import Struct
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from drivers.camera import (
-    MAX_ACCELEROMETER_READINGS,
-    AccelerometerReading,
     FrameTimeout,
-    PinholeCamera,
     PlaybackMode,
     RgbdFrame,
-    TimingPrior,
-    TimingSource,
 )
 from drivers.core import UserFacingError
 from drivers.core.process.record_ring import create_shared_memory
@@ -35,13 +27,10 @@ from drivers.core.process.record_ring import create_shared_memory
 SLOT_COUNT = 4
 # Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.
 SLOT_BYTES = 64 * 2**20
-# Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera;
-# timing prior with the number of its source; serial number; readings of the accelerometer.
-_HEADER = Struct(f"=3q 6d 3d 2q 4d 3d q 64s q {4 * MAX_ACCELEROMETER_READINGS}d")
-_HEADER_BYTES = 768  # keeps the images aligned
-_NO_GRAVITY = (math.nan,) * 3
-_NO_TIMING_PRIOR = (math.nan, math.nan, math.nan, 0)
-_TIMING_SOURCES = tuple(TimingSource)
+# For all fields of a frame but its images.
+MAX_FIELD_BYTES = 1 << 16
+# Length of a part of a slot, in front of it: the pickled fields, then the images.
+_LENGTH = Struct("=Q")
 
 
 class FrameSlots:
@@ -58,22 +47,27 @@ class FrameSlots:
             UserFacingError: If it is too large.
         """
         camera = frame.camera
-        if _HEADER_BYTES + camera.width * camera.height * 5 > SLOT_BYTES:
+        if MAX_FIELD_BYTES + camera.width * camera.height * 5 > SLOT_BYTES:
             raise UserFacingError(
                 f"frames of {camera.width}x{camera.height} are too large for the shared memory; "
                 "choose a smaller mode of the camera"
             )
-        values = _pack_header(ordinal, frame)
-        _HEADER.pack_into(self._memory, slot * SLOT_BYTES, *values)
-        color, depth = self._images(slot, camera.width, camera.height)
-        np.copyto(color, frame.color_bgr)
-        np.copyto(depth, frame.depth_raw)
+        images: list[pickle.PickleBuffer] = []
+        # Without the values that are cached in the frame.
+        values = {field.name: getattr(frame, field.name) for field in fields(frame)}
+        pickled = pickle.dumps((ordinal, values), protocol=5, buffer_callback=images.append)
+        begin = slot * SLOT_BYTES
+        for data in (memoryview(pickled), *(image.raw() for image in images), memoryview(b"")):
+            end = begin + _LENGTH.size + len(data)
+            _LENGTH.pack_into(self._memory, begin, len(data))
+            self._memory[begin + _LENGTH.size : end] = data
+            begin = end
 
     def read(self, slot: int) -> tuple[int, RgbdFrame]:
         """Return the ordinal and a copy of the frame in a slot."""
-        values = _HEADER.unpack_from(self._memory, slot * SLOT_BYTES)
-        color, depth = self._images(slot, *values[12:14])
-        return values[0], _make_frame(values, color.copy(), depth.copy())
+        pickled, *images = self._copy_parts(slot * SLOT_BYTES)
+        ordinal, values = pickle.loads(pickled, buffers=images)
+        return ordinal, RgbdFrame(**values)
 
     def close(self) -> None:
         """Unmap the memory."""
@@ -82,89 +76,13 @@ class FrameSlots:
         with suppress(BufferError):
             self._memory.close()
 
-    def _images(
-        self, slot: int, width: int, height: int
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-        """Return views of color and depth in a slot."""
-        begin = slot * SLOT_BYTES + _HEADER_BYTES
-        depth_begin = begin + 3 * width * height
-        depth_begin += depth_begin % 2
-        return (
-            np.ndarray((height, width, 3), np.uint8, self._memory, begin),
-            np.ndarray((height, width), np.uint16, self._memory, depth_begin),
-        )
-
-
-def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float | bytes, ...]:
-    """Return a frame's fields other than the images; NaN stands for None."""
-    device_stamp_s = math.nan if frame.device_stamp_s is None else frame.device_stamp_s
-    gravity = _NO_GRAVITY if frame.gravity_m_s2 is None else frame.gravity_m_s2
-    c = frame.camera
-    return (
-        *(ordinal, frame.seq, frame.lost_packets),
-        *(frame.stamp_s, frame.receive_time_s, device_stamp_s),
-        *(frame.skew_s, frame.readout_s, frame.depth_factor),
-        *gravity,
-        *(c.width, c.height, c.fx, c.fy, c.cx, c.cy),
-        *_pack_timing_prior(frame.timing_prior),
-        frame.serial.encode(),
-        *_pack_readings(frame.accelerometer),
-    )
-
-
-def _pack_readings(readings: tuple[AccelerometerReading, ...]) -> tuple[float, ...]:
-    numbers = [x for each in readings for x in (each.stamp_s, *each.acceleration_m_s2)]
-    unused = [0.0] * (4 * MAX_ACCELEROMETER_READINGS - len(numbers))
-    return (len(readings), *numbers, *unused)
-
-
-def _pack_timing_prior(prior: TimingPrior | None) -> tuple[float, ...]:
-    if prior is None:
-        return _NO_TIMING_PRIOR
-    return (
-        *(prior.depth_offset_s, prior.readout_sigma_s, prior.depth_offset_sigma_s),
-        _TIMING_SOURCES.index(prior.source),
-    )
-
-
-def _make_frame(
-    values: tuple[Any, ...], color: NDArray[np.uint8], depth: NDArray[np.uint16]
-) -> RgbdFrame:
-    _, seq, lost_packets, stamp_s, receive_time_s, device_stamp_s = values[:6]
-    skew_s, readout_s, depth_factor = values[6:9]
-    gravity = values[9:12]
-    return RgbdFrame(
-        seq=seq,
-        stamp_s=stamp_s,
-        receive_time_s=receive_time_s,
-        color_bgr=color,
-        depth_raw=depth,
-        depth_factor=depth_factor,
-        camera=PinholeCamera(*values[12:18]),
-        device_stamp_s=None if math.isnan(device_stamp_s) else device_stamp_s,
-        skew_s=skew_s,
-        lost_packets=lost_packets,
-        gravity_m_s2=None if math.isnan(gravity[0]) else gravity,
-        readout_s=readout_s,
-        timing_prior=_make_timing_prior(*values[18:22]),
-        serial=values[22].rstrip(b"\0").decode(errors="replace"),
-        accelerometer=_make_readings(values[23], values[24:]),
-    )
-
-
-def _make_readings(count: int, numbers: tuple[float, ...]) -> tuple[AccelerometerReading, ...]:
-    rows = (numbers[4 * k : 4 * k + 4] for k in range(count))
-    return tuple(AccelerometerReading(stamp_s, (x, y, z)) for stamp_s, x, y, z in rows)
-
-
-def _make_timing_prior(
-    depth_offset_s: float, readout_sigma_s: float, depth_offset_sigma_s: float, source: int
-) -> TimingPrior | None:
-    if math.isnan(depth_offset_s):
-        return None
-    return TimingPrior(
-        depth_offset_s, readout_sigma_s, depth_offset_sigma_s, _TIMING_SOURCES[source]
-    )
+    def _copy_parts(self, begin: int) -> Iterator[bytearray]:
+        """Yield the parts that `write` has written from here on, up to the empty one."""
+        with memoryview(self._memory) as memory:
+            while length := _LENGTH.unpack_from(memory, begin)[0]:
+                begin += _LENGTH.size
+                yield bytearray(memory[begin : begin + length])
+                begin += length
 
 
 _END_TOKEN = SLOT_COUNT  # sent after the last frame

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from drivers.camera import (
     AccelerometerReading,
+    FocalPrior,
     FrameTimeout,
     PinholeCamera,
     PlaybackMode,
@@ -79,6 +80,7 @@ def test_every_field_is_transferred_unchanged() -> None:
         readout_s=0.019,
         timing_prior=TimingPrior(0.003, 0.002, 0.001, TimingSource.MEMORY),
         serial="A00123456789012A",
+        focal_prior=FocalPrior(1.01, 0.004),
     )
     with ring(PlaybackMode.LOCKSTEP) as (reader, writer):
         assert writer.acquire(0.0)

@@ -1,103 +1,19 @@
-"""What both packages use: geometry, errors, files, configuration, queues and processes.
+"""What both packages use: errors, plug-ins, geometry, files, configuration, queues, processes."""
 
-Here: errors for users, and parts that installed packages provide by name. The message of an error
-is one line with what is wrong, where, and what to do.
-"""
+from drivers.core.errors import (
+    CameraError,
+    CameraLostError,
+    CameraNotFoundError,
+    InputError,
+    UserFacingError,
+)
+from drivers.core.plugins import PluginGroup
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Generic, TypeVar
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
-
-
-class UserFacingError(Exception):
-    """A failure at run time. The CLI prints the text as one line."""
-
-    exit_code = 1
-
-
-class InputError(UserFacingError):
-    """A wrong file, key or argument from the user. Trying again does not help."""
-
-    exit_code = 2
-
-
-class CameraError(UserFacingError):
-    """The camera cannot deliver frames. Trying again later may help."""
-
-
-class CameraNotFoundError(CameraError):
-    """The camera is not connected; it may be plugged in later."""
-
-
-class CameraLostError(CameraError):
-    """The camera has stopped delivering (unplugged, crashed)."""
-
-
-Part = TypeVar("Part")
-
-
-class PluginGroup(Mapping[str, Part], Generic[Part]):
-    """The parts of one entry-point group by name: first the built-in ones, then the plug-ins.
-
-    The names are found without importing anything; a part is imported when it is taken.
-
-    Args:
-        group: Name of the group, such as "kinect_vo.cameras".
-        kind: What one part is, for messages.
-        built_in: Names of the parts of this package. They are known without a search.
-    """
-
-    def __init__(self, group: str, kind: str, built_in: Sequence[str]) -> None:
-        self.built_in = tuple(built_in)
-        self._group, self._kind = group, kind
-
-    @property
-    def plugins(self) -> tuple[str, ...]:
-        """Names of the parts of other packages."""
-        return tuple(sorted(self._find_entry_points().keys() - set(self.built_in)))
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.built_in or name in self.plugins
-
-    def __iter__(self) -> Iterator[str]:
-        return iter((*self.built_in, *self.plugins))
-
-    def __len__(self) -> int:
-        return len(tuple(iter(self)))
-
-    def __getitem__(self, name: str) -> Part:
-        """Import a part.
-
-        Raises:
-            KeyError: No installed package has a part with this name.
-            InputError: It cannot be imported.
-        """
-        entry_points = self._find_entry_points()
-        if name not in entry_points:
-            if name in self.built_in:
-                raise InputError(
-                    f"{self._kind} {name!r} is missing in the installation; install kinect-vo again"
-                )
-            raise KeyError(name)
-        try:
-            part: Part = entry_points[name].load()
-        except Exception as error:
-            raise InputError(self._describe_failure(entry_points[name], error)) from error
-        return part
-
-    def _find_entry_points(self) -> "dict[str, EntryPoint]":
-        # It loads the parsers of e-mail and of ZIP files, which most commands do not need.
-        from importlib.metadata import entry_points
-
-        found = entry_points(group=self._group)
-        return {entry_point.name: entry_point for entry_point in found}
-
-    def _describe_failure(self, entry_point: "EntryPoint", error: Exception) -> str:
-        package = entry_point.dist.name if entry_point.dist else entry_point.module
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        return (
-            f"{self._kind} {entry_point.name!r} of the package {package} cannot be imported "
-            f"({reason}); install it again, or uninstall it"
-        )
+__all__ = [
+    "CameraError",
+    "CameraLostError",
+    "CameraNotFoundError",
+    "InputError",
+    "PluginGroup",
+    "UserFacingError",
+]

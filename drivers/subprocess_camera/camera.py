@@ -44,141 +44,6 @@ CAMERA_WORKER = WorkerSpec("drivers.subprocess_camera.worker:run_camera", "drive
 _OPEN_PHASES = (ConnectionPhase.STARTING, ConnectionPhase.STREAMING)
 
 
-class CameraWorkerClient:
-    """Runs the worker process of a camera, even while nobody reads frames.
-
-    Status, properties and counters may be read at any time from any thread.
-
-    Args:
-        factory: Makes the camera.
-        playback_mode: Whether the worker waits for a late reader.
-        is_live: Whether the process is restarted; the end of a recording's process is an error.
-        timeouts: Time limits.
-        ring: Receives the frames; it must be open from before `start` until after `stop`.
-
-    Attributes:
-        status: Status of the camera, or of its process.
-        camera_properties: Properties of the camera.
-        final_exception: Why no frame will follow; None while frames may follow.
-    """
-
-    def __init__(
-        self,
-        factory: CameraFactory,
-        playback_mode: PlaybackMode,
-        is_live: bool,
-        timeouts: Timeouts,
-        ring: FrameRingReader,
-    ) -> None:
-        self._factory, self._playback_mode, self._is_live = factory, playback_mode, is_live
-        self._timeouts, self._ring = timeouts, ring
-        self._spec = replace(
-            CAMERA_WORKER,
-            start_timeout_s=timeouts.launching_s,
-            exit_timeout_s=timeouts.closing_s,
-            orphan_timeout_s=timeouts.orphan_s,
-        )
-        self._supervisor: WorkerClient | None = None
-        # The last request of each type, for every new process.
-        self._requests: dict[type[DeviceRequest], DeviceRequest] = {}
-        self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
-        self._reset()
-
-    def start(self) -> None:
-        """Start the worker process."""
-        self._reset()
-        self._supervisor = WorkerClient(
-            self._spec,
-            self._make_config,
-            self._handle_message,
-            self._handle_exit,
-            ExponentialBackoff(self._timeouts.initial_retry_s, self._timeouts.max_retry_s),
-        )
-
-    def wait_until_open(self) -> None:
-        """Wait until the camera is open for the first time. Raises the error that prevents it."""
-        self._is_settled.wait()
-        if self.final_exception is not None and not self._was_open:
-            raise self.final_exception
-
-    def stop(self) -> None:
-        """End the process in order if possible, otherwise by force. Safe to call at any time."""
-        if self._supervisor is not None:
-            has_camera = self._phase not in (None, ConnectionPhase.WAITING)
-            self._supervisor.close(None if has_camera else 0.0)
-
-    def send_request(self, request: DeviceRequest) -> bool:
-        """Send a request without waiting; return False if the camera is not open now.
-
-        The request is applied again whenever the camera is opened.
-        """
-        self._requests[type(request)] = request
-        is_sent = self._supervisor is not None and self._supervisor.send(request)
-        return is_sent and self._phase in _OPEN_PHASES
-
-    @property
-    def counters(self) -> CameraCounters:
-        """The camera's totals over all processes."""
-        earlier, current = self._counted
-        return earlier + current
-
-    def _reset(self) -> None:
-        self.status = CameraStatus(CameraState.OPENING)
-        self.camera_properties, self._was_open = CameraProperties(), False
-        self.final_exception: Exception | None = None
-        self._phase: ConnectionPhase | None = None  # None = the process is starting up
-        self._is_settled = threading.Event()
-
-    def _make_config(self) -> CameraWorkerConfig:
-        self._phase, self._counted = None, (self.counters, CameraCounters())
-        if self._is_live:
-            self._ring.allow_writes()
-        return CameraWorkerConfig(
-            self._factory,
-            self._playback_mode,
-            self._is_live,
-            self._timeouts,
-            self._ring.fds,
-            self.status,
-            tuple(self._requests.values()),
-        )
-
-    def _handle_message(self, message: CameraWorkerMessage) -> None:
-        match message:
-            case CameraHeartbeat(phase, status, counters):
-                self._phase, self.status = phase, status
-                self._counted = self._counted[0], counters
-                if phase is ConnectionPhase.STREAMING and self._supervisor is not None:
-                    self._supervisor.backoff.reset()
-            case CameraProperties():
-                self.camera_properties, self._was_open = message, True
-                self._is_settled.set()
-            case CameraFinished():
-                self._finish(EndOfStream())
-            case WorkerFailed(error):
-                self._finish(error)
-
-    def _handle_exit(self, reason: str) -> bool:
-        """Report the end of a process; return whether another is to be started."""
-        if self.final_exception is not None:
-            return False
-        text = f"the driver {reason}"
-        _log.info("%s", text)
-        if not self._is_live:
-            self._finish(CameraLostError(f"{text}; open the recording again"))
-            return False
-        self._ring.reset()
-        was_open = self._phase in (*_OPEN_PHASES, ConnectionPhase.CLOSING)
-        self.status = CameraStatus(CameraState.LOST if was_open else CameraState.OPENING, text)
-        return True
-
-    def _finish(self, exception: Exception) -> None:
-        """End the stream after the frames in the ring."""
-        self.final_exception = exception
-        self._ring.finish()
-        self._is_settled.set()
-
-
 class SubprocessCamera(RgbdCamera):
     """A camera in a process of its own; frames pass through shared memory.
 
@@ -193,6 +58,10 @@ class SubprocessCamera(RgbdCamera):
 
     A permanent error (InputError, a library that is not installed) is raised by `open` of a
     recording, and by `read` of a live camera.
+
+    Its process has the same `WorkerClient` as that of an output (`vo_service.process_output`), and
+    nothing else of it: frames come from the process, so there is no queue and no thread to send
+    them, and a request that comes too early is stored instead of refused.
 
     Args:
         name: Name for messages.
@@ -212,21 +81,25 @@ class SubprocessCamera(RgbdCamera):
     ) -> None:
         self.name, self.clock = name, clock
         self.reconnects = clock is Clock.MONOTONIC
+        self._factory, self._playback_mode, self._timeouts = factory, playback_mode, timeouts
         self._ring = FrameRingReader(playback_mode)
-        self._client = CameraWorkerClient(
-            factory, playback_mode, self.reconnects, timeouts, self._ring
-        )
         self._sequencer = make_sequencer(clock, playback_mode)
         self._delivered = self._skipped = 0
+        self._client: WorkerClient | None = None
+        # The last request of each type, for every new process.
+        self._requests: dict[type[DeviceRequest], DeviceRequest] = {}
+        self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
+        self._reset()
 
     def open(self) -> None:
         """Start the worker process; see the class."""
         self.close()
         try:
             self._ring.open()
-            self._client.start()
+            self._reset()
+            self._start_client()
             if not self.reconnects:
-                self._client.wait_until_open()
+                self._wait_until_open()
         except BaseException:
             self.close()
             raise
@@ -242,37 +115,45 @@ class SubprocessCamera(RgbdCamera):
             self._skipped += 1
 
     def close(self) -> None:
-        """End the process. Properties and counters remain valid."""
+        """End the process, by force if needed. Properties and counters remain valid."""
         try:
-            self._client.stop()
+            if self._client is not None:
+                has_camera = self._phase not in (None, ConnectionPhase.WAITING)
+                self._client.close(None if has_camera else 0.0)
         finally:
             self._ring.close()
 
     @property
     def counters(self) -> CameraCounters:
         """See `RgbdCamera`; up to 0.3 s old."""
+        earlier, current = self._counted
         own = CameraCounters(dropped=self._ring.dropped, skipped=self._skipped)
-        return replace(self._client.counters + own, delivered=self._delivered)
+        return replace(earlier + current + own, delivered=self._delivered)
 
     @property
     def status(self) -> CameraStatus:
         """The status of the camera, or of its process."""
-        return self._client.status
+        return self._status
 
     @property
     def intrinsics_source(self) -> str:
         """The origin of the intrinsics; "" until the camera has been open."""
-        return self._client.camera_properties.intrinsics_source
+        return self._properties.intrinsics_source
 
     @property
     def frame_count(self) -> int | None:
         """The camera's number of frames; None until it has been open."""
-        return self._client.camera_properties.frame_count
+        return self._properties.frame_count
 
     @property
     def has_motor(self) -> bool:
         """Whether the camera has a motor and an LED; True until it has been open."""
-        return self._client.camera_properties.has_motor
+        return self._properties.has_motor
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        """True poses from the camera; None until it has been open."""
+        return self._properties.ground_truth
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
         """Request a tilt, see `RgbdCamera.set_tilt_deg`. A missing motor is logged later."""
@@ -286,14 +167,15 @@ class SubprocessCamera(RgbdCamera):
             super().set_led(led)
         self._request(SetLed(led))
 
-    @property
-    def ground_truth(self) -> Trajectory | None:
-        """True poses from the camera; None until it has been open."""
-        return self._client.camera_properties.ground_truth
-
     def _request(self, request: DeviceRequest) -> None:
-        """Send a request. Raises CameraError if the camera is not open now."""
-        if not self._client.send_request(request):
+        """Send a request; it is applied again whenever the camera is opened.
+
+        Raises:
+            CameraError: The camera is not open now.
+        """
+        self._requests[type(request)] = request
+        is_sent = self._client is not None and self._client.send(request)
+        if not (is_sent and self._phase in _OPEN_PHASES):
             raise CameraError(
                 f"{self.name}: not open now ({self.status}); the setting is applied when it opens"
             )
@@ -302,6 +184,87 @@ class SubprocessCamera(RgbdCamera):
         try:
             return self._ring.get(timeout_s)
         except FrameRingEndedError:
-            raise self._client.final_exception or CameraLostError(
+            raise self._final_exception or CameraLostError(
                 f"{self.name}: not open; use `with`, or call open()"
             ) from None
+
+    def _reset(self) -> None:
+        self._status = CameraStatus(CameraState.OPENING)
+        self._properties, self._was_open = CameraProperties(), False
+        self._final_exception: Exception | None = None  # why no frame will follow
+        self._phase: ConnectionPhase | None = None  # None = the process is starting up
+        self._is_settled = threading.Event()
+
+    def _start_client(self) -> None:
+        timeouts = self._timeouts
+        spec = replace(
+            CAMERA_WORKER,
+            start_timeout_s=timeouts.launching_s,
+            exit_timeout_s=timeouts.closing_s,
+            orphan_timeout_s=timeouts.orphan_s,
+        )
+        self._client = WorkerClient(
+            spec,
+            self._make_config,
+            self._handle_message,
+            self._handle_exit,
+            ExponentialBackoff(timeouts.initial_retry_s, timeouts.max_retry_s),
+        )
+
+    def _wait_until_open(self) -> None:
+        """Wait until the camera is open for the first time. Raises the error that prevents it."""
+        self._is_settled.wait()
+        if self._final_exception is not None and not self._was_open:
+            raise self._final_exception
+
+    # The client's thread calls what follows.
+
+    def _make_config(self) -> CameraWorkerConfig:
+        earlier, current = self._counted
+        self._phase, self._counted = None, (earlier + current, CameraCounters())
+        if self.reconnects:
+            self._ring.allow_writes()
+        return CameraWorkerConfig(
+            self._factory,
+            self._playback_mode,
+            self.reconnects,
+            self._timeouts,
+            self._ring.fds,
+            self.status,
+            tuple(self._requests.values()),
+        )
+
+    def _handle_message(self, message: CameraWorkerMessage) -> None:
+        match message:
+            case CameraHeartbeat(phase, status, counters):
+                self._phase, self._status = phase, status
+                self._counted = self._counted[0], counters
+                if phase is ConnectionPhase.STREAMING and self._client is not None:
+                    self._client.backoff.reset()
+            case CameraProperties():
+                self._properties, self._was_open = message, True
+                self._is_settled.set()
+            case CameraFinished():
+                self._finish(EndOfStream())
+            case WorkerFailed(error):
+                self._finish(error)
+
+    def _handle_exit(self, reason: str) -> bool:
+        """Report the end of a process; return whether another is to be started."""
+        if self._final_exception is not None:
+            return False
+        text = f"the driver {reason}"
+        _log.info("%s", text)
+        if not self.reconnects:
+            self._finish(CameraLostError(f"{text}; open the recording again"))
+            return False
+        self._ring.reset()
+        was_open = self._phase in (*_OPEN_PHASES, ConnectionPhase.CLOSING)
+        self._status = CameraStatus(CameraState.LOST if was_open else CameraState.OPENING, text)
+        return True
+
+    def _finish(self, exception: Exception) -> None:
+        """End the stream after the frames in the ring."""
+        self._final_exception = exception
+        self._ring.finish()
+        self._is_settled.set()

@@ -3,42 +3,33 @@
 import os
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
 
 import pytest
 
 from drivers.camera import Clock, PlaybackMode
+from drivers.core import UserFacingError
 from drivers.core.process import worker_spec
-from drivers.core.process.record_ring import RecordRingWriter
 from drivers.subprocess_camera import camera as camera_client
 from drivers.subprocess_camera.camera import SubprocessCamera
 from drivers.subprocess_camera.messages import Timeouts
 from tests.forked_process import forked_workers
 from tests.resource_leaks import child_pids, is_alive, resources_in_use
 from tests.waiting import wait_until
-from vo_service.config_tables import MapConfig
+from vo_service.config_tables import MapConfig, RecorderConfig
 from vo_service.outputs.recorder import client as recorder
-from vo_service.outputs.recorder.messages import RecorderWorkerConfig
 from vo_service.outputs.rerun import output as viewer_client
-from vo_service.outputs.rerun.messages import InitialState, RerunWorkerConfig
 from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.slam.mapper import client as mapper
-from vo_service.slam.mapper.messages import MapperWorkerConfig
 
 pytestmark = pytest.mark.subprocess
 
 FAULTS = ("crash_at_start", "crash_later", "hang", "flood", "refuse_to_end", "work")
 FUNCTIONS = {f"tests.vo_service.faulty_workers:{fault}" for fault in FAULTS}
-
-
-class HasClose(Protocol):
-    """Something to close."""
-
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -59,28 +50,23 @@ def open_camera(folder: Path) -> OpenWorker:
 
 
 def open_viewer(folder: Path) -> OpenWorker:
-    config = RerunWorkerConfig(RrdFileSink(folder / "out.rrd"), 80, "recording")
-    client = viewer_client.RerunClient(config, 500, InitialState)
-    return OpenWorker(lambda: client.warning, lambda: client.close(0.5))
+    output = viewer_client.RerunOutput(RrdFileSink(folder / "out.rrd"))
+    return OpenWorker(lambda: output.warning, partial(_close_incomplete, output))
+
+
+def _close_incomplete(output: viewer_client.RerunOutput) -> None:
+    with suppress(UserFacingError):  # the recording is incomplete
+        output.close()
 
 
 def open_recorder(folder: Path) -> OpenWorker:
-    ring = RecordRingWriter("frames", 1.0, 1 << 20)
-    config = RecorderWorkerConfig(ring.memory, ring.memory, 1.0, folder, 1 << 20, folder, "{}")
-    client = recorder.RecorderClient(config)
-    return OpenWorker(lambda: client.warning, lambda: _close(client, ring))
+    output = recorder.FlightRecorder(RecorderConfig(max_mb=1), folder, {})
+    return OpenWorker(lambda: output.warning, output.close)
 
 
 def open_mapper(folder: Path) -> OpenWorker:
-    ring = RecordRingWriter("frames", 1.0, 1 << 20)
-    config = MapperWorkerConfig(ring.memory, 0, folder, MapConfig())
-    client = mapper.MapperClient(config, lambda message: None, lambda: None, lambda: 0)
-    return OpenWorker(lambda: client.warning, lambda: _close(client, ring))
-
-
-def _close(*parts: HasClose) -> None:
-    for part in parts:
-        part.close()
+    output = mapper.LiveMapper(MapConfig(loop_closure=False), folder)
+    return OpenWorker(lambda: output.warning, output.close)
 
 
 # How each worker is opened, and the module with its `WorkerSpec`.
@@ -115,6 +101,9 @@ def make_faulty(
         return opened[0]
 
     monkeypatch.setattr(worker_spec, "FINISHING_TIMEOUT_S", 0.5)
+    # The viewer's process does not draw, so nobody waits for it.
+    monkeypatch.setattr(viewer_client, "START_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(viewer_client, "CLOSE_TIMEOUT_S", 0.5)
     with forked_workers(FUNCTIONS):
         yield make
         opened[0].close()

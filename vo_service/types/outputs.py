@@ -181,13 +181,12 @@ class NullLoopClosure:
 
 
 class Mapper(Output, Protocol):
-    """An output that keeps keyframes, and can save and load maps.
+    """An output that keeps keyframes, and can save and load maps."""
 
-    Attributes:
-        loop_closure: Loop closure with the mapper's keyframes.
-    """
-
-    loop_closure: LoopClosure
+    @property
+    def loop_closure(self) -> LoopClosure:
+        """Loop closure with the mapper's keyframes."""
+        ...
 
     @property
     def state(self) -> MapState:
@@ -234,7 +233,7 @@ class NullMapper(OutputBase):
     """Null mapper: commands fail with the given reason."""
 
     state = MapState()
-    loop_closure: LoopClosure = NullLoopClosure()
+    loop_closure = NullLoopClosure()
 
     def __init__(self, reason: str = "there is no map", warning: str = "") -> None:
         self._reason = reason

@@ -1,6 +1,5 @@
 """The client of a worker process: it runs, watches, restarts and ends it, and passes messages."""
 
-import logging
 import math
 import os
 import threading
@@ -15,7 +14,6 @@ from drivers.core.process.messages import Heartbeat, Shutdown
 from drivers.core.process.worker_process import WorkerProcess
 from drivers.core.process.worker_spec import WorkerConfig, WorkerSpec
 
-logger = logging.getLogger(__name__)
 # A process without a heartbeat for this long is reported; it may recover.
 UNRESPONSIVE_S = 10.0
 # After a run of this length, the delay before a restart is the shortest again.
@@ -24,24 +22,6 @@ MIN_HEALTHY_RUN_S = 30.0
 NO_CONFIG_RETRY_S = 2.0
 # How long until a message is tried again that a busy process does not take.
 _SEND_RETRY_S = 0.1
-
-
-class FaultReporter:
-    """Holds the current fault in `text` ("" for none) and logs each new fault once.
-
-    Args:
-        name: Name of the process in the log.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.text = ""
-        self._name = name
-
-    def set(self, text: str) -> None:
-        """Set the current fault, "" for none."""
-        if text and text != self.text:
-            logger.error("%s: %s", self._name, text)
-        self.text = text
 
 
 class WorkerClient:

@@ -183,31 +183,26 @@ class MapperWorker:
         file = self._store.mesh_file(name)
         try:
             self._loop_closure.save(self._store, name, self._settings.total_mb * MEGABYTE)
+            self._start_mesh_job(file, name)
         except UserFacingError as error:
             self._send(SaveMapResult(file, error=str(error)))
-            return
-        self._start_mesh_job(name)
 
-    def _start_mesh_job(self, name: str) -> None:
-        file = self._store.mesh_file(name)
+    def _start_mesh_job(self, file: Path, name: str) -> None:
+        """Start the process that makes the mesh. Raises UserFacingError if that fails."""
         keyframes = [
             replace(each, T_odom_camera=self._loop_closure.T_map_camera(each.anchored_pose))
             for each in self._keyframes
         ]
         if not keyframes:
-            self._send(SaveMapResult(file, error=f"{file}: there is no keyframe yet"))
-            return
+            raise UserFacingError(f"{file}: there is no keyframe yet")
         build = partial(
             build_mesh, self._store, name, keyframes, self._settings, self._fuse_keyframes
         )
         try:
             self._mesh_jobs.append(MeshJob(file, build, self._close_inherited))
         except OSError as error:
-            self._send(
-                SaveMapResult(
-                    file, error=f"{file}: the mesh process cannot be started: {error.strerror}"
-                )
-            )
+            text = f"{file}: the mesh process cannot be started: {error.strerror}"
+            raise UserFacingError(text) from error
 
 
 class NullLoopClosureWorker:

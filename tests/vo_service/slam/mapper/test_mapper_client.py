@@ -1,16 +1,19 @@
-"""Mapper client with a fake supervisor."""
+"""The mapper in the service, without a process: which map a restarted process is to load."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
-from drivers.core.process.record_ring import RecordRingMemory
+from drivers.core.process.record_ring import RecordRingReader
 from drivers.core.process.worker_spec import WorkerSpec
-from tests.vo_service.slam.mapper.wall_sequence import COARSE
-from vo_service.slam.mapper import client as mapper
-from vo_service.slam.mapper.client import MapperClient
+from tests.vo_service.outputs.recorder.recorder_inputs import command_error
+from tests.vo_service.slam.mapper.wall_sequence import COARSE, make_wall_update
+from tests.waiting import wait_until
+from vo_service import process_output
+from vo_service.slam.mapper.client import LiveMapper
 from vo_service.slam.mapper.messages import (
     LoadMapResult,
     MapperMessage,
@@ -18,17 +21,16 @@ from vo_service.slam.mapper.messages import (
     MapperWorkerConfig,
 )
 
-FIRST_AFTER = 77
-
 
 @dataclass
-class FakeSupervisor:
-    """Supervisor without a process."""
+class FakeClient:
+    """Client without a process."""
 
     spec: WorkerSpec
     make_config: Callable[[], MapperWorkerConfig]
     on_message: Callable[[MapperMessage], None]
     on_exit: Callable[[str], bool]
+    backoff: None
     is_ready: bool = True
     is_unresponsive: bool = False
     sent: list[object] = field(default_factory=list)
@@ -36,56 +38,72 @@ class FakeSupervisor:
     def send(self, request: object) -> None:
         self.sent.append(request)
 
+    def close(self) -> None:
+        """Do nothing: there is no process."""
+
 
 @dataclass
-class ClientFixture:
-    client: MapperClient
-    supervisor: FakeSupervisor
-    loaded_events: list[None]
+class MapperFixture:
+    mapper: LiveMapper
+    client: FakeClient
 
     def load(self, name: str, error: str = "") -> None:
-        self.client.load(name)
-        self.supervisor.on_message(LoadMapResult(Path(f"/maps/{name}.keyframes"), 4, error))
+        self.mapper.load(name)
+        self.client.on_message(LoadMapResult(Path(f"/maps/{name}.keyframes"), 4, error))
+
+    @property
+    def sent_frames(self) -> int:
+        return RecordRingReader(self.client.make_config().frame_ring).record_count
+
+    def stand_until_sent(self, frames: int) -> None:
+        """A frame of a camera that stands, which is sent if a keyframe is needed."""
+        self.mapper.on_update(make_wall_update(0))
+        wait_until(lambda: self.sent_frames == frames)
 
 
 @pytest.fixture
-def fixture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ClientFixture:
-    supervisors: list[FakeSupervisor] = []
+def fixture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[MapperFixture]:
+    clients: list[FakeClient] = []
 
-    def make_supervisor(*given: object) -> FakeSupervisor:
-        supervisors.append(FakeSupervisor(*given))  # type: ignore[arg-type]
-        return supervisors[0]
+    def make_client(*given: object) -> FakeClient:
+        clients.append(FakeClient(*given))  # type: ignore[arg-type]
+        return clients[0]
 
-    monkeypatch.setattr(mapper, "WorkerClient", make_supervisor)
-    loaded_events: list[None] = []
-    job = MapperWorkerConfig(RecordRingMemory(0, 0), 0, tmp_path, COARSE)
-    made = MapperClient(
-        job, lambda published: None, lambda: loaded_events.append(None), lambda: FIRST_AFTER
-    )
-    supervisors[0].on_message(MapperStatus(3, frozenset(), frozenset({"home", "bad"})))
-    return ClientFixture(made, supervisors[0], loaded_events)
+    monkeypatch.setattr(process_output, "WorkerClient", make_client)
+    with closing(LiveMapper(COARSE, tmp_path)) as mapper:
+        clients[0].on_message(MapperStatus(3, frozenset(), frozenset({"home", "bad"})))
+        yield MapperFixture(mapper, clients[0])
 
 
-def test_a_restarted_process_loads_the_map_again(
-    fixture: ClientFixture,
-) -> None:
+def test_a_restarted_process_loads_the_map_again(fixture: MapperFixture) -> None:
+    fixture.stand_until_sent(1)
     fixture.load("home")
-    assert fixture.client.state.loaded == "/maps/home.keyframes"
-    assert len(fixture.loaded_events) == 1
-    fixture.supervisor.on_exit("crashed")
-    assert fixture.supervisor.make_config().map_config.load == "home"
-    assert fixture.supervisor.make_config().first_frame == FIRST_AFTER
-    assert fixture.client.state.loaded == ""  # until it says so
+    assert fixture.mapper.state.loaded == "/maps/home.keyframes"
+    fixture.stand_until_sent(2)  # also a keyframe of the loaded map
+    fixture.client.on_exit("crashed")
+    assert fixture.client.make_config().map_config.load == "home"
+    assert fixture.client.make_config().first_frame == 2
+    assert fixture.mapper.state.loaded == ""  # until it says so
+    fixture.stand_until_sent(3)
 
 
 def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_reported_until_the_next(
-    fixture: ClientFixture,
+    fixture: MapperFixture,
 ) -> None:
     fixture.load("home")
     fixture.load("bad", error="bad.keyframes: damaged map")
-    assert fixture.client.state.loaded == "/maps/home.keyframes"
-    assert fixture.supervisor.make_config().map_config.load == "home"
-    assert fixture.client.warning == "map: bad.keyframes: damaged map"
-    assert len(fixture.loaded_events) == 1
-    fixture.client.load("home")
-    assert fixture.client.warning == ""
+    assert fixture.mapper.state.loaded == "/maps/home.keyframes"
+    assert fixture.client.make_config().map_config.load == "home"
+    assert fixture.mapper.warning == "map: bad.keyframes: damaged map"
+    fixture.mapper.load("home")
+    assert fixture.mapper.warning == ""
+
+
+def test_a_process_that_does_not_respond_is_reported_and_gets_no_request(
+    fixture: MapperFixture,
+) -> None:
+    fixture.client.is_unresponsive = True
+    assert fixture.mapper.warning == "map: its process does not respond; the disk may hang"
+    assert "does not respond" in command_error(lambda: fixture.mapper.save("wall"))
+    assert "does not respond" in command_error(lambda: fixture.mapper.load("home"))
+    assert (fixture.client.sent, fixture.mapper.state.saving) == ([], "")

@@ -1,4 +1,4 @@
-"""Records in shared memory: a frame with its update, and back; the rings of the flight recorder.
+"""Records in shared memory: a frame with its update, and back.
 
 Depth is packed without loss to about half the size, in a quarter of a millisecond: the code is made
 for speed. Each pixel takes one byte: its difference from the previous pixel with a reading. A
@@ -6,12 +6,9 @@ difference that does not fit takes two more bytes in a second part (the escapes)
 takes 1.0 to 1.1 bytes per pixel.
 """
 
-import json
 import pickle
-import time
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -19,12 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
-from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from drivers.core.process.record_ring import RecordRingWriter, RingRecord
 from vo_service.types import OdometryUpdate, TrackingState
-from vo_service.types.messages import Status
 
 # Upper bound; the only text in the metadata is the reason.
 MAX_METADATA_BYTES = 4096
@@ -173,79 +168,6 @@ def _make_metadata(update: OdometryUpdate, depth_bytes: int, extra: object) -> F
         depth_bytes=depth_bytes,
         extra=extra,
     )
-
-
-STATUS_RING_S = 60.0
-STATUS_RING_BYTES = 1_000_000
-
-
-@dataclass(frozen=True)
-class StampedStatus:
-    """A status with its time on CLOCK_REALTIME and CLOCK_MONOTONIC."""
-
-    status: Status
-    unix_s: float
-    monotonic_s: float
-
-    @classmethod
-    def now(cls, status: Status) -> "StampedStatus":
-        """Stamp a status with the current time."""
-        return cls(status, time.time(), time.monotonic())
-
-
-class FrameHistory:
-    """Writer of both rings, for one thread."""
-
-    def __init__(self, seconds: float, max_mb: int) -> None:
-        """Allocate the rings.
-
-        Raises:
-            OSError: If there is no memory.
-        """
-        self.frames = RecordRingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
-        try:
-            self.statuses = RecordRingWriter("recorder-statuses", STATUS_RING_S, STATUS_RING_BYTES)
-        except OSError:
-            self.frames.close()
-            raise
-        compile_kernels()
-
-    def append(self, item: OdometryUpdate | StampedStatus, missed: int) -> None:
-        """Append an item. `missed` counts dropped items.
-
-        Raises:
-            OSError: If there is no memory.
-        """
-        if isinstance(item, OdometryUpdate):
-            write_frame(self.frames, item, pack_depth)
-        else:
-            self._put_status(item, missed)
-
-    def close(self) -> None:
-        """Release the memory."""
-        with suppress(BufferError):  # a reader still holds a buffer; the process ends soon
-            self.frames.close()
-            self.statuses.close()
-
-    def _put_status(self, stamped: StampedStatus, missed: int) -> None:
-        content = {
-            "unix_s": stamped.unix_s,
-            "monotonic_s": stamped.monotonic_s,
-            **asdict(stamped.status),
-            "recorder": self._ring_stats(missed),
-        }
-        line = json.dumps(content).encode()
-        buffer = self.statuses.reserve(len(line), stamped.monotonic_s)
-        buffer[: len(line)] = np.frombuffer(line, np.uint8)
-        self.statuses.commit(len(line), b"", len(line), stamped.monotonic_s)
-
-    def _ring_stats(self, missed: int) -> dict[str, Any]:
-        return {
-            "frames": self.frames.record_count,
-            "missed": missed,
-            "ring_mb": round(self.frames.used_bytes / MEGABYTE, 1),
-            "limited_by": "max_mb" if self.frames.is_limited_by_bytes else "seconds",
-        }
 
 
 # A pixel's byte: 0 = no reading; 1 to 254 = the difference plus 128; 255 = see the escapes.

@@ -28,17 +28,21 @@ class FaultReporter:
 
     Args:
         name: Name of the output in the log.
+        level: Level of the log.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, level: int = logging.ERROR) -> None:
         self.text = ""
-        self._name = name
+        self._name, self._level = name, level
 
     def set(self, text: str) -> None:
         """Set the current fault, "" for none."""
-        if text and text != self.text:
-            logger.error("%s: %s", self._name, text)
+        if text and self._is_news(text):
+            logger.log(self._level, "%s: %s", self._name, text)
         self.text = text
+
+    def _is_news(self, text: str) -> bool:
+        return text != self.text
 
 
 class ProcessOutput(ABC, Generic[Item, Config]):

@@ -12,7 +12,7 @@ from drivers.core.files import MEGABYTE, state_folder
 from drivers.core.flow_control import DropOldestQueue
 from drivers.core.process.worker_spec import WorkerSpec
 from vo_service.config_tables import RecorderConfig
-from vo_service.frame_record import FrameHistory, StampedStatus
+from vo_service.outputs.recorder.frame_history import FrameHistory, StampedStatus
 from vo_service.outputs.recorder.loss_trigger import LossTrigger
 from vo_service.outputs.recorder.messages import (
     IncidentResult,

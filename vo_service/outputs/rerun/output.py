@@ -26,7 +26,7 @@ from vo_service.outputs.rerun.messages import (
 from vo_service.outputs.rerun.sinks import PortTakenError, Sink, ViewerGoneError
 from vo_service.outputs.rerun.targets import make_sink, prepare_rerun
 from vo_service.outputs.rerun.update_encoder import UpdateEncoder
-from vo_service.process_output import ProcessOutput
+from vo_service.process_output import FaultReporter, ProcessOutput
 from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
@@ -55,15 +55,11 @@ MAX_PORT_ATTEMPTS = 3
 PAUSED_TEXT, RESUMED_TEXT = "paused: the machine is too slow", "drawing again"
 
 
-class RerunFaultReporter:
-    """The current fault in `text`, "" for none. A viewer that comes and goes does not fill the log.
-
-    Args:
-        address: Where the data goes.
-    """
+class RerunFaultReporter(FaultReporter):
+    """Logs the same fault rarely, because a viewer may come and go, and logs the end of a fault."""
 
     def __init__(self, address: str) -> None:
-        self.text = ""
+        super().__init__("rerun", logging.WARNING)
         self._address = address
         self._logged_s: dict[str, float] = {}
 
@@ -71,11 +67,14 @@ class RerunFaultReporter:
         """Set the current fault, "" for none."""
         if self.text and not text:
             logger.info("rerun: drawing at %s again", self._address)
-        self.text = text
+        super().set(text)
+
+    def _is_news(self, text: str) -> bool:
         now_s = time.monotonic()
-        if text and now_s - self._logged_s.get(text, float("-inf")) > REPEAT_AFTER_S:
+        is_news = now_s - self._logged_s.get(text, float("-inf")) > REPEAT_AFTER_S
+        if is_news:
             self._logged_s[text] = now_s
-            logger.warning("rerun: %s", text)
+        return is_news
 
 
 class RerunOutput(ProcessOutput[OdometryUpdate | Status | TextLog, RerunWorkerConfig]):

@@ -303,7 +303,7 @@ def accumulate_scores(
 
     Returns:
         (CELLS, 15) scores of brightness and of depth; 6x6 sum of the outer products of the scores
-        of the brightness samples; moments (4, 4).
+        of the brightness samples, its lower triangle; moments (4, 4).
     """
     scores, moments = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((4, 4))
     depth_scores, products = np.zeros((NUM_CELLS, NUM_UNKNOWNS)), np.zeros((6, 6))
@@ -321,7 +321,7 @@ def accumulate_scores(
             row = (samples[i, SAMPLE_COLOR_BAND] + 0.5) / NUM_ROW_BANDS - 0.5
             _add_score(scores[cell], J, row * readout_s, w * residuals[i])
             for a in range(6):
-                for b in range(6):
+                for b in range(a + 1):
                     products[a, b] += (w * residuals[i]) ** 2 * J[a] * J[b]
         if depth_weights[i] != 0.0:
             w = depth_weights[i]

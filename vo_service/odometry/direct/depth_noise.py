@@ -18,8 +18,8 @@ from vo_service.odometry.direct.parameters import (
     DEPTH_NOISE_PER_M,
     MAX_NOISE_STEP_PER_M,
     MAX_SURFACE_STEP_SHARE,
-    MIN_NOISE_PLANES,
     MIN_PLANE_SUPPORT,
+    MIN_SIGMA_SAMPLES,
     NOISE_GRID_PX,
     PLANE_RADIUS_PX,
     PLANE_STEP_PX,
@@ -46,7 +46,7 @@ class DepthNoise:
     def update(self, images: ImagePyramid) -> "DepthNoise":
         """Return the noise updated by a frame."""
         residuals = _plane_residuals(images.depth.inverse)
-        if len(residuals) < MIN_NOISE_PLANES:
+        if len(residuals) < MIN_SIGMA_SAMPLES:
             return self
         measured = float(np.median(residuals))
         before = measured if self.measured_per_m is None else self.measured_per_m

@@ -18,11 +18,9 @@ from vo_service.odometry.direct.image_pyramid import ImagePyramid, inverse_depth
 from vo_service.odometry.direct.motion import project, transform_point
 from vo_service.odometry.direct.parameters import (
     DYNAMIC_BLOCK_PX,
-    EDGE_MARGIN_PX,
     MAX_KEYFRAMES,
     MAX_SAME_SURFACE_RATIO,
     MIN_DEPTH_M,
-    MIN_KNOWN_SHARE,
     MIN_OBSERVED_SHARE,
     NUM_FINE_LEVELS,
 )
@@ -172,7 +170,7 @@ def remove_dynamic_points(
             block_points,
             states,
         )
-    if np.count_nonzero(states) < MIN_KNOWN_SHARE * np.count_nonzero(blocks):
+    if np.count_nonzero(states) < MIN_OBSERVED_SHARE * np.count_nonzero(blocks):
         return keyframe
     is_dynamic_block = find_dynamic_blocks(blocks, states, images.depth_noise)
     points = tuple(
@@ -262,12 +260,12 @@ def _classify_surface(
     if inverse_depth_there >= w - tolerance:
         return OBSERVED
     if not (
-        EDGE_MARGIN_PX <= row < height - EDGE_MARGIN_PX
-        and EDGE_MARGIN_PX <= column < width - EDGE_MARGIN_PX
+        DYNAMIC_BLOCK_PX <= row < height - DYNAMIC_BLOCK_PX
+        and DYNAMIC_BLOCK_PX <= column < width - DYNAMIC_BLOCK_PX
     ):
         return UNKNOWN
-    for dv in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
-        for du in range(-EDGE_MARGIN_PX, EDGE_MARGIN_PX + 1, EDGE_MARGIN_PX):
+    for dv in range(-DYNAMIC_BLOCK_PX, DYNAMIC_BLOCK_PX + 1, DYNAMIC_BLOCK_PX):
+        for du in range(-DYNAMIC_BLOCK_PX, DYNAMIC_BLOCK_PX + 1, DYNAMIC_BLOCK_PX):
             neighbor = inverse_depth(depth_raw[row + dv, column + du], depth_factor)
             if not 0.0 < neighbor < w - tolerance:
                 return UNKNOWN

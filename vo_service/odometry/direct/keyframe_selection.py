@@ -50,16 +50,14 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     INITIAL_MODEL_UPDATES,
-    JOINT_DAMPING_RATIO,
     MAX_BRIGHTNESS_RATIO,
     MAX_JOINT_KEYFRAMES,
-    MAX_JOINT_STEPS,
     MAX_KEYFRAME_FLOW_PX,
-    MAX_KEYFRAME_OCCLUDED_SHARE,
+    MAX_OCCLUDED_SHARE,
     MIN_JOINT_OVERLAP,
-    MIN_JOINT_STEP_SIZE,
     MIN_KEYFRAME_OVERLAP,
     MIN_KEYFRAME_POINT_SHARE,
+    NUM_JOINT_STEPS,
 )
 from vo_service.odometry.direct.quality import (
     TrackingResult,
@@ -231,7 +229,7 @@ def align_jointly(
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
         residual_model = initial_residual_model(images, other.points[0])
         fits.append(_KeyframeFit(other, T_other_active, residual_model))
-    for step in range(MAX_JOINT_STEPS):
+    for step in range(NUM_JOINT_STEPS):
         H, g = np.zeros((6, 6)), np.zeros(6)
         for fit in list(fits):
             sums = _linearize(fit, images, T, alignment.motion, step)
@@ -241,10 +239,7 @@ def align_jointly(
             Ad = se3_adjoint(fit.T_keyframe_active)
             H += Ad.T @ sums[UPPER_TRIANGLE] @ Ad
             g += Ad.T @ sums[TRIANGLE_SIZE:]
-        x = solve_cholesky(H + JOINT_DAMPING_RATIO * np.trace(H) * np.eye(6), g)
-        T = compose(T, se3_exp(-x))
-        if np.max(np.abs(x)) < MIN_JOINT_STEP_SIZE:
-            break
+        T = compose(T, se3_exp(-solve_cholesky(H, g)))
     return orthonormalize_rotation(T)
 
 
@@ -286,7 +281,7 @@ def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
         if other is not result.keyframe and _has_large_overlap(overlap, MAX_REUSE_FLOW_PX):
             local_map.move_to_newest(other)
             return other
-    if occluded_fraction(alignment) > MAX_KEYFRAME_OCCLUDED_SHARE:
+    if occluded_fraction(alignment) > MAX_OCCLUDED_SHARE:
         return result.keyframe
     keyframe = make_keyframe(
         tracked.frame,

@@ -31,14 +31,12 @@ from vo_service.odometry.direct.motion import (
 )
 from vo_service.odometry.direct.parameters import (
     FRAME_COVARIANCE_SHARE,
-    INNOVATION_DECAY,
-    MAX_DEGENERATE_S,
     MAX_EXTRAPOLATION_S,
     MAX_PREDICTION_S,
     MAX_STEADY_BRIGHTNESS_CHANGE,
     MIN_FRAME_INTERVAL_S,
     MIN_PREDICTION_SHARE,
-    VELOCITY_NOISE_DECAY,
+    MOTION_DECAY,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
 )
@@ -115,7 +113,7 @@ class MotionState:
 
     def update_normalized_innovation(self, normalized_square: float) -> float:
         """Normalized innovation including that of the next frame; a rise counts at once."""
-        decay = INNOVATION_DECAY
+        decay = MOTION_DECAY
         faded = decay * self.normalized_innovation + (1.0 - decay) * normalized_square
         return max(faded, normalized_square)
 
@@ -160,7 +158,7 @@ class MotionState:
 
         Then the extrapolation is not yet too uncertain.
         """
-        return 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_DEGENERATE_S
+        return 0.0 < stamp_s - self.well_constrained_stamp_s <= MAX_EXTRAPOLATION_S
 
     @property
     def is_extrapolated(self) -> bool:
@@ -214,7 +212,7 @@ def _fade_velocity_noise(noise: Array, velocity: Array, before: Array) -> Array:
     for k in range(2):
         # The first change is that of a camera that was already moving.
         last = noise[k] if np.isfinite(noise[k]) else min(change[k], first[k])
-        squared = VELOCITY_NOISE_DECAY * last**2 + (1.0 - VELOCITY_NOISE_DECAY) * change[k] ** 2
+        squared = MOTION_DECAY * last**2 + (1.0 - MOTION_DECAY) * change[k] ** 2
         faded[k] = np.sqrt(squared)
     return faded
 

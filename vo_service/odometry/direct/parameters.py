@@ -25,8 +25,7 @@ DEPTH_NOISE_PER_M = 1.5e-3
 # differ by this, 1/m, as the noise is not known yet.
 NOISE_GRID_PX = 16
 MAX_NOISE_STEP_PER_M = 0.03
-# Fewest planes of a measurement, and forgetting factor per keyframe.
-MIN_NOISE_PLANES = 50
+# Forgetting factor per keyframe.
 DEPTH_NOISE_DECAY = 0.8
 
 # KEYFRAME POINTS
@@ -56,8 +55,6 @@ MIN_DEPTH_M = 0.05
 # Two views see the same surface if its inverse depths differ by no more than this multiple of the
 # step within a surface: the motion is not exact yet.
 MAX_SAME_SURFACE_RATIO = 2.0
-# Iterations for the row that sees a point: its time depends on the pixel, and that on the time.
-ROW_TIME_ITERATIONS = 2
 
 # RESIDUALS
 # Sigmas of residuals, brightness in gray levels and depth as a multiple of its noise: their lower
@@ -66,7 +63,7 @@ MIN_SIGMAS = (1.0, 0.4)
 INITIAL_SIGMAS = (10.0, 2.0)
 # Upper bound of the estimated sigmas, as a multiple of the initial ones.
 MAX_SIGMA_RATIO = 3.0
-# Fewest samples for an estimate of sigma.
+# Fewest samples, or planes, for an estimate of sigma.
 MIN_SIGMA_SAMPLES = 50.0
 # Degrees of freedom of the residuals' Student's t. Kerl, Sturm and Cremers, "Robust Odometry
 # Estimation for RGB-D Cameras" (ICRA 2013) use 5.
@@ -108,13 +105,12 @@ TREMOR_SPAN_S = 0.01
 # After this time the predicted pose may be far off: the alignment also starts at rest and from
 # features. At the sensor's 30 Hz, this is two frames without a pose.
 MAX_PREDICTION_S = 0.08
-# After this time the last frames give no velocity.
+# After this time the last frames give no velocity, and a degenerate view is no longer accepted.
 MAX_EXTRAPOLATION_S = 0.4
 # Shortest time over which a mean velocity is formed: two frames may have nearly the same stamp.
 MIN_FRAME_INTERVAL_S = 1e-3
-# Forgetting factors per frame of the velocity noise and of the normalized innovation.
-VELOCITY_NOISE_DECAY = 0.9
-INNOVATION_DECAY = 0.9
+# Forgetting factor per frame of the velocity noise and of the normalized innovation.
+MOTION_DECAY = 0.9
 # The last gain and offset are kept if the mean brightness changes by no more than this share.
 MAX_STEADY_BRIGHTNESS_CHANGE = 0.1
 # Share of the measured pose's covariance that differs from frame to frame; the rest is that of the
@@ -136,8 +132,7 @@ MAX_BRIGHTNESS_RATIO = 1.5
 MAX_FAILURES, MAX_LOST_S = 3, 2.0
 
 # QUALITY
-# Fewest points of the keyframe in view, and fewest samples, that give a motion.
-MIN_POINTS_IN_VIEW = 100
+# Fewest points of the keyframe in view, and fewest samples of them, that give a motion.
 MIN_SAMPLES = 100
 # Smallest share of the keyframe's points in view.
 MIN_IN_VIEW_SHARE = 0.25
@@ -154,8 +149,8 @@ MAX_VALID_RATIOS = (2.0, 1.7)
 MAX_VALID_CONTRAST_SHARE = 0.35
 # A frame with a larger share of moving or occluded view is rejected.
 MAX_MOVING_OR_OCCLUDED_SHARE = 0.5
-# A frame with a larger share of occluded view is degraded.
-MAX_UNDEGRADED_OCCLUDED_SHARE = 0.25
+# A frame with a larger share of occluded view is degraded, and no keyframe.
+MAX_OCCLUDED_SHARE = 0.25
 # Brightness or depth of a smaller share of the view does not constrain the motion.
 MIN_MODALITY_SHARE = 0.1
 
@@ -168,8 +163,6 @@ MIN_VIEW_OBSERVABILITY = 3.0
 # A view of one plane leaves three directions weak: the third smallest ratio is 4.5 to 11 before a
 # bare wall, and at least 16 elsewhere.
 MIN_PLANE_OBSERVABILITY = 12.0
-# A degenerate view is accepted for this time after the last well constrained one.
-MAX_DEGENERATE_S = 0.4
 # Factor for errors that are common to the whole image, which the residuals do not show.
 COVARIANCE_INFLATION = 2.0
 # Lower bound of the pose's sigmas, m and rad: errors of calibration and timing.
@@ -200,25 +193,17 @@ MIN_KEYFRAME_OVERLAP = 0.75
 # view.
 MAX_JOINT_KEYFRAMES = 2
 MIN_JOINT_OVERLAP = 0.5
-# Steps of that alignment, the step (m and rad) that is the last one, and its damping relative to
-# the trace of the information.
-MAX_JOINT_STEPS = 2
-MIN_JOINT_STEP_SIZE = 1e-5
-JOINT_DAMPING_RATIO = 1e-6
-# A frame with a larger share of occluded view is no keyframe.
-MAX_KEYFRAME_OCCLUDED_SHARE = 0.25
+# Steps of that alignment.
+NUM_JOINT_STEPS = 2
 # A keyframe has at least this share of the points of the one before.
 MIN_KEYFRAME_POINT_SHARE = 0.25
 
 # DYNAMIC POINTS
 # The view is divided into blocks of this size; the pixel in the center stands for the block.
 DYNAMIC_BLOCK_PX = 8
-# A block is in free space if everything this many pixels around it is further away: edges move by
-# some pixels, and rows have different times.
-EDGE_MARGIN_PX = 8
-# Dynamic points are removed if other keyframes know at least this share of the view,
-MIN_KNOWN_SHARE = 0.25
-# and a surface is static if they have observed at least this share of it.
+# A block is in free space if everything a block around it is further away: edges move by some
+# pixels, and rows have different times. Dynamic points are removed if other keyframes have observed
+# at least this share of the view; a surface is static if they have observed this share of it.
 MIN_OBSERVED_SHARE = 0.25
 
 # CALIBRATION

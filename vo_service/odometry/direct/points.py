@@ -36,7 +36,6 @@ from vo_service.odometry.direct.parameters import (
     PLANE_RADIUS_PX,
     PLANE_STEP_PX,
     POINT_BLOCKS_PX,
-    ROW_TIME_ITERATIONS,
 )
 
 # Columns of a point: position (x, y, z in m); brightness; its variance by interpolation; gradient
@@ -247,7 +246,8 @@ def _find_in_depth_image(
     height, width = inverse_depth.shape
     u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
     then, shift_m = propagate_motion(motion, tau), 0.0
-    for _ in range(ROW_TIME_ITERATIONS):
+    # The time of a row depends on the pixel, and the pixel on the time.
+    for _ in range(2):
         column, row = int(u + 0.5), int(v + 0.5)
         if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
             return -1.0, -1.0, 0.0

@@ -25,13 +25,12 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     INITIAL_SIGMAS,
     MAX_MOVING_OR_OCCLUDED_SHARE,
-    MAX_UNDEGRADED_OCCLUDED_SHARE,
+    MAX_OCCLUDED_SHARE,
     MAX_VALID_CONTRAST_SHARE,
     MAX_VALID_RATIOS,
     MIN_CONSISTENT_SHARE,
     MIN_IN_VIEW_SHARE,
     MIN_MODALITY_SHARE,
-    MIN_POINTS_IN_VIEW,
     MIN_SAMPLES,
     SUSPECT_SIGMA_SHARE,
 )
@@ -88,7 +87,7 @@ def rejection_reason(alignment: DirectAlignment) -> str:
     counts, model = alignment.counts.tolist(), alignment.residual_model.tolist()
     points = len(alignment.samples)
     in_view = int(counts[IN_IMAGE])
-    if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_POINTS_IN_VIEW):
+    if in_view < max(MIN_IN_VIEW_SHARE * points, MIN_SAMPLES):
         return f"only {in_view} of {points} points of the keyframe are in view"
     if counts[DISREGARDED] > MAX_MOVING_OR_OCCLUDED_SHARE * in_view:
         return f"{100 * counts[DISREGARDED] / in_view:.0f} % of the view does not fit"
@@ -146,7 +145,7 @@ def degradation_reason(alignment: DirectAlignment) -> str:
         return "brightness only: no depth in view"
     return (
         _occlusion_message(occluded_fraction(alignment))
-        if occluded_fraction(alignment) > MAX_UNDEGRADED_OCCLUDED_SHARE
+        if occluded_fraction(alignment) > MAX_OCCLUDED_SHARE
         else ""
     )
 

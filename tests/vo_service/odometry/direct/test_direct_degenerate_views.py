@@ -15,7 +15,7 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
 from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
 from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.motion import se3_log
-from vo_service.odometry.direct.parameters import MAX_DEGENERATE_S
+from vo_service.odometry.direct.parameters import MAX_EXTRAPOLATION_S
 
 REASON = "degenerate view: 3 of 6 degrees of freedom are unconstrained"
 # 99 of 100 normalized squares of a motion's six errors are below it.
@@ -46,7 +46,7 @@ def test_a_degenerate_view_is_degraded_for_a_moment_then_lost() -> None:
     plain = estimate_all(odometry, [remove_color(frame) for frame in wall[4:]])
     assert {e.reason for e in plain} == {REASON}
     # The last well constrained frame is at 0.1 s.
-    assert [e.ok for e in plain] == [k / 30 <= 0.1 + MAX_DEGENERATE_S for k in range(4, 18)]
+    assert [e.ok for e in plain] == [k / 30 <= 0.1 + MAX_EXTRAPOLATION_S for k in range(4, 18)]
     for k, estimate in enumerate(plain[:12], start=4):
         off = se3_log(inverse(estimate.T_world_camera) @ BRISK.pose_at(k / 30))
         assert off @ np.linalg.solve(estimate.covariance, off) < CHI_SQUARED_99

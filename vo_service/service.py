@@ -226,12 +226,14 @@ class Service:
                 focal_scale_sigma=focal_length.sigma,
                 focal_source=focal_length.source,
                 focal_disagreement=focal_length.disagreement or 0.0,
+                focal_refused=focal_length.is_refused,
             )
         timing = self.statistics.timing
         if timing is None:
             return report
         return replace(
             report,
+            timing_refused=timing.is_refused,
             readout_ms=1e3 * timing.readout_s,
             readout_sigma_ms=1e3 * timing.readout_sigma_s,
             depth_offset_ms=1e3 * timing.depth_offset_s,

@@ -55,6 +55,7 @@ class OnlineTiming:
         source: Where the values come from: `LEARNED_TIMING`, or see `TimingSource`.
         contradiction: Readout and depth offset by the frames alone, s, if they contradict what the
             camera file or the usual values say; None otherwise.
+        is_refused: Whether a learned timing is not used, as frames fit no better with it.
     """
 
     readout_s: float
@@ -63,6 +64,7 @@ class OnlineTiming:
     depth_offset_sigma_s: float
     source: str
     contradiction: tuple[float, float] | None = None
+    is_refused: bool = False
 
     @property
     def warning(self) -> str:
@@ -86,12 +88,14 @@ class OnlineFocalLength:
         disagreement: Difference of the scale by depth from that by brightness, about zero for a
             calibrated camera; None while unsure.
         source: "intrinsics", "memory" (learned at an earlier run) or "learned"; "" = fixed.
+        is_refused: Whether a learned focal length is not used, as frames fit no better with it.
     """
 
     scale: float
     sigma: float
     disagreement: float | None
     source: str = ""
+    is_refused: bool = False
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,12 @@ class CameraReport:
         "the same by depth minus that by brightness: far from 0, the calibration is wrong; "
         "0 = not known",
     ] = 0.0
+    timing_refused: Annotated[
+        bool, "a learned timing is not used, as frames fit no better with it"
+    ] = False
+    focal_refused: Annotated[
+        bool, "a learned focal length is not used, as frames fit no better with it"
+    ] = False
     depth_noise_per_m: Annotated[
         float,
         "learned standard deviation of inverse depth, 1/m: that of depth is z^2 times it; "

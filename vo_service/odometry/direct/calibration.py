@@ -6,6 +6,7 @@ the focal length. Information is a (4, 5) array [A b] with A x = b at the best s
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot
 
@@ -23,14 +24,13 @@ from vo_service.odometry.direct.calibration_equations import (
     TIMING,
     USED,
 )
+from vo_service.odometry.direct.calibration_trial import CalibrationTrial
 from vo_service.odometry.direct.gauss_newton import invert_cholesky
 from vo_service.odometry.direct.parameters import (
     CALIBRATION_DECAY,
     CALIBRATION_VIEW_ERROR,
     CONTRADICTION_SIGMAS,
     FOCAL_NONLINEARITY,
-    INSTANT_TIMING_BAND_S,
-    INSTANT_TIMING_SIGMAS,
     KEYFRAME_CALIBRATION_SIGMAS,
     MAX_CALIBRATION_SIGMAS,
     MAX_FOCAL_CORRECTION,
@@ -46,6 +46,7 @@ from vo_service.odometry.direct.parameters import (
     TIMING_CHANGE_SIGMAS,
 )
 
+ONLY_FOCAL = slice(FOCAL, FOCAL + 1)
 # Sigma of the disagreement before any view: it is free.
 FREE_SIGMA = 1.0
 # Information of the error that the views of a keyframe share.
@@ -61,13 +62,13 @@ class CalibrationPrior:
     Attributes:
         mean: (3,) readout and delay, s, and logarithm of the focal length.
         sigmas: (3,) standard deviations.
-        instant: (2,) timing of an instantaneous shutter without delay, s.
+        unlearned: (3,) calibration without any learning.
         focal_source: Source of the focal length, see `OnlineFocalLength`.
     """
 
     mean: Array
     sigmas: Array
-    instant: Array
+    unlearned: Array
     focal_source: str = "intrinsics"
 
     @property
@@ -82,10 +83,12 @@ class CalibrationFilter:
     The views of a keyframe share its errors, so their information is summed first and then limited.
     If the timing by the last keyframes contradicts all that was known before, the latter is
     forgotten: the timing has changed. Only brightness gives the focal length. The one in use is
-    kept if brightness is not clearly further away from it than depth.
+    kept if brightness is not clearly further away from it than depth. Timing and focal length are
+    used while frames fit better with them than without.
 
     Args:
         prior: What is known before any view.
+        min_readout_s: Correction of the readout that makes it zero.
 
     Attributes:
         in_use: (3,) calibration in use.
@@ -95,16 +98,22 @@ class CalibrationFilter:
         focal_source: Source of the focal length in use, see `OnlineFocalLength`.
         is_certain: Whether the timing is known well enough to be used.
         contradiction: (2,) timing by the frames alone, if it is certain and far from the prior.
+        timing_trial: Whether frames fit better with the timing.
+        focal_trial: Whether frames fit better with the focal length.
     """
 
-    def __init__(self, prior: CalibrationPrior) -> None:
-        self.in_use = self.estimate = prior.mean
+    def __init__(self, prior: CalibrationPrior, min_readout_s: float = 0.0) -> None:
+        self.in_use = self.estimate = self._proposed = prior.mean
+        # A timing that is no longer what the frames tell has been found by the fit of frames.
+        self.timing_trial = CalibrationTrial(bool((prior.mean != prior.unlearned)[TIMING].any()))
+        self.focal_trial = CalibrationTrial()
         self.sigmas = prior.sigmas
         self.disagreement: float | None = None
         self.focal_source = prior.focal_source
         self.is_certain = False
         self.contradiction: Array | None = None
-        self._instant, self._told = prior.instant, prior.information
+        self._told, self._unlearned = prior.information, prior.unlearned
+        self._min_readout_s, self._source_unlearned = min_readout_s, prior.focal_source
         # Before any view; of older keyframes; of the last ones; of the views of the current one.
         self._prior, self._older, self._current = prior.information, _nothing(), _nothing()
         self._recent: deque[Array] = deque()
@@ -143,7 +152,25 @@ class CalibrationFilter:
         )
         self.disagreement = float(self._state[DISAGREEMENT]) if is_certain[FOCAL:].all() else None
         self.contradiction = self._find_contradiction(from_frames)
-        return self.is_certain and self._update_in_use()
+        if not self.is_certain:
+            return False
+        self._proposed = self._propose()
+        return self._update_in_use()
+
+    def compare(self, negative_log_likelihood: Callable[[Array], float]) -> None:
+        """Compare the fit of a frame with and without what was learned; the next view applies it.
+
+        Args:
+            negative_log_likelihood: Of the frame, by a calibration (3,).
+        """
+        if not self.is_certain:
+            return
+        for part, trial in ((TIMING, self.timing_trial), (ONLY_FOCAL, self.focal_trial)):
+            without = self._proposed.copy()
+            without[part] = self._unlearned[part]
+            if (without != self._proposed).any():
+                gain = negative_log_likelihood(without) - negative_log_likelihood(self._proposed)
+                trial.add(gain)
 
     # -- keyframes -------------------------------------------------------------------------------
     def _finish_keyframe(self) -> None:
@@ -162,7 +189,7 @@ class CalibrationFilter:
     def _is_possible(self, keyframe: Array) -> bool:
         """Whether a timing may be that of a sensor; errors of another kind give other ones."""
         timing, covariance = solve_information(given_focal(keyframe, self._state))
-        readout_s, delay_s = (timing - (self._instant[READOUT], 0.0)).tolist()
+        readout_s, delay_s = (timing - (self._min_readout_s, 0.0)).tolist()
         off_s = (
             max(-readout_s, readout_s - MAX_TIMING_S[READOUT]),
             abs(delay_s) - MAX_TIMING_S[DELAY],
@@ -196,42 +223,46 @@ class CalibrationFilter:
         return by_frames if is_certain.all() else None
 
     # -- the calibration in use ------------------------------------------------------------------
+    def _propose(self) -> Array:
+        """(3,) calibration by the estimate."""
+        proposed, in_use = self.estimate.copy(), float(self.in_use[FOCAL])
+        proposed[READOUT] = max(proposed[READOUT], self._min_readout_s)
+        # Brightness is believed if it is clearly further away from the one in use than depth.
+        focal = min(max(float(proposed[FOCAL]), -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)
+        change, disagreement = abs(focal - in_use), self.disagreement
+        is_clear = disagreement is not None and change > max(
+            MIN_CALIBRATION_CHANGES[FOCAL],
+            MIN_CALIBRATION_CHANGE_SIGMAS[FOCAL] * float(self.sigmas[FOCAL]),
+            MIN_FOCAL_DISAGREEMENT_SHARE * abs(disagreement),
+        )
+        proposed[FOCAL] = focal if is_clear else in_use
+        return proposed
+
     def _update_in_use(self) -> bool:
-        target = np.append(self._target_timing(), self._target_focal())
+        target = self._proposed.copy()
+        if not self.timing_trial.is_accepted:
+            target[TIMING] = self._unlearned[TIMING]
+        if not self.focal_trial.is_accepted:
+            target[FOCAL] = self._unlearned[FOCAL]
         change = np.abs(target - self.in_use)
-        is_changed = change > MIN_CALIBRATION_CHANGES
-        is_changed &= change > np.array(MIN_CALIBRATION_CHANGE_SIGMAS) * self.sigmas
+        limits = np.array(MIN_CALIBRATION_CHANGE_SIGMAS) * self.sigmas
+        # The trial has decided on a change to or from the unlearned values.
+        is_decided = (target == self._unlearned) | (self.in_use == self._unlearned)
+        is_changed = change > np.where(is_decided, 0.0, np.maximum(limits, MIN_CALIBRATION_CHANGES))
         if is_changed[FOCAL]:
             self._restart_focal(float(target[FOCAL]), float(change[FOCAL]))
-        else:
-            target[FOCAL] = self.in_use[FOCAL]
         if not is_changed[TIMING].any():
             target[TIMING] = self.in_use[TIMING]
+        if not is_changed[FOCAL]:
+            target[FOCAL] = self.in_use[FOCAL]
         self.in_use = target
         return bool(is_changed.any())
 
-    def _target_timing(self) -> Array:
-        """(2,) exactly instantaneous if the estimate is close to that."""
-        band, estimate = np.array(INSTANT_TIMING_BAND_S), self.estimate[TIMING]
-        if (self.in_use[TIMING] == self._instant).all():
-            band = np.maximum(band, INSTANT_TIMING_SIGMAS * self.sigmas[TIMING])
-        if (np.abs(estimate - self._instant) < band).all():
-            return self._instant
-        return np.array([max(estimate[READOUT], self._instant[READOUT]), estimate[DELAY]])
-
-    def _target_focal(self) -> float:
-        """The focal length by brightness, if it is clearly further away than depth."""
-        in_use, estimate = float(self.in_use[FOCAL]), float(self.estimate[FOCAL])
-        target = min(max(estimate, -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)
-        disagreement = self.disagreement
-        if disagreement is None:
-            return in_use
-        is_clear = abs(target - in_use) > MIN_FOCAL_DISAGREEMENT_SHARE * abs(disagreement)
-        return target if is_clear else in_use
-
     def _restart_focal(self, focal: float, change: float) -> None:
         """Use another focal length: residuals of the views so far are not linear in the change."""
-        self.focal_source, self.disagreement = "learned", None
+        is_unlearned = focal == self._unlearned[FOCAL]
+        self.focal_source = self._source_unlearned if is_unlearned else "learned"
+        self.disagreement = None
         self._older, self._current, *recent = (
             _without_focal(each, self._state)
             for each in (self._older, self._current, *self._recent)

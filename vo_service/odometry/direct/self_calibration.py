@@ -27,8 +27,10 @@ from vo_service.odometry.direct.calibration_search import (
     TimingSearchResult,
     needs_search,
 )
+from vo_service.odometry.direct.calibration_trial import TrialFrame
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.keyframe_selection import TrackedFrame
 from vo_service.odometry.direct.motion import constant_velocity_motion
 from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
@@ -36,7 +38,8 @@ from vo_service.odometry.direct.parameters import (
     MAX_KEYFRAME_TIMING_ERRORS_S,
     MIN_CALIBRATION_SPEED,
     SCENE_DEPTH_M,
-    SETTLED_VIEW_STRIDE,
+    SETTLED_STRIDE,
+    TRIAL_INTERVAL,
 )
 from vo_service.odometry.direct.view_history import (
     ToldFrame,
@@ -72,7 +75,7 @@ class SelfCalibratingOdometry:
         # The last good frame with the pose at it, before the search.
         self._before_search: tuple[ToldFrame, Array] | None = None
         self._search: TimingSearch | None = None
-        self._view_count = 0
+        self._view_count = self._untried_count = 0
 
     @property
     def calibration(self) -> CalibrationFilter | None:
@@ -117,7 +120,7 @@ class SelfCalibratingOdometry:
         self._before_search = self._search = None
         sigmas_s = _told_sigmas_s(frame)
         self._is_search_needed = needs_search(sigmas_s)
-        return CalibrationFilter(_make_prior(told, np.zeros(2), sigmas_s))
+        return _make_filter(told, np.zeros(2), sigmas_s)
 
     def _track(self, told: ToldFrame) -> Estimate:
         calibration = self._learned.in_use
@@ -136,6 +139,8 @@ class SelfCalibratingOdometry:
                 view.keyframe, view.alignment = tracked.result.keyframe, tracked.result.alignment
             if self._learn(view, self._tracker.keyframes):
                 self._correct_keyframes(calibration)
+            if tracked is not None and view.keyframe is not None:
+                self._compare(told, tracked, is_last=estimate.is_next_reference)
         return estimate
 
     # -- search ----------------------------------------------------------------------------------
@@ -179,7 +184,7 @@ class SelfCalibratingOdometry:
         best, first = found.best, search.first
         search.catch_up(best)
         self._history.clear()
-        self._filter = CalibrationFilter(_make_prior(first.told, found.mean, found.sigmas_s))
+        self._filter = _make_filter(first.told, found.mean, found.sigmas_s)
         for view in best.views:
             self._learn(view, [best.keyframe])
         velocity = best.views[0].velocity
@@ -215,7 +220,7 @@ class SelfCalibratingOdometry:
             speed < MIN_CALIBRATION_SPEED
             or keyframe_view is None
             or keyframe_view.velocity is None
-            or (self._learned.is_settled and self._view_count % SETTLED_VIEW_STRIDE)
+            or (self._learned.is_settled and self._view_count % SETTLED_STRIDE)
         ):
             return False
         information = measure_calibration(
@@ -237,6 +242,25 @@ class SelfCalibratingOdometry:
         )
         weight = speed**4 / (speed**4 + HALF_WEIGHT_SPEED**4)
         return self._learned.add(keyframe.images.stamp_s, weight * information)
+
+    def _compare(self, told: ToldFrame, tracked: TrackedFrame, is_last: bool) -> None:
+        """Compare the fit of some frames with and without what was learned.
+
+        Args:
+            told: The frame.
+            tracked: The frame, aligned with its keyframe.
+            is_last: Whether the next frame has another keyframe.
+        """
+        self._untried_count += 1
+        if self._learned.is_settled:
+            is_due = self._untried_count >= SETTLED_STRIDE * TRIAL_INTERVAL
+        else:
+            is_due = is_last or self._untried_count >= TRIAL_INTERVAL
+        view = self._history.find(tracked.result.keyframe.images.stamp_s)
+        if is_due and view is not None and view.velocity is not None:
+            self._untried_count = 0
+            trial = TrialFrame(tracked, told.timing, told.frame.camera, view)
+            self._learned.compare(trial.negative_log_likelihood)
 
     def _correct_keyframes(self, before: Array) -> None:
         """After a change: rebuild the active keyframe, forget those that are far off.
@@ -302,6 +326,7 @@ class SelfCalibratingOdometry:
             depth_offset_sigma_s=float(learned.sigmas[1]),
             source="learned" if is_learned else prior.source.value,
             contradiction=None if by_frames is None else tuple((told + by_frames).tolist()),
+            is_refused=learned.timing_trial.is_refused,
         )
 
     def _report_focal_length(self) -> OnlineFocalLength:
@@ -311,22 +336,21 @@ class SelfCalibratingOdometry:
             float(learned.sigmas[FOCAL]),
             learned.disagreement,
             learned.focal_source,
+            learned.focal_trial.is_refused,
         )
 
 
-def _make_prior(told: ToldFrame, timing: Array, sigmas_s: Array) -> CalibrationPrior:
-    """Make the prior of a timing (2,) with sigmas (2,), and of the known focal length."""
-    frame, prior = told.frame, told.frame.timing_prior
-    stamp_skew_s = told.timing[1] - (prior.depth_offset_s if prior else 0.0)
-    instant = -told.timing if abs(stamp_skew_s) == 0.0 else np.array([-told.timing[0], -np.inf])
-    focal, source = frame.focal_prior, "memory"
-    mean, sigma = (log(focal.scale), focal.sigma) if focal else (0.0, FOCAL_PRIOR_SIGMA)
-    return CalibrationPrior(
-        np.append(timing, mean),
-        np.append(sigmas_s, sigma),
-        instant,
-        source if focal else "intrinsics",
+def _make_filter(told: ToldFrame, timing: Array, sigmas_s: Array) -> CalibrationFilter:
+    """Make the filter that begins with a timing (2,), sigmas (2,), and the known focal length."""
+    known = told.frame.focal_prior
+    focal, sigma = (log(known.scale), known.sigma) if known else (0.0, FOCAL_PRIOR_SIGMA)
+    prior = CalibrationPrior(
+        mean=np.append(timing, focal),
+        sigmas=np.append(sigmas_s, sigma),
+        unlearned=np.array([0.0, 0.0, focal]),
+        focal_source="memory" if known else "intrinsics",
     )
+    return CalibrationFilter(prior, -float(told.timing[0]))
 
 
 def _told_sigmas_s(frame: RgbdFrame) -> Array:

@@ -143,6 +143,8 @@ def _focal_rows(focal_length: OnlineFocalLength | None) -> list[tuple[str, str]]
     text = f"{percent:+6.1f} % +- {100.0 * focal_length.sigma:.1f} of that of the intrinsics"
     if focal_length.source:
         text += f" ({focal_length.source})"
+    if focal_length.is_refused:
+        text += "; what was learned does not fit better"
     if focal_length.disagreement is not None:
         text += f"; by depth {100.0 * focal_length.disagreement:+.1f} % more than by brightness"
     return [("focal length", text)]

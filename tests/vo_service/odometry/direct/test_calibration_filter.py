@@ -25,26 +25,66 @@ def view_of(
     return np.column_stack([A, A @ [*timing, focal, disagreement]])
 
 
-def add(learned: CalibrationFilter, count: int, view: Array, first_keyframe: float = 0.0) -> None:
-    """Add the same view several times, four for each keyframe."""
+def misfit(calibration: Array, best: Array) -> float:
+    """Negative log-likelihood of frames that fit best with a calibration (3,)."""
+    return float(np.abs((calibration - best) / [0.005, 0.002, 0.01]).sum())
+
+
+def add(
+    learned: CalibrationFilter,
+    count: int,
+    view: Array,
+    first_keyframe: float = 0.0,
+    best: Array | None = None,
+) -> None:
+    """Add the same view several times, four for each keyframe; frames fit best with it too."""
+    fitting = np.asarray(np.linalg.lstsq(view[:, :4], view[:, 4])[0][:3] if best is None else best)
     for k in range(count):
         learned.add(first_keyframe + k // 4, view)
+        if k % 4 == 3:
+            learned.compare(lambda calibration: misfit(calibration, fitting))
 
 
 def filter_of(
     sigmas_s: tuple[float, float], focal: float = 0.0, source: str = "intrinsics"
 ) -> CalibrationFilter:
     sigmas = np.array([*sigmas_s, FOCAL_PRIOR_SIGMA])
-    return CalibrationFilter(
-        CalibrationPrior(np.array([0.0, 0.0, focal]), sigmas, np.zeros(2), source)
-    )
+    unlearned = np.array([0.0, 0.0, focal])
+    return CalibrationFilter(CalibrationPrior(unlearned, sigmas, unlearned, source))
 
 
-def learn(*views: Array, sigmas_s: tuple[float, float] = WIDE, count: int = 80) -> Array:
-    learned = filter_of(sigmas_s)
-    for view in views:
-        add(learned, count, view)
+def learn(view: Array, count: int = 80, best: Array | None = None) -> Array:
+    learned = filter_of(WIDE)
+    add(learned, count, view, best=best)
     return learned.in_use
+
+
+def test_a_timing_that_fits_no_better_is_refused_until_it_does() -> None:
+    learned = filter_of(WIDE)
+    add(learned, 80, view_of(TRUE), best=np.zeros(3))
+    assert (learned.in_use == 0.0).all()
+    assert learned.timing_trial.is_refused
+    add(learned, 40, view_of(TRUE), first_keyframe=100.0)
+    np.testing.assert_allclose(learned.in_use[TIMING], TRUE, atol=0.001)
+    assert not learned.timing_trial.is_refused
+
+
+def test_a_focal_length_that_no_longer_fits_better_is_taken_back() -> None:
+    learned = filter_of(NARROW)
+    add(learned, 160, view_of(np.zeros(2), 0.03))
+    assert learned.in_use[FOCAL] > 0.02
+    add(learned, 40, view_of(np.zeros(2), 0.03), first_keyframe=100.0, best=np.zeros(3))
+    assert (learned.in_use[FOCAL], learned.focal_source) == (0.0, "intrinsics")
+    assert learned.focal_trial.is_refused
+
+
+def test_a_timing_that_was_found_by_the_fit_of_frames_is_used_at_once() -> None:
+    found = CalibrationPrior(np.append(TRUE, 0.0), np.array([0.006, 0.004, 0.02]), np.zeros(3))
+    learned = CalibrationFilter(found)
+    assert learned.timing_trial.is_accepted
+    for _ in range(MIN_CALIBRATION_VIEWS):
+        learned.add(0.0, view_of(TRUE + 0.004))
+    assert (learned.in_use[TIMING] > TRUE).all()
 
 
 def test_views_that_agree_are_believed() -> None:
@@ -64,10 +104,6 @@ def test_the_views_of_one_keyframe_share_an_error() -> None:
     for _ in range(1000):
         learned.add(0.0, view_of(TRUE))
     assert (learned.sigmas[TIMING] > 0.9 * np.array(KEYFRAME_CALIBRATION_SIGMAS[:2])).all()
-
-
-def test_a_timing_close_to_zero_is_exactly_zero() -> None:
-    assert (learn(view_of(np.array([0.001, -0.0005]))) == 0.0).all()
 
 
 def test_a_readout_is_never_negative() -> None:

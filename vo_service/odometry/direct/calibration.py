@@ -33,7 +33,6 @@ from vo_service.odometry.direct.parameters import (
     FOCAL_NONLINEARITY,
     KEYFRAME_CALIBRATION_SIGMAS,
     MAX_CALIBRATION_SIGMAS,
-    MAX_FOCAL_CORRECTION,
     MAX_IMPOSSIBLE_SIGMAS,
     MAX_TIMING_S,
     MIN_CALIBRATION_CHANGE_SIGMAS,
@@ -228,8 +227,8 @@ class CalibrationFilter:
         proposed, in_use = self.estimate.copy(), float(self.in_use[FOCAL])
         proposed[READOUT] = max(proposed[READOUT], self._min_readout_s)
         # Brightness is believed if it is clearly further away from the one in use than depth.
-        focal = min(max(float(proposed[FOCAL]), -MAX_FOCAL_CORRECTION), MAX_FOCAL_CORRECTION)
-        change, disagreement = abs(focal - in_use), self.disagreement
+        focal, disagreement = float(proposed[FOCAL]), self.disagreement
+        change = abs(focal - in_use)
         is_clear = disagreement is not None and change > max(
             MIN_CALIBRATION_CHANGES[FOCAL],
             MIN_CALIBRATION_CHANGE_SIGMAS[FOCAL] * float(self.sigmas[FOCAL]),

@@ -250,8 +250,6 @@ MIN_CALIBRATION_CHANGE_SIGMAS = (0.7, 0.7, 1.5)
 MIN_FOCAL_DISAGREEMENT_SHARE = 0.5
 # Share of a change that stays uncertain: residuals are not linear in the focal length.
 FOCAL_NONLINEARITY = 0.6
-# Largest correction of the frames' focal length.
-MAX_FOCAL_CORRECTION = 0.1
 # Below these sigmas only every n-th view and trial is used.
 SETTLED_CALIBRATION_SIGMAS = (0.0015, 0.0007, 0.008)
 SETTLED_STRIDE = 3

@@ -236,14 +236,17 @@ def _make_wall_frames() -> Iterator[RgbdFrame]:
 
 
 def _make_pan_frames() -> Iterator[RgbdFrame]:
-    """A texture that moves on a wall, with an uncertain timing, so that it is learned.
+    """A texture that moves to and fro on a wall, with an uncertain timing, so that it is learned.
 
-    After some frames it is certain, and the focal length is learned as well.
+    It leaves the first keyframe and comes back to it, so that a frame is aligned with both. The
+    wall recedes, which the texture does not: this takes more than one step.
     """
     prior = TimingPrior(0.0, 0.004, 0.002, TimingSource.SENSOR)
     wall = np.full((IMAGE_SIZE_PX, IMAGE_SIZE_PX), 2000, np.uint16)
-    for number in range(14):
-        frame = _make_frame(number, np.roll(_make_texture(0), 2 * number, axis=1), wall)
+    for number in range(20):
+        shift_px = 8 * min(number, 19 - number)
+        texture = np.roll(_make_texture(0), shift_px, axis=1)
+        frame = _make_frame(number, texture, wall + np.uint16(2 * number))
         yield replace(frame, timing_prior=prior)
 
 

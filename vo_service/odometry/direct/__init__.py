@@ -253,14 +253,7 @@ class DirectOdometry:
         if reason := self._start_rejection_reason(keyframe, images):
             return self._make_estimate(False, f"cannot start: {reason}", debug)
         self._map.reset(keyframe)
-        motion_state = MotionState(
-            self._T_world_camera,
-            np.zeros(6),
-            images.stamp_s,
-            1.0,
-            images.mean_brightness,
-            well_constrained_stamp_s=images.stamp_s,
-        )
+        motion_state = MotionState.at_rest(self._T_world_camera, images)
         self._track = DirectTrack(keyframe, motion_state, self._T_world_camera, is_first=True)
         self._failures = 0
         return self._make_estimate(True, "", debug, is_reset=is_reset)

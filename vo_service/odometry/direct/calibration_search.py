@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.direct.alignment import DirectAlignment, align, uniform_weights
+from vo_service.odometry.direct.alignment import align, uniform_weights
 from vo_service.odometry.direct.image_pyramid import (
     CELL_COLUMNS,
     CELL_ROWS,
@@ -21,7 +21,7 @@ from vo_service.odometry.direct.image_pyramid import (
 )
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import rebuild_first_keyframe
-from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.motion import ACCELERATION_START, zero_motion
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     BRIGHTNESS_WEIGHT,
@@ -36,9 +36,11 @@ from vo_service.odometry.direct.parameters import (
 )
 from vo_service.odometry.direct.quality import TrackingResult, rejection_reason
 from vo_service.odometry.direct.view_history import (
+    NUM_FIRST_VELOCITY_POSES,
     ToldFrame,
     TrackedView,
     corrected_shutter,
+    velocity_at,
 )
 
 # A quarter of the cells, spread over the image: a tracker of the search takes its points from them.
@@ -57,13 +59,13 @@ class TimingSearchResult:
         mean: (2,) readout and delay, s.
         sigmas_s: (2,) standard deviations.
         score_gain: By how much the best hypothesis fits better than no correction.
-        best: That hypothesis.
+        velocity_of_first: (6,) twist of the camera at the first frame, by that hypothesis.
     """
 
     mean: Array
     sigmas_s: Array
     score_gain: float
-    best: "TimingHypothesis"
+    velocity_of_first: Array
 
     @property
     def is_clear(self) -> bool:
@@ -131,28 +133,28 @@ class TimingHypothesis:
         keyframe: The keyframe, after the second frame with the camera's velocity.
         motion_state: At the last tracked frame.
         scores: Of each frame but the first: its negative log-likelihood; zero if tracking failed.
-        views: The tracked frames, as the equations of the timing take them.
     """
 
     def __init__(self, correction: Array, first: SearchedFrame, keyframe: DirectKeyframe) -> None:
         images = first.with_timing(correction)
         self.correction = correction
         self.keyframe = replace(keyframe, images=images)
-        self.motion_state = MotionState(
-            keyframe.T_world_keyframe,
-            np.zeros(6),
-            images.stamp_s,
-            1.0,
-            images.mean_brightness,
-            well_constrained_stamp_s=images.stamp_s,
-        )
+        self.motion_state = MotionState.at_rest(keyframe.T_world_keyframe, images)
         self.scores: list[float] = []
-        self.views = [self._view(first, keyframe.T_world_keyframe)]
+        self._views = [self._view(first, keyframe.T_world_keyframe)]
 
     @property
     def steps_to_next(self) -> int:
         """Steps that the next frame costs."""
-        return 1 if len(self.views) > 1 else START_STEPS
+        return 1 if len(self._views) > 1 else START_STEPS
+
+    @property
+    def velocity_of_first(self) -> Array:
+        """(6,) twist of the camera at the first frame, in its own axes, m/s and rad/s."""
+        views = self._views[:NUM_FIRST_VELOCITY_POSES]
+        if len(views) < NUM_FIRST_VELOCITY_POSES:
+            return self.keyframe.motion[:ACCELERATION_START]
+        return velocity_at(views, 0)
 
     def track(self, frame: SearchedFrame) -> None:
         """Align the next frame with the keyframe."""
@@ -170,42 +172,23 @@ class TimingHypothesis:
             self.scores.append(0.0)
             return
         result = TrackingResult(self.keyframe, alignment, prior)
-        if len(self.views) == 1:
+        if len(self._views) == 1:
             result = rebuild_first_keyframe(result, images, state, SEARCHED_CELLS)
             self.keyframe = result.keyframe
-        self._advance(frame, images, result)
-
-    def _advance(self, frame: SearchedFrame, images: ImagePyramid, result: TrackingResult) -> None:
-        alignment = result.alignment
-        self.motion_state = self.motion_state.advance(
+        self.motion_state = state.advance(
             result.T_world_camera,
-            alignment.camera_velocity,
+            result.alignment.camera_velocity,
             images,
-            alignment.gain,
-            self.motion_state.normalized_innovation,
+            result.alignment.gain,
+            state.normalized_innovation,
             images.stamp_s,
         )
         self.scores.append(result.negative_log_likelihood)
-        self.views.append(
-            self._view(frame, result.T_world_camera, result.keyframe, result.alignment)
-        )
+        self._views.append(self._view(frame, result.T_world_camera))
 
-    def _view(
-        self,
-        frame: SearchedFrame,
-        T_world_camera: Array,
-        keyframe: DirectKeyframe | None = None,
-        alignment: DirectAlignment | None = None,
-    ) -> TrackedView:
+    def _view(self, frame: SearchedFrame, T_world_camera: Array) -> TrackedView:
         calibration = np.append(self.correction, frame.focal)
-        return TrackedView(
-            frame.images.stamp_s,
-            frame.told.timing,
-            calibration,
-            T_world_camera,
-            keyframe,
-            alignment,
-        )
+        return TrackedView(frame.images.stamp_s, frame.told.timing, calibration, T_world_camera)
 
 
 class TimingSearch:
@@ -215,16 +198,22 @@ class TimingSearch:
         first: The first frame; the camera moves.
         T_world_first: 4x4 pose at it.
         sigmas_s: (2,) standard deviations of the timing that the frames tell.
+
+    Attributes:
+        first: See above.
+        T_world_first: See above.
+        frames: The frames after the first one.
+        hypotheses: The timings that are compared, no correction first.
     """
 
     def __init__(self, first: SearchedFrame, T_world_first: Array, sigmas_s: Array) -> None:
         self._sigmas_s = sigmas_s
-        self._frames: list[SearchedFrame] = []
+        self.frames: list[SearchedFrame] = []
         # Of a camera at rest it is the same for each timing.
         keyframe = make_keyframe(
             first.frame, first.images, T_world_first, zero_motion(), SEARCHED_CELLS
         )
-        self.first = first
+        self.first, self.T_world_first = first, T_world_first
         self.hypotheses = [
             TimingHypothesis(correction, first, keyframe)
             for correction in _make_corrections(first.told.timing, sigmas_s)
@@ -242,20 +231,15 @@ class TimingSearch:
 
     def add(self, frame: SearchedFrame) -> None:
         """Add a frame, and take up to `MAX_SEARCH_STEPS_PER_FRAME` steps of the trackers."""
-        self._frames.append(frame)
+        self.frames.append(frame)
         steps = MAX_SEARCH_STEPS_PER_FRAME
         while True:
             slowest = min(self.hypotheses, key=lambda hypothesis: len(hypothesis.scores))
             count = len(slowest.scores)
             steps -= slowest.steps_to_next
-            if count == len(self._frames) or steps < 0:
+            if count == len(self.frames) or steps < 0:
                 return
-            slowest.track(self._frames[count])
-
-    def catch_up(self, hypothesis: TimingHypothesis) -> None:
-        """Let one tracker process all frames."""
-        for frame in self._frames[len(hypothesis.scores) :]:
-            hypothesis.track(frame)
+            slowest.track(self.frames[count])
 
     def evaluate(self) -> TimingSearchResult:
         """Return the timing by the frames that all trackers have processed."""
@@ -273,7 +257,7 @@ class TimingSearch:
             mean,
             sigmas_s,
             score_gain=float(scores[0] - scores.min()),
-            best=self.hypotheses[int(np.argmin(scores))],
+            velocity_of_first=self.hypotheses[int(np.argmin(scores))].velocity_of_first,
         )
 
 

@@ -76,6 +76,18 @@ class MotionState:
     normalized_innovation: float = 0.0
     well_constrained_stamp_s: float = 0.0
 
+    @classmethod
+    def at_rest(cls, T_world_camera: Array, images: ImagePyramid) -> "MotionState":
+        """Make the state at a first frame with pose T_world_camera (4x4)."""
+        return cls(
+            T_world_camera,
+            np.zeros(6),
+            images.stamp_s,
+            1.0,
+            images.mean_brightness,
+            well_constrained_stamp_s=images.stamp_s,
+        )
+
     def predict_alignment(self, T_world_keyframe: Array, stamp_s: float) -> Array:
         """4x4 T_camera_keyframe at a stamp, at constant velocity."""
         elapsed_s = stamp_s - self.stamp_s

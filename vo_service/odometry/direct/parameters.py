@@ -224,7 +224,7 @@ MIN_CALIBRATION_SPEED = 0.08
 HALF_WEIGHT_SPEED = 0.2
 SCENE_DEPTH_M = 2.0
 # The largest interval between poses that a velocity is computed from, s.
-MAX_POSE_INTERVAL_S = 0.08
+MAX_POSE_INTERVAL_S = 0.12
 # Squared error of a view, relative to its information: with 20, the timing of room_rolling jumps by
 # several ms, and its focal length is learned 2 % wrong.
 CALIBRATION_VIEW_ERROR = 100.0

@@ -32,10 +32,12 @@ from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import TrackedFrame
 from vo_service.odometry.direct.motion import constant_velocity_motion
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
     HALF_WEIGHT_SPEED,
     MAX_KEYFRAME_TIMING_ERRORS_S,
+    MAX_POSE_INTERVAL_S,
     MIN_CALIBRATION_SPEED,
     SCENE_DEPTH_M,
     SETTLED_STRIDE,
@@ -135,7 +137,9 @@ class SelfCalibratingOdometry:
                 told.frame.stamp_s, told.timing, calibration, estimate.T_world_camera
             )
             tracked = self._tracker.last_frame
-            if tracked is not None and tracked.images.stamp_s == view.stamp_s:
+            # A degenerate view fits with a wrong calibration as well.
+            is_aligned = tracked is not None and tracked.images.stamp_s == view.stamp_s
+            if tracked is not None and is_aligned and tracked.is_well_constrained:
                 view.keyframe, view.alignment = tracked.result.keyframe, tracked.result.alignment
             if self._learn(view, self._tracker.keyframes):
                 self._correct_keyframes(calibration)
@@ -145,15 +149,22 @@ class SelfCalibratingOdometry:
 
     # -- search ----------------------------------------------------------------------------------
     def _search_timing(self, told: ToldFrame, estimate: Estimate) -> None:
-        """Begin the search once there is motion or tracking fails, and continue it."""
-        learned = self._learned
+        """Begin the search once there is motion or tracking fails, and continue it.
+
+        Frames that are rare tell neither a velocity nor, from it, a timing.
+        """
+        learned, before = self._learned, self._before_search
         if estimate.is_reset or learned.is_certain:
             self._search = None
             self._is_search_needed = not learned.is_certain
         is_moving = not estimate.ok or _speed(self._tracker.velocity) > HALF_WEIGHT_SPEED
         focal = float(learned.in_use[FOCAL])
-        if self._search is None and self._before_search is not None and is_moving:
-            first, T_world_first = self._before_search
+        is_rare = (
+            before is not None
+            and told.frame.stamp_s - before[0].frame.stamp_s > MAX_POSE_INTERVAL_S
+        )
+        if self._search is None and before is not None and is_moving and not is_rare:
+            first, T_world_first = before
             self._search = TimingSearch(
                 SearchedFrame.of(first, focal), T_world_first, _told_sigmas_s(told.frame)
             )
@@ -180,22 +191,28 @@ class SelfCalibratingOdometry:
             self._is_search_needed = False
 
     def _continue_from(self, search: TimingSearch, found: TimingSearchResult) -> None:
-        """Track the next frame from the best hypothesis on, with the timing found."""
-        best, first = found.best, search.first
-        search.catch_up(best)
-        self._history.clear()
+        """Track the frames of the search again, with the timing found."""
+        first = search.first
         self._filter = _make_filter(first.told, found.mean, found.sigmas_s)
-        for view in best.views:
-            self._learn(view, [best.keyframe])
-        velocity = best.views[0].velocity
+        images = first.with_timing(self._filter.in_use)
         keyframe = make_keyframe(
             first.frame,
-            first.with_timing(self._filter.in_use),
-            best.keyframe.T_world_keyframe,
-            best.keyframe.motion if velocity is None else constant_velocity_motion(velocity),
+            images,
+            search.T_world_first,
+            constant_velocity_motion(found.velocity_of_first),
             ALL_STATIC,
         )
-        self._tracker.continue_from(keyframe, best.motion_state)
+        start = MotionState.at_rest(search.T_world_first, images)
+        self._tracker.continue_from(keyframe, replace(start, normalized_innovation=0.0))
+        self._history.clear()
+        self._history.add(
+            TrackedView(
+                images.stamp_s, first.told.timing, self._filter.in_use, search.T_world_first
+            ),
+            [keyframe],
+        )
+        for frame in search.frames:
+            self._track(frame.told)
 
     # -- learning --------------------------------------------------------------------------------
     def _learn(self, view: TrackedView, keyframes: Sequence[DirectKeyframe]) -> bool:

@@ -60,7 +60,7 @@ BUDGET_TABLE = Table(
 )
 FEATURE_METHODS = ("SURF", "SIFT", "ORB")
 FEATURE_COUNT = 1000
-FEATURE_STAGES = ("surf", "points", "match", "ransac", "svd")
+FEATURE_STAGES = ("surf", "points", "match", "ransac", "svd", "verify")
 SURF_ROUNDS = 5
 
 

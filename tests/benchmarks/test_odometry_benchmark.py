@@ -79,7 +79,15 @@ def test_each_kind_of_features_is_measured(recording: Path, method: str) -> None
     assert (result.frames, result.failed) == (12, 0)
     assert result.evaluation is not None
     assert 0 < result.evaluation.ate_rmse_m < 0.02
-    assert list(result.stage_ms) == ["surf", "points", "match", "ransac", "svd", WHOLE_FRAME]
+    assert list(result.stage_ms) == [
+        "surf",
+        "points",
+        "match",
+        "ransac",
+        "svd",
+        "verify",
+        WHOLE_FRAME,
+    ]
     assert min(result.stage_ms.values()) > 0
 
 

@@ -16,6 +16,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from vo_service.odometry.depth import fit_inverse_depth
+from vo_service.odometry.depth_grid import NO_DEPTH, DepthGrid
 from vo_service.odometry.surf import Features
 from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
 from vo_service.types import TrackingDebug
@@ -111,6 +112,15 @@ class PointPairs:
     def __len__(self) -> int:
         return len(self.P_camera)
 
+    def select(self, selected: NDArray[np.bool_]) -> "PointPairs":
+        """Select pairs, (M,) bool."""
+        return PointPairs(
+            self.P_camera[selected],
+            self.P_reference[selected],
+            self.sigma_across_m[selected],
+            self.sigma_along_m[selected],
+        )
+
 
 def pair_points(
     points: FeaturePoints, reference: FeaturePoints, pairs: NDArray[np.int64]
@@ -140,12 +150,14 @@ class FeatureView:
         points: The same features as 3-D points in the camera's axes.
         camera: Intrinsics of the image.
         stamp_s: Of the frame.
+        depth: Coarse depth image, which may contradict a motion.
     """
 
     features: Features
     points: FeaturePoints
     camera: PinholeCamera
     stamp_s: float
+    depth: DepthGrid = NO_DEPTH
 
 
 def select_pairs_with_depth(
@@ -305,10 +317,18 @@ class MatchVerifier:
 
 @dataclass(frozen=True)
 class SurfParameters:
-    """Parameters of a motion by features: matching, RANSAC and failures."""
+    """Parameters of a motion by features: matching, RANSAC, verification and failures."""
 
     match_ratio: float = 0.8
     max_hypotheses: int = 500  # per RANSAC run
     min_inliers: int = 15  # fewer pairs agree by chance
+    # Share of the visible depth that a motion contradicts. Right motions: 0.02 % contradict more
+    # (of 17,200 in 19 recordings); none over up to 10 frames with an object on 20 % of the view.
+    # Wrong ones: 92 % if by 0.1 m and 10 degrees, 99 % if by 0.3 m and 30 degrees, and 67 % if
+    # they slide and turn along the largest plane.
+    max_depth_contradiction: float = 0.35
+    # A motion whose three sigmas exceed either of these is in doubt.
+    max_error_m: float = 0.05
+    max_error_rad: float = 0.05
     max_failures: int = 30  # consecutive frames; then tracking restarts at the last pose
     seed: int = 1  # of RANSAC, the same for every run

@@ -12,7 +12,7 @@ from vo_service.types import NullStageTimer
 def test_every_stage_of_the_method_is_run_and_reported() -> None:
     stages: list[str] = []
     assert warm_up("surf", stages.append) > 0
-    assert set(stages) == {"surf", "points", "match", "ransac", "svd", "recovery"}
+    assert set(stages) == {"surf", "points", "match", "ransac", "svd", "verify", "recovery"}
 
 
 def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:

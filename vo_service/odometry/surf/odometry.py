@@ -3,6 +3,7 @@
 Fontes and Maia, "Visual odometry for moving RGB-D cameras", Section III.
 """
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
+from vo_service.odometry.depth_grid import DepthGrid
 from vo_service.odometry.features import (
     FeatureView,
     SurfParameters,
@@ -21,7 +23,8 @@ from vo_service.odometry.features import (
 )
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
+from vo_service.odometry.surf.recovery import LAST_VIEW_VERIFIER, RecoveredPose, SurfRecovery
+from vo_service.odometry.surf.verification import cover_doubt, doubt_reason, rejection_reason
 from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
 
 
@@ -82,7 +85,8 @@ class SurfOdometry:
             features = self._extractor.extract(frame.gray)
         with self._timer.stage("points"):
             points = backproject_features(features, frame)
-        view = FeatureView(features, points, frame.camera, frame.stamp_s)
+            depth = DepthGrid.of(frame.depth_m, frame.camera)
+        view = FeatureView(features, points, frame.camera, frame.stamp_s, depth)
         if self._reference is None:
             return self._start(view, is_reset=False)
         with self._timer.stage("match"):
@@ -94,8 +98,13 @@ class SurfOdometry:
         with self._timer.stage("svd"):
             motion = refine_rigid_motion(consensus, pairs)
         debug = make_tracking_debug(view, self._reference, matches, motion.inlier)
-        if debug.inlier.sum() < parameters.min_inliers:
-            return self._recover(view, self._reference, debug)
+        with self._timer.stage("verify"):
+            rejection = rejection_reason(
+                view, self._reference, motion, LAST_VIEW_VERIFIER, parameters
+            )
+            motion = motion if rejection else cover_doubt(motion, pairs, parameters)
+        if rejection:
+            return self._recover(view, self._reference, debug, rejection)
         T_world_camera = self._T_world_reference @ motion.T_reference_camera
         return self._advance(
             view,
@@ -117,18 +126,22 @@ class SurfOdometry:
         self._failures = 0
         return self._make_estimate(view, "", np.eye(4), debug, is_reset=is_reset)
 
-    def _recover(self, view: FeatureView, last: FeatureView, debug: TrackingDebug) -> Estimate:
+    def _recover(
+        self, view: FeatureView, last: FeatureView, debug: TrackingDebug, rejection: str
+    ) -> Estimate:
         """Try the recovery; without success the frame fails."""
         with self._timer.stage("recovery"):
             recovered = self._recovery.recover(view, last, turn=self._failures)
-        return self._fail(view, debug) if recovered is None else self._advance(view, recovered)
+        if recovered is None:
+            return self._fail(view, debug, rejection)
+        return self._advance(view, recovered)
 
-    def _fail(self, view: FeatureView, debug: TrackingDebug) -> Estimate:
+    def _fail(self, view: FeatureView, debug: TrackingDebug, rejection: str) -> Estimate:
         """Keep the pose; after too many failures drop the reference and start again."""
         self._failures += 1
         if self._failures > self._parameters.max_failures:
             return self._start(view, is_reset=True)
-        return self._make_estimate(view, _motion_failure_reason(view, debug), np.eye(4), debug)
+        return self._make_estimate(view, rejection, np.eye(4), debug)
 
     def _advance(self, view: FeatureView, recovered: RecoveredPose) -> Estimate:
         """Take over the pose and make the view the next reference."""
@@ -138,9 +151,11 @@ class SurfOdometry:
         self._T_world_reference = recovered.T_world_camera
         self._reference = view
         self._failures = 0
-        return self._make_estimate(
+        doubt = doubt_reason(recovered.covariance, self._parameters)
+        estimate = self._make_estimate(
             view, "", recovered.T_last_camera, recovered.debug, covariance=recovered.covariance
         )
+        return replace(estimate, reason=doubt)
 
     def _make_estimate(
         self,
@@ -171,9 +186,3 @@ def _start_failure_reason(view: FeatureView) -> str:
         f"too few features with depth to start: {int(view.points.has_depth.sum())} "
         f"of {len(view.features)}"
     )
-
-
-def _motion_failure_reason(view: FeatureView, debug: TrackingDebug) -> str:
-    """Why there is no motion between a view and its reference."""
-    inliers, matches = int(debug.inlier.sum()), len(debug.matches_px)
-    return f"only {inliers} of {matches} matches agree ({len(view.features)} features)"

@@ -99,7 +99,16 @@ def test_every_stage_is_timed_in_the_papers_order(views: list[RgbdFrame]) -> Non
     stopwatch = RecordingStageTimer()
     odometry = SurfOdometry(timer=stopwatch)
     estimate_all(odometry, views[:2])
-    assert stopwatch.names == ["surf", "points", "surf", "points", "match", "ransac", "svd"]
+    assert stopwatch.names == [
+        "surf",
+        "points",
+        "surf",
+        "points",
+        "match",
+        "ransac",
+        "svd",
+        "verify",
+    ]
 
 
 def recorded(folder: Path, frames: int) -> list[Estimate]:

@@ -322,11 +322,11 @@ class SurfParameters:
     match_ratio: float = 0.8
     max_hypotheses: int = 500  # per RANSAC run
     min_inliers: int = 15  # fewer pairs agree by chance
-    # Share of the visible depth that a motion contradicts. Right motions: 0.02 % contradict more
-    # (of 17,200 in 19 recordings); none over up to 10 frames with an object on 20 % of the view.
-    # Wrong ones: 92 % if by 0.1 m and 10 degrees, 99 % if by 0.3 m and 30 degrees, and 67 % if
-    # they slide and turn along the largest plane.
-    max_depth_contradiction: float = 0.35
+    # Share of the visible depth that a motion contradicts, if a minority of the matches agrees with
+    # it. Right motions: more is contradicted by 0.02 % (of 17,200 in 19 recordings), and over up to
+    # 10 frames by 0.4 % where a person walks past. Wrong ones: by 96 % if by 0.1 m and 10 degrees,
+    # 99 % if by 0.3 m and 30 degrees, and 76 % if they slide and turn along the largest plane.
+    max_depth_contradiction: float = 0.3
     # A motion whose three sigmas exceed either of these is in doubt.
     max_error_m: float = 0.05
     max_error_rad: float = 0.05

@@ -1,8 +1,9 @@
 """Verification of a motion by matched features: it is rejected, or its covariance covers the doubt.
 
-A motion is rejected if its matches may agree by chance, or if it contradicts the depth images. In
-doubt it is if its inliers do not represent the matches: half of all matches lie far away, or many
-of them agree with another motion (that of a moving object, or of the room behind it).
+A motion is rejected if its matches may agree by chance, or if they are a minority that contradicts
+the depth images. It is in doubt if its inliers do not represent the matches: half of all matches
+lie far away, or many of them agree with another motion (that of a moving object, or of the room
+behind it).
 """
 
 from dataclasses import replace
@@ -78,6 +79,9 @@ def rejection_reason(
 ) -> str:
     """Why a motion is not believed; "" if it is.
 
+    Depth does not overrule a majority of the matches: it also contradicts a right motion where
+    something large moves before the camera.
+
     Args:
         view: The view.
         reference: The view that it was matched with.
@@ -88,9 +92,12 @@ def rejection_reason(
     inliers, matches = int(motion.inlier.sum()), len(motion.inlier)
     if inliers < parameters.min_inliers or not verifier.accepts(inliers, matches):
         return f"only {inliers} of {matches} matches agree: may be chance"
+    if 2 * inliers >= matches:
+        return ""
     contradiction = view.depth.contradiction(reference.depth, motion.T_reference_camera)
     if contradiction > parameters.max_depth_contradiction:
-        return f"the matches contradict {100 * contradiction:.0f} % of the depth readings"
+        contradicted = f"{100 * contradiction:.0f} % of the depth contradicts"
+        return f"only {inliers} of {matches} matches agree, and {contradicted}"
     return ""
 
 

@@ -56,10 +56,16 @@ def test_consensus_by_chance_is_rejected() -> None:
     assert reject(make_motion(15, 60)) == ""
 
 
-def test_a_motion_that_contradicts_depth_is_rejected() -> None:
-    motion = make_motion(200, 200)
-    assert reject(motion, depth_m=2.0) == ""
-    assert reject(motion, depth_m=2.5) == "the matches contradict 100 % of the depth readings"
+def test_a_minority_of_the_matches_that_contradicts_depth_is_rejected() -> None:
+    minority = make_motion(90, 200)
+    assert reject(minority, depth_m=2.0) == ""
+    assert reject(minority, depth_m=2.5) == (
+        "only 90 of 200 matches agree, and 100 % of the depth contradicts"
+    )
+
+
+def test_a_majority_of_the_matches_is_not_overruled_by_depth() -> None:
+    assert reject(make_motion(110, 200), depth_m=2.5) == ""
 
 
 def test_noise_beyond_the_model_increases_the_covariance() -> None:

@@ -323,7 +323,7 @@ class SurfParameters:
     max_hypotheses: int = 500  # per RANSAC run
     min_inliers: int = 15  # fewer pairs agree by chance
     # Share of the visible depth that a motion contradicts, if a minority of the matches agrees with
-    # it. Right motions: more is contradicted by 0.02 % (of 17,200 in 19 recordings), and over up to
+    # it. Right motions: more is contradicted by 0.03 % (of 17,200 in 19 recordings), and over up to
     # 10 frames by 0.4 % where a person walks past. Wrong ones: by 96 % if by 0.1 m and 10 degrees,
     # 99 % if by 0.3 m and 30 degrees, and 76 % if they slide and turn along the largest plane.
     max_depth_contradiction: float = 0.3

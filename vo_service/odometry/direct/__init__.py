@@ -29,11 +29,12 @@ from vo_service.odometry.direct.keyframe_selection import (
     refine,
     select,
 )
-from vo_service.odometry.direct.motion import zero_motion
+from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log, zero_motion
 from vo_service.odometry.direct.motion_state import MotionState, fuse_with_prediction
 from vo_service.odometry.direct.parameters import (
     MAX_FAILURES,
     MAX_LOST_S,
+    MAX_PREDICTION_S,
     MIN_FIRST_KEYFRAME_POINTS,
     REINITIALIZATIONS,
 )
@@ -47,6 +48,7 @@ from vo_service.odometry.direct.quality import (
 )
 from vo_service.odometry.direct.recovery import (
     DirectRecovery,
+    KeyframeMatch,
     rejection_reason_after,
 )
 from vo_service.odometry.surf import SurfExtractor
@@ -94,6 +96,7 @@ class DirectOdometry:
         self._track: DirectTrack | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
+        self._stamp_s = np.inf
 
     @property
     def vignetting(self) -> float:
@@ -159,6 +162,10 @@ class DirectOdometry:
                 self._brightness_weight.value,
                 self._depth_noise.value_per_m,
             )
+        # Between frames that are close, only what moves or occludes hinders the alignment; most
+        # features may be on it.
+        is_after_large_step = images.stamp_s - self._stamp_s > MAX_PREDICTION_S
+        self._stamp_s = images.stamp_s
         if self._track is None:
             return self._start(frame, images, is_reset=False)
         track, motion_state = self._track, self._track.motion_state
@@ -166,14 +173,19 @@ class DirectOdometry:
         with self._timer.stage("align"):
             result = self._align(images, track)
         # Recovery: if the frame does not fit, or the prediction is old.
+        match = None
         if rejection_reason(result.alignment) or motion_state.is_stale(images.stamp_s):
             with self._timer.stage("recovery"):
-                result = self._recovery.recover(frame, images, result, motion_state, self._map)
+                result, match = self._recovery.recover(
+                    frame, images, result, motion_state, self._map
+                )
         result = self._reinitialize_first_keyframe(images, result, track)
         # Quality: a motion that may be wrong is rejected.
-        if reason := rejection_reason_after(result, motion_state, images) or occlusion_reason(
-            result.alignment
-        ):
+        if reason := rejection_reason_after(
+            result, motion_state, images, match
+        ) or occlusion_reason(result.alignment):
+            if match is not None and is_after_large_step:
+                return self._follow_features(frame, images, track, match, reason)
             return self._fail(frame, images, track, result, reason)
         # Covariance: a view that constrains too little is accepted for a short time only.
         with self._timer.stage("covariance"):
@@ -292,6 +304,33 @@ class DirectOdometry:
             return self._start(frame, images, is_reset=True)
         return self._make_estimate(
             False, reason, make_tracking_debug(result.keyframe, result.alignment)
+        )
+
+    def _follow_features(
+        self,
+        frame: RgbdFrame,
+        images: ImagePyramid,
+        track: DirectTrack,
+        match: KeyframeMatch,
+        reason: str,
+    ) -> Estimate:
+        """Take over the pose by features, and go on with this frame as the keyframe."""
+        last, T_world_camera = track.motion_state, match.T_world_camera
+        elapsed_s = images.stamp_s - last.stamp_s
+        moved = se3_log(np.ascontiguousarray(inverse(last.T_world_camera) @ T_world_camera))
+        velocity = moved / elapsed_s if last.is_recent(images.stamp_s) else np.zeros(6)
+        motion = constant_velocity_motion(velocity)
+        keyframe = make_keyframe(frame, images, T_world_camera, motion, ALL_STATIC)
+        self._map.add(keyframe)
+        motion_state = replace(MotionState.at_rest(T_world_camera, images), velocity=velocity)
+        self._track = DirectTrack(keyframe, motion_state, T_world_camera)
+        self._T_world_camera, self._failures = T_world_camera, 0
+        return self._make_estimate(
+            True,
+            f"features only: {reason}",
+            TrackingDebug(keypoints_px=project_keyframe_points(keyframe)),
+            inverse(track.T_world_reference) @ T_world_camera,
+            match.covariance,
         )
 
     def _advance(

@@ -59,13 +59,13 @@ class TimingSearchResult:
         mean: (2,) readout and delay, s.
         sigmas_s: (2,) standard deviations.
         score_gain: By how much the best hypothesis fits better than no correction.
-        velocity_of_first: (6,) twist of the camera at the first frame, by that hypothesis.
+        best: That hypothesis.
     """
 
     mean: Array
     sigmas_s: Array
     score_gain: float
-    velocity_of_first: Array
+    best: "TimingHypothesis"
 
     @property
     def is_clear(self) -> bool:
@@ -257,7 +257,7 @@ class TimingSearch:
             mean,
             sigmas_s,
             score_gain=float(scores[0] - scores.min()),
-            velocity_of_first=self.hypotheses[int(np.argmin(scores))].velocity_of_first,
+            best=self.hypotheses[int(np.argmin(scores))],
         )
 
 

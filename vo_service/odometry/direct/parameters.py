@@ -123,6 +123,9 @@ MIN_PREDICTION_SHARE = 0.01
 # Probability that a feature match agrees with the right motion, and with a wrong one. Brown and
 # Lowe, "Automatic Panoramic Image Stitching using Invariant Features" (IJCV 74, 2007), Section 3.2.
 FEATURE_INLIER_SHARES = (0.2, 0.03)
+# A pose by features confirms that of an alignment if their squared difference, relative to its
+# covariance, is smaller: 99.9 % of the chi-square distribution with six degrees of freedom.
+MAX_SQUARED_POSE_DIFFERENCE = 22.5
 # Number of keyframes that are searched for features: the active one, then the last used ones.
 MAX_SEARCHED_KEYFRAMES = 3
 # The lighting has changed where brightness differs by more than this factor.
@@ -224,7 +227,7 @@ MIN_CALIBRATION_SPEED = 0.08
 HALF_WEIGHT_SPEED = 0.2
 SCENE_DEPTH_M = 2.0
 # The largest interval between poses that a velocity is computed from, s.
-MAX_POSE_INTERVAL_S = 0.12
+MAX_POSE_INTERVAL_S = 0.2
 # Squared error of a view, relative to its information: with 20, the timing of room_rolling jumps by
 # several ms, and its focal length is learned 2 % wrong.
 CALIBRATION_VIEW_ERROR = 100.0

@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse
+from vo_service.odometry.depth_grid import DepthGrid
 from vo_service.odometry.direct.alignment import (
     align,
     depth_only_weights,
@@ -20,11 +21,13 @@ from vo_service.odometry.direct.alignment import (
 from vo_service.odometry.direct.covariance import estimate_uncertainty
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe import DirectKeyframe, LocalMap
+from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     FEATURE_INLIER_SHARES,
     MAX_BRIGHTNESS_RATIO,
     MAX_SEARCHED_KEYFRAMES,
+    MAX_SQUARED_POSE_DIFFERENCE,
     MIN_DISTANT_OBSERVABILITY,
 )
 from vo_service.odometry.direct.quality import (
@@ -43,11 +46,42 @@ from vo_service.odometry.features import (
     select_pairs_with_depth,
 )
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.surf import SurfExtractor, verification
+from vo_service.odometry.surf.recovery import LAST_VIEW_VERIFIER
 
 # A match is only the initial guess of an alignment, which verifies it. A rolling shutter distorts
 # the view, so that few of the feature matches agree with any one motion.
 FEATURE_MATCH_VERIFIER = MatchVerifier(*FEATURE_INLIER_SHARES)
+
+
+@dataclass(frozen=True)
+class KeyframeMatch:
+    """A keyframe in view, by features.
+
+    Attributes:
+        keyframe: The keyframe.
+        T_camera_keyframe: 4x4 motion.
+        covariance: 6x6 of T_keyframe_camera, (translation m, rotation rad) as a small motion in the
+            camera's axes; None if the motion is only an initial guess.
+    """
+
+    keyframe: DirectKeyframe
+    T_camera_keyframe: Array
+    covariance: Array | None
+
+    @property
+    def T_world_camera(self) -> Array:
+        """4x4 pose of the camera."""
+        return self.keyframe.T_world_keyframe @ inverse(self.T_camera_keyframe)
+
+    def agrees(self, result: TrackingResult) -> bool:
+        """Whether an alignment has led to the same pose."""
+        if self.covariance is None:
+            return False
+        T_found_aligned = inverse(self.T_world_camera) @ result.T_world_camera
+        difference = se3_log(np.ascontiguousarray(T_found_aligned))
+        squared = float(difference @ np.linalg.solve(self.covariance, difference))
+        return squared < MAX_SQUARED_POSE_DIFFERENCE
 
 
 class DirectRecovery:
@@ -63,7 +97,7 @@ class DirectRecovery:
         initial: TrackingResult,
         motion_state: MotionState,
         local_map: LocalMap,
-    ) -> TrackingResult:
+    ) -> tuple[TrackingResult, KeyframeMatch | None]:
         """Return the initial alignment, or one that is clearly better.
 
         Args:
@@ -72,12 +106,15 @@ class DirectRecovery:
             initial: Its alignment with the active keyframe.
             motion_state: The state up to the last good frame.
             local_map: The keyframes.
+
+        Returns:
+            The result, and the match of features that is believed, if any.
         """
         result = self._recover_from_rest(images, initial, motion_state)
-        result = self._recover_by_features(frame, images, result, motion_state, local_map)
+        result, match = self._recover_by_features(frame, images, result, motion_state, local_map)
         if rejection_reason(result.alignment):
             result = self._recover_by_depth(images, result, motion_state)
-        return result
+        return result, match
 
     def _recover_from_rest(
         self, images: ImagePyramid, best: TrackingResult, motion_state: MotionState
@@ -101,12 +138,15 @@ class DirectRecovery:
         best: TrackingResult,
         motion_state: MotionState,
         local_map: LocalMap,
-    ) -> TrackingResult:
+    ) -> tuple[TrackingResult, KeyframeMatch | None]:
         """Align with the keyframes that match: the active one first, then the last used ones."""
+        believed = None
         others = [k for k in reversed(local_map.keyframes) if k is not best.keyframe]
         keyframes = [best.keyframe, *others][:MAX_SEARCHED_KEYFRAMES]
         for match in self.features.find_matches(frame, keyframes):
             keyframe = match.keyframe
+            if believed is None and match.covariance is not None:
+                believed = match
             prior = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
             candidate = align(
                 keyframe.points,
@@ -118,9 +158,9 @@ class DirectRecovery:
             )
             result = TrackingResult(keyframe, candidate, prior)
             best = _better(result, best)
-            if not rejection_reason_after(result, motion_state, images):
+            if not rejection_reason_after(best, motion_state, images, match):
                 break
-        return best
+        return best, believed
 
     def _recover_by_depth(
         self, images: ImagePyramid, best: TrackingResult, motion_state: MotionState
@@ -156,7 +196,10 @@ class DirectRecovery:
 
 
 def rejection_reason_after(
-    result: TrackingResult, motion_state: MotionState, images: ImagePyramid
+    result: TrackingResult,
+    motion_state: MotionState,
+    images: ImagePyramid,
+    match: KeyframeMatch | None = None,
 ) -> str:
     """Why an alignment is rejected; stricter if the last known pose is old.
 
@@ -164,10 +207,13 @@ def rejection_reason_after(
         result: Alignment of a frame with a keyframe.
         motion_state: The state up to the last good frame.
         images: The frame.
+        match: Of its features, which may confirm the alignment.
     """
     reason = rejection_reason(result.alignment)
-    if reason or motion_state.is_recent(images.stamp_s):
+    if reason or not motion_state.is_stale(images.stamp_s):
         return reason
+    if match is not None and match.agrees(result):
+        return ""
     if is_suspect(result.alignment):
         return "the keyframe fits badly: the camera may be elsewhere"
     uncertainty = estimate_uncertainty(
@@ -188,14 +234,6 @@ def _better(a: TrackingResult, b: TrackingResult) -> TrackingResult:
     return min(b, a, key=lambda r: (bool(rejection_reason(r.alignment)), r.negative_log_likelihood))
 
 
-@dataclass(frozen=True)
-class KeyframeMatch:
-    """A keyframe in view, and the motion T_camera_keyframe (4x4) by features."""
-
-    keyframe: DirectKeyframe
-    T_camera_keyframe: Array
-
-
 class FeatureSearch:
     """SURF features of a frame and of keyframes; those of a keyframe are cached."""
 
@@ -212,19 +250,25 @@ class FeatureSearch:
         for keyframe in keyframes:
             if keyframe not in self._views:
                 self._views[keyframe] = self._make_view(keyframe.frame)
-            T_keyframe_camera = self._estimate_motion(view, self._views[keyframe])
-            if T_keyframe_camera is not None:
-                yield KeyframeMatch(keyframe, inverse(T_keyframe_camera))
+            match = self._match(view, keyframe, self._views[keyframe])
+            if match is not None:
+                yield match
 
     def _make_view(self, frame: RgbdFrame | GrayFrame) -> FeatureView:
         features = self.extractor.extract(frame.gray)
         self.extractor.release_buffers()  # it is used rarely
         return FeatureView(
-            features, backproject_features(features, frame), frame.camera, frame.stamp_s
+            features,
+            backproject_features(features, frame),
+            frame.camera,
+            frame.stamp_s,
+            DepthGrid.of(frame.depth_m, frame.camera),
         )
 
-    def _estimate_motion(self, view: FeatureView, reference: FeatureView) -> Array | None:
-        """4x4 T_reference_camera; None if the features may agree by chance."""
+    def _match(
+        self, view: FeatureView, keyframe: DirectKeyframe, reference: FeatureView
+    ) -> KeyframeMatch | None:
+        """Match a keyframe; None if the features may agree by chance."""
         parameters = self._parameters
         pairs = match_features(view.features, reference.features, parameters.match_ratio)
         matches = pair_points(
@@ -237,4 +281,8 @@ class FeatureSearch:
             inliers, len(matches)
         ):
             return None
-        return motion.T_reference_camera
+        T_camera_keyframe = inverse(motion.T_reference_camera)
+        if verification.rejection_reason(view, reference, motion, LAST_VIEW_VERIFIER, parameters):
+            return KeyframeMatch(keyframe, T_camera_keyframe, None)
+        motion = verification.cover_doubt(motion, matches, parameters)
+        return KeyframeMatch(keyframe, T_camera_keyframe, motion.covariance)

@@ -31,7 +31,7 @@ from vo_service.odometry.direct.calibration_trial import TrialFrame
 from vo_service.odometry.direct.image_pyramid import ALL_STATIC
 from vo_service.odometry.direct.keyframe import DirectKeyframe, make_keyframe
 from vo_service.odometry.direct.keyframe_selection import TrackedFrame
-from vo_service.odometry.direct.motion import constant_velocity_motion
+from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log
 from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     FOCAL_PRIOR_SIGMA,
@@ -105,8 +105,22 @@ class SelfCalibratingOdometry:
             with self._timer.stage("calibration"):
                 self._search_timing(told, estimate)
         return replace(
-            estimate, timing=self._report_timing(frame), focal_length=self._report_focal_length()
+            estimate,
+            covariance=self._add_focal_error(estimate),
+            timing=self._report_timing(frame),
+            focal_length=self._report_focal_length(),
         )
+
+    def _add_focal_error(self, estimate: Estimate) -> Array:
+        """6x6 covariance of an estimate with the uncertainty of the focal length.
+
+        A wrong focal length changes the motion since the reference about in proportion.
+        """
+        if not estimate.ok:
+            return estimate.covariance
+        motion = se3_log(np.ascontiguousarray(estimate.T_reference_camera))
+        sigma = float(self._learned.sigmas[FOCAL])
+        return estimate.covariance + sigma**2 * np.outer(motion, motion)
 
     @property
     def _learned(self) -> CalibrationFilter:
@@ -199,11 +213,11 @@ class SelfCalibratingOdometry:
             first.frame,
             images,
             search.T_world_first,
-            constant_velocity_motion(found.velocity_of_first),
+            constant_velocity_motion(found.best.velocity_of_first),
             ALL_STATIC,
         )
         start = MotionState.at_rest(search.T_world_first, images)
-        self._tracker.continue_from(keyframe, replace(start, normalized_innovation=0.0))
+        self._tracker.continue_from(keyframe, start)
         self._history.clear()
         self._history.add(
             TrackedView(

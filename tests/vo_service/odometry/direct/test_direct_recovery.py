@@ -78,9 +78,10 @@ def searched(frame: RgbdFrame, first: TrackingResult) -> TrackingResult:
     local_map = LocalMap()
     local_map.reset(ASIDE)
     local_map.add(AHEAD)
-    return DirectRecovery(SurfExtractor()).recover(
+    result, _ = DirectRecovery(SurfExtractor()).recover(
         frame, build_image_pyramid(frame), first, MOTION_STATE, local_map
     )
+    return result
 
 
 def plausible(found: TrackingResult) -> TrackingResult:

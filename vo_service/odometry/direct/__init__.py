@@ -136,6 +136,16 @@ class DirectOdometry:
         self._T_world_camera = motion_state.T_world_camera
         self._failures = 0
 
+    @property
+    def T_world_reference(self) -> Array:
+        """4x4 pose of the frame that the motion of the next estimate is relative to."""
+        return self._track.T_world_reference if self._track else self._T_world_camera
+
+    def continue_with_reference(self, T_world_reference: Array) -> None:
+        """Make the motion of the next estimate relative to a frame with this pose (4x4)."""
+        assert self._track is not None
+        self._track = replace(self._track, T_world_reference=T_world_reference)
+
     def replace_keyframes(
         self, keyframes: Sequence[DirectKeyframe], active: DirectKeyframe
     ) -> None:

@@ -216,6 +216,8 @@ class SelfCalibratingOdometry:
             constant_velocity_motion(found.best.velocity_of_first),
             ALL_STATIC,
         )
+        # The estimates of these frames are not published, nor that they change the reference.
+        T_world_reference = self._tracker.T_world_reference
         start = MotionState.at_rest(search.T_world_first, images)
         self._tracker.continue_from(keyframe, start)
         self._history.clear()
@@ -227,6 +229,7 @@ class SelfCalibratingOdometry:
         )
         for frame in search.frames:
             self._track(frame.told)
+        self._tracker.continue_with_reference(T_world_reference)
 
     # -- learning --------------------------------------------------------------------------------
     def _learn(self, view: TrackedView, keyframes: Sequence[DirectKeyframe]) -> bool:

@@ -96,6 +96,18 @@ def median(values: Sequence[float]) -> float:
     return float(np.median(values)) if len(values) else 0.0
 
 
+def median_figure(results: Mapping[str, Json], keys: Sequence[str], figure: str) -> float | None:
+    """Median over the runs that have this figure; None if less than half have it."""
+    values = [results[key][figure] for key in keys if results[key][figure] is not None]
+    return median(values) if 2 * len(values) > len(keys) else None
+
+
+def format_counts(counts: Sequence[int]) -> str:
+    """Format counts of several runs: the median, then the largest if it differs."""
+    largest = max(counts)
+    return f"{median(counts):g}" + (f"-{largest}" if largest != median(counts) else "")
+
+
 class Table:
     """A table of fixed columns, whose lines are printed one by one, as the results come."""
 

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -14,7 +14,15 @@ import numpy as np
 
 from benchmarks.changed_recordings import make_perturbation
 from benchmarks.hard_cases import SCENES, SLOW, evaluate_scene, read_scene
-from benchmarks.harness import Json, ResultCache, Table, median, to_mm
+from benchmarks.harness import (
+    Json,
+    ResultCache,
+    Table,
+    format_counts,
+    median,
+    median_figure,
+    to_mm,
+)
 from benchmarks.rendered_sequences import render_all
 from benchmarks.sensor_timing import tell_exactly, tell_nothing
 from benchmarks.tracking import (
@@ -61,6 +69,7 @@ class Case:
         perturbation: Seed of the perturbation; 0 for none.
         first: First frame.
         step: Every so many-th frame is used.
+        end: Frame after the last one; None for all.
         scene: Name of the hard scene, "" for a recording.
     """
 
@@ -71,21 +80,25 @@ class Case:
     perturbation: int = 0
     first: int = 0
     step: int = 1
+    end: int | None = None
     scene: str = ""
 
     @property
     def key(self) -> str:
         """Name of the result; it does not depend on where the recording is."""
         told = " told" if self.is_told else ""
+        end = "" if self.end is None else f" to {self.end}"
         return (
             f"{self.group} {self.method}{told} perturbation {self.perturbation} "
-            f"from {self.first} step {self.step}"
+            f"from {self.first} step {self.step}{end}"
         )
 
     def change(self, frames: Iterable[RgbdFrame]) -> Iterator[RgbdFrame]:
         """Yield the frames of the case."""
         perturb = make_perturbation(self.perturbation).apply if self.perturbation else None
         for frame in frames:
+            if self.end is not None and frame.seq >= self.end:
+                return
             if frame.seq < self.first or (frame.seq - self.first) % self.step:
                 continue
             known = tell_exactly(frame) if self.is_told else tell_nothing(frame)
@@ -128,23 +141,35 @@ def sensor_cases(folders: Mapping[str, Path], methods: Sequence[str]) -> list[Ca
     ]
 
 
-def run_cases(cases: Sequence[Case], cache: ResultCache, processes: int) -> dict[str, Json]:
-    """Run the cases that have no result yet, in several processes; return all results by key."""
+def run_cases(
+    cases: Sequence[Case],
+    cache: ResultCache,
+    processes: int,
+    prepare: Callable[[], object] = partial(cv2.setNumThreads, 1),  # noqa: B008 (it has no state)
+) -> dict[str, Json]:
+    """Run the cases that have no result yet, in several processes; return all results by key.
+
+    Args:
+        cases: The cases.
+        cache: Has their results.
+        processes: Number of processes.
+        prepare: Called in each process before it imports a method.
+    """
     missing = [case for case in cases if case.key not in cache]
-    for method in {case.method for case in missing}:
-        warm_up(method, lambda stage: None)
-    with ProcessPoolExecutor(
-        processes,
-        get_context("spawn"),
-        initializer=cv2.setNumThreads,
-        initargs=(1,),
-    ) as pool:
+    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=prepare) as pool:
+        # One process compiles the kernels; the others load them.
+        for method in {case.method for case in missing}:
+            pool.submit(_warm_up, method).result()
         futures = {pool.submit(run_case, case): case for case in missing}
         for count, future in enumerate(as_completed(futures), 1):
             cache.get_or_run(futures[future].key, future.result)
             if sys.stderr.isatty():
                 print(f"\r{count} of {len(missing)} runs", end="", file=sys.stderr)
     return {case.key: cache.get_or_run(case.key, dict) for case in cases}
+
+
+def _warm_up(method: str) -> None:
+    warm_up(method, lambda stage: None)
 
 
 def run_case(case: Case) -> Json:
@@ -209,9 +234,9 @@ def format_judgement(
         if not mine:
             continue
         others = {c.method: results[c.key] for c in of_group if c.method != judged}
-        ate_m = _median_of(results, mine, "ate_m")
+        ate_m = median_figure(results, mine, "ate_m")
         known = [key for key in mine if reference and key in reference]
-        reference_m = _median_of(reference or {}, known, "ate_m") if known else None
+        reference_m = median_figure(reference or {}, known, "ate_m") if known else None
         ratio = ate_m / reference_m if ate_m is not None and reference_m else None
         if ratio is not None:
             ratios.append(ratio)
@@ -244,19 +269,13 @@ def _format_group(
         to_mm(ate_m),
         to_mm(max(largest_m, default=None)),
         to_mm(median(rpe_m)) if rpe_m else None,
-        f"{median(lost):g}" + (f"-{max(lost)}" if max(lost) != median(lost) else ""),
+        format_counts(lost),
         int(median([run["overconfident"] for run in runs])),
         median([run["cpu_ms"] for run in runs]),
         ratio,
         f"{best} {1e3 * fair[best]['ate_m']:.1f}" if best else None,
         ate_m / fair[best]["ate_m"] if best and ate_m is not None else None,
     )
-
-
-def _median_of(results: Mapping[str, Json], keys: Sequence[str], figure: str) -> float | None:
-    """Median over the runs that have this figure; None if less than half have it."""
-    values = [results[key][figure] for key in keys if results[key][figure] is not None]
-    return median(values) if 2 * len(values) > len(keys) else None
 
 
 def find_recordings(folder: Path) -> list[Path]:

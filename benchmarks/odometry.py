@@ -1,6 +1,7 @@
-"""The odometry: a judge of its accuracy, and CPU time by stage, with other features, of SURF.
+"""The odometry: its accuracy, an ablation, and CPU time by stage, with other features, of SURF.
 
     python -m benchmarks odometry judge KEPT RECORDINGS [--parts recordings sensors scenes]
+    python -m benchmarks odometry ablation KEPT RECORDINGS [--only VARIANT...] [--set NAME=VALUE]
     python -m benchmarks odometry budget FOLDER... [--method direct] [--every 1]
     python -m benchmarks odometry features FOLDER... [--methods SURF SIFT ORB]
     python -m benchmarks odometry surf FOLDER... [--frames 50] [--count 1000]
@@ -11,15 +12,25 @@ Each FOLDER is a TUM folder. Times are CPU milliseconds of one thread, without d
 import argparse
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
 from benchmarks import judge as judge_cases
+from benchmarks.ablation import (
+    ABLATIONS,
+    UNCHANGED,
+    change_parameters,
+    check_changes,
+    describe_changes,
+    format_ablation,
+    parse_changes,
+)
 from benchmarks.features import Gray, read_gray
 from benchmarks.harness import (
     ResultCache,
@@ -393,8 +404,70 @@ def judge(args: argparse.Namespace) -> None:
     print(judge_cases.format_judgement(chosen, results, args.methods[0], reference))
 
 
+def add_ablation_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `ablate`."""
+    parser.add_argument("kept", metavar="KEPT", type=Path, help="folder of rendered and results")
+    parser.add_argument(
+        "folder", metavar="RECORDINGS", type=Path, help="folder of TUM folders with ground truth"
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=ABLATIONS, metavar="VARIANT", help=", ".join(ABLATIONS)
+    )
+    parser.add_argument(
+        "--set",
+        nargs="+",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a variant of your own; may be given several times; alone, only these run",
+    )
+    parser.add_argument(
+        "--parts", nargs="+", choices=judge_cases.PARTS, default=("recordings",), help="of `judge`"
+    )
+    parser.add_argument("--recordings", nargs="+", metavar="NAME", help="recordings and scenes")
+    parser.add_argument("--frames", type=int, metavar="N", help="only N frames of each run")
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+
+
+def ablate(args: argparse.Namespace) -> None:
+    """Accuracy of `direct` with parts switched off and with other parameters.
+
+    The runs are those of `judge` at full rate. A row has the median of its runs: ATE (mm), the same
+    relative to the unchanged method, and lost frames (median, largest). "noise" is the range of the
+    unchanged method's own runs relative to their median; a ratio outside of it has a star.
+
+    A variant compiles the method for itself, which takes about a minute. Finished runs are stored
+    in KEPT; remove it when the odometry has changed.
+    """
+    names = args.only or ([] if args.set else ABLATIONS)
+    variants = {name: check_changes(ABLATIONS[name]) for name in names}
+    for changes in map(check_changes, map(parse_changes, args.set)):
+        variants[describe_changes(changes)] = changes
+    cases = judge_cases.make_cases(
+        args.kept, args.folder, args.parts, "tuning", ("direct",), args.processes
+    )
+    cases = [
+        replace(case, end=args.frames and case.first + args.frames)
+        for case in cases
+        if case.step == 1 and (not args.recordings or case.folder.name in args.recordings)
+    ]
+    if not cases:
+        raise InputError(f"{args.folder}: has none of {', '.join(args.recordings or args.parts)}")
+    results = {UNCHANGED: judge_cases.run_cases(cases, ResultCache(args.kept), args.processes)}
+    for name, changes in variants.items():
+        cache = ResultCache(args.kept / "ablation" / describe_changes(changes))
+        with TemporaryDirectory() as kernels:
+            prepare = partial(change_parameters, changes, Path(kernels))
+            results[name] = judge_cases.run_cases(cases, cache, args.processes, prepare)
+    groups: dict[str, list[str]] = {}
+    for case in cases:
+        groups.setdefault(case.group, []).append(case.key)
+    print(format_ablation(groups, results))
+
+
 VARIANTS: Variants = {
     "judge": (add_judge_arguments, judge),
+    "ablation": (add_ablation_arguments, ablate),
     "budget": (add_budget_arguments, measure_budget),
     "features": (add_feature_arguments, measure_features),
     "surf": (add_surf_arguments, measure_surf),

@@ -51,6 +51,11 @@ def test_a_case_uses_every_third_frame_from_its_first_one_without_their_timing()
     assert all(frame.readout_s == frame.skew_s == 0 for frame in frames)
 
 
+def test_a_case_ends_before_its_end() -> None:
+    case = Case("room", ROOM, "direct", first=2, end=4)
+    assert [frame.seq for frame in case.change(make_frame(seq) for seq in range(9))] == [2, 3]
+
+
 def test_a_told_case_keeps_the_timing_as_exact() -> None:
     (frame,) = Case("room", ROOM, "direct", is_told=True).change([make_frame(0)])
     assert frame.timing_prior is None
@@ -64,6 +69,7 @@ def test_keys_of_different_cases_differ_and_do_not_name_the_folder() -> None:
         Case("room", ROOM, "direct", perturbation=1),
         Case("room", ROOM, "direct", first=1),
         Case("room", ROOM, "direct", step=3),
+        Case("room", ROOM, "direct", end=3),
     ]
     assert len({case.key for case in cases}) == len(cases)
     assert Case("room", Path("elsewhere/room"), "direct").key == cases[0].key

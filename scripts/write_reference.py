@@ -1,12 +1,13 @@
-"""Write what the definitions of messages, commands and configuration keys determine.
+"""Write what the definitions of messages, commands, configuration keys and parameters determine.
 
 These are the JSON Schemas in ``schemas/``, the man page and completions in ``share/``, the commands
-and the configuration in ``docs/reference/``, and the tables in ``docs/reference/messages.md``
-between ``<!-- NAME: ... -->`` and ``<!-- end -->``.
+and the configuration in ``docs/reference/``, and the tables in ``docs/reference/messages.md`` and
+``docs/design/direct.md`` between ``<!-- NAME: ... -->`` and ``<!-- end -->``.
 
 Usage: .venv/bin/python -m scripts.write_reference
 """
 
+import ast
 import dataclasses
 import inspect
 import json
@@ -26,6 +27,8 @@ ROOT = Path(__file__).parents[1]
 SCHEMA_FOLDER = ROOT / "schemas"
 CONFIGURATION = ROOT / "docs" / "reference" / "configuration.md"
 MESSAGES = ROOT / "docs" / "reference" / "messages.md"
+DIRECT = ROOT / "docs" / "design" / "direct.md"
+PARAMETERS = ROOT / "vo_service" / "odometry" / "direct" / "parameters.py"
 COMMAND_PAGE = ROOT / "docs" / "reference" / "cli.md"
 MAN_PAGE = ROOT / "share" / "man" / "man1" / "kinect-vo.1"
 BASH_COMPLETION = ROOT / "share" / "bash-completion" / "completions" / "kinect-vo"
@@ -40,7 +43,8 @@ def make_files() -> dict[Path, str]:
     }
     return schemas | {
         CONFIGURATION: render_reference(),
-        MESSAGES: replace_tables(MESSAGES.read_text()),
+        MESSAGES: replace_tables(MESSAGES, message_tables()),
+        DIRECT: replace_tables(DIRECT, {"parameters": parameter_table(PARAMETERS.read_text())}),
         COMMAND_PAGE: render_commands(),
         MAN_PAGE: render_man_page(),
         BASH_COMPLETION: render_completion("bash"),
@@ -48,15 +52,49 @@ def make_files() -> dict[Path, str]:
     }
 
 
-def replace_tables(page: str) -> str:
-    """Replace the tables in the text of docs/reference/messages.md."""
-    for name, table in message_tables().items():
+def replace_tables(file: Path, tables: Mapping[str, str]) -> str:
+    """Return the text of a page with other tables, by their names."""
+    page = file.read_text()
+    for name, table in tables.items():
         begin = f"<!-- {name}: written by scripts/write_reference.py -->\n"
         pattern = re.compile(f"{re.escape(begin)}.*?<!-- end -->\n", re.DOTALL)
         page, count = pattern.subn(lambda _: f"{begin}{table}<!-- end -->\n", page)  # noqa: B023
         if count != 1:
-            raise ValueError(f"{MESSAGES}: there must be one table {name}")
+            raise ValueError(f"{file}: there must be one table {name}")
     return page
+
+
+def parameter_table(source: str) -> str:
+    """Return the table of the parameters in a module: name, value, and the comment above.
+
+    A comment in capitals is the heading of a section. A parameter without a comment belongs to the
+    one above.
+    """
+    lines, rows = source.splitlines(), list[tuple[str, ...]]()
+    for statement in ast.parse(source).body:
+        if not isinstance(statement, ast.Assign):
+            continue
+        first = statement.lineno - 1
+        while lines[first - 1].startswith("# "):
+            first -= 1
+        comment = [line.removeprefix("# ") for line in lines[first : statement.lineno - 1]]
+        if comment and comment[0].isupper():
+            rows.append((f"**{comment.pop(0).capitalize()}**", "", ""))
+        meaning = " ".join(comment)
+        for name, value in _assigned(statement):
+            text = ast.get_source_segment(source, value)
+            rows.append((f"`{name}`", f"`{text}`", meaning.replace("|", "\\|")))
+            meaning = "see above"
+    return _table(("parameter", "value", "meaning"), rows)
+
+
+def _assigned(statement: ast.Assign) -> Iterator[tuple[str, ast.expr]]:
+    """The names that a statement assigns, each with its value."""
+    target, value = statement.targets[0], statement.value
+    if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+        yield from zip(map(ast.unparse, target.elts), value.elts, strict=True)
+    else:
+        yield ast.unparse(target), value
 
 
 def message_tables() -> dict[str, str]:

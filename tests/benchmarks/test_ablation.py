@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.__main__ import main
 from benchmarks.ablation import (
     ABLATIONS,
     UNCHANGED,
@@ -18,7 +17,7 @@ from benchmarks.ablation import (
     load_parameters,
     parse_changes,
 )
-from benchmarks.harness import Json, ResultCache
+from benchmarks.harness import Json
 from drivers.core import InputError
 from vo_service.odometry.direct import parameters
 
@@ -75,17 +74,6 @@ def test_parameters_of_a_process_that_has_the_method_cannot_be_changed(tmp_path:
     compute_weight()
     with pytest.raises(RuntimeError, match="cannot be changed after"):
         change_parameters({"DEGREES_OF_FREEDOM": 30.0}, tmp_path)
-
-
-@pytest.mark.slow
-def test_a_variant_of_a_tiny_recording_has_other_results(recording: Path, tmp_path: Path) -> None:
-    options = ["--set", "DEGREES_OF_FREEDOM=30", "--frames", "6", "--processes", "1"]
-    assert main(["odometry", "ablation", str(tmp_path), str(recording.parent), *options]) == 0
-    caches = ResultCache(tmp_path), ResultCache(tmp_path / "ablation" / "DEGREES_OF_FREEDOM=30.0")
-    key = "corner direct perturbation 0 from 0 step 1 to 6"
-    unchanged, changed = (cache.get_or_run(key, dict) for cache in caches)
-    assert unchanged["failed"] == changed["failed"] == 0
-    assert unchanged["ate_m"] != changed["ate_m"]
 
 
 def test_a_row_has_medians_relative_to_the_unchanged_method_and_a_star_beyond_its_noise() -> None:

@@ -11,6 +11,8 @@ derivatives are those of the keyframe (inverse compositional): Baker and Matthew
 Years On" (IJCV 56, 2004), Section 3.2.
 """
 
+import numpy as np
+
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel
 from vo_service.odometry.direct.parameters import DEGREES_OF_FREEDOM, MIN_CURVATURE_RATIO
@@ -30,6 +32,12 @@ def student_weight(residual: float, variance: float) -> float:
     """Weight of a residual in the fit: that of Student's t over its variance."""
     # A division takes as long as all the rest.
     return (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM * variance + residual * residual)
+
+
+@inline_kernel
+def student_negative_log(squared: float) -> float:
+    """Negative logarithm of Student's t, up to a constant, of a squared residual in variances."""
+    return float(0.5 * (DEGREES_OF_FREEDOM + 1.0) * np.log(1.0 + squared / DEGREES_OF_FREEDOM))
 
 
 @inline_kernel

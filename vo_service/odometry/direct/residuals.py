@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.direct.factor import brightness_residual
+from vo_service.odometry.direct.factor import (
+    brightness_residual,
+    student_negative_log,
+    student_weight,
+)
 from vo_service.odometry.direct.image_pyramid import GAIN_RANGE, NUM_CELLS
 from vo_service.odometry.direct.parameters import (
-    DEGREES_OF_FREEDOM,
     INITIAL_SIGMAS,
     INLIER_GATE_SIGMAS,
     MAX_REGION_COST_RATIO,
@@ -156,16 +159,10 @@ def _student_costs(
     gain = residual_model[GAIN]
     variance, variance_depth = residual_variances(residual_model)
     for i in range(count):
-        sample_variance = variance + point_variance[i]
         residual = brightness_residual(brightness[i], keyframe_brightness[i], gain)
-        squared = residual * residual / sample_variance
-        w = brightness_weight[i] * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
-        costs[i] = w * squared
-        weights[i] = w / sample_variance
-        squared = depth[i] * depth[i] / variance_depth
-        depth_costs[i] = (
-            depth_weight[i] * squared * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
-        )
+        weights[i] = brightness_weight[i] * student_weight(residual, variance + point_variance[i])
+        costs[i] = weights[i] * residual * residual
+        depth_costs[i] = depth_weight[i] * student_weight(depth[i], variance_depth) * depth[i] ** 2
     return weights, costs, depth_costs
 
 
@@ -227,9 +224,8 @@ def negative_log_likelihood(points: Array, samples: Array, residual_model: Array
         if points[i, HAS_TEXTURE] > 0:
             total += _log_cost(squared[i])
             count += 1.0
-    half = 0.5 * (DEGREES_OF_FREEDOM + 1.0)
-    of_brightness = half * total / max(count, 1.0) + np.log(residual_model[SIGMA_BRIGHTNESS])
-    of_depth = half * total_depth / max(count_depth, 1.0) + np.log(residual_model[SIGMA_DEPTH])
+    of_brightness = total / max(count, 1.0) + np.log(residual_model[SIGMA_BRIGHTNESS])
+    of_depth = total_depth / max(count_depth, 1.0) + np.log(residual_model[SIGMA_DEPTH])
     return float(of_brightness + of_depth)
 
 
@@ -237,7 +233,7 @@ def negative_log_likelihood(points: Array, samples: Array, residual_model: Array
 def _log_cost(squared: float) -> float:
     """Cost of a squared residual in variances; the largest one for NaN."""
     clipped = squared if squared < MAX_SQUARED_RESIDUAL else MAX_SQUARED_RESIDUAL
-    return float(np.log(1.0 + clipped / DEGREES_OF_FREEDOM))
+    return student_negative_log(clipped)
 
 
 @kernel

@@ -84,6 +84,11 @@ class CalibrationTrial:
         self._gains: deque[float] = deque(maxlen=NUM_TRIAL_FRAMES)
 
     @property
+    def is_complete(self) -> bool:
+        """Whether as many frames as are kept have been compared."""
+        return len(self._gains) == NUM_TRIAL_FRAMES
+
+    @property
     def is_refused(self) -> bool:
         """Whether several frames fit no better with it."""
         return len(self._gains) >= MIN_TRIAL_FRAMES and not self.is_accepted

@@ -254,7 +254,7 @@ MIN_FOCAL_DISAGREEMENT_SHARE = 0.5
 # Share of a change that stays uncertain: residuals are not linear in the focal length.
 FOCAL_NONLINEARITY = 0.6
 # Below these sigmas only every n-th view and trial is used.
-SETTLED_CALIBRATION_SIGMAS = (0.0015, 0.0007, 0.008)
+SETTLED_CALIBRATION_SIGMAS = (0.004, 0.002, 0.008)
 SETTLED_STRIDE = 3
 # If the last keyframes, at least and at most so many, differ from all before by this many sigmas,
 # the timing has changed, and all before is forgotten.

@@ -13,6 +13,8 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, re
 from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
 from vo_service.odometry.direct import DirectOdometry, self_calibration
 from vo_service.odometry.direct.calibration_equations import measure_calibration
+from vo_service.odometry.direct.motion import se3_log
+from vo_service.odometry.direct.parameters import FOCAL_PRIOR_SIGMA
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.types import Estimate, OnlineFocalLength
 
@@ -121,3 +123,14 @@ def test_exact_frames_are_not_learned_from() -> None:
     odometry = SelfCalibratingOdometry(DirectOdometry())
     for frame in swinging_frames()[:8]:
         assert odometry.estimate(replace(frame, timing_prior=None)).focal_length is None
+
+
+def test_an_uncertain_focal_length_is_part_of_the_covariance() -> None:
+    frames = swinging_frames()[:6]
+    exact, unsure = DirectOdometry(), SelfCalibratingOdometry(DirectOdometry())
+    for frame in frames:
+        known = exact.estimate(replace(frame, timing_prior=None))
+        estimate = unsure.estimate(frame)
+    motion = se3_log(np.ascontiguousarray(estimate.T_reference_camera))
+    added = FOCAL_PRIOR_SIGMA**2 * np.outer(motion, motion)
+    np.testing.assert_allclose(estimate.covariance - known.covariance, added, atol=1e-9)

@@ -53,6 +53,7 @@ ABLATIONS: Mapping[str, Changes] = {
     "no-surf-recovery": {"MAX_SEARCHED_KEYFRAMES": 0},
     "no-observability-after-a-gap": {"MIN_DISTANT_OBSERVABILITY": 0},
     "no-focal-length": {"FOCAL_PRIOR_SIGMA": 1e-6},
+    "no-calibration-trial": {"MIN_TRIAL_GAIN": -NO_LIMIT},
     "no-timing-search": {
         "MIN_SEARCH_SCORE_GAIN": NO_LIMIT,
         "SUFFICIENT_SEARCH_SCORE_GAIN": NO_LIMIT,

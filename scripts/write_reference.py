@@ -80,7 +80,7 @@ def parameter_table(source: str) -> str:
         comment = [line.removeprefix("# ") for line in lines[first : statement.lineno - 1]]
         if comment and comment[0].isupper():
             rows.append((f"**{comment.pop(0).capitalize()}**", "", ""))
-        meaning = " ".join(comment)
+        meaning = " ".join(comment) or "see above"
         for name, value in _assigned(statement):
             text = ast.get_source_segment(source, value)
             rows.append((f"`{name}`", f"`{text}`", meaning.replace("|", "\\|")))

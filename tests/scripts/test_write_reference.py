@@ -11,6 +11,7 @@ SOURCE = '''"""Parameters."""
 # IMAGE PYRAMID
 # Smallest image, px.
 MIN_IMAGE_PX = 12
+MAX_IMAGE_PX = 99
 # Largest number of failures, and
 # time, s.
 MAX_FAILURES, MAX_LOST_S = 3, 2e0
@@ -21,6 +22,7 @@ def test_a_parameter_has_its_value_as_written_and_the_whole_comment_above_it() -
     assert parameter_table(SOURCE).splitlines()[2:] == [
         "| **Image pyramid** |  |  |",
         "| `MIN_IMAGE_PX` | `12` | Smallest image, px. |",
+        "| `MAX_IMAGE_PX` | `99` | see above |",
         "| `MAX_FAILURES` | `3` | Largest number of failures, and time, s. |",
         "| `MAX_LOST_S` | `2e0` | see above |",
     ]

@@ -125,6 +125,16 @@ class CalibrationFilter:
         """Whether the estimate is so good that few of the views are enough."""
         return bool((self.sigmas < SETTLED_CALIBRATION_SIGMAS).all())
 
+    @property
+    def _trials(self) -> tuple[tuple[slice, CalibrationTrial], ...]:
+        return (TIMING, self.timing_trial), (ONLY_FOCAL, self.focal_trial)
+
+    @property
+    def is_tried(self) -> bool:
+        """Whether enough frames have been compared to judge all that was learned."""
+        is_learned = self._proposed != self._unlearned
+        return all(trial.is_complete for part, trial in self._trials if is_learned[part].any())
+
     def add(self, keyframe_stamp_s: float, view: Array) -> bool:
         """Add a view; return whether the calibration in use has changed.
 
@@ -164,7 +174,7 @@ class CalibrationFilter:
         """
         if not self.is_certain:
             return
-        for part, trial in ((TIMING, self.timing_trial), (ONLY_FOCAL, self.focal_trial)):
+        for part, trial in self._trials:
             without = self._proposed.copy()
             without[part] = self._unlearned[part]
             if (without != self._proposed).any():

@@ -14,7 +14,6 @@ from tests.vo_service.odometry.direct.swinging_camera import SwingingCamera
 from vo_service.odometry.direct import DirectOdometry, self_calibration
 from vo_service.odometry.direct.calibration_equations import measure_calibration
 from vo_service.odometry.direct.motion import se3_log
-from vo_service.odometry.direct.parameters import FOCAL_PRIOR_SIGMA
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
 from vo_service.types import Estimate, OnlineFocalLength
 
@@ -132,5 +131,6 @@ def test_an_uncertain_focal_length_is_part_of_the_covariance() -> None:
         known = exact.estimate(replace(frame, timing_prior=None))
         estimate = unsure.estimate(frame)
     motion = se3_log(np.ascontiguousarray(estimate.T_reference_camera))
-    added = FOCAL_PRIOR_SIGMA**2 * np.outer(motion, motion)
+    assert estimate.focal_length is not None
+    added = estimate.focal_length.sigma**2 * np.outer(motion, motion)
     np.testing.assert_allclose(estimate.covariance - known.covariance, added, atol=1e-9)

@@ -14,7 +14,6 @@ import numpy as np
 
 from drivers.calibration import UNKNOWN_TIMING_SIGMAS_S
 from drivers.core.geometry import Array
-from drivers.core.jit import kernel
 from vo_service.odometry.direct.calibration_equations import (
     DELAY,
     DISAGREEMENT,
@@ -23,15 +22,17 @@ from vo_service.odometry.direct.calibration_equations import (
     READOUT,
     TIMING,
     USED,
+    limit_information,
+    solve_information,
 )
 from vo_service.odometry.direct.calibration_trial import CalibrationTrial
 from vo_service.odometry.direct.gauss_newton import invert_cholesky
 from vo_service.odometry.direct.parameters import (
     CALIBRATION_DECAY,
-    CALIBRATION_VIEW_ERROR,
     CONTRADICTION_SIGMAS,
     FOCAL_NONLINEARITY,
-    KEYFRAME_CALIBRATION_SIGMAS,
+    INITIAL_VIEW_ERROR,
+    INITIAL_VIEW_ERROR_VIEWS,
     MAX_CALIBRATION_SIGMAS,
     MAX_IMPOSSIBLE_SIGMAS,
     MAX_TIMING_S,
@@ -43,15 +44,12 @@ from vo_service.odometry.direct.parameters import (
     NUM_RECENT_KEYFRAMES,
     SETTLED_CALIBRATION_SIGMAS,
     TIMING_CHANGE_SIGMAS,
+    VIEW_ERROR_DECAY,
 )
 
 ONLY_FOCAL = slice(FOCAL, FOCAL + 1)
 # Sigma of the disagreement before any view: it is free.
 FREE_SIGMA = 1.0
-# Information of the error that the views of a keyframe share.
-SHARED_INFORMATION = np.diag(np.array(KEYFRAME_CALIBRATION_SIGMAS) ** -2.0)
-# Added to the diagonal of an information before it is inverted, relative to it, and 1/s^2.
-RELATIVE_REGULARIZATION, REGULARIZATION = 1e-9, 1e-3
 
 
 @dataclass(frozen=True)
@@ -119,6 +117,8 @@ class CalibrationFilter:
         self._state = np.append(prior.mean, 0.0)
         self._keyframe_stamp_s = np.nan
         self._num_views = 0
+        # Fading mean of the squared errors of views, relative to their information.
+        self._view_error = INITIAL_VIEW_ERROR
 
     @property
     def is_settled(self) -> bool:
@@ -147,10 +147,10 @@ class CalibrationFilter:
             self._keyframe_stamp_s = keyframe_stamp_s
         self._current += view
         self._num_views += 1
+        step = max(1.0 - VIEW_ERROR_DECAY, 1.0 / (self._num_views + INITIAL_VIEW_ERROR_VIEWS))
+        self._view_error += step * (squared_error(view, self._state) - self._view_error)
         from_frames = (
-            self._older
-            + sum(self._recent)
-            + limit_information(self._current, CALIBRATION_VIEW_ERROR)
+            self._older + sum(self._recent) + limit_information(self._current, self._view_error)
         )
         self._state, covariance = solve_information(self._prior + from_frames)
         sigmas = np.sqrt(np.diag(covariance))
@@ -186,7 +186,7 @@ class CalibrationFilter:
         """Add the information of the current keyframe's views to that of the last keyframes."""
         self._older = CALIBRATION_DECAY * self._older
         self._recent = deque(CALIBRATION_DECAY * each for each in self._recent)
-        finished = limit_information(self._current, CALIBRATION_VIEW_ERROR)
+        finished = limit_information(self._current, self._view_error)
         self._current = _nothing()
         if not self._is_possible(finished):
             return
@@ -294,44 +294,18 @@ def _information_of(mean: Array, sigmas: Array) -> Array:
     return np.column_stack([A, A @ mean])
 
 
-@kernel
-def solve_information(information: Array) -> tuple[Array, Array]:
-    """(N,) best state and its (N, N) covariance, of an information (N, N + 1)."""
-    n = len(information)
-    A = information[:, :n].copy()
-    for k in range(n):
-        A[k, k] += RELATIVE_REGULARIZATION * A[k, k] + REGULARIZATION
-    covariance, state = invert_cholesky(A), np.zeros(n)
-    # Not `@`: a kernel with it loads SciPy's linear algebra.
-    for i in range(n):
-        for k in range(n):
-            state[i] += covariance[i, k] * information[k, n]
-    return state, covariance
-
-
-@kernel
-def limit_information(information: Array, error: float) -> Array:
-    """(4, 5) information of a keyframe's views; the error that they share is added.
-
-    Args:
-        information: (4, 5) sum over the views.
-        error: Squared error of a view, relative to its information.
-    """
-    n, views = len(information), information / error
-    # The error is one more unknown of the same views, and is marginalized.
-    inverse, limited = invert_cholesky(views[:, :n] + SHARED_INFORMATION), views.copy()
-    for i in range(n):
-        for j in range(n + 1):
-            for k in range(n):
-                for m in range(n):
-                    limited[i, j] -= views[i, k] * inverse[k, m] * views[m, j]
-    return limited
-
-
 def given_focal(information: Array, state: Array) -> Array:
     """(2, 3) information of the timing, given focal length and disagreement of a state (4,)."""
     A, b = information[TIMING, TIMING], information[TIMING, NUM_KEPT]
     return np.column_stack([A, b - information[TIMING, FOCAL:NUM_KEPT] @ state[FOCAL:]])
+
+
+def squared_error(view: Array, state: Array) -> float:
+    """Mean squared error of a view's timing, relative to its information (4, 5)."""
+    timing = given_focal(view, state)
+    mean, _ = solve_information(timing)
+    difference = mean - state[TIMING]
+    return max(0.5 * float(difference @ timing[:, :2] @ difference), 1.0)
 
 
 def _without_focal(information: Array, state: Array) -> Array:

@@ -27,6 +27,7 @@ from vo_service.odometry.direct.factor import (
 )
 from vo_service.odometry.direct.gauss_newton import (
     add_residual,
+    invert_cholesky,
     marginalize,
 )
 from vo_service.odometry.direct.motion import (
@@ -38,6 +39,7 @@ from vo_service.odometry.direct.motion import (
 from vo_service.odometry.direct.parameters import (
     CALIBRATION_POINT_STRIDE,
     CALIBRATION_STEP_RATIO,
+    KEYFRAME_CALIBRATION_SIGMAS,
     TURN_INFORMATION,
 )
 from vo_service.odometry.direct.points import (
@@ -276,3 +278,43 @@ def _magnify(
         T[0, 1] * x_there + T[1, 1] * y_there - y,
         T[0, 2] * x_there + T[1, 2] * y_there,
     )
+
+
+# Information of the error that the views of a keyframe share.
+SHARED_INFORMATION = np.diag(np.array(KEYFRAME_CALIBRATION_SIGMAS) ** -2.0)
+# Added to the diagonal of an information before it is inverted, relative to it, and 1/s^2.
+RELATIVE_REGULARIZATION, REGULARIZATION = 1e-9, 1e-3
+
+
+@kernel
+def solve_information(information: Array) -> tuple[Array, Array]:
+    """(N,) best state and its (N, N) covariance, of an information (N, N + 1)."""
+    n = len(information)
+    A = information[:, :n].copy()
+    for k in range(n):
+        A[k, k] += RELATIVE_REGULARIZATION * A[k, k] + REGULARIZATION
+    covariance, state = invert_cholesky(A), np.zeros(n)
+    # Not `@`: a kernel with it loads SciPy's linear algebra.
+    for i in range(n):
+        for k in range(n):
+            state[i] += covariance[i, k] * information[k, n]
+    return state, covariance
+
+
+@kernel
+def limit_information(information: Array, error: float) -> Array:
+    """(4, 5) information of a keyframe's views; the error that they share is added.
+
+    Args:
+        information: (4, 5) sum over the views.
+        error: Squared error of a view, relative to its information.
+    """
+    n, views = len(information), information / error
+    # The error is one more unknown of the same views, and is marginalized.
+    inverse, limited = invert_cholesky(views[:, :n] + SHARED_INFORMATION), views.copy()
+    for i in range(n):
+        for j in range(n + 1):
+            for k in range(n):
+                for m in range(n):
+                    limited[i, j] -= views[i, k] * inverse[k, m] * views[m, j]
+    return limited

@@ -23,7 +23,13 @@ Jacobian = tuple[float, float, float, float, float, float]
 
 @inline_kernel
 def brightness_residual(brightness: float, keyframe_brightness: float, gain: float) -> float:
-    """Residual r_I of a point's brightness in a frame, gray levels."""
+    """Residual r_I of a point in a frame, gray levels.
+
+    Args:
+        brightness: I, in the frame.
+        keyframe_brightness: I_k, in the keyframe.
+        gain: a, of the frame's brightness relative to the keyframe's.
+    """
     return brightness - gain * keyframe_brightness
 
 

@@ -228,9 +228,11 @@ HALF_WEIGHT_SPEED = 0.2
 SCENE_DEPTH_M = 2.0
 # The largest interval between poses that a velocity is computed from, s.
 MAX_POSE_INTERVAL_S = 0.2
-# Squared error of a view, relative to its information: with 20, the timing of room_rolling jumps by
-# several ms, and its focal length is learned 2 % wrong.
-CALIBRATION_VIEW_ERROR = 100.0
+# Squared error of a view, relative to its information: forgetting factor of its mean, value and
+# number of views before the first one. It is 2 of smooth motions and 120 of room_rolling: with 20
+# there, the timing jumps by several ms, and the focal length is learned 2 % wrong.
+VIEW_ERROR_DECAY = 0.97
+INITIAL_VIEW_ERROR, INITIAL_VIEW_ERROR_VIEWS = 100.0, 4.0
 # Sigmas of the error that all views of one keyframe share.
 KEYFRAME_CALIBRATION_SIGMAS = (0.004, 0.002, 0.015, 0.020)
 # Forgetting factor per keyframe.

@@ -286,7 +286,7 @@ class SelfCalibratingOdometry:
             is_last: Whether the next frame has another keyframe.
         """
         self._untried_count += 1
-        if self._learned.is_settled or self._learned.is_tried:
+        if self._learned.is_tried:
             is_due = self._untried_count >= SETTLED_STRIDE * TRIAL_INTERVAL
         else:
             is_due = is_last or self._untried_count >= TRIAL_INTERVAL

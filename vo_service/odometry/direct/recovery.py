@@ -145,8 +145,6 @@ class DirectRecovery:
         keyframes = [best.keyframe, *others][:MAX_SEARCHED_KEYFRAMES]
         for match in self.features.find_matches(frame, keyframes):
             keyframe = match.keyframe
-            if believed is None and match.covariance is not None:
-                believed = match
             prior = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
             candidate = align(
                 keyframe.points,
@@ -158,7 +156,11 @@ class DirectRecovery:
             )
             result = TrackingResult(keyframe, candidate, prior)
             best = _better(result, best)
-            if not rejection_reason_after(best, motion_state, images, match):
+            is_accepted = not rejection_reason_after(best, motion_state, images, match)
+            # The one that has confirmed the alignment, else the first one that is believed.
+            if match.covariance is not None and (believed is None or is_accepted):
+                believed = match
+            if is_accepted:
                 break
         return best, believed
 

@@ -30,7 +30,7 @@ from vo_service.odometry.direct.keyframe_selection import (
     select,
 )
 from vo_service.odometry.direct.motion import constant_velocity_motion, se3_log, zero_motion
-from vo_service.odometry.direct.motion_state import MotionState, fuse_with_prediction
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import (
     MAX_FAILURES,
     MAX_LOST_S,
@@ -38,6 +38,7 @@ from vo_service.odometry.direct.parameters import (
     MIN_FIRST_KEYFRAME_POINTS,
     REINITIALIZATIONS,
 )
+from vo_service.odometry.direct.pose_filter import fuse_with_prediction
 from vo_service.odometry.direct.quality import (
     TrackingResult,
     degradation_reason,

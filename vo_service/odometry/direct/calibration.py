@@ -26,7 +26,6 @@ from vo_service.odometry.direct.calibration_equations import (
     solve_information,
 )
 from vo_service.odometry.direct.calibration_trial import CalibrationTrial
-from vo_service.odometry.direct.gauss_newton import invert_cholesky
 from vo_service.odometry.direct.parameters import (
     CALIBRATION_DECAY,
     CONTRADICTION_SIGMAS,
@@ -46,6 +45,7 @@ from vo_service.odometry.direct.parameters import (
     TIMING_CHANGE_SIGMAS,
     VIEW_ERROR_DECAY,
 )
+from vo_service.odometry.direct.small_matrices import invert_cholesky
 
 ONLY_FOCAL = slice(FOCAL, FOCAL + 1)
 # Sigma of the disagreement before any view: it is free.

@@ -25,11 +25,6 @@ from vo_service.odometry.direct.factor import (
     student_curvature,
     student_weight,
 )
-from vo_service.odometry.direct.gauss_newton import (
-    add_residual,
-    invert_cholesky,
-    marginalize,
-)
 from vo_service.odometry.direct.motion import (
     body_motion,
     constant_velocity_motion,
@@ -60,6 +55,7 @@ from vo_service.odometry.direct.residuals import (
     WEIGHT_BRIGHTNESS,
     residual_variances,
 )
+from vo_service.odometry.direct.small_matrices import add_residual, invert_cholesky, marginalize
 
 # The unknowns that are kept: readout and delay, s; logarithm of the ratio of the focal length to
 # that of the frames; the same by depth minus that by brightness.
@@ -175,7 +171,7 @@ def measure_calibration(
     return information
 
 
-@inline_kernel
+@kernel
 def _make_twists(view: CalibrationView) -> Array:
     """(6, TWISTS) of a view."""
     T_keyframe_camera = invert(view.T_camera_keyframe)
@@ -214,7 +210,7 @@ def _change(J: Jacobian, twists: Array, n: int) -> float:
     )
 
 
-@inline_kernel
+@kernel
 def _fill_row(
     J: Jacobian,
     J_delay: Jacobian,

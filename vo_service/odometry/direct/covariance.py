@@ -21,7 +21,6 @@ from vo_service.odometry.direct.gauss_newton import (
     accumulate,
     band_times,
     expand_rolling_shutter,
-    invert_cholesky,
     prior_information,
     student_weights,
 )
@@ -54,15 +53,17 @@ from vo_service.odometry.direct.residuals import (
     WeightedSamples,
     weigh_samples,
 )
+from vo_service.odometry.direct.small_matrices import (
+    add_outer_product,
+    invert_information,
+    multiply,
+    transform_covariance,
+)
 from vo_service.odometry.uncertainty import (
     DegeneracyAnalysis,
     analyze_degeneracy,
     point_information,
 )
-
-# Added to the diagonal of an information matrix, relative to its trace, before it is inverted.
-REGULARIZATION = 1e-9
-MIN_COVARIANCE = np.diag(np.repeat(np.square(MIN_POSE_SIGMAS), 3))
 
 
 @dataclass(frozen=True)
@@ -167,12 +168,15 @@ def _analyze_view(
         points, samples, weighted, residual_model, images
     )
     shared_error = _shared_error(scores, products)
+    for cell in range(NUM_CELLS):
+        for k in range(NUM_UNKNOWNS):
+            depth_scores[cell, k] += scores[cell, k]
     in_keyframe = _covariance_in_keyframe(
-        H, bands, scores + depth_scores, prior, readout_s, skew_s, velocity_noise
+        H, bands, depth_scores, prior, readout_s, skew_s, velocity_noise
     )
-    Ad = se3_adjoint(T_camera_keyframe)
-    in_camera = _multiply(_multiply(Ad, in_keyframe), Ad.T.copy())
-    covariance = 0.5 * (in_camera + in_camera.T) + MIN_COVARIANCE
+    covariance = transform_covariance(se3_adjoint(T_camera_keyframe), in_keyframe)
+    for k in range(6):
+        covariance[k, k] += MIN_POSE_SIGMAS[k // 3] ** 2
     return covariance, H[:6, :6].copy(), moments, shared_error
 
 
@@ -184,14 +188,13 @@ def _shared_error(scores: Array, products: Array) -> float:
         scores: (CELLS, 15) of brightness.
         products: 6x6 sum of the outer products of the scores of the samples.
     """
-    if np.trace(products) <= 0.0:
-        return 0.0
-    inverse, total = _invert(products), 0.0
-    for score in scores:
-        for i in range(6):
-            for j in range(6):
-                total += inverse[i, j] * score[i] * score[j]
-    return total / 6.0
+    inverse, total, trace = invert_information(products), 0.0, 0.0
+    for i in range(6):
+        trace += products[i, i]
+        for j in range(6):
+            for cell in range(len(scores)):
+                total += inverse[i, j] * scores[cell, i] * scores[cell, j]
+    return total / 6.0 if trace > 0.0 else 0.0
 
 
 @kernel
@@ -218,7 +221,7 @@ def _covariance_in_keyframe(
     of_prior = prior_information(prior)
     scatter = of_prior.copy()
     for n in range(len(scores)):
-        _add_outer_product(scatter, scores[n])
+        add_outer_product(scatter, scores[n])
     times_s, score = band_times(readout_s, skew_s), np.empty(NUM_UNKNOWNS)
     for n in range(len(bands)):
         for k in range(6):
@@ -226,17 +229,21 @@ def _covariance_in_keyframe(
             score[6 + k] = times_s[n] * score[k]
             if k >= 3:
                 score[9 + k] = 0.5 * times_s[n] ** 2 * score[k]
-        _add_outer_product(scatter, score)
-    bread = _invert(H + of_prior)
-    joint = _multiply(_multiply(bread, scatter), bread)
+        add_outer_product(scatter, score)
+    for i in range(NUM_UNKNOWNS):
+        for j in range(NUM_UNKNOWNS):
+            of_prior[i, j] += H[i, j]
+    joint = transform_covariance(invert_information(of_prior), scatter)
     # The keyframe's rows were corrected by a motion that has the same uncertainty.
-    pose_bread = _invert(H[:6, :6].copy())
-    sensitivity = _multiply(pose_bread, H[:6, 6:].copy())
-    by_keyframe = _multiply(_multiply(sensitivity, joint[6:, 6:].copy()), sensitivity.T.copy())
-    covariance = COVARIANCE_INFLATION * (joint[:6, :6] + by_keyframe)
-    if readout_s != 0.0 or skew_s != 0.0:
-        noise = _velocity_noise_scatter(bands, readout_s + abs(skew_s), velocity_noise)
-        covariance += _multiply(_multiply(pose_bread, noise), pose_bread)
+    pose_bread = invert_information(H[:6, :6].copy())
+    sensitivity = multiply(pose_bread, H[:6, 6:].copy())
+    covariance = transform_covariance(sensitivity, joint[6:, 6:].copy())
+    noise = _velocity_noise_scatter(bands, readout_s + abs(skew_s), velocity_noise)
+    by_noise = transform_covariance(pose_bread, noise)
+    for i in range(6):
+        for j in range(6):
+            total = COVARIANCE_INFLATION * (joint[i, j] + covariance[i, j])
+            covariance[i, j] = total + by_noise[i, j]
     return covariance
 
 
@@ -253,32 +260,8 @@ def _velocity_noise_scatter(bands: Array, span_s: float, velocity_noise: Array) 
             sigma = span_s * velocity_noise[j // 3] / np.sqrt(12.0)
             for i in range(6):
                 row[i] = np.sqrt(2.0) * sigma * bands[n, UPPER_TRIANGLE[i, j]]
-            _add_outer_product(scatter, row)
+            add_outer_product(scatter, row)
     return scatter
-
-
-@inline_kernel
-def _add_outer_product(total: Array, vector: Array) -> None:
-    for a in range(len(vector)):
-        for b in range(len(vector)):
-            total[a, b] += vector[a] * vector[b]
-
-
-@kernel
-def _invert(H: Array) -> Array:
-    """Inverse of an information matrix (N, N), which is regularized."""
-    return invert_cholesky(H + REGULARIZATION * np.trace(H) * np.eye(len(H)))
-
-
-@kernel
-def _multiply(A: Array, B: Array) -> Array:
-    """Product of small matrices."""
-    product = np.zeros((A.shape[0], B.shape[1]))
-    for i in range(A.shape[0]):
-        for k in range(A.shape[1]):
-            for j in range(B.shape[1]):
-                product[i, j] += A[i, k] * B[k, j]
-    return product
 
 
 @kernel

@@ -52,6 +52,7 @@ from vo_service.odometry.direct.residuals import (
     weigh_regions,
     weigh_samples,
 )
+from vo_service.odometry.direct.small_matrices import solve_cholesky
 
 # Number of elements in the upper triangle of a symmetric 6x6 matrix; sums of the normal equations
 # have them row by row, then the 6 elements of the vector.
@@ -60,10 +61,6 @@ NUM_SUMS = TRIANGLE_SIZE + 6
 # Indices of the matrix's elements in the triangle.
 UPPER_TRIANGLE = np.empty((6, 6), np.intp)
 UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(TRIANGLE_SIZE)
-# Smallest pivot of a factorization, so that rounding makes no root of a negative number.
-MIN_PIVOT = 1e-12
-# Keeps the marginalization finite where a view does not constrain the pose, relative to its scale.
-MARGINAL_DAMPING_RATIO = 1e-6
 
 
 class MotionPrior(NamedTuple):
@@ -86,9 +83,10 @@ class MotionPrior(NamedTuple):
 def velocity_information(sigma: Array) -> Array:
     """(9,) information of a motion whose velocity has sigma (2,), m/s and rad/s."""
     information = np.empty(MOTION_SIZE)
-    information[:3] = 1.0 / sigma[0] ** 2
-    information[3:6] = 1.0 / sigma[1] ** 2
-    information[6:] = information[3:6] * TREMOR_SPAN_S**2
+    for k in range(3):
+        information[k] = 1.0 / sigma[0] ** 2
+        information[3 + k] = 1.0 / sigma[1] ** 2
+        information[ACCELERATION_START + k] = information[3 + k] * TREMOR_SPAN_S**2
     return information
 
 
@@ -141,14 +139,19 @@ def solve_level(
         bands = accumulate(points, samples, weighted, residual_model)
         H, g = expand_rolling_shutter(bands, images.readout_s, images.skew_s)
         if prior.rate_hz != 0.0:
-            mean_motion = se3_log(compose(prior.T_keyframe_last, T)) * prior.rate_hz
-            expected[:ACCELERATION_START] = mean_motion
-        add_motion_prior(H, g, motion - expected, information_of_prior)
+            since_last = se3_log(compose(prior.T_keyframe_last, T))
+            for k in range(ACCELERATION_START):
+                expected[k] = since_last[k] * prior.rate_hz
+        add_motion_prior(H, g, motion, expected, information_of_prior)
         add_damping(H)
-        x = solve_cholesky(H, g)
-        T = compose(T, se3_exp(-x[:6]))
-        motion -= x[6:]
-        if np.max(np.abs(x[:6])) < limits.min_step_size:
+        x, twist, step_size = solve_cholesky(H, g), np.empty(6), 0.0
+        for k in range(6):
+            twist[k] = -x[k]
+            step_size = max(step_size, abs(x[k]))
+        T = compose(T, se3_exp(twist))
+        for k in range(MOTION_SIZE):
+            motion[k] -= x[6 + k]
+        if step_size < limits.min_step_size:
             break
     return T, motion
 
@@ -376,121 +379,20 @@ def prior_information(prior: MotionPrior) -> Array:
 
 
 @kernel
-def add_motion_prior(H: Array, g: Array, motion_error: Array, information: Array) -> None:
+def add_motion_prior(
+    H: Array, g: Array, motion: Array, expected: Array, information: Array
+) -> None:
     """Add the prior.
 
     Args:
         H: (15, 15), in and out.
         g: (15,), in and out.
-        motion_error: (9,) difference of the motion from its expected value.
+        motion: (9,).
+        expected: (9,) motion.
         information: (15, 15), see `prior_information`.
     """
     for i in range(NUM_UNKNOWNS):
         for j in range(NUM_UNKNOWNS):
             H[i, j] += information[i, j]
         for j in range(MOTION_SIZE):
-            g[i] += information[i, 6 + j] * motion_error[j]
-
-
-@kernel
-def solve_cholesky(A: Array, b: Array) -> Array:
-    """Solve A x = b by Cholesky factorization; A is symmetric and positive definite.
-
-    Only the lower triangle of A is used.
-    """
-    return _substitute(_factorize(A), b)
-
-
-@kernel
-def invert_cholesky(A: Array) -> Array:
-    """Inverse of A (N, N), see `solve_cholesky`."""
-    L, unit = _factorize(A), np.eye(len(A))
-    inverse = np.empty(A.shape)
-    for k in range(len(A)):
-        inverse[k] = _substitute(L, unit[k])
-    return inverse
-
-
-@kernel
-def _factorize(A: Array) -> Array:
-    """(N, N) lower triangular L with L L^T = A."""
-    n = len(A)
-    L = np.zeros((n, n))
-    for j in range(n):
-        for i in range(j, n):
-            total = A[i, j]
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(max(total, MIN_PIVOT)) if i == j else total / L[j, j]
-    return L
-
-
-@kernel
-def _substitute(L: Array, b: Array) -> Array:
-    """(N,) x with L L^T x = b, by forward and backward substitution."""
-    n, x = len(b), b.copy()
-    for i in range(n):
-        for k in range(i):
-            x[i] -= L[i, k] * x[k]
-        x[i] /= L[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= L[k, i] * x[k]
-        x[i] /= L[i, i]
-    return x
-
-
-@inline_kernel
-def add_residual(H: Array, g: Array, row: Array, weight: float, weighted_residual: float) -> None:
-    """Add a residual to normal equations, of whose matrix only the upper triangle is used.
-
-    Args:
-        H: (N, N), in and out.
-        g: (N,), in and out.
-        row: (N,) derivatives of the residual.
-        weight: Of the derivatives.
-        weighted_residual: The residual times its weight.
-    """
-    for a in range(len(row)):
-        weighted = weight * row[a]
-        for b in range(a, len(row)):
-            H[a, b] += weighted * row[b]
-        g[a] += row[a] * weighted_residual
-
-
-@kernel
-def marginalize(H: Array, g: Array, kept: int) -> Array:
-    """Marginalize all but the last unknowns of normal equations (Schur complement).
-
-    Args:
-        H: (N, N), of which the upper triangle is used.
-        g: (N,).
-        kept: Number K of the unknowns that are kept.
-
-    Returns:
-        (K, K + 1) information [A b]: A x = b at the best step x.
-    """
-    n = len(g) - kept
-    scale, X, Y = np.empty(n), np.empty((n, n)), np.empty((n, kept + 1))
-    for a in range(n):
-        scale[a] = 1.0 / np.sqrt(H[a, a] + MIN_PIVOT)
-    for a in range(n):
-        for b in range(a, n):
-            X[b, a] = H[a, b] * scale[b] * scale[a]
-        X[a, a] += MARGINAL_DAMPING_RATIO
-        for k in range(kept):
-            Y[a, k] = H[a, n + k] * scale[a]
-        Y[a, kept] = g[a] * scale[a]
-    solved, L = np.empty((n, kept + 1)), _factorize(X)
-    for k in range(kept + 1):
-        solved[:, k] = _substitute(L, Y[:, k].copy())
-    information = np.empty((kept, kept + 1))
-    for a in range(kept):
-        for b in range(kept):
-            information[a, b] = H[n + min(a, b), n + max(a, b)]
-            for k in range(n):
-                information[a, b] -= Y[k, a] * solved[k, b]
-        information[a, kept] = -g[n + a]
-        for k in range(n):
-            information[a, kept] += Y[k, a] * solved[k, kept]
-    return information
+            g[i] += information[i, 6 + j] * (motion[j] - expected[j])

@@ -219,32 +219,51 @@ def _downscale(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
 
 @kernel
 def _invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
-    """(H, W) inverse depth, 1/m; holes one pixel wide within a surface are filled."""
-    inverse = np.empty(depth_raw.shape, np.float32)
+    """(H, W) inverse depth, 1/m; holes one pixel wide within a surface are filled.
+
+    Without branches in its loops, and in single precision, so that the compiler vectorizes them.
+    """
     height, width = depth_raw.shape
+    inverse = np.empty((height, width), np.float32)
+    row, filled = np.empty(width, np.float32), np.zeros((3, width), np.float32)
+    no_reading = np.zeros(width, np.float32)
     for v in range(height):
         for u in range(width):
-            inverse[v, u] = inverse_depth(depth_raw[v, u], depth_factor)
-    # Along the rows, then along the columns: a filled pixel fills no other one of its line.
-    for v in range(height):
-        for u in range(1, width - 1):
-            if inverse[v, u] == 0.0 and depth_raw[v, u - 1] > 0 and depth_raw[v, u + 1] > 0:
-                inverse[v, u] = _mean_within_surface(inverse[v, u - 1], inverse[v, u + 1])
-    above = inverse[0].copy()
-    for v in range(1, height - 1):
-        here = inverse[v].copy()
-        for u in range(width):
-            if here[u] == 0.0:
-                inverse[v, u] = _mean_within_surface(above[u], inverse[v + 1, u])
-        above = here
+            row[u] = inverse_depth(depth_raw[v, u], depth_factor)
+        _fill_along_row(row, filled[v % 3])
+        if v > 0:
+            above, here, below = filled[(v - 2) % 3], filled[(v - 1) % 3], filled[v % 3]
+            _fill_across_rows(above, here, below, inverse[v - 1])
+    _fill_across_rows(no_reading, filled[(height - 1) % 3], no_reading, inverse[height - 1])
     return inverse
 
 
+@kernel
+def _fill_along_row(row: NDArray[np.float32], filled: NDArray[np.float32]) -> None:
+    filled[0], filled[-1] = row[0], row[-1]
+    for u in range(1, len(row) - 1):
+        filled[u] = _fill_hole(row[u - 1], row[u], row[u + 1])
+
+
+@kernel
+def _fill_across_rows(
+    above: NDArray[np.float32],
+    row: NDArray[np.float32],
+    below: NDArray[np.float32],
+    filled: NDArray[np.float32],
+) -> None:
+    for u in range(len(row)):
+        filled[u] = _fill_hole(above[u], row[u], below[u])
+
+
 @inline_kernel
-def _mean_within_surface(a: np.float32, b: np.float32) -> np.float32:
-    """Mean of two inverse depths of one surface; 0 of two surfaces, or without a reading."""
-    is_surface = (a > 0.0) & (b > 0.0) & (abs(a - b) <= MAX_SURFACE_STEP_SHARE * max(a, b))
-    return np.float32(0.5) * (a + b) if is_surface else np.float32(0.0)
+def _fill_hole(before: np.float32, pixel: np.float32, after: np.float32) -> np.float32:
+    """Inverse depth of a pixel; without a reading the mean of its neighbors on one surface."""
+    zero = np.float32(0.0)
+    max_step = np.float32(MAX_SURFACE_STEP_SHARE) * max(before, after)
+    is_hole = (pixel == zero) & (before > zero) & (after > zero)
+    is_filled = is_hole & (abs(before - after) <= max_step)
+    return np.float32(0.5) * (before + after) if is_filled else pixel
 
 
 @inline_kernel

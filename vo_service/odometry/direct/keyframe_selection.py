@@ -26,7 +26,6 @@ from vo_service.odometry.direct.gauss_newton import (
     TRIANGLE_SIZE,
     UPPER_TRIANGLE,
     accumulate,
-    solve_cholesky,
 )
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.keyframe import (
@@ -71,6 +70,7 @@ from vo_service.odometry.direct.residuals import (
     weigh_regions,
     weigh_samples,
 )
+from vo_service.odometry.direct.small_matrices import solve_cholesky
 
 # Largest flow of a keyframe that is used again. If frames are rare, the next one is far away, and a
 # larger flow makes the next keyframe due.

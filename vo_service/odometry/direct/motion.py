@@ -106,9 +106,9 @@ def se3_adjoint(T: Array) -> Array:
 def orthonormalize_rotation(T: Array) -> Array:
     """Rigid transform 4x4 without rounding errors, see `drivers.core.geometry.orthonormalize`."""
     corrected = T.copy()
-    R, correction = np.empty((3, 3)), np.empty((3, 3))
+    correction = np.empty((3, 3))
     for _ in range(2):
-        R[:] = corrected[:3, :3]
+        R = corrected[:3, :3].copy()
         for i in range(3):
             for j in range(3):
                 product = R[0, i] * R[0, j] + R[1, i] * R[1, j] + R[2, i] * R[2, j]
@@ -199,7 +199,10 @@ def body_motion(T_camera_keyframe: Array, motion: Array) -> Array:
 @kernel
 def change_frame(motion: Array, T: Array) -> Array:
     """(9,) the same motion in the axes that T (4x4) transforms to."""
-    return -body_motion(T, motion)
+    moved = body_motion(T, motion)
+    for k in range(MOTION_SIZE):
+        moved[k] = -moved[k]
+    return moved
 
 
 @inline_kernel

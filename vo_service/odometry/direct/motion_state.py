@@ -1,46 +1,29 @@
-"""Motion state of the camera: the prediction, and its fusion with a measured pose.
+"""Motion state of the camera at the last good frame, and what it predicts: a constant velocity."""
 
-The prediction is that of a constant velocity. Its covariance is what the last innovations exceed
-that of the measured pose by: many frames of a calm camera are averaged, and one that moves is
-followed at once. In a direction that the view does not constrain, the camera continues at its last
-velocity. Mehra, "Approaches to Adaptive Filtering" (IEEE Transactions on Automatic Control 17,
-1972).
-"""
-
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivers.core.geometry import Array, adjoint, inverse
+from drivers.core.geometry import Array, inverse
 from drivers.core.jit import kernel
-from vo_service.odometry.direct.covariance import MotionUncertainty
-from vo_service.odometry.direct.gauss_newton import (
-    MotionPrior,
-    solve_cholesky,
-    velocity_information,
-)
+from vo_service.odometry.direct.gauss_newton import MotionPrior, velocity_information
 from vo_service.odometry.direct.image_pyramid import HasMeanBrightness, ImagePyramid
 from vo_service.odometry.direct.motion import (
     body_motion,
     compose,
     constant_velocity_motion,
     invert,
-    orthonormalize_rotation,
     se3_exp,
-    se3_log,
 )
 from vo_service.odometry.direct.parameters import (
-    FRAME_COVARIANCE_SHARE,
     MAX_EXTRAPOLATION_S,
     MAX_PREDICTION_S,
     MAX_STEADY_BRIGHTNESS_CHANGE,
     MIN_FRAME_INTERVAL_S,
-    MIN_PREDICTION_SHARE,
     MOTION_DECAY,
     VELOCITY_SIGMA,
     VELOCITY_SIGMA_RANGE,
 )
-from vo_service.odometry.direct.quality import TrackingResult
 
 # Range of the sigma of the velocity, m/s and rad/s.
 MAX_VELOCITY_SIGMA = np.array(VELOCITY_SIGMA)
@@ -122,12 +105,6 @@ class MotionState:
     def update_velocity_noise(self, velocity: Array) -> Array:
         """Velocity noise (2,) including the velocity (6,) of the next frame."""
         return _fade_velocity_noise(self.velocity_noise, velocity, self.velocity)
-
-    def update_normalized_innovation(self, normalized_square: float) -> float:
-        """Normalized innovation including that of the next frame; a rise counts at once."""
-        decay = MOTION_DECAY
-        faded = decay * self.normalized_innovation + (1.0 - decay) * normalized_square
-        return max(faded, normalized_square)
 
     def advance(
         self,
@@ -227,86 +204,3 @@ def _fade_velocity_noise(noise: Array, velocity: Array, before: Array) -> Array:
         squared = MOTION_DECAY * last**2 + (1.0 - MOTION_DECAY) * change[k] ** 2
         faded[k] = np.sqrt(squared)
     return faded
-
-
-def fuse_with_prediction(
-    result: TrackingResult,
-    uncertainty: MotionUncertainty,
-    motion_state: MotionState,
-    stamp_s: float,
-) -> tuple[TrackingResult, MotionUncertainty, float]:
-    """Fuse the measured pose and velocity with the predicted ones.
-
-    Args:
-        result: The measured pose and velocity.
-        uncertainty: Of the measured pose.
-        motion_state: The state up to the last good frame.
-        stamp_s: Stamp of the frame.
-
-    Returns:
-        The fused result; its uncertainty; and the updated normalized innovation of `MotionState`.
-        In a degenerate view the result is degraded, and its uncertainty grows with the time since
-        the last well constrained frame.
-    """
-    T_world_expected = motion_state.predict_pose(stamp_s)
-    innovation = se3_log(inverse(T_world_expected) @ result.T_world_camera)
-    measured = np.asarray(np.linalg.inv(uncertainty.covariance), np.float64)
-    W = _noise_suppression(result, uncertainty)
-    information = np.asarray(W.T @ measured @ W, np.float64)
-    normalized_innovation = motion_state.update_normalized_innovation(
-        float(innovation @ information @ innovation) / 6.0
-    )
-    is_degenerate = bool(uncertainty.rejection_reason)
-    if motion_state.is_stale(stamp_s) and not is_degenerate:
-        return result, uncertainty, normalized_innovation
-    predicted = measured / max(normalized_innovation - 1.0, MIN_PREDICTION_SHARE)
-    extrapolated = np.zeros((6, 6))
-    if is_degenerate:
-        sigma_rate = np.clip(
-            motion_state.velocity_noise, MAX_VELOCITY_SIGMA, UNKNOWN_VELOCITY_SIGMA
-        )
-        sigma = (stamp_s - motion_state.well_constrained_stamp_s) * sigma_rate
-        extrapolated = np.diag(np.repeat(sigma**-2.0, 3))
-    gain = _prediction_gain(information / FRAME_COVARIANCE_SHARE, predicted + extrapolated)
-    velocity_change = result.alignment.camera_velocity - motion_state.velocity
-    if motion_state.is_extrapolated and not is_degenerate:
-        # The step from the extrapolated pose to this one is no motion of the camera.
-        velocity_change = np.zeros(6)
-    # The velocity of a calm camera is averaged over more frames than its pose, as by Kalata.
-    fused = result.with_pose(
-        orthonormalize_rotation(T_world_expected @ se3_exp(gain @ innovation)),
-        motion_state.velocity + gain @ gain @ velocity_change,
-    )
-    if not is_degenerate:
-        return fused, uncertainty, normalized_innovation
-    covariance = np.linalg.inv(extrapolated + information)
-    return (
-        replace(fused, degradation=uncertainty.rejection_reason),
-        replace(uncertainty, covariance=0.5 * (covariance + covariance.T)),
-        normalized_innovation,
-    )
-
-
-def _noise_suppression(result: TrackingResult, uncertainty: MotionUncertainty) -> Array:
-    """6x6 W of `DegeneracyAnalysis`, in the camera's axes.
-
-    The information that noise alone adds would look like a constraint.
-    """
-    T_camera_keyframe = result.alignment.T_camera_keyframe
-    W = uncertainty.degeneracy.suppress_noise(uncertainty.is_constrained)
-    in_camera: Array = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
-    return in_camera
-
-
-@kernel
-def _prediction_gain(measured: Array, predicted: Array) -> Array:
-    """6x6 share of the innovation that is taken over: P (P + R)^-1 = (P^-1 + R^-1)^-1 R^-1.
-
-    Args:
-        measured: 6x6 information R^-1 of the measured pose.
-        predicted: 6x6 information P^-1 of the predicted pose.
-    """
-    total, gain = measured + predicted, np.empty((6, 6))
-    for k in range(6):
-        gain[:, k] = solve_cholesky(total, measured[:, k].copy())
-    return gain

@@ -189,7 +189,7 @@ def _find_steepest_pixel(
     return best_u, best_v, gu, gv
 
 
-@inline_kernel
+@kernel
 def _locate_point(
     ray_x: float,
     ray_y: float,
@@ -228,7 +228,7 @@ def _locate_point(
     return True
 
 
-@inline_kernel
+@kernel
 def _find_in_depth_image(
     ray_x: float,
     ray_y: float,
@@ -259,7 +259,7 @@ def _find_in_depth_image(
     return u, v, shift_m
 
 
-@inline_kernel
+@kernel
 def _fit_surface(
     inverse_depth: NDArray[np.float32], u: float, v: float, noise: float
 ) -> tuple[float, float, float, bool]:

@@ -19,7 +19,9 @@ from vo_service.odometry.direct.keyframe import DirectKeyframe
 from vo_service.odometry.direct.motion import (
     ACCELERATION_START,
     body_motion,
+    compose,
     constant_velocity_motion,
+    invert,
     project,
 )
 from vo_service.odometry.direct.parameters import (
@@ -38,7 +40,6 @@ from vo_service.odometry.direct.points import (
     SAMPLE_BRIGHTNESS,
     SAMPLE_CELL,
     SAMPLE_U,
-    SAMPLE_V,
 )
 from vo_service.odometry.direct.residuals import (
     BRIGHTNESS_AGREES,
@@ -176,14 +177,12 @@ def _select_drawn_points(
     keypoints, matches = np.empty_like(in_keyframe), np.empty_like(in_keyframe)
     in_image = sampled = 0
     for n in range(len(points)):
-        pixel = np.float32(samples[n, SAMPLE_U]), np.float32(samples[n, SAMPLE_V])
-        if samples[n, SAMPLE_CELL] >= 0.0:
-            keypoints[in_image] = pixel
-            in_image += 1
-        if not np.isnan(samples[n, SAMPLE_BRIGHTNESS]):
-            matches[sampled] = pixel
-            in_keyframe[sampled], is_inlier[sampled] = in_keyframe[n], is_inlier[n]
-            sampled += 1
+        for k in range(2):
+            keypoints[in_image, k] = matches[sampled, k] = samples[n, SAMPLE_U + k]
+            in_keyframe[sampled, k] = in_keyframe[n, k]
+        is_inlier[sampled] = is_inlier[n]
+        in_image += samples[n, SAMPLE_CELL] >= 0.0
+        sampled += not np.isnan(samples[n, SAMPLE_BRIGHTNESS])
     return keypoints[:in_image], matches[:sampled], in_keyframe[:sampled], is_inlier[:sampled]
 
 
@@ -197,7 +196,8 @@ def _project_points(points: Array, intrinsics: Array) -> NDArray[np.float32]:
     """(N, 2) pixels of points (N, COLUMNS) of a keyframe level."""
     pixels = np.empty((len(points), 2), np.float32)
     for n in range(len(points)):
-        pixels[n] = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+        u, v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+        pixels[n, 0], pixels[n, 1] = u, v
     return pixels
 
 
@@ -231,9 +231,10 @@ class TrackingResult:
 
     def with_pose(self, T_world_camera: Array, velocity: Array) -> "TrackingResult":
         """Return a copy with another pose (4x4) and velocity (6,), in the camera's own axes."""
-        T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
-        motion = self.alignment.motion.copy()
-        moved = body_motion(inverse(T_camera_keyframe), constant_velocity_motion(velocity))
-        motion[:ACCELERATION_START] = moved[:ACCELERATION_START]
+        T_camera_keyframe = compose(invert(T_world_camera), self.keyframe.T_world_keyframe)
+        moved = body_motion(invert(T_camera_keyframe), constant_velocity_motion(velocity))
+        motion = np.concatenate(
+            [moved[:ACCELERATION_START], self.alignment.motion[ACCELERATION_START:]]
+        )
         alignment = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=motion)
         return replace(self, alignment=alignment)

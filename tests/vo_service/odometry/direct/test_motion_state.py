@@ -67,14 +67,6 @@ def test_the_first_change_is_not_velocity_noise() -> None:
     assert np.all(moving > np.array(VELOCITY_SIGMA))
 
 
-def test_an_innovation_counts_at_once_and_decays() -> None:
-    jolted = replace(
-        MOTION_STATE, normalized_innovation=MOTION_STATE.update_normalized_innovation(9.0)
-    )
-    assert jolted.normalized_innovation == 9.0
-    assert 0.0 < jolted.update_normalized_innovation(0.0) < 9.0
-
-
 def known_velocity(noise: float) -> Array:
     return (
         replace(MOTION_STATE, velocity_noise=np.full(2, noise))

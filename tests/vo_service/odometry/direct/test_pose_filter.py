@@ -10,8 +10,9 @@ from drivers.core.geometry import Array, adjoint, inverse, is_rigid
 from tests.vo_service.odometry.direct.rolling_shutter_views import BRISK, series_exponential
 from tests.vo_service.odometry.direct.tracking_results import MOTION, STAMP_S, make_result
 from vo_service.odometry.direct.covariance import MotionUncertainty
-from vo_service.odometry.direct.motion_state import MotionState, fuse_with_prediction
+from vo_service.odometry.direct.motion_state import MotionState
 from vo_service.odometry.direct.parameters import VELOCITY_SIGMA
+from vo_service.odometry.direct.pose_filter import fade_innovation, fuse_with_prediction
 from vo_service.odometry.direct.quality import TrackingResult
 from vo_service.odometry.uncertainty import DegeneracyAnalysis
 
@@ -85,6 +86,11 @@ def test_a_camera_that_moved_recently_is_not_calm() -> None:
     followed, _ = fuse(np.full(6, 0.05), way=moving)
     measured = make_result(OFF, FASTER)
     np.testing.assert_allclose(followed.T_world_camera, measured.T_world_camera, atol=5e-4)
+
+
+def test_an_innovation_counts_at_once_and_decays() -> None:
+    assert fade_innovation(0.0, 9.0) == 9.0
+    assert 0.0 < fade_innovation(9.0, 0.0) < 9.0
 
 
 def test_after_a_long_time_nothing_is_fused() -> None:

@@ -1,0 +1,158 @@
+"""Fusion of a measured pose with the predicted one.
+
+The covariance of the prediction is what the last innovations exceed that of the measured pose by:
+many frames of a calm camera are averaged, and one that moves is followed at once. In a direction
+that the view does not constrain, the camera continues at its last velocity. Mehra, "Approaches to
+Adaptive Filtering" (IEEE Transactions on Automatic Control 17, 1972).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from vo_service.odometry.direct.covariance import MotionUncertainty
+from vo_service.odometry.direct.motion import (
+    compose,
+    invert,
+    orthonormalize_rotation,
+    se3_adjoint,
+    se3_exp,
+    se3_log,
+)
+from vo_service.odometry.direct.motion_state import (
+    MAX_VELOCITY_SIGMA,
+    UNKNOWN_VELOCITY_SIGMA,
+    MotionState,
+)
+from vo_service.odometry.direct.parameters import (
+    FRAME_COVARIANCE_SHARE,
+    MIN_PREDICTION_SHARE,
+    MOTION_DECAY,
+)
+from vo_service.odometry.direct.quality import TrackingResult
+from vo_service.odometry.direct.small_matrices import (
+    invert_cholesky,
+    multiply,
+    multiply_vector,
+    transform_covariance,
+)
+
+
+def fuse_with_prediction(
+    result: TrackingResult,
+    uncertainty: MotionUncertainty,
+    motion_state: MotionState,
+    stamp_s: float,
+) -> tuple[TrackingResult, MotionUncertainty, float]:
+    """Fuse the measured pose and velocity with the predicted ones.
+
+    Args:
+        result: The measured pose and velocity.
+        uncertainty: Of the measured pose.
+        motion_state: The state up to the last good frame.
+        stamp_s: Stamp of the frame.
+
+    Returns:
+        The fused result; its uncertainty; and the updated normalized innovation of `MotionState`.
+        In a degenerate view the result is degraded, and its uncertainty grows with the time since
+        the last well constrained frame.
+    """
+    is_degenerate = bool(uncertainty.rejection_reason)
+    extrapolated = np.zeros(6)
+    if is_degenerate:
+        sigma_rate = np.clip(
+            motion_state.velocity_noise, MAX_VELOCITY_SIGMA, UNKNOWN_VELOCITY_SIGMA
+        )
+        sigma = (stamp_s - motion_state.well_constrained_stamp_s) * sigma_rate
+        extrapolated = np.repeat(sigma**-2.0, 3)
+    T_world_camera, velocity, covariance, normalized_innovation = _fuse(
+        (result.T_world_camera, result.alignment.camera_velocity),
+        (motion_state.predict_pose(stamp_s), motion_state.velocity),
+        uncertainty.covariance,
+        uncertainty.degeneracy.suppress_noise(uncertainty.is_constrained),
+        result.alignment.T_camera_keyframe,
+        motion_state.normalized_innovation,
+        extrapolated,
+        # The step from an extrapolated pose to a measured one is no motion of the camera.
+        is_degenerate or not motion_state.is_extrapolated,
+    )
+    if is_degenerate:
+        result = replace(result, degradation=uncertainty.rejection_reason)
+        uncertainty = replace(uncertainty, covariance=covariance)
+    elif motion_state.is_stale(stamp_s):
+        return result, uncertainty, normalized_innovation
+    return result.with_pose(T_world_camera, velocity), uncertainty, normalized_innovation
+
+
+@kernel
+def fade_innovation(normalized_innovation: float, squared: float) -> float:
+    """Normalized innovation including that of the next frame; a rise counts at once.
+
+    Args:
+        normalized_innovation: See `MotionState`.
+        squared: Squared innovation of the pose, divided by its covariance.
+    """
+    return max(MOTION_DECAY * normalized_innovation + (1.0 - MOTION_DECAY) * squared, squared)
+
+
+@kernel
+def _fuse(
+    measured: tuple[Array, Array],
+    predicted: tuple[Array, Array],
+    covariance: Array,
+    W: Array,
+    T_camera_keyframe: Array,
+    normalized_innovation: float,
+    extrapolated: Array,
+    uses_velocity: bool,
+) -> tuple[Array, Array, Array, float]:
+    """Pose 4x4 and velocity (6,) of the camera, their fused covariance 6x6, and the innovation.
+
+    In one kernel, as each call from Python takes time.
+
+    Args:
+        measured: T_world_camera 4x4 and the camera's velocity (6,).
+        predicted: The same.
+        covariance: 6x6 of the measured pose.
+        W: 6x6 of `DegeneracyAnalysis`, in the keyframe's axes. The information that noise alone
+            adds would look like a constraint.
+        T_camera_keyframe: 4x4.
+        normalized_innovation: Up to the last frame, see `MotionState`.
+        extrapolated: (6,) information of the pose that is extrapolated in a degenerate view.
+        uses_velocity: Whether the measured velocity is one.
+    """
+    innovation = se3_log(compose(invert(predicted[0]), measured[0]))
+    of_covariance = invert_cholesky(covariance)
+    to_keyframe = se3_adjoint(invert(T_camera_keyframe))
+    W_camera = multiply(multiply(se3_adjoint(T_camera_keyframe), W), to_keyframe)
+    information = transform_covariance(W_camera.T.copy(), of_covariance)
+    squared, weighted = 0.0, multiply_vector(information, innovation)
+    for k in range(6):
+        squared += innovation[k] * weighted[k]
+    normalized_innovation = fade_innovation(normalized_innovation, squared / 6.0)
+    total, prediction_share = (
+        np.empty((6, 6)),
+        1.0 / max(normalized_innovation - 1.0, MIN_PREDICTION_SHARE),
+    )
+    for i in range(6):
+        for j in range(6):
+            total[i, j] = prediction_share * of_covariance[i, j]
+            total[i, j] += information[i, j] / FRAME_COVARIANCE_SHARE
+        total[i, i] += extrapolated[i]
+    # Share of the innovation that is taken over: P (P + R)^-1 = (P^-1 + R^-1)^-1 R^-1.
+    gain = multiply(invert_cholesky(total), information)
+    for i in range(6):
+        information[i, i] += extrapolated[i]
+        for j in range(6):
+            gain[i, j] /= FRAME_COVARIANCE_SHARE
+    # The velocity of a calm camera is averaged over more frames than its pose, as by Kalata.
+    velocity, change = predicted[1].copy(), np.zeros(6)
+    for k in range(6):
+        change[k] = measured[1][k] - velocity[k] if uses_velocity else 0.0
+    change = multiply_vector(gain, multiply_vector(gain, change))
+    for k in range(6):
+        velocity[k] += change[k]
+    T = orthonormalize_rotation(compose(predicted[0], se3_exp(multiply_vector(gain, innovation))))
+    return T, velocity, invert_cholesky(information), normalized_innovation

@@ -80,9 +80,10 @@ _MALLOC_LIMITS = (
     # Freed memory stays in the arenas of its threads, and the default limit is eight per core. One
     # is enough: Python's lock keeps the threads from allocating at the same time.
     ("MALLOC_ARENA_MAX", -8, 1),
-    # Larger images have pages of their own, which return to the system when they are freed. By
-    # default this limit grows to 32 MB, and freed images stay in the heap.
-    ("MALLOC_MMAP_THRESHOLD_", -3, 1_000_000),
+    # Larger arrays have pages of their own, which return to the system when they are freed. By
+    # default this limit grows to 32 MB, and freed maps stay in the heap. Images are smaller: new
+    # pages for the depth of each frame would take twice as long as its computation.
+    ("MALLOC_MMAP_THRESHOLD_", -3, 2_000_000),
     ("MALLOC_TRIM_THRESHOLD_", -1, 4_000_000),
 )
 _MADV_DONTNEED = 4  # madvise(2)

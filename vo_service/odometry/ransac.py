@@ -151,7 +151,7 @@ def _next_random(state: np.uint32) -> np.uint32:
     return np.uint32(state)
 
 
-@inline_kernel
+@kernel
 def _has_same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: int) -> bool:
     """Whether both triangles have equal sides, none of them too short."""
     corners = (i, j, k, i)
@@ -168,7 +168,7 @@ def _has_same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: 
     return True
 
 
-@inline_kernel
+@kernel
 def _score_hypothesis(P: Array, Q: Array, inverse_gate: Array, T: Array) -> tuple[float, int]:
     score = 0.0
     inliers = 0
@@ -184,7 +184,7 @@ def _score_hypothesis(P: Array, Q: Array, inverse_gate: Array, T: Array) -> tupl
     return score, inliers
 
 
-@inline_kernel
+@kernel
 def _fit_triangles(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool:
     """Fit a motion to three pairs without an SVD: plane to plane, then the angle in the plane.
 
@@ -222,7 +222,7 @@ def _fit_triangles(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool
     return True
 
 
-@inline_kernel
+@kernel
 def _triangle_axes(P: Array, i: int, j: int, k: int) -> tuple[Array, Array, bool]:
     """Orthonormal axes (rows; the last is the normal), centroid, and whether it is no line."""
     axes = np.empty((3, 3))

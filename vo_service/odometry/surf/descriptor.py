@@ -215,7 +215,7 @@ def disc_weights() -> NDArray[np.float32]:
     return weights.astype(np.float32).ravel()
 
 
-@inline_kernel
+@kernel
 def dominant_direction(
     gray: NDArray[np.float32],
     weights: NDArray[np.float32],
@@ -277,7 +277,7 @@ def _direction_bin(dx: np.float32, dy: np.float32) -> np.int32:
     return direction if direction < NUM_BINS else np.int32(NUM_BINS - 1)
 
 
-@inline_kernel
+@kernel
 def _find_longest_window(
     sum_x: NDArray[np.float32], sum_y: NDArray[np.float32]
 ) -> tuple[np.float32, np.float32]:
@@ -404,7 +404,7 @@ def describe(
         _normalize(descriptors[n], total)
 
 
-@inline_kernel
+@kernel
 def _sum_regions(
     gray: NDArray[np.float32],
     weights: NDArray[np.float32],
@@ -457,7 +457,7 @@ def _sum_five_rows(
         absolute_sums[k] = abs(a) + abs(b) + abs(c) + abs(d) + abs(e)
 
 
-@inline_kernel
+@kernel
 def _normalize(descriptor: NDArray[np.float32], total: np.float32) -> None:
     """Signed square root, then constant length, then whole numbers.
 

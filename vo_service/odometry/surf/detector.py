@@ -213,7 +213,7 @@ def _box(upper: NDArray[np.int32], lower: NDArray[np.int32], start: int, end: in
     return np.int32(lower[j] - lower[i] - upper[j] + upper[i])
 
 
-@inline_kernel
+@kernel
 def is_laplacian_positive(rows: BoxRows, lobe: int, c: int) -> bool:
     """Sign of Dxx + Dyy at one pixel: dark blobs on bright ground are positive (Section 4.3).
 
@@ -344,7 +344,7 @@ def _is_maximum(
     return True
 
 
-@inline_kernel
+@kernel
 def is_first_of_equals(cube: NDArray[np.float32]) -> bool:
     """Keep one keypoint of a plateau: above the earlier neighbors of 3x3x3 values."""
     v = cube[1, 1, 1]
@@ -359,7 +359,7 @@ def is_first_of_equals(cube: NDArray[np.float32]) -> bool:
     return True
 
 
-@inline_kernel
+@kernel
 def interpolate(
     cube: NDArray[np.float32], layer: Layer, r: int, c: int, entry: NDArray[np.float32]
 ) -> bool:

@@ -134,8 +134,19 @@ def initial_residual_model(images: ImagePyramid, points: Array, gain: float = 1.
     residual_model[SIGMA_DEPTH] = INITIAL_SIGMAS[1] * images.depth_noise
     residual_model[WEIGHT_BRIGHTNESS] = images.brightness_weight
     residual_model[DEPTH_NOISE] = images.depth_noise
-    residual_model[CONTRAST] = points[:, POINT_BRIGHTNESS].std() if len(points) else 0.0
+    residual_model[CONTRAST] = _contrast(points)
     return residual_model
+
+
+@kernel
+def _contrast(points: Array) -> float:
+    """Standard deviation of the brightness of points (N, COLUMNS), gray levels."""
+    mean = squared = 0.0
+    for n in range(len(points)):
+        mean += points[n, POINT_BRIGHTNESS] / len(points)
+    for n in range(len(points)):
+        squared += (points[n, POINT_BRIGHTNESS] - mean) ** 2 / len(points)
+    return float(np.sqrt(squared))
 
 
 def align(

@@ -32,10 +32,11 @@ from benchmarks.harness import (
 from benchmarks.tracking import FrameChange, evaluate_trajectory, open_frames, track_changed
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory, so3_exp
-from vo_service.odometry import DEFAULT_METHOD, METHODS, warm_up
 from vo_service.odometry.features import FeatureView, SurfParameters
+from vo_service.odometry.registry import DEFAULT_METHOD, METHODS
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
+from vo_service.odometry.warm_up import warm_up
 
 Frames = list[RgbdFrame]
 Image = NDArray[np.integer[Any]]

@@ -24,8 +24,9 @@ from benchmarks.rendered_sequences import render_all
 from benchmarks.tracking import open_frames_with_truth
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, nearest_indices
-from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
-from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
+from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.odometry.uncertainty import CovarianceAccumulator
 from vo_service.tools.evaluation.metrics import (
     STAMP_ROUNDING_S,
@@ -33,7 +34,7 @@ from vo_service.tools.evaluation.metrics import (
     nees,
     summarize_nees,
 )
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 SEEDS = tuple(range(101, 113))
 DURATION_S = 5.0

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from benchmarks.harness import format_table, measure_cpu_ms, median
 from drivers.core import InputError
 from drivers.core.geometry import Array
-from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera
-from drivers.tum import read_frame_pairs
+from drivers.synthetic.config import SyntheticConfig
+from drivers.tum.folder import read_frame_pairs
 from vo_service.odometry.surf import SurfExtractor
 
 SYNTHETIC = SyntheticConfig(duration_s=18.0, rate_hz=1 / 3)  # six views, far apart

@@ -25,18 +25,20 @@ from benchmarks.tracking import (
 )
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory, inverse, so3_log
-from drivers.synthetic import MotionKind, SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.renderer import NoiselessFrame, Renderer, make_renderer
 from drivers.synthetic.sensors import gain_at
 from vo_service.config import read_config
-from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig, warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.stage_timers import CpuStageTimer
+from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.evaluation.metrics import (
     PosePairs,
     associate,
     count_gross_errors,
     tracked_steps,
 )
-from vo_service.types import TrackingState
+from vo_service.types.odometry_update import TrackingState
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"

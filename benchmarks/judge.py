@@ -37,9 +37,9 @@ from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Trajectory, inverse, nearest_indices
-from drivers.tum import open_tum_folder
-from vo_service.odometry import warm_up
-from vo_service.types import TrackingState
+from drivers.tum.folder import open_tum_folder
+from vo_service.odometry.warm_up import warm_up
+from vo_service.types.odometry_update import TrackingState
 
 PARTS = ("recordings", "sensors", "scenes")
 # Those of the table in docs/ are not used to choose a parameter.

@@ -36,7 +36,7 @@ from drivers.calibration import find_calibration, format_calibration
 from drivers.camera import Clock, FrameTimeout, Led, PlaybackMode, RgbdFrame, SensorConfig
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array, Trajectory, read_trajectory
-from drivers.freenect import (
+from drivers.freenect.bindings import (
     CAMERA_ONLY,
     FRAME_CALLBACK,
     RESOLUTION_640X480,

@@ -28,7 +28,8 @@ from benchmarks.tours import LoopClosureRunner
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance
 from vo_service.config_tables import MapConfig
-from vo_service.odometry import METHODS, warm_up
+from vo_service.odometry.registry import METHODS
+from vo_service.odometry.warm_up import warm_up
 from vo_service.slam.map_file import read_map, write_map
 from vo_service.slam.synchronous_loop_closure import (
     SynchronousLoopClosure,
@@ -37,7 +38,7 @@ from vo_service.slam.synchronous_loop_closure import (
 )
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 # Most frames of a start in the second session, and frames after its relocalization.
 MAX_FRAMES, SETTLE_FRAMES = 300, 30

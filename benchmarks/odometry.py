@@ -44,9 +44,10 @@ from benchmarks.harness import (
 from benchmarks.tracking import evaluate_trajectory, open_frames
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
-from drivers.tum import read_frame_pairs
-from vo_service.odometry import METHODS, STAGE_BUDGETS_MS, CpuStageTimer, MethodConfig, warm_up
+from drivers.tum.folder import read_frame_pairs
 from vo_service.odometry.features import SurfParameters
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS, CpuStageTimer
 from vo_service.odometry.surf import LAYERS, NEXT_THRESHOLD_RATIO, SurfExtractor
 from vo_service.odometry.surf.descriptor import (
     DESCRIPTOR_SIZE,
@@ -56,13 +57,15 @@ from vo_service.odometry.surf.descriptor import (
 )
 from vo_service.odometry.surf.detector import find_maxima
 from vo_service.odometry.surf.odometry import SurfOdometry
+from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.benchmark.baselines.frame_to_frame import (
     MATCH_RATIO,
     orb_odometry,
     sift_odometry,
 )
 from vo_service.tools.evaluation import Evaluation
-from vo_service.types import Estimate, Odometry, StageTimer
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import Odometry, StageTimer
 
 WHOLE_FRAME = "whole frame"
 BUDGET_TABLE = Table(

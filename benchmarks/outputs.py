@@ -38,7 +38,7 @@ from drivers.bag.mcap_recorder import McapRecorder
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import T_BODY_CAMERA
-from drivers.recording.frames import (
+from drivers.recording.frame_encoding import (
     ColorFormat,
     FrameStamps,
     calibration_of_frame,
@@ -52,8 +52,8 @@ from vo_service.outputs.frames import FrameOutput, FrameOutputConfig, depth_in_m
 from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
 from vo_service.outputs.zenoh.output import ZenohOutput
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import CommandError
+from vo_service.types.odometry_update import OdometryUpdate
 
 RATE_HZ = 30.0
 Item = TypeVar("Item", RgbdFrame, OdometryUpdate)

@@ -22,8 +22,8 @@ from benchmarks.rendered_sequences import make_frame
 from benchmarks.tracking import open_frames, open_frames_with_truth
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, rotation_angle_rad
-from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations, rotations_from_vectors
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import Renderer, RoomModel
 from vo_service import slam
 from vo_service.odometry.direct.motion import se3_exp, se3_log

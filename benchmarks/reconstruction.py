@@ -34,8 +34,8 @@ from drivers.core.geometry import (
     rigid_transform,
     transform_points,
 )
-from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import CLEARANCE_CHECKS_PER_S
 from drivers.synthetic.room import ROOM_HEIGHT_M, build_room

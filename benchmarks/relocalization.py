@@ -31,13 +31,14 @@ from benchmarks.rendered_sequences import THREADS
 from benchmarks.tours import compute_true_poses, make_runner, make_tour_config, make_tour_frame
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, pose_distance, transform_points
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from drivers.synthetic.sensors import ImageSource, RenderedImages
-from vo_service.odometry import METHODS, warm_up
+from vo_service.odometry.registry import METHODS
+from vo_service.odometry.warm_up import warm_up
 from vo_service.terminal import Terminal
 from vo_service.tools.evaluation.metrics import GROSS_ERROR_DEG, GROSS_ERROR_M
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 # Two laps.
 SEQUENCE_S = 60.0

@@ -28,8 +28,8 @@ from benchmarks.tracking import read_all_frames
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, read_trajectory, transform_points
-from drivers.synthetic import NO_DISTORTION, ShutterTiming, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import NO_DISTORTION, ShutterTiming, SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 from drivers.tum.writer import TumWriter
 

@@ -29,11 +29,11 @@ from drivers.calibration import UNKNOWN_TIMING
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array
-from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
-from drivers.tum import open_tum_folder
-from vo_service.odometry import warm_up
+from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
+from drivers.tum.folder import open_tum_folder
+from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.calibration.timing_measurement import TimingMeasurement
-from vo_service.types import OnlineTiming
+from vo_service.types.estimate import OnlineTiming
 
 METHOD = "direct"
 MAX_READOUT_S = 0.033

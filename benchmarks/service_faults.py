@@ -28,7 +28,7 @@ from tempfile import mkdtemp
 from benchmarks.harness import Table, Variants
 from benchmarks.service_load import descendants_of, measure_processor_use, prerender_room
 from drivers.core import UserFacingError
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from tests.ports import free_port
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.simulators.zenoh_router import running_router

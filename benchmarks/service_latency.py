@@ -30,7 +30,7 @@ from benchmarks.service_load import (
     prerender_room,
     running_recorder,
 )
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from tests.ports import free_port
 from tests.resource_leaks import find_child_running
 from tests.simulators.zenoh_router import running_router

@@ -15,12 +15,13 @@ import zenoh
 from drivers.camera import RgbdFrame
 from drivers.core.files import cache_folder
 from drivers.core.geometry import Array
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.frame_provider import render_all
 from tests.resource_leaks import child_pids_of
 from vo_service.ros_messages.decoding import decode_odometry
 from vo_service.terminal import Terminal
-from vo_service.types import Estimate, OdometryUpdate, TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 KEY = "kinect/odom"
 RECORDER_STOP_TIMEOUT_S = 20.0

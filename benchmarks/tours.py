@@ -33,7 +33,7 @@ from benchmarks.rendered_sequences import THREADS, make_frame, prefetch
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse, poses_close
-from drivers.synthetic import MotionKind, SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M
@@ -41,7 +41,9 @@ from drivers.synthetic.sensors import RenderedImages
 from tests.resource_leaks import resident_memory_kb
 from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig, warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.stage_timers import CpuStageTimer
+from vo_service.odometry.warm_up import warm_up
 from vo_service.slam.synchronous_loop_closure import (
     SynchronousLoopClosure,
     create_synchronous_loop_closure,
@@ -57,7 +59,8 @@ from vo_service.tools.evaluation.metrics import (
     position_errors_m,
     tracked_steps,
 )
-from vo_service.types import Estimate, OdometryUpdate
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import OdometryUpdate
 
 MINUTE_S = 60.0
 # Times and memory are plotted as mean and 99th percentile of windows of this length.

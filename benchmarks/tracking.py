@@ -15,9 +15,11 @@ from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
 from drivers.recording_camera import RecordingCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry import METHODS, CpuStageTimer, MethodConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.tools.evaluation import Evaluation, evaluate
-from vo_service.types import Estimate, TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import TrackingState
 
 READ_TIMEOUT_S = 60.0
 FrameChange = Callable[[RgbdFrame], RgbdFrame]

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from benchmarks.tracking import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core.geometry import Trajectory
-from drivers.synthetic import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.tum.writer import TumWriter
 
 SEEDS = tuple(range(1, 21))

@@ -33,9 +33,11 @@ from drivers.core import CameraError, InputError
 from drivers.core.geometry import Trajectory
 from drivers.layouts import open_folder
 from drivers.plausibility import PlausibilityCheck
-from drivers.recording import DepthImage, FramePair, ImageTopics, Recording, UnreadableFrameError
 from drivers.recording.bag_names import is_bag_file
-from drivers.recording.small_depth import enlarge
+from drivers.recording.depth_enlargement import enlarge
+from drivers.recording.image_decoding import DepthImage, UnreadableFrameError
+from drivers.recording.recorded_frames import FramePair
+from drivers.recording.recording import ImageTopics, Recording
 
 _log = logging.getLogger(__name__)
 
@@ -82,7 +84,7 @@ def open_recording(
             raise InputError(f"{path}: is a folder, which has no topics; leave out --topics")
         return open_folder(path, camera_file)
     check_bag_packages(path)
-    from drivers.bag import open_bag  # its packages are optional
+    from drivers.bag.bag_reader import open_bag  # its packages are optional
 
     recording = open_bag(path, camera_file, topics)
     if recording.warning:

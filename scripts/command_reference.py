@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import shtab
 
-from vo_service.cli import COMMAND_GROUPS, make_parser
+from vo_service.cli.command_line import COMMAND_GROUPS, make_parser
 
 INTRODUCTION = """\
 # Commands

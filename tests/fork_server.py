@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.simulators.libusb_build import SONAME
-from vo_service.cli import _set_library_environment
+from vo_service.cli.command_line import set_library_environment
 
 MAX_FDS = 10
 MIN_SPARE_FD = 500
@@ -27,7 +27,7 @@ MIN_SPARE_FD = 500
 
 def load() -> None:
     """Load libraries and kernels."""
-    _set_library_environment()  # before the libraries are imported
+    set_library_environment()  # before the libraries are imported
     import cv2
     import pytest
 

@@ -29,7 +29,7 @@ from vo_service.tools.doctor import stream_probe
 
 ROOT = Path(__file__).parents[1]
 # The command of the installed script, for a `ForkedProcess`.
-KINECT_VO = (sys.executable, "-c", "from vo_service import cli\ncli.main()\n")
+KINECT_VO = (sys.executable, "-c", "from vo_service.cli.command_line import main\nmain()\n")
 # Worker processes whose start is not what their tests are about.
 WORKERS = {
     "drivers.subprocess_camera.worker:run_camera",

@@ -10,16 +10,16 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from drivers import make_reconnecting
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.core import CameraError, UserFacingError
 from drivers.core.jit import release_memory
+from drivers.registry import make_reconnecting
 from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
 from vo_service.control import CommandQueue, Control, LoadShedder
 from vo_service.frame_source import FrameSource, LiveSource, make_publish_clock
 from vo_service.odom_frame import OdomFrame
-from vo_service.odometry import CpuStageTimer
+from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
 from vo_service.outputs.zenoh.output import (
     LIVE_QOS,
@@ -31,8 +31,8 @@ from vo_service.outputs.zenoh.output import (
 from vo_service.service import Estimator, Service, ServiceInput, ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
-from vo_service.types import Odometry
 from vo_service.types.commands import ReloadConfig
+from vo_service.types.odometry import Odometry
 from vo_service.types.outputs import (
     GroundTruthSource,
     HasWarning,

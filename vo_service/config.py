@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from drivers import CAMERA_USAGES, CAMERAS
 from drivers.camera import PlaybackMode, SensorConfig
 from drivers.core import PluginGroup, UserFacingError
 from drivers.core.config import Field, FieldError, read_toml, suggest_name, typed_fields
 from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
-from drivers.synthetic import SyntheticConfig
+from drivers.registry import CAMERA_USAGES, CAMERAS
+from drivers.synthetic.config import SyntheticConfig
 from vo_service.config_tables import (
     CommandConfig,
     FramesConfig,
@@ -26,7 +26,7 @@ from vo_service.config_tables import (
     Ros2Config,
     ZenohConfig,
 )
-from vo_service.odometry import (
+from vo_service.odometry.registry import (
     DEFAULT_METHOD,
     DEFAULT_TIMING_MODE,
     MAX_FEATURES,
@@ -35,7 +35,7 @@ from vo_service.odometry import (
     TIMING_MODES,
     make_odometry,
 )
-from vo_service.types import Odometry, StageTimer
+from vo_service.types.odometry import Odometry, StageTimer
 from vo_service.types.outputs import Output
 
 logger = logging.getLogger(__name__)

@@ -19,7 +19,7 @@ from drivers.camera import PinholeCamera, RgbdFrame, TimingPrior
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
 from drivers.core.process.record_ring import RecordRingWriter, RingRecord
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 # Upper bound; the only text in the metadata is the reason.
 MAX_METADATA_BYTES = 4096

@@ -17,7 +17,8 @@ from drivers.core.geometry import (
     so3_log,
 )
 from vo_service.odometry.uncertainty import CovarianceAccumulator, diagonal_covariance
-from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
 
 # With fewer inliers than this, the estimated motion may be wrong: the state is degraded.
 MIN_INLIERS_TRACKING = 30

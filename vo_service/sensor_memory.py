@@ -15,8 +15,9 @@ from drivers.core.config import SCHEMA_VERSION, Field, read_toml
 from drivers.core.files import atomic_write, state_folder
 from drivers.core.flow_control import DropOldestQueue, WorkerThread
 from drivers.core.write_errors import WriteError, writing
-from vo_service.odometry import FIXED_TIMING_MODE
-from vo_service.types import LEARNED_TIMING, OdometryUpdate
+from vo_service.odometry.registry import FIXED_TIMING_MODE
+from vo_service.types.estimate import LEARNED_TIMING
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import NullSensorMemory, OutputBase, SensorMemory
 
 # The exposure may be another one at the next start, so remembered values are at best this certain.

@@ -18,15 +18,8 @@ from drivers.plausibility import PlausibilityCheck
 from vo_service.control import Control, LoadShedder
 from vo_service.frame_source import FrameSource, PublishClock, TimestampFilter
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.odometry import STAGE_BUDGETS_MS, CpuStageTimer
-from vo_service.types import (
-    Estimate,
-    Odometry,
-    OdometryUpdate,
-    OnlineFocalLength,
-    OnlineTiming,
-    TrackingState,
-)
+from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS, CpuStageTimer
+from vo_service.types.estimate import Estimate, OnlineFocalLength, OnlineTiming
 from vo_service.types.failure_reasons import FailureReasons, strip_numbers
 from vo_service.types.messages import (
     CameraReport,
@@ -36,6 +29,8 @@ from vo_service.types.messages import (
     TimingReport,
     TrackingReport,
 )
+from vo_service.types.odometry import Odometry
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 from vo_service.types.outputs import HasWarning, LoopClosure, NullLoopClosure, Output
 
 STATUS_PERIOD_S = 0.5

@@ -18,8 +18,8 @@ from drivers.bag.image_messages import (
     stamp_ns_of,
 )
 from drivers.core import InputError
-from drivers.recording import ImageTopics
-from drivers.recording.frames import FrameStamps
+from drivers.recording.frame_encoding import FrameStamps
+from drivers.recording.recording import ImageTopics
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMU = "sensor_msgs/msg/Imu"

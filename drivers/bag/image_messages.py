@@ -17,10 +17,9 @@ from drivers.bag.bag_storage import BagStorage
 from drivers.bag.rvl import decode_rvl
 from drivers.camera import MAX_DEPTH_VALUE
 from drivers.core import InputError
-from drivers.recording import (
+from drivers.recording.image_decoding import (
     BgrImage,
     DepthImage,
-    RecordedImage,
     UnreadableFrameError,
     decode_color,
     decode_depth,
@@ -29,6 +28,7 @@ from drivers.recording import (
     stored_color,
     stored_depth,
 )
+from drivers.recording.recorded_frames import RecordedImage
 
 MAX_RECENT_MESSAGES = 16
 # A message farther ahead than this is looked up by the file's index.

@@ -28,14 +28,14 @@ from drivers.core.write_errors import (
     creating,
     writing,
 )
-from drivers.recording import BgrImage
-from drivers.recording.frames import (
+from drivers.recording.frame_encoding import (
     EARLIEST_STAMPS,
     ColorFormat,
     FrameStamps,
     calibration_of_frame,
     encode_image,
 )
+from drivers.recording.image_decoding import BgrImage
 
 _log = logging.getLogger(__name__)
 

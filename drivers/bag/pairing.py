@@ -10,8 +10,9 @@ from pathlib import Path
 
 from drivers.bag.image_messages import ImageMessage
 from drivers.clock_jumps import split_at_jumps
-from drivers.recording import FramePair, RecordedFrames, pair_images, stamps_us
-from drivers.recording.frames import FrameStamps, format_stamp
+from drivers.recording.frame_encoding import FrameStamps, format_stamp
+from drivers.recording.pairing import pair_images, stamps_us
+from drivers.recording.recorded_frames import FramePair, RecordedFrames
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from drivers.camera import (
     is_serial,
 )
 from drivers.core import CameraError, CameraNotFoundError
-from drivers.freenect import device_hung_error, packet_loss_message
 from drivers.freenect.context import ImagePair
+from drivers.freenect.errors import device_hung_error, packet_loss_message
 from drivers.freenect.rectify import (
     DepthFilter,
     FactoryCalibration,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from drivers.core import CameraError
-from drivers.freenect import (
+from drivers.freenect.bindings import (
     CAMERA_ONLY,
     FRAME_CALLBACK,
     INTERRUPTED,
@@ -29,12 +29,11 @@ from drivers.freenect import (
     DepthFormat,
     DeviceAttributes,
     Flag,
-    LibfreenectLog,
     Registration,
-    StreamHealth,
     TimeValue,
-    start_failed_error,
 )
+from drivers.freenect.errors import start_failed_error
+from drivers.freenect.log import LibfreenectLog, StreamHealth
 from drivers.freenect.rectify import FactoryCalibration
 from drivers.time_sync import StampedPair, StampUnwrapper
 

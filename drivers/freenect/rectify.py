@@ -25,7 +25,7 @@ from drivers.calibration import (
 )
 from drivers.camera import PinholeCamera
 from drivers.core import InputError
-from drivers.freenect import DepthFormat
+from drivers.freenect.bindings import DepthFormat
 
 # libfreenect treats this and larger depths as too far.
 MAX_DEPTH_MM = 10_000

@@ -12,15 +12,7 @@ import numpy as np
 
 from drivers.camera import CameraCounters, FrameTimeout
 from drivers.core import CameraLostError
-from drivers.freenect import (
-    DepthFormat,
-    LibfreenectLog,
-    StreamHealth,
-    TimeValue,
-    device_hung_error,
-    stream_not_started_error,
-    stream_stalled_error,
-)
+from drivers.freenect.bindings import DepthFormat, TimeValue
 from drivers.freenect.context import (
     BufferPool,
     FrameCallback,
@@ -29,6 +21,12 @@ from drivers.freenect.context import (
     PooledImage,
     RawFrameCallback,
 )
+from drivers.freenect.errors import (
+    device_hung_error,
+    stream_not_started_error,
+    stream_stalled_error,
+)
+from drivers.freenect.log import LibfreenectLog, StreamHealth
 from drivers.freenect.sources import DeviceCalibration, DeviceSource, StreamTimeouts
 from drivers.time_sync import NearestFramePairing, StampUnwrapper
 

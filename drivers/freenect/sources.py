@@ -17,21 +17,17 @@ from drivers.camera import Clock, EndOfStream, PlaybackMode, SensorConfig
 from drivers.core import InputError, UserFacingError
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.input_files import open_input, read_input, read_input_text
-from drivers.freenect import (
+from drivers.freenect.bindings import PACKAGE, SONAME, DepthFormat, Flag, load_library
+from drivers.freenect.context import FreenectContext, FreenectDevice, ImagePair
+from drivers.freenect.errors import (
     NO_BANDWIDTH_LINE,
-    PACKAGE,
-    SONAME,
-    DepthFormat,
-    Flag,
-    LibfreenectLog,
     device_not_found_error,
-    load_library,
     no_bandwidth_error,
     no_permission_error,
     open_failed_error,
     unplugged_error,
 )
-from drivers.freenect.context import FreenectContext, FreenectDevice, ImagePair
+from drivers.freenect.log import LibfreenectLog
 from drivers.freenect.rectify import (
     DepthFilter,
     FactoryCalibration,

@@ -19,7 +19,6 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, UserFacingError
 from drivers.core.geometry import Vector
-from drivers.kinect_usb import UsbRole
 from drivers.kinect_usb.audio_motor import AudioMotor
 from drivers.kinect_usb.motor_unit import (
     TIMEOUT_MS,
@@ -31,6 +30,7 @@ from drivers.kinect_usb.motor_unit import (
     gravity_from_counts,
 )
 from drivers.kinect_usb.usb_devices import find_kinect, translate_usb_errors
+from drivers.kinect_usb.usb_ids import UsbRole
 
 OUT, IN = 0x40, 0xC0  # vendor requests to and from the device
 SET_LED, SET_TILT, GET_STATE = 0x06, 0x31, 0x32

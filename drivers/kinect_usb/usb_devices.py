@@ -12,7 +12,8 @@ import usb.util
 
 from drivers.camera import is_serial
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, UserFacingError
-from drivers.kinect_usb import (
+from drivers.kinect_usb.motor_unit import TIMEOUT_MS
+from drivers.kinect_usb.usb_ids import (
     REVISION_1414,
     SensorModel,
     UsbId,
@@ -21,7 +22,6 @@ from drivers.kinect_usb import (
     is_kinect,
     is_supported,
 )
-from drivers.kinect_usb.motor_unit import TIMEOUT_MS
 
 
 @contextmanager

@@ -24,7 +24,8 @@ from drivers.layouts.contents import (
     read_pose_files,
 )
 from drivers.layouts.frame_files import same_place_depth_camera
-from drivers.recording import RecordedFrames, pair_images
+from drivers.recording.pairing import pair_images
+from drivers.recording.recorded_frames import RecordedFrames
 
 # Also Redwood's 3D scans, whose names end in microseconds: 0000001-000000033369.jpg.
 IMAGE_PATTERN = r"(\d{1,9})(?:-\d{1,18})?\.(?:png|jpe?g|pgm|tiff?)"

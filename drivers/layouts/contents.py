@@ -12,14 +12,9 @@ from drivers.calibration import CameraCalibration, DepthCameraCalibration
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, read_trajectory_rows
 from drivers.core.trajectory_files import assumed_stamp, pose_from_matrix
-from drivers.recording import (
-    BgrImage,
-    DepthImage,
-    FramePair,
-    RecordedFrames,
-    UnreadableFrameError,
-)
-from drivers.tum import ListedImage
+from drivers.recording.image_decoding import BgrImage, DepthImage, UnreadableFrameError
+from drivers.recording.recorded_frames import FramePair, RecordedFrames
+from drivers.tum.index_files import ListedImage
 
 # A saturated 16-bit value: 7-Scenes has it for pixels without a reading.
 NO_READING = 65535

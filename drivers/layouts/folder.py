@@ -17,8 +17,9 @@ from drivers.layouts.color_depth_folders import (
 from drivers.layouts.contents import FolderContents
 from drivers.layouts.frame_files import has_frame_files, read_frame_files
 from drivers.layouts.icl_nuim import is_icl_nuim, read_icl_nuim
-from drivers.recording import Recording
-from drivers.tum import check_frames, open_tum_folder, read_accelerometer
+from drivers.recording.recording import Recording
+from drivers.tum.accelerometer import read_accelerometer
+from drivers.tum.folder import check_frames, open_tum_folder
 
 
 @dataclass(frozen=True)

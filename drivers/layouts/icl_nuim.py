@@ -14,8 +14,8 @@ from drivers.core.trajectory_files import (
     read_icl_nuim_trajectory,
 )
 from drivers.layouts.contents import AT_30_HZ, FolderContents, make_image
-from drivers.recording import FramePair, RecordedFrames
-from drivers.tum import read_associations, read_rows
+from drivers.recording.recorded_frames import FramePair, RecordedFrames
+from drivers.tum.index_files import read_associations, read_rows
 
 ASSOCIATIONS_FILE = "associations.txt"
 ICL_NUIM_CAMERA = CameraCalibration(640, 480, 481.2, 480.0, 319.5, 239.5, NO_DISTORTION, 5000.0)

@@ -22,7 +22,7 @@ from drivers.camera import (
     is_serial,
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError
-from drivers.openni2 import OniFrame, OpenNI2, OpenNI2Error, SensorType
+from drivers.openni2.bindings import OniFrame, OpenNI2, OpenNI2Error, SensorType
 from drivers.openni2.configure import configure_device, start_streams
 from drivers.openni2.device import open_device
 from drivers.openni2.rectify import CalibrationFile, make_rectifier

@@ -6,7 +6,13 @@ from collections.abc import Sequence
 from drivers.calibration import CameraCalibration
 from drivers.camera import SensorConfig
 from drivers.core import InputError
-from drivers.openni2 import OpenNI2Error, PixelFormat, SensorType, StreamProperty, VideoMode
+from drivers.openni2.bindings import (
+    OpenNI2Error,
+    PixelFormat,
+    SensorType,
+    StreamProperty,
+    VideoMode,
+)
 from drivers.openni2.device import OpenNI2Device
 from drivers.openni2.rectify import CalibrationFile, DepthRegistration, Size, SourceProperties
 from drivers.openni2.stream import DEPTH_FACTORS, TO_BGR, OpenNI2Stream

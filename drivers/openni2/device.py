@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.core import CameraError, CameraNotFoundError
-from drivers.openni2 import (
+from drivers.openni2.bindings import (
     DEVICE_CALLBACK,
     MAX_TEXT_BYTES,
     REGISTRATION_DEPTH_TO_COLOR,

@@ -19,7 +19,7 @@ from drivers.camera import (
     SensorConfig,
 )
 from drivers.core import CameraError
-from drivers.openni2 import OpenNI2, SensorType
+from drivers.openni2.bindings import OpenNI2, SensorType
 from drivers.openni2.oni_index import OniIndex, read_oni_index
 from drivers.openni2.oni_player import OniPlayer, make_playback_scheduler
 from drivers.openni2.rectify import CalibrationFile, make_rectifier

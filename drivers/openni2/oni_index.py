@@ -17,8 +17,8 @@ import numpy as np
 from drivers.camera import MAX_PAIR_SKEW_US
 from drivers.core import InputError
 from drivers.core.input_files import open_input
-from drivers.openni2 import SensorType
-from drivers.recording import pair_nearest
+from drivers.openni2.bindings import SensorType
+from drivers.recording.pairing import pair_nearest
 
 FILE_HEADER = struct.Struct("<4sBBHIQI")
 RECORD_HEADER = struct.Struct("<5IQ")

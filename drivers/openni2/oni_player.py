@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drivers.camera import FrameTimeout, PlaybackMode
 from drivers.core import CameraError, InputError
-from drivers.openni2 import (
+from drivers.openni2.bindings import (
     DeviceProperty,
     OniFrame,
     OpenNI2,

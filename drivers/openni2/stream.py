@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.openni2 import (
+from drivers.openni2.bindings import (
     Cropping,
     OniFrame,
     OpenNI2Error,

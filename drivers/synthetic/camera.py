@@ -20,7 +20,7 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Trajectory, Vector
-from drivers.synthetic import Fault, FaultKind, SyntheticConfig
+from drivers.synthetic.config import Fault, FaultKind, SyntheticConfig
 from drivers.synthetic.frame_provider import (
     BackgroundFrameProvider,
     FrameProvider,

@@ -8,8 +8,8 @@ import numpy as np
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, transform_points
-from drivers.synthetic import DynamicObjectConfig, DynamicObjectKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, CubicSpline, rotations_from_vectors
+from drivers.synthetic.config import DynamicObjectConfig, DynamicObjectKind, SyntheticConfig
 from drivers.synthetic.furniture import Solids
 from drivers.synthetic.prints import picture, poster
 from drivers.synthetic.solids import Solid, SolidKind, make_solid

@@ -12,7 +12,7 @@ from drivers.core import CameraLostError
 from drivers.core.process.messages import WorkerFailed
 from drivers.core.process.worker_process import WorkerProcess
 from drivers.core.process.worker_spec import WorkerSpec
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import (
     ReaderPosition,
     RenderedSequence,

@@ -12,7 +12,6 @@ from drivers.core.geometry import (
     read_trajectory,
     so3_exp,
 )
-from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import (
     CameraMotion,
     CubicSpline,
@@ -21,6 +20,7 @@ from drivers.synthetic.camera_motion import (
     rotations_from_vectors,
     smootherstep,
 )
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.human_motion import (
     ROOM_SWEEP,
     FloorMotion,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from drivers.core import CameraError, InputError
 from drivers.core.input_files import read_input
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 
 MAX_SEQUENCE_BYTES = 3 << 30

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from drivers.calibration import Undistorter
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
-from drivers.synthetic import SyntheticConfig, sensors
+from drivers.synthetic import sensors
 from drivers.synthetic.camera_motion import CameraMotion
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.dynamic_objects import DynamicObject, make_dynamic_objects
 from drivers.synthetic.lighting import make_lights
 from drivers.synthetic.motions import make_motion

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from drivers.synthetic import ColorSensorModel, DepthSensorModel
+from drivers.synthetic.config import ColorSensorModel, DepthSensorModel
 from drivers.synthetic.raycast import FAR_M, Floats
 
 MAX_BLUR_TAPS = 12

@@ -20,7 +20,7 @@ from drivers.core import InputError, UserFacingError
 from drivers.core.files import AppendOnlyFile, atomic_write
 from drivers.core.geometry import Trajectory, Vector, format_pose_line
 from drivers.core.write_errors import WriteError, creating
-from drivers.recording.frames import (
+from drivers.recording.frame_encoding import (
     EARLIEST_STAMPS,
     ColorFormat,
     EncodedFrame,
@@ -30,7 +30,7 @@ from drivers.recording.frames import (
     format_stamp,
     round_to_microseconds,
 )
-from drivers.tum import AccelerometerWriter
+from drivers.tum.accelerometer import AccelerometerWriter
 
 _log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.covariance import NormalizedErrorCollector, make_configs
 from drivers.core.geometry import Array, inverse, rigid_transform
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 SIGMA = 0.01
 

@@ -22,9 +22,10 @@ from benchmarks.tracking import TrackedSequence
 from drivers.camera import PinholeCamera
 from drivers.core import InputError
 from drivers.core.geometry import Trajectory, rigid_transform
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.fakes import make_frame
-from vo_service.types import Estimate, TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import TrackingState
 
 ROOM = Path("room")
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)

@@ -17,8 +17,8 @@ from benchmarks.odometry import (
 )
 from tests.forked_process import run_module
 from tests.vo_service.odometry.synthetic_views import make_frame, render_corner
-from vo_service import odometry
-from vo_service.types import NullStageTimer
+from vo_service.odometry import stage_timers
+from vo_service.types.odometry import NullStageTimer
 
 FRAMES_MS = [{"align": 2.0, WHOLE_FRAME: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0, WHOLE_FRAME: 10.0}]
 
@@ -30,7 +30,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, StageTiming]:
     """Stages with a budget of 2.5 ms for align, and 5 ms for a stage that never runs."""
-    monkeypatch.setitem(odometry.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
+    monkeypatch.setitem(stage_timers.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
     return compare_with_budget("slow", FRAMES_MS)
 
 
@@ -54,7 +54,7 @@ def test_an_exceeded_budget_is_reported_and_the_whole_frame_has_the_sum(
 def test_a_stage_over_its_budget_is_exit_code_1(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(odometry.STAGE_BUDGETS_MS, "direct", {"images": 1e6, "align": 1e-9})
+    monkeypatch.setitem(stage_timers.STAGE_BUDGETS_MS, "direct", {"images": 1e6, "align": 1e-9})
     assert main(["odometry", "budget", str(recording)]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == [
@@ -67,7 +67,7 @@ def test_a_stage_over_its_budget_is_exit_code_1(
 def test_every_nth_frame_within_its_budget_passes(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(odometry.STAGE_BUDGETS_MS, "direct", {"images": 1e6})
+    monkeypatch.setitem(stage_timers.STAGE_BUDGETS_MS, "direct", {"images": 1e6})
     assert main(["odometry", "budget", str(recording), "--every", "4"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in lines[2:4]] == [["images", "3"], ["align", "2"]]

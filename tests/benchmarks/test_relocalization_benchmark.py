@@ -27,11 +27,12 @@ from benchmarks.relocalization import (
 from benchmarks.tours import compute_true_poses, make_tour_config
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.sensors import RenderedImages
 from tests.vo_service.fakes import make_frame
-from vo_service.odometry import METHODS, MethodConfig
-from vo_service.types import Estimate, NullStageTimer
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import NullStageTimer
 
 CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)

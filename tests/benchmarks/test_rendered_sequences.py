@@ -14,8 +14,8 @@ from benchmarks.rendered_sequences import (
 )
 from drivers.camera import PinholeCamera
 from drivers.core import InputError
-from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig
-from drivers.tum import open_tum_folder
+from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
+from drivers.tum.folder import open_tum_folder
 
 pytestmark = pytest.mark.slow
 

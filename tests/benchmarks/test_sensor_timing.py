@@ -25,7 +25,8 @@ from benchmarks.tracking import Accuracy, TrackedSequence
 from drivers.camera import PinholeCamera, TimingSource
 from drivers.core import InputError
 from tests.vo_service.fakes import good_estimate, make_frame
-from vo_service.types import OnlineTiming, TrackingState
+from vo_service.types.estimate import OnlineTiming
+from vo_service.types.odometry_update import TrackingState
 
 SMALL = PinholeCamera(160, 120, 131.25, 131.25, 79.5, 59.5)
 GOOD = Accuracy(frames=90, failed=0, resets=0, ate_m=0.002, global_m=0.003, rpe_1s_m=0.001)

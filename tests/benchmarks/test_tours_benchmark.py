@@ -25,10 +25,10 @@ from benchmarks.tours import (
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory, inverse
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import make_renderer
 from tests.vo_service.fakes import make_frame
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 LOST = 3

@@ -13,7 +13,7 @@ import pytest
 
 from tests import forked_process
 from tests.docs.blocks import ROOT, Block, blocks_of, guide_blocks
-from vo_service.cli import COMMANDS, make_parser
+from vo_service.cli.command_line import COMMANDS, make_parser
 from vo_service.config import read_config
 
 REASONS = {

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers import CameraError, CameraLostError, InputError, open_camera
+from drivers import CameraError, CameraLostError, InputError
 from drivers.camera import CameraState, CameraStatus
+from drivers.registry import open_camera
 from tests.conftest import FRAMES
 from tests.vo_service.fakes import ScriptedCamera, make_frame
 

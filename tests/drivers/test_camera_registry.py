@@ -4,15 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers import (
-    CAMERA_USAGES,
-    CAMERAS,
-    SENSORS,
-    make_reconnecting,
-    open_camera,
-)
 from drivers.camera import Clock, PlaybackMode
 from drivers.core import InputError
+from drivers.registry import CAMERA_USAGES, CAMERAS, SENSORS, make_reconnecting, open_camera
 from drivers.subprocess_camera.camera import SubprocessCamera
 
 

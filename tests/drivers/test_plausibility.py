@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers import open_camera
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
 from drivers.core import InputError
 from drivers.plausibility import (
@@ -22,6 +21,7 @@ from drivers.plausibility import (
     measure_depth_step,
 )
 from drivers.recording_camera import RecordingCamera, log_implausible, open_recording
+from drivers.registry import open_camera
 from tests.drivers.conftest import FolderMaker
 from vo_service.config import read_config
 

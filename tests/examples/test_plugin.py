@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers import CAMERAS, open_camera
 from drivers.camera import PlaybackMode
 from drivers.core import InputError
+from drivers.registry import CAMERAS, open_camera
 from tests.simulators.requirements import skip_or_fail
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import Renderer, make_renderer
 from tests.drivers.synthetic.cached_cameras import fill_sequence
 from tests.golden.trajectories import (

@@ -26,15 +26,15 @@ import numpy as np
 
 from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera
 from drivers.recording_camera import RecordingCamera
-from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import run_replay
 from vo_service.config import Config, OdometryConfig
 from vo_service.frame_source import FrameSource
-from vo_service.odometry import METHODS
+from vo_service.odometry.registry import METHODS
 from vo_service.signals import StopSignal
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 FILE = Path(__file__).with_name("trajectories.json")
 FRAMES = 60

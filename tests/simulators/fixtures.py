@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.core import UserFacingError
-from drivers.openni2 import SONAME as LIBOPENNI2
+from drivers.openni2.bindings import SONAME as LIBOPENNI2
 from tests.simulators.freenect_probe import SONAME as LIBFREENECT
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.simulators.libusb_build import SONAME, libusb_folder

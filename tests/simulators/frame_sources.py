@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import RgbdCamera
-from drivers.tum import open_tum_folder
+from drivers.tum.folder import open_tum_folder
 from tests.simulators.raw_depth import fit_scale
 from tests.simulators.usb_frames import ColorBgr, DepthMm, UsbFrames, write_usb_frames
 

@@ -13,8 +13,8 @@ from typing import NoReturn
 
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import cache_folder
-from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
 from tests.simulators.fault_script import FAULT_NAMES, parse_fault, run_command, schedule_faults
 from tests.simulators.frame_sources import camera_frames, folder_frames, write_fitted_usb_frames
 from tests.simulators.kinect_simulator import (

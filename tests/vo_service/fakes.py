@@ -19,7 +19,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.geometry import Array
-from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
+from vo_service.types.estimate import Estimate
 from vo_service.types.messages import (
     CameraReport,
     MapReport,
@@ -28,6 +28,7 @@ from vo_service.types.messages import (
     TimingReport,
     TrackingReport,
 )
+from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
 STEP_COVARIANCE = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])

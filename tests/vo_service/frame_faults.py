@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, RgbdCamera, RgbdFrame
-from drivers.synthetic import Fault, FaultKind
 from drivers.synthetic.camera import FaultInjector
+from drivers.synthetic.config import Fault, FaultKind
 from drivers.synthetic.sensors import RenderedImages
 from tests.vo_service.corner_sequence import corner_pose
 from tests.vo_service.odometry.synthetic_views import render_corner

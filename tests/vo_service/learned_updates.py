@@ -9,7 +9,8 @@ from drivers.camera import RgbdFrame, TimingPrior
 from tests.vo_service.fakes import good_estimate, make_frame
 from tests.vo_service.outputs.recorder.recorder_inputs import make_update
 from vo_service.sensor_memory import RememberedFocalLength, RememberedSensor
-from vo_service.types import LEARNED_TIMING, OdometryUpdate, OnlineFocalLength, OnlineTiming
+from vo_service.types.estimate import LEARNED_TIMING, OnlineFocalLength, OnlineTiming
+from vo_service.types.odometry_update import OdometryUpdate
 
 SERIAL = "A00123456789012A"
 LEARNED = RememberedSensor(SERIAL, 0.0305, -0.0027, 0.0012, 0.0006)

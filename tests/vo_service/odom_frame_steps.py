@@ -5,7 +5,8 @@ import numpy as np
 from drivers.core.geometry import R_BODY_OPTICAL, Array, rigid_transform, so3_exp
 from tests.vo_service.fakes import good_estimate, make_frame
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.types import Estimate, OdometryUpdate
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import OdometryUpdate
 
 RATE_HZ = 30.0
 T_BASE_CAMERA_AHEAD = rigid_transform(

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.types import MapSnapshot, Odometry
+from vo_service.types.map_snapshot import MapSnapshot
+from vo_service.types.odometry import Odometry
 
 
 def make_map(keyframes: int = 4, **changes: Any) -> MapSnapshot:

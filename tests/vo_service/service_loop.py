@@ -13,9 +13,9 @@ from tests.vo_service.fakes import (
 from vo_service.control import CommandQueue, Control
 from vo_service.frame_source import FrameSource, PublishClock, RecordedClock
 from vo_service.odom_frame import OdomFrame
-from vo_service.odometry import CpuStageTimer
+from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.service import Estimator, Service, ServiceInput
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 from vo_service.types.outputs import LoopClosure, NullLoopClosure, Output
 
 

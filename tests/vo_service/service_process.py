@@ -25,11 +25,12 @@ KINECT_VO_WITH_LONG_TIMEOUT = (
     sys.executable,
     "-c",
     """\
-from vo_service import cli, signals
+from vo_service import signals
+from vo_service.cli import command_line
 
 force_exit_after = signals.force_exit_after
 signals.force_exit_after = lambda stop, timeout_s: force_exit_after(stop, 100.0)
-cli.main()
+command_line.main()
 """,
 )
 # Kernels that nobody has compiled yet, on a machine that is busy.

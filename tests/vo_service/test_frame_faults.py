@@ -29,7 +29,7 @@ from vo_service.frame_source import FrameSource, LiveClock
 from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.signals import StopSignal
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

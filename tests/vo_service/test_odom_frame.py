@@ -20,7 +20,8 @@ from tests.vo_service.odom_frame_steps import (
     update_frame,
 )
 from vo_service.odom_frame import OdomFrame
-from vo_service.types import Estimate, TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import TrackingState
 
 
 @pytest.mark.parametrize(

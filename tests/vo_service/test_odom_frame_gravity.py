@@ -17,7 +17,8 @@ from drivers.core.geometry import (
 )
 from tests.vo_service.fakes import failed_estimate, good_estimate, make_frame
 from vo_service.odom_frame import OdomFrame, StampedFrame
-from vo_service.types import Estimate, LevelSource, OdometryUpdate
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import LevelSource, OdometryUpdate
 
 RATE_HZ = 30.0
 LEVEL: Vector = (0.0, 9.80665, 0.0)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.synthetic import MotionKind, SyntheticConfig
-from drivers.tum import open_tum_folder
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.tum.folder import open_tum_folder
 from tests.vo_service.cli.cli_runner import run_in_process
 from vo_service.config import read_config
 

@@ -28,8 +28,9 @@ from tests.vo_service.sample_map import FixedLoopClosure, make_map
 from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
 from vo_service.frame_source import FrameSource, LiveClock, LiveSource, RecordedClock
-from vo_service.odometry import STAGE_BUDGETS_MS
-from vo_service.types import Estimate, TrackingState
+from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import TrackingState
 
 
 @pytest.fixture

@@ -16,8 +16,8 @@ from tests.vo_service.service_loop import make_service
 from vo_service import service as service_module
 from vo_service.control import CommandQueue
 from vo_service.frame_source import FrameSource
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import Command, PauseCommand, ResetCommand, ResumeCommand
+from vo_service.types.odometry_update import OdometryUpdate
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ from drivers.camera import RgbdFrame
 from tests.vo_service.fakes import FakeClock, failed_estimate, good_estimate, make_frame
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.service import ServiceStatistics
-from vo_service.types import Estimate, OdometryUpdate
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import OdometryUpdate
 
 
 def result(

@@ -6,10 +6,10 @@ import logging
 from datetime import date
 from pathlib import Path
 
-from drivers import CAMERA_USAGES
 from drivers.core import InputError
 from drivers.core.files import check_suffix
 from drivers.core.write_errors import check_output_file
+from drivers.registry import CAMERA_USAGES
 from vo_service.cli.calibrate_timing import calibrate_timing, save_learnt
 from vo_service.cli.options import add_topics_option
 from vo_service.config import Config, read_config

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers import ONI_SUFFIX, SENSORS
 from drivers.calibration import (
     CAMERA_FILE_NAME,
     CameraCalibration,
@@ -18,10 +17,11 @@ from drivers.calibration import (
 )
 from drivers.core import InputError, UserFacingError
 from drivers.recording_camera import RecordingFormat, recording_format
+from drivers.registry import ONI_SUFFIX, SENSORS
 from vo_service.cli.options import requested_topics, run_warm_up
 from vo_service.cli.recordings import open_requested
 from vo_service.config import Config, read_config
-from vo_service.odometry import warm_up
+from vo_service.odometry.warm_up import warm_up
 from vo_service.sensor_memory import (
     SAME_FOCAL_PX,
     RememberedSensor,

@@ -7,8 +7,8 @@ import json
 from drivers.core import InputError, UserFacingError
 from drivers.core.config import typed_fields
 from vo_service.cli.options import add_connection_options, parse_seconds
-from vo_service.client import REPLY_TIMEOUT_S, PoseClient
 from vo_service.client.connection import CommandRefused, ServiceUnavailable
+from vo_service.client.pose_client import REPLY_TIMEOUT_S, PoseClient
 from vo_service.types.commands import COMMANDS, Command
 
 _EPILOG = """\

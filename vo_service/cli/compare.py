@@ -18,7 +18,7 @@ from vo_service.cli.options import (
     parse_seconds,
     requested_topics,
 )
-from vo_service.odometry import METHODS
+from vo_service.odometry.registry import METHODS
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark import RunState

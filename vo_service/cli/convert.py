@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from drivers.recording import Recording
+from drivers.recording.recording import Recording
 from drivers.recording_camera import log_implausible
 from vo_service.cli.options import add_camera_file_option, add_topics_option
 from vo_service.cli.recordings import RECORDING_HELP, open_and_announce

@@ -7,12 +7,12 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from drivers import open_camera
 from drivers.camera import PlaybackMode
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Trajectory, format_pose_line
 from drivers.core.write_errors import create_output_folder
-from drivers.synthetic import SyntheticConfig
+from drivers.registry import open_camera
+from drivers.synthetic.config import SyntheticConfig
 from vo_service.app import OutputsConfig, open_frames, open_outputs, run_replay
 from vo_service.cli.options import (
     add_config_options,

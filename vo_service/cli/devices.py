@@ -4,7 +4,7 @@ import argparse
 import json
 from collections.abc import Sequence
 
-from drivers import CAMERAS
+from drivers.registry import CAMERAS
 from vo_service.tools.doctor.camera_checks import (
     ListedDevice,
     list_available_devices,

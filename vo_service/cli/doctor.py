@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from drivers import open_camera
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.registry import open_camera
 from vo_service.cli.options import (
     add_camera_options,
     parse_seconds,

@@ -11,7 +11,7 @@ from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory
 from drivers.core.trajectory_files import read_trajectory_file
 from drivers.layouts import find_layout
 from drivers.recording_camera import RecordingFormat, recording_format
-from drivers.tum import read_frame_pairs
+from drivers.tum.folder import read_frame_pairs
 from drivers.tum.ground_truth import TRUTH_FILES, find_ground_truth, read_ground_truth
 from vo_service.cli.options import add_topics_option, parse_finite, parse_seconds
 from vo_service.cli.recordings import open_and_announce

@@ -13,14 +13,15 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from drivers import CAMERA_USAGES, describe_cameras
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
 from drivers.core.files import cache_folder, kernel_folder
 from drivers.core.jit import interruptible
+from drivers.registry import CAMERA_USAGES, describe_cameras
 from vo_service.config import Config, read_config
 from vo_service.config_tables import DEFAULT_ENDPOINT, LogConfig, LogLevel
-from vo_service.odometry import METHODS, TIMING_MODES, warm_up
+from vo_service.odometry.registry import METHODS, TIMING_MODES
+from vo_service.odometry.warm_up import warm_up
 from vo_service.signals import StopSignal
 from vo_service.terminal import Terminal
 

@@ -19,7 +19,7 @@ from drivers.core.geometry import (
     read_trajectory,
 )
 from drivers.core.write_errors import create_output_folder
-from drivers.recording import Recording
+from drivers.recording.recording import Recording
 from drivers.recording_camera import RecordingCamera
 from vo_service.app import run_replay
 from vo_service.cli.loop_closure_options import make_loop_closure

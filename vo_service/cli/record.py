@@ -10,7 +10,6 @@ from itertools import chain, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers import open_camera
 from drivers.camera import (
     CameraState,
     EndOfStream,
@@ -22,9 +21,10 @@ from drivers.camera import (
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import Trajectory
 from drivers.recording.bag_names import is_bag_file
-from drivers.recording.frames import ColorFormat
+from drivers.recording.frame_encoding import ColorFormat
 from drivers.recording_camera import check_bag_packages
-from drivers.synthetic import SyntheticConfig
+from drivers.registry import open_camera
+from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter
 from vo_service.cli.options import add_camera_options, parse_seconds, requested_topics
 from vo_service.config import Config, read_config

@@ -19,7 +19,7 @@ from vo_service.odometry.depth import fit_inverse_depth
 from vo_service.odometry.depth_grid import NO_DEPTH, DepthGrid
 from vo_service.odometry.surf import Features
 from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
-from vo_service.types import TrackingDebug
+from vo_service.types.estimate import TrackingDebug
 
 # Smallest likelihood ratio of a right motion to chance: one in a million tries is right, and one in
 # a thousand accepted motions may be wrong.

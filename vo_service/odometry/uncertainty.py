@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, transport_covariance
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 # Standard deviation of 1/z of one pixel, in 1/m. The Kinect reports disparity in steps of 1/8
 # pixel, which at a baseline of 75 mm and a focal length of 580 pixels is 2.9e-3 1/m; the noise is

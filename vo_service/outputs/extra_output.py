@@ -6,8 +6,8 @@ from collections.abc import Callable
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
 from vo_service.config import OUTPUTS
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import Output
 
 logger = logging.getLogger(__name__)

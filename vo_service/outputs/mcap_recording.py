@@ -34,7 +34,6 @@ from vo_service.ros_messages import (
     encode_string,
     encode_transforms,
 )
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import (
     FrameIds,
     Status,
@@ -44,6 +43,7 @@ from vo_service.types.messages import (
     pose_transforms,
     timing_payload,
 )
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
 logger = logging.getLogger(__name__)

@@ -1,8 +1,8 @@
 """Progress on the terminal."""
 
 from vo_service.terminal import Terminal
-from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 from vo_service.types.outputs import OutputBase
 
 

@@ -7,8 +7,8 @@ import time
 from drivers.camera import CameraState
 from vo_service.frame_source import RECORDING_ENDED
 from vo_service.terminal import SLOW_AFTER_S, announce
-from vo_service.types import TrackingState
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import TrackingState
 from vo_service.types.outputs import OutputBase
 
 logger = logging.getLogger(__name__)

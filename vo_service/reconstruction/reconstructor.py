@@ -11,7 +11,7 @@ from drivers.camera import EndOfStream, FrameTimeout, PinholeCamera, RgbdCamera,
 from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory, nearest_indices
 from vo_service.reconstruction.mesh import Mesh, UpDirectionEstimator
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 from vo_service.types.outputs import OutputBase
 
 

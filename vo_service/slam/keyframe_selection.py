@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.core.geometry import Array, inverse, so3_log
 from vo_service.odometry.uncertainty import CovarianceAccumulator
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 STEP_M = 0.15
 STEP_RAD = math.radians(10.0)

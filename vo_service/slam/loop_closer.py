@@ -26,7 +26,7 @@ from vo_service.slam.map_file import MapContents
 from vo_service.slam.place_recognizer import PlaceMatch, PlaceRecognizer
 from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval, PoseGraph
 from vo_service.slam.relocalization import RelocalizationResult
-from vo_service.types import MapSnapshot
+from vo_service.types.map_snapshot import MapSnapshot
 
 # A loop that differs from the map by more than this calls for an optimization.
 MIN_CORRECTION_M, MIN_CORRECTION_RAD = 0.005, 0.005

@@ -13,7 +13,10 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, orthonormalize, poses_close
-from vo_service.types import NO_MAP, Estimate, MapSnapshot, Odometry, OdometryUpdate
+from vo_service.types.estimate import Estimate
+from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
+from vo_service.types.odometry import Odometry
+from vo_service.types.odometry_update import OdometryUpdate
 
 # The search ends after this many tracked frames: a second.
 MAX_SEARCH_FRAMES = 30

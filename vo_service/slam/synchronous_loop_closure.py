@@ -10,7 +10,7 @@ from drivers.camera import RgbdFrame
 from drivers.core.files import MEGABYTE
 from drivers.core.geometry import Trajectory, inverse
 from vo_service.config_tables import MapConfig
-from vo_service.odometry import run_warm_up_frames
+from vo_service.odometry.warm_up import run_warm_up_frames
 from vo_service.slam.keyframe_database import KeyframeDatabase, MapKeyframe
 from vo_service.slam.keyframe_selection import ConstraintAccumulator, OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation, LoopCloser
@@ -18,7 +18,9 @@ from vo_service.slam.map_file import MapContents
 from vo_service.slam.place_recognizer import PlaceRecognizer
 from vo_service.slam.pose_graph import OptimizedTrajectory, PoseGraph
 from vo_service.slam.relocalization import RelocalizationResult, RelocalizingOdometry
-from vo_service.types import Estimate, Odometry, OdometryUpdate
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import Odometry
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import OutputBase
 
 

@@ -19,23 +19,17 @@ from drivers.core import InputError
 from drivers.core.files import check_suffix
 from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, Vector
 from drivers.core.write_errors import WriteError
-from drivers.recording import (
-    JPEG_START,
-    AccelerometerSeries,
-    BagTopicsInUse,
-    BgrImage,
-    DepthImage,
-    FramePair,
-    Recording,
-    UnreadableFrameError,
-)
-from drivers.recording.frames import (
+from drivers.recording.accelerometer import AccelerometerSeries
+from drivers.recording.frame_encoding import (
     ColorFormat,
     EncodedFrame,
     FrameStamps,
     calibration_of_frame,
     encode_image,
 )
+from drivers.recording.image_decoding import JPEG_START, BgrImage, DepthImage, UnreadableFrameError
+from drivers.recording.recorded_frames import FramePair
+from drivers.recording.recording import BagTopicsInUse, Recording
 from drivers.recording_camera import FrameReader, check_bag_packages
 from drivers.tum.writer import TumWriter
 

@@ -23,15 +23,10 @@ from vo_service.ros_messages import (
     encode_odometry,
     encode_transform,
 )
-from vo_service.types import (
-    NO_MAP,
-    LevelSource,
-    OdometryUpdate,
-    OnlineFocalLength,
-    OnlineTiming,
-    TrackingState,
-)
 from vo_service.types.commands import ErrorCode
+from vo_service.types.estimate import OnlineFocalLength, OnlineTiming
+from vo_service.types.map_snapshot import NO_MAP
+from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
 
 # Fields that other messages have too.
 EpochNumber = Annotated[int, "changes whenever the pose is not continuous with the one before"]

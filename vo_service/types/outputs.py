@@ -6,9 +6,11 @@ from typing import Protocol
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Trajectory
 from vo_service.config_tables import MapConfig, RecorderConfig
-from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 from vo_service.types.commands import NotPossibleError
+from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.messages import MapState, Status
+from vo_service.types.odometry import Odometry
+from vo_service.types.odometry_update import OdometryUpdate
 
 # Returns the ground truth, or None. Called after the first frame: before it, a live camera's ground
 # truth has no stamps.

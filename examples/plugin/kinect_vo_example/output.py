@@ -6,8 +6,8 @@ import numpy as np
 
 from drivers.camera import PlaybackMode
 from drivers.core import InputError
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 
 class DistanceOutput:

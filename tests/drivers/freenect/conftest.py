@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from drivers.camera import SensorConfig
-from drivers.freenect import PACKAGE, SONAME
+from drivers.freenect.bindings import PACKAGE, SONAME
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.sources import KinectSource

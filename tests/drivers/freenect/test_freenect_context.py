@@ -5,8 +5,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from drivers.core import CameraError
-from drivers.freenect import LibfreenectLog, TimeValue
+from drivers.freenect.bindings import TimeValue
 from drivers.freenect.context import FreenectContext
+from drivers.freenect.log import LibfreenectLog
 
 
 def library(**answers: int) -> Any:

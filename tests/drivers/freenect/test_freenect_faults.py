@@ -6,7 +6,7 @@ import pytest
 
 from drivers.camera import CameraState, FrameTimeout, RgbdFrame
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError
-from drivers.freenect import load_library
+from drivers.freenect.bindings import load_library
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.sources import list_kinects
 from tests.drivers.freenect.conftest import MakeCamera

@@ -2,8 +2,8 @@
 
 import time
 
-from drivers import open_camera
 from drivers.camera import CameraState
+from drivers.registry import open_camera
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.waiting import wait_until
 

@@ -2,7 +2,7 @@ import logging
 
 import pytest
 
-from drivers.freenect import LibfreenectLog
+from drivers.freenect.log import LibfreenectLog
 
 INFO, WARNING, ERROR, SPEW = 4, 2, 1, 6
 

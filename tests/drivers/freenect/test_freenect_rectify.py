@@ -12,7 +12,7 @@ from drivers.calibration import (
     format_calibration,
 )
 from drivers.core import InputError
-from drivers.freenect import DepthFormat
+from drivers.freenect.bindings import DepthFormat
 from drivers.freenect.rectify import DEFAULT_CALIBRATION, KinectRectifier
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.simulators.fixtures import FRAME_COUNT, pattern_frame

@@ -5,8 +5,6 @@ from collections.abc import Callable
 import pytest
 
 from drivers.core import CameraNotFoundError
-from drivers.kinect_usb import SensorModel as Label
-from drivers.kinect_usb import UsbRole, find_usb_id
 from drivers.kinect_usb.usb_devices import (
     UsbDevice,
     find_connected_sensors,
@@ -14,6 +12,8 @@ from drivers.kinect_usb.usb_devices import (
     find_usb_devices,
     group_by_sensor,
 )
+from drivers.kinect_usb.usb_ids import SensorModel as Label
+from drivers.kinect_usb.usb_ids import UsbRole, find_usb_id
 from tests.simulators.kinect_simulator import KinectModel, KinectSimulator, simulator_environment
 
 PlugIn = Callable[..., KinectSimulator]

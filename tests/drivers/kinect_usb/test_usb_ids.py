@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.kinect_usb import (
+from drivers.kinect_usb.usb_ids import (
     SUPPORTED_IDS,
     UNSUPPORTED_IDS,
     SensorModel,

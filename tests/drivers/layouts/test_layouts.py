@@ -11,7 +11,7 @@ from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
 from drivers.layouts import open_folder
-from drivers.recording import Recording
+from drivers.recording.recording import Recording
 from drivers.recording_camera import FrameReader, RecordingCamera
 from tests.drivers.layouts.layout_writers import WRITERS, Frame, save, write_redwood
 

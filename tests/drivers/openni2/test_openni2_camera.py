@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers import openni2
 from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import CameraState, Clock, FrameTimeout, SensorConfig
 from drivers.core import (
@@ -23,6 +22,7 @@ from drivers.core import (
     InputError,
     UserFacingError,
 )
+from drivers.openni2 import bindings
 from drivers.openni2.camera import OpenNI2Camera
 from drivers.openni2.device import list_devices
 from tests.drivers.openni2.conftest import CAMERA_FILE, DEPTH_CAMERA, make_image, make_images
@@ -188,7 +188,7 @@ def test_playing_recording_is_not_listed_as_a_device(
 
 
 def test_missing_library_is_one_line_with_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(openni2, "SONAME", "libNotHere.so.0")
+    monkeypatch.setattr(bindings, "SONAME", "libNotHere.so.0")
     with pytest.raises(UserFacingError, match="apt install libopenni2-0"):
         OpenNI2Camera().open()
 

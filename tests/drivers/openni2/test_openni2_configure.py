@@ -7,7 +7,7 @@ import pytest
 
 from drivers.calibration import CameraCalibration
 from drivers.core import InputError
-from drivers.openni2 import PixelFormat, SensorType, VideoMode
+from drivers.openni2.bindings import PixelFormat, SensorType, VideoMode
 from drivers.openni2.configure import choose_video_mode
 from drivers.openni2.device import OpenNI2Device
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.recording import (
+from drivers.recording.image_decoding import (
     PNG_SIGNATURE,
-    FramePair,
     UnreadableFrameError,
     stored_color,
     stored_depth,
 )
-from drivers.tum import ListedImage
+from drivers.recording.recorded_frames import FramePair
+from drivers.tum.index_files import ListedImage
 
 SIZE = (64, 48)
 COLOR = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)

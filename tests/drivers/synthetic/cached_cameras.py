@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
-from drivers.synthetic import Fault, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import Fault, SyntheticConfig
 from drivers.synthetic.pacing import HostClock
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.renderer import Renderer

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.synthetic import SyntheticConfig, texture_atlas
+from drivers.synthetic import texture_atlas
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, RoomModel
 from drivers.synthetic.room import ROOM_HEIGHT_M

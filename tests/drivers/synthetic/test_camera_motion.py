@@ -18,8 +18,8 @@ from drivers.core.geometry import (
     so3_exp,
     transform_points,
 )
-from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CubicSpline
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import make_renderer, pixel_rays
 from drivers.synthetic.room import ROOM_HEIGHT_M

@@ -3,7 +3,7 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, rigid_transform
-from drivers.synthetic import ColorSensorModel, SyntheticConfig
+from drivers.synthetic.config import ColorSensorModel, SyntheticConfig
 from drivers.synthetic.renderer import pixel_rays
 from drivers.synthetic.sensors import expose, gain_at, motion_blur, vignetting_map
 

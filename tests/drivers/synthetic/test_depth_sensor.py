@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.synthetic import DepthSensorModel
+from drivers.synthetic.config import DepthSensorModel
 from drivers.synthetic.sensors import measure_depth, register_depth
 
 QUIET = DepthSensorModel(

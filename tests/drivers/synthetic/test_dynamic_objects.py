@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core import InputError
 from drivers.core.geometry import inverse
-from drivers.synthetic import (
+from drivers.synthetic.config import (
     DynamicObjectConfig,
     DynamicObjectKind,
     MotionKind,

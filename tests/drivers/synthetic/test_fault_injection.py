@@ -5,7 +5,7 @@ import pytest
 
 from drivers.camera import PlaybackMode
 from drivers.core import CameraLostError, CameraNotFoundError
-from drivers.synthetic import Fault, FaultKind, SyntheticConfig
+from drivers.synthetic.config import Fault, FaultKind, SyntheticConfig
 from tests.drivers.synthetic.cached_cameras import CachedCameras, FakeHost, read_frames
 
 

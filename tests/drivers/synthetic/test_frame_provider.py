@@ -14,8 +14,9 @@ import pytest
 from drivers.camera import CameraState, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core import CameraLostError
 from drivers.core.process.worker_spec import WorkerSpec
-from drivers.synthetic import SyntheticConfig, frame_provider
+from drivers.synthetic import frame_provider
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 from drivers.synthetic.sensors import RenderedImages
 from tests.drivers.synthetic import idle_renderer

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.core import CameraError, InputError
-from drivers.synthetic import Fault, FaultKind, MotionKind, SyntheticConfig, rendered_sequence
+from drivers.synthetic import rendered_sequence
+from drivers.synthetic.config import Fault, FaultKind, MotionKind, SyntheticConfig
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,
     SequenceFiles,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import inverse, transform_points
-from drivers.synthetic import ColorSensorModel, MotionKind, ShutterTiming, SyntheticConfig
+from drivers.synthetic.config import ColorSensorModel, MotionKind, ShutterTiming, SyntheticConfig
 from drivers.synthetic.motions import make_motion
 from drivers.synthetic.renderer import Renderer, make_renderer
 from drivers.synthetic.room import ROOM_HEIGHT_M

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import Array, rotation_angle_rad
-from drivers.synthetic import MotionKind, SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.motions import CREEP_SPEED_M_S, make_motion
 from drivers.synthetic.renderer import make_renderer
 

@@ -5,8 +5,8 @@ import pytest
 
 from drivers.camera import Clock, FrameTimeout, PlaybackMode
 from drivers.core import CameraLostError, InputError
-from drivers.synthetic import ColorSensorModel, ShutterTiming, SyntheticConfig
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import ColorSensorModel, ShutterTiming, SyntheticConfig
 from tests.drivers.synthetic.cached_cameras import CachedCameras, FakeHost, read_frames
 
 pytestmark = pytest.mark.slow

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.core import InputError
 from drivers.core.geometry import Array, rotation_angle_rad
-from drivers.synthetic import MotionKind, SyntheticConfig
 from drivers.synthetic.camera_motion import CameraMotion, look_rotations
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.furniture import Solids
 from drivers.synthetic.human_motion import TourMotion
 from drivers.synthetic.motions import make_motion

@@ -11,7 +11,7 @@ from drivers.camera import AccelerometerReading, RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Vector
 from drivers.recording_camera import RecordingCamera
-from drivers.tum import ACCELEROMETER_FILE, AccelerometerWriter, read_accelerometer
+from drivers.tum.accelerometer import ACCELEROMETER_FILE, AccelerometerWriter, read_accelerometer
 from drivers.tum.writer import TumWriter
 
 FolderMaker = Callable[..., Path]

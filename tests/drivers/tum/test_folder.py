@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.core import InputError
-from drivers.tum import open_tum_folder
+from drivers.tum.folder import open_tum_folder
 
 FolderMaker = Callable[..., Path]
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.calibration import find_calibration
 from drivers.core.geometry import is_rigid
-from drivers.tum import open_tum_folder
+from drivers.tum.folder import open_tum_folder
 from drivers.tum.ground_truth import T_BONN_MARKERS_CAMERA, read_ground_truth
 
 FolderMaker = Callable[..., Path]

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core import InputError
-from drivers.tum import ListedImage, read_associations, read_image_list
+from drivers.tum.index_files import ListedImage, read_associations, read_image_list
 
 
 def write(folder: Path, text: str, name: str = "rgb.txt") -> Path:

@@ -11,7 +11,7 @@ import pytest
 
 from tests import forked_process
 from tests.vo_service.service_process import KINECT_VO_WITH_LONG_TIMEOUT
-from vo_service import cli
+from vo_service.cli import command_line
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def run_in_process(capfd: pytest.CaptureFixture[str], *arguments: object) -> Com
     """Run a command in this process; what native libraries print counts too."""
     capfd.readouterr()
     with pytest.raises(SystemExit) as caught:
-        cli.main([str(argument) for argument in arguments])
+        command_line.main([str(argument) for argument in arguments])
     captured = capfd.readouterr()
     return CommandResult(caught.value.code, captured.out, captured.err)
 

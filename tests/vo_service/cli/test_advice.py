@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from vo_service.cli import COMMANDS, make_parser
+from vo_service.cli.command_line import COMMANDS, make_parser
 
 ROOT = Path(__file__).parents[3]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*[a-z0-9]")
@@ -100,4 +100,4 @@ def test_a_named_option_exists_where_it_is_named(path: str) -> None:
 
 def test_the_search_finds_the_options_of_messages() -> None:
     assert ("--camera-file", RECORDING_COMMANDS) in set(named_options("drivers/bag/calibration.py"))
-    assert ("--timing", ("calibrate",)) in set(named_options("vo_service/types/__init__.py"))
+    assert ("--timing", ("calibrate",)) in set(named_options("vo_service/types/estimate.py"))

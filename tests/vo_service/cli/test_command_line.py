@@ -13,8 +13,8 @@ import pytest
 
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.service_process import KINECT_VO
-from vo_service import cli
-from vo_service.cli import COMMANDS, warm_up
+from vo_service.cli import command_line, warm_up
+from vo_service.cli.command_line import COMMANDS
 from vo_service.signals import InterruptedBySignal
 
 
@@ -149,7 +149,9 @@ def test_only_an_error_of_standard_output_is_said_to_be_one(
 
     monkeypatch.setattr("vo_service.cli.udev.run", fail)
     with monkeypatch.context() as patch:
-        patch.setattr(cli, "_discard_buffered_output", lambda: None)  # else nothing is captured
+        patch.setattr(
+            command_line, "_discard_buffered_output", lambda: None
+        )  # else nothing is captured
         outcome = run_in_process(capfd, "udev", "show")
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith(f"kinect-vo: error: {message}")

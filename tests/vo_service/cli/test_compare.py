@@ -23,7 +23,7 @@ from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factorie
 from tests.waiting import wait_until
 from vo_service.cli import compare
 from vo_service.config import Config
-from vo_service.odometry import METHODS
+from vo_service.odometry.registry import METHODS
 from vo_service.tools.benchmark import batch, report
 from vo_service.tools.benchmark.baselines import BASELINES, Baseline, BaselinePackage
 from vo_service.tools.benchmark.methods import METHOD_NAMES
@@ -245,12 +245,12 @@ def test_ctrl_c_leaves_a_report_of_finished_runs(
 SCRIPT = """
 import sys
 from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factories
-from vo_service import cli
+from vo_service.cli import command_line
 from vo_service.cli import compare
 from vo_service.tools.benchmark import batch
 compare.make_method_factories = make_faulty_factories(surf="go on", icp=sys.argv[1])
 batch.collect_versions = dict
-cli.main(["compare", *sys.argv[2:]])
+command_line.main(["compare", *sys.argv[2:]])
 """
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import read_trajectory
-from drivers.synthetic import SyntheticConfig
+from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.cli.cli_runner import run_in_process
 from vo_service.cli import demo
 

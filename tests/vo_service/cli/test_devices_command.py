@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.kinect_usb import SensorModel
+from drivers.kinect_usb.usb_ids import SensorModel
 from drivers.openni2.device import DetectedDevice
 from tests.simulators.kinect_simulator import KinectModel as Played
 from tests.simulators.kinect_simulator import KinectSimulator, simulator_environment

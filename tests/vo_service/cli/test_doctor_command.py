@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.tum import open_tum_folder
+from drivers.tum.folder import open_tum_folder
 from tests.simulators.kinect_simulator import KinectSimulator
 from tests.vo_service.cli.cli_runner import run_in_process
 from tests.vo_service.cli.diagnosis import failed_checks, find_check

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers import SyntheticConfig, open_camera
+from drivers import SyntheticConfig
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import nearest_indices
+from drivers.registry import open_camera
 from tests.drivers.layouts.layout_writers import WRITERS, Frame
 from tests.vo_service.cli.cli_runner import run_in_process
 

@@ -15,8 +15,8 @@ from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason, Servi
 from vo_service.client import connection
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh import open_session
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import PauseCommand
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -13,8 +13,8 @@ from tests.vo_service.outputs.conftest import make_update, status
 from tests.vo_service.outputs.frames.frame_robot import MakeUpdate, Robot, running_robot
 from tests.waiting import wait_until
 from vo_service import FrameClient, FrameUnavailable
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 __all__ = ["make_update", "status"]
 

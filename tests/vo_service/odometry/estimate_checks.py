@@ -3,7 +3,7 @@
 import numpy as np
 
 from drivers.core.geometry import is_rigid
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 
 def assert_valid(estimate: Estimate) -> None:

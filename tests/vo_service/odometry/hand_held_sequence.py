@@ -7,7 +7,8 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, rotation_angle_rad, so3_exp
 from tests.vo_service.odometry.synthetic_views import CAMERA, make_frame, render_corner
-from vo_service.types import Estimate, Odometry
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import Odometry
 
 SHAPE = (CAMERA.height, CAMERA.width)
 BLACK = make_frame(np.zeros(SHAPE, np.uint8), np.full(SHAPE, 1.5))

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers import InputError, open_camera
+from drivers import InputError
+from drivers.registry import open_camera
 from vo_service import METHODS, make_odometry
 
 

@@ -13,7 +13,7 @@ from drivers.core.geometry import (
     transport_covariance,
 )
 from vo_service.odometry.uncertainty import CovarianceAccumulator, diagonal_covariance
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 SIGMAS = np.array([0.01, 0.02, 0.015, 0.01, 0.005, 0.02])
 STEP = np.diag(SIGMAS**2)

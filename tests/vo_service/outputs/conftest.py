@@ -12,8 +12,9 @@ from drivers.core.geometry import rigid_transform, so3_exp
 from tests import ports
 from tests.resource_leaks import open_files
 from tests.vo_service.fakes import make_status
-from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingDebug, TrackingState
+from vo_service.types.estimate import Estimate, TrackingDebug
 from vo_service.types.messages import CameraReport, Status
+from vo_service.types.odometry_update import LevelSource, OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684

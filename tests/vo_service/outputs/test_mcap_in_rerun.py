@@ -16,7 +16,7 @@ from drivers.core.geometry import T_BODY_CAMERA, Array, Trajectory, rigid_transf
 from tests.vo_service.outputs.rerun.rerun_recording import count_rows, read_column
 from vo_service.outputs.mcap_recording import open_mcap_recording
 from vo_service.outputs.rerun.web_viewer_server import no_telemetry_environment, rerun_binary
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = [pytest.mark.rerun, pytest.mark.subprocess]
 

@@ -19,8 +19,8 @@ from drivers.recording_camera import open_recording
 from tests.full_disk import limit_file_size
 from tests.waiting import wait_until
 from vo_service.outputs.mcap_recording import open_mcap_recording
-from vo_service.types import OdometryUpdate, TrackingState
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 MakeUpdate = Callable[..., OdometryUpdate]
 LOCKSTEP, REALTIME = PlaybackMode.LOCKSTEP, PlaybackMode.REALTIME

@@ -13,7 +13,7 @@ from vo_service.app import OutputsConfig, open_outputs
 from vo_service.config_tables import RerunConfig, ZenohConfig
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
 from vo_service.outputs.zenoh.output import ConnectWithRetry, ZenohOutput
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -6,7 +6,7 @@ from tests.vo_service.captured_terminal import CapturedTerminal
 from tests.vo_service.fakes import make_status
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.terminal import Terminal
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 
 def test_progress_shows_frame_state_and_inliers_and_is_cleared(

@@ -8,8 +8,8 @@ import pytest
 from tests.vo_service.fakes import FakeClock
 from vo_service.outputs import state_log
 from vo_service.outputs.state_log import StateLogOutput
-from vo_service.types import TrackingState
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import TrackingState
 
 TRACKING, DEGRADED, LOST, NO_CAMERA = (
     *(TrackingState.TRACKING, TrackingState.DEGRADED),

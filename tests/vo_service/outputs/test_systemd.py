@@ -10,8 +10,8 @@ import pytest
 
 from tests.vo_service.fakes import make_status
 from vo_service.outputs.systemd import SystemdNotifier, SystemdOutput
-from vo_service.types import TrackingState
 from vo_service.types.messages import TimingReport
+from vo_service.types.odometry_update import TrackingState
 
 STATUS = make_status()
 

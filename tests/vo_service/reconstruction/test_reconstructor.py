@@ -9,8 +9,8 @@ import pytest
 from benchmarks.reconstruction import distances_m, make_solids
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array, Trajectory, rigid_transform, transform_points
-from drivers.synthetic import SyntheticConfig
 from drivers.synthetic.camera import SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
 from tests.vo_service.reconstruction.scenes import CAMERA, render_wall
 from vo_service.reconstruction.reconstructor import (
     FramePoses,
@@ -20,7 +20,8 @@ from vo_service.reconstruction.reconstructor import (
 )
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
-from vo_service.types import Estimate, OdometryUpdate, TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 
 def at(x: float) -> Array:

@@ -8,7 +8,7 @@ import pytest
 
 from tests.vo_service.outputs.conftest import make_update, status
 from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot, make_keys, make_network
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 __all__ = ["make_update", "status"]
 

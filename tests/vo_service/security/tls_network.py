@@ -19,8 +19,8 @@ from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.endpoints import ExtraEndpoints, make_command_endpoint
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.tools.certificates import CertificateAuthority
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import Command, PausedReply
+from vo_service.types.odometry_update import OdometryUpdate
 
 ZENOH_FILES = Path(__file__).parents[3] / "config" / "zenoh"
 HOST = "127.0.0.1"

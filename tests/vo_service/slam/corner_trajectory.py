@@ -12,7 +12,7 @@ from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.slam.keyframe_selection import OdometryConstraint
 from vo_service.slam.loop_closer import KeyframeObservation, LoopCloser
 from vo_service.slam.synchronous_loop_closure import create_loop_closer
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 # Number of steps out, and back.
 STEPS = 10

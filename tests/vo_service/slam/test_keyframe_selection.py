@@ -19,7 +19,7 @@ from vo_service.slam.keyframe_selection import (
     OdometryConstraint,
     pose_distance_steps,
 )
-from vo_service.types import TrackingState
+from vo_service.types.odometry_update import TrackingState
 
 
 def turned(angle_rad: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

@@ -13,7 +13,7 @@ from vo_service.slam.relocalization import (
     RelocalizationResult,
     RelocalizingOdometry,
 )
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 STEP = rigid_transform(so3_exp([0.0, 0.02, 0.0]), [0.01, 0.0, 0.02])
 ELSEWHERE = rigid_transform(so3_exp([0.0, 1.0, 0.0]), [0.3, 0.0, 0.2])

@@ -34,7 +34,8 @@ from vo_service.slam.synchronous_loop_closure import (
     create_synchronous_loop_closure,
     warm_up_loop_closure,
 )
-from vo_service.types import Estimate, OdometryUpdate, TrackingState
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 pytestmark = pytest.mark.slow
 

@@ -53,7 +53,8 @@ from vo_service.odometry.direct.recovery import (
     rejection_reason_after,
 )
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
+from vo_service.types.estimate import Estimate, TrackingDebug
+from vo_service.types.odometry import NullStageTimer, StageTimer
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ from vo_service.odometry.direct.residuals import (
     find_inliers,
     negative_log_likelihood,
 )
-from vo_service.types import TrackingDebug
+from vo_service.types.estimate import TrackingDebug
 
 # Every 4th point is enough to see.
 POINT_STRIDE = 4

@@ -50,13 +50,8 @@ from vo_service.odometry.direct.view_history import (
     correct_camera,
     corrected_shutter,
 )
-from vo_service.types import (
-    Estimate,
-    NullStageTimer,
-    OnlineFocalLength,
-    OnlineTiming,
-    StageTimer,
-)
+from vo_service.types.estimate import Estimate, OnlineFocalLength, OnlineTiming
+from vo_service.types.odometry import NullStageTimer, StageTimer
 
 
 class SelfCalibratingOdometry:

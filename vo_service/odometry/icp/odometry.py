@@ -26,7 +26,8 @@ from vo_service.odometry.icp.planes import find_planes
 from vo_service.odometry.icp.residuals import compute_residuals
 from vo_service.odometry.motion_model import ConstantVelocityModel
 from vo_service.odometry.uncertainty import MIN_OBSERVABILITY
-from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
+from vo_service.types.estimate import Estimate, TrackingDebug
+from vo_service.types.odometry import NullStageTimer, StageTimer
 
 # Smallest share of the reference's planes in the gate.
 MIN_IN_GATE_SHARE = 0.3

@@ -10,7 +10,7 @@ from vo_service.odometry.features import match_features
 from vo_service.odometry.sfm.essential import UnscaledMotion
 from vo_service.odometry.sfm.mono_frame import PAIR_SIGMA_PX, MonoFrame, RayPairs
 from vo_service.odometry.sfm.two_view_refinement import TwoViewEstimate
-from vo_service.types import TrackingDebug
+from vo_service.types.estimate import TrackingDebug
 
 Indices = NDArray[np.int64]
 

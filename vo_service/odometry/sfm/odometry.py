@@ -29,7 +29,8 @@ from vo_service.odometry.sfm.trajectory_state import TrajectoryState, Trajectory
 from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refine_two_view
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import FeatureExtractor
-from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
+from vo_service.types.estimate import Estimate, TrackingDebug
+from vo_service.types.odometry import NullStageTimer, StageTimer
 
 # Known points agree within a few pixels of their projections: few do so by chance.
 KNOWN_POINTS_VERIFIER = MatchVerifier(inlier_share_if_right=0.5, inlier_share_by_chance=0.05)

@@ -25,7 +25,8 @@ from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import Features, SurfExtractor
 from vo_service.odometry.surf.recovery import LAST_VIEW_VERIFIER, RecoveredPose, SurfRecovery
 from vo_service.odometry.surf.verification import cover_doubt, doubt_reason, rejection_reason
-from vo_service.types import Estimate, NullStageTimer, StageTimer, TrackingDebug
+from vo_service.types.estimate import Estimate, TrackingDebug
+from vo_service.types.odometry import NullStageTimer, StageTimer
 
 
 class FeatureExtractor(Protocol):

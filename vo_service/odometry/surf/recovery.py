@@ -24,7 +24,7 @@ from vo_service.odometry.motion_model import ConstantVelocityModel, MotionPredic
 from vo_service.odometry.ransac import RigidMotionEstimate, find_consensus, refine_rigid_motion
 from vo_service.odometry.surf import Features
 from vo_service.odometry.surf.verification import cover_doubt, rejection_reason
-from vo_service.types import TrackingDebug
+from vo_service.types.estimate import TrackingDebug
 
 # The second nearest descriptor in the search radius is further by 1/RATIO.
 MAX_DISTANCE_RATIO = 0.9

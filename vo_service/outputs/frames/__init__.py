@@ -41,8 +41,8 @@ from vo_service.ros_messages import (
     encode_imu,
     encode_point_cloud,
 )
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import frame_attachment, timing_payload
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import OutputBase
 
 if TYPE_CHECKING:  # loaded only if it is enabled

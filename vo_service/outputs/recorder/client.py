@@ -27,9 +27,9 @@ from vo_service.outputs.recorder.messages import (
     incident_name,
 )
 from vo_service.process_output import FaultReporter, ProcessOutput, warn_disabled
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import CommandError, NotPossibleError
 from vo_service.types.messages import Status, versions
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import NullRecorder, Recorder
 
 logger = logging.getLogger(__name__)

@@ -11,8 +11,8 @@ import numpy as np
 from drivers.core.files import MEGABYTE
 from drivers.core.process.record_ring import RecordRingWriter
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 STATUS_RING_S = 60.0
 STATUS_RING_BYTES = 1_000_000

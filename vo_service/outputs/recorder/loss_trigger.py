@@ -2,7 +2,7 @@
 
 import math
 
-from vo_service.types import TrackingState
+from vo_service.types.odometry_update import TrackingState
 
 # The incident must contain the loss itself.
 DELAY_S = 1.0

@@ -11,7 +11,8 @@ from drivers.core.bounded_trajectory import BoundedTrajectory
 from drivers.core.geometry import Array
 from drivers.core.process.messages import Heartbeat, WorkerFailed
 from vo_service.outputs.rerun.sinks import Sink
-from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
+from vo_service.types.estimate import OnlineTiming, TrackingDebug
+from vo_service.types.odometry_update import TrackingState
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from vo_service.outputs.rerun.sinks import PortTakenError, Sink, ViewerGoneError
 from vo_service.outputs.rerun.targets import make_sink, prepare_rerun
 from vo_service.outputs.rerun.update_encoder import UpdateEncoder
 from vo_service.process_output import FaultReporter, ProcessOutput
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
 logger = logging.getLogger(__name__)

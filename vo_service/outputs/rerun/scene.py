@@ -27,7 +27,8 @@ from vo_service.outputs.rerun.messages import (
     TrajectoryPoint,
 )
 from vo_service.outputs.rerun.sinks import Sink
-from vo_service.types import OnlineTiming, TrackingDebug, TrackingState
+from vo_service.types.estimate import OnlineTiming, TrackingDebug
+from vo_service.types.odometry_update import TrackingState
 
 MAP_COLOR = (60, 210, 200)
 LOOP_COLOR = (230, 80, 210)

@@ -20,8 +20,9 @@ from vo_service.outputs.rerun.messages import (
     TrajectoryPoint,
 )
 from vo_service.outputs.rerun.sinks import Sink
-from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
+from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import GroundTruthSource, no_ground_truth
 
 # A map of hours has tens of thousands of numbers, so it is sent at most this often.

@@ -19,7 +19,6 @@ from drivers.core.flow_control import BlockingQueue, TokenBucket, WorkerThread
 from vo_service.config_tables import CommandConfig, Ros2Config
 from vo_service.control import CommandFuture, CommandQueue
 from vo_service.ros_messages import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import (
     MAX_PAYLOAD_BYTES,
     CommandError,
@@ -28,6 +27,7 @@ from vo_service.types.commands import (
     parse_command,
 )
 from vo_service.types.messages import MESSAGE_SCHEMA, ErrorReply, FrameIds, encode_message
+from vo_service.types.odometry_update import OdometryUpdate
 
 if TYPE_CHECKING:  # loaded only if it is enabled
     from vo_service.outputs.zenoh.ros2 import Ros2Publisher

@@ -27,7 +27,7 @@ from vo_service.outputs.zenoh.endpoints import (
     Queryables,
     SessionEndpoints,
 )
-from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
+from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.messages import (
     FrameIds,
     Status,
@@ -38,6 +38,7 @@ from vo_service.types.messages import (
     pose_payload,
     versions,
 )
+from vo_service.types.odometry_update import OdometryUpdate
 
 logger = logging.getLogger(__name__)
 

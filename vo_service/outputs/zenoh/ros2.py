@@ -27,8 +27,8 @@ from vo_service.ros_messages import (
     TransformMessage,
     encode_transforms,
 )
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import FrameIds, pose_transforms
+from vo_service.types.odometry_update import OdometryUpdate
 
 # Stands for the empty enclave and namespace: a key may have no empty part.
 _EMPTY_PART = "%"

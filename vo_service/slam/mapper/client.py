@@ -30,9 +30,10 @@ from vo_service.slam.mapper.messages import (
     SaveMapResult,
 )
 from vo_service.slam.relocalization import AsynchronousLoopClosure, RelocalizationResult
-from vo_service.types import MapSnapshot, OdometryUpdate
 from vo_service.types.commands import NotPossibleError
+from vo_service.types.map_snapshot import MapSnapshot
 from vo_service.types.messages import MapState, Status
+from vo_service.types.odometry_update import OdometryUpdate
 from vo_service.types.outputs import Mapper, NullLoopClosure, NullMapper
 
 logger = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from drivers.core.process.messages import Heartbeat
 from drivers.core.process.record_ring import RecordRingMemory
 from vo_service.config_tables import MapConfig
 from vo_service.slam.relocalization import RelocalizationResult
-from vo_service.types import MapSnapshot
+from vo_service.types.map_snapshot import MapSnapshot
 
 
 @dataclass(frozen=True)

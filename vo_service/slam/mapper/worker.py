@@ -34,7 +34,7 @@ from vo_service.slam.mapper.messages import (
     SendMapperMessage,
 )
 from vo_service.slam.pose_graph import AnchoredPose
-from vo_service.types import TrackingState
+from vo_service.types.odometry_update import TrackingState
 
 if TYPE_CHECKING:  # its libraries take a second and a hundred megabytes
     from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker

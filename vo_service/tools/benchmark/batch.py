@@ -10,7 +10,7 @@ from pathlib import Path
 from drivers.core import UserFacingError
 from drivers.core.process.worker_process import WorkerProcess
 from drivers.core.process.worker_spec import WorkerSpec
-from drivers.recording import ImageTopics
+from drivers.recording.recording import ImageTopics
 from vo_service.terminal import Terminal
 from vo_service.tools.benchmark import RunOutcome, RunState, collect_versions
 from vo_service.tools.benchmark.methods import MethodFactory

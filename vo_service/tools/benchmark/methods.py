@@ -10,9 +10,10 @@ import numpy as np
 
 from drivers.core import InputError
 from drivers.core.geometry import Trajectory, has_match
-from drivers.recording import Recording
+from drivers.recording.recording import Recording
 from vo_service.config import OdometryConfig
-from vo_service.odometry import METHODS, MethodConfig, warm_up
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.benchmark.baselines import (
     BASELINE_NAMES,
     ORB_SLAM3,
@@ -22,7 +23,7 @@ from vo_service.tools.benchmark.baselines import (
 )
 from vo_service.tools.benchmark.baselines.orb_slam import OrbSlamFactory
 from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
-from vo_service.types import Odometry, StageTimer
+from vo_service.types.odometry import Odometry, StageTimer
 
 METHOD_NAMES = (*METHODS, *BASELINE_NAMES)
 

@@ -16,7 +16,7 @@ from vo_service.config_tables import MapConfig
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.uncertainty import diagonal_covariance
 from vo_service.tools.benchmark import LoopClosureRun, digest_sources
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 # Sources of loop closure besides the libraries.
 SOURCES = (

@@ -18,13 +18,15 @@ from numba.core.event import install_recorder
 from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
 from drivers.core.geometry import Trajectory
-from drivers.recording import Recording, UnreadableFrameError
+from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.recording import Recording
 from drivers.recording_camera import FrameReader, open_recording
-from vo_service.odometry import CpuStageTimer
+from vo_service.odometry.stage_timers import CpuStageTimer
 from vo_service.tools.benchmark import CompletedRun, FrameLog, LoopClosureRun
 from vo_service.tools.benchmark.batch import RunPreparing, RunProgress, RunRequest
 from vo_service.tools.benchmark.methods import MethodFactory
-from vo_service.types import Estimate, Odometry
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import Odometry
 
 logger = logging.getLogger(__name__)
 

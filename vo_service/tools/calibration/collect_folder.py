@@ -8,8 +8,10 @@ from pathlib import Path
 
 from drivers.calibration import CAMERA_FILE_NAME, find_calibration
 from drivers.core import InputError
-from drivers.recording import RecordedImage, UnreadableFrameError
-from drivers.tum import ListedImage, read_frame_pairs, read_image_list
+from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.recorded_frames import RecordedImage
+from drivers.tum.folder import read_frame_pairs
+from drivers.tum.index_files import ListedImage, read_image_list
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration import NO_DEPTH, Board, BoardView, Snapshot
 from vo_service.tools.calibration.view_selection import (

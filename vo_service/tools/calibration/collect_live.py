@@ -9,7 +9,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Protocol
 
-from drivers import open_camera
 from drivers.calibration import (
     CAMERA_FILE_NAME,
     NO_DISTORTION,
@@ -29,6 +28,7 @@ from drivers.camera import (
     SensorConfig,
 )
 from drivers.core import CameraError, InputError, UserFacingError
+from drivers.registry import open_camera
 from drivers.tum.writer import TumWriter
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration import NO_DEPTH, Board, BoardCorners, BoardView, Snapshot

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers import open_camera
 from drivers.calibration import (
     UNKNOWN_TIMING,
     UNKNOWN_TIMING_SIGMAS_S,
@@ -17,8 +16,9 @@ from drivers.calibration import (
 )
 from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame, SensorConfig
 from drivers.core import InputError
-from drivers.recording import ImageTopics
+from drivers.recording.recording import ImageTopics
 from drivers.recording_camera import RecordingCamera
+from drivers.registry import open_camera
 from vo_service.odometry.direct import DirectOdometry
 from vo_service.odometry.direct.calibration import CalibrationFilter
 from vo_service.odometry.direct.calibration_equations import TIMING

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
-from drivers.kinect_usb import SensorModel
+from drivers.kinect_usb.usb_ids import SensorModel
 from vo_service.tools.doctor.stream_probe import StreamSample
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, UsbPart, UsbSensor, list_usb_devices
 

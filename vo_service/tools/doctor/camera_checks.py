@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from drivers import ONI_SUFFIX
 from drivers.camera import is_serial
 from drivers.core import UserFacingError
-from drivers.kinect_usb import SensorModel
 from drivers.kinect_usb.audio_motor import MIN_INTERFACES_WITH_FIRMWARE
+from drivers.kinect_usb.usb_ids import SensorModel
 from drivers.openni2.device import DetectedDevice, list_devices
+from drivers.registry import ONI_SUFFIX
 from vo_service.tools.doctor import (
     Check,
     CheckContext,

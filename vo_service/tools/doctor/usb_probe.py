@@ -9,8 +9,8 @@ from pathlib import Path
 import usb.core
 import usb.util
 
-from drivers.kinect_usb import SensorModel, UsbRole
 from drivers.kinect_usb.usb_devices import ConnectedSensor, UsbDevice, find_connected_sensors
+from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
 from vo_service.tools.doctor.stream_probe import call_in_subprocess
 
 HUB_CLASS = "09"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drivers.core import UserFacingError
 from drivers.core.files import atomic_file
-from drivers.kinect_usb import SUPPORTED_IDS, UsbId
+from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
 
 COMMAND_TIMEOUT_S = 20.0
 

@@ -16,18 +16,11 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_sequence,
     render_view,
 )
-from vo_service.odometry import (
-    METHODS,
-    STAGE_BUDGETS_MS,
-    MethodConfig,
-    StageReporter,
-    depth,
-    direct,
-    features,
-    ransac,
-    warm_up,
-)
+from vo_service.odometry import depth, direct, features, ransac
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS, StageReporter
 from vo_service.odometry.surf import descriptor, detector
+from vo_service.odometry.warm_up import warm_up
 
 OWN = [f"{direct.__name__}.{each.name}" for each in pkgutil.iter_modules(direct.__path__)]
 SHARED = [depth, features, ransac, descriptor, detector]

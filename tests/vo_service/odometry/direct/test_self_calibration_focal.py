@@ -15,7 +15,7 @@ from vo_service.odometry.direct import DirectOdometry, self_calibration
 from vo_service.odometry.direct.calibration_equations import measure_calibration
 from vo_service.odometry.direct.motion import se3_log
 from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
-from vo_service.types import Estimate, OnlineFocalLength
+from vo_service.types.estimate import Estimate, OnlineFocalLength
 
 TOLD = TimingPrior(0.0, 0.001, 0.0005, TimingSource.CAMERA_FILE)
 

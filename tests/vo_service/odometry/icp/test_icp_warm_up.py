@@ -3,9 +3,10 @@
 import numpy as np
 
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
-from vo_service.odometry import METHODS, MethodConfig, warm_up
 from vo_service.odometry.icp import depth_pyramid, planes, residuals
-from vo_service.types import NullStageTimer
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.warm_up import warm_up
+from vo_service.types.odometry import NullStageTimer
 
 KERNELS = [
     each

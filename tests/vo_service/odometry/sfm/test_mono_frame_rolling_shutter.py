@@ -22,7 +22,7 @@ from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.sfm.mono_frame import MonoFrame, ShutterMotion
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 DEPTH_M = 2.0
 STRIP = 40  # rows of one instant: what a shutter that rolls does, roughly

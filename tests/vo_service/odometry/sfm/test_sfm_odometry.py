@@ -17,7 +17,7 @@ from tests.vo_service.odometry.sfm.sideways_sequence import (
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.sfm.scale import GivenBaselineScale, InitialPair, MetricScale
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,11 @@
 
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
-from vo_service.odometry import METHODS, MethodConfig, depth, features, warm_up
+from vo_service.odometry import depth, features
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.sfm import bundle_adjustment
-from vo_service.types import NullStageTimer
+from vo_service.odometry.warm_up import warm_up
+from vo_service.types.odometry import NullStageTimer
 
 KERNELS = [
     each

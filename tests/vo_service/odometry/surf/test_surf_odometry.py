@@ -21,7 +21,7 @@ from tests.vo_service.odometry.surf.trajectory_digest import trajectory_digest
 from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.types import Estimate
+from vo_service.types.estimate import Estimate
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from vo_service.config_tables import FramesConfig, Ros2Config
 from vo_service.outputs.frames import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
 from vo_service.outputs.zenoh.output import ZenohOutput
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 MakeUpdate = Callable[..., OdometryUpdate]
 

@@ -29,8 +29,8 @@ from vo_service.ros_messages.decoding import (
     decode_odometry,
     decode_point_cloud,
 )
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

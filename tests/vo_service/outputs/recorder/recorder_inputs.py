@@ -13,9 +13,10 @@ from tests.vo_service.fakes import make_status
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.client import FlightRecorder
-from vo_service.types import Estimate, OdometryUpdate, TrackingState
 from vo_service.types.commands import CommandError
+from vo_service.types.estimate import Estimate
 from vo_service.types.messages import Status, TrackingReport
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684

@@ -24,7 +24,7 @@ from tests.vo_service.outputs.recorder.recorder_inputs import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import RecorderConfig
-from vo_service.types import TrackingState
+from vo_service.types.odometry_update import TrackingState
 
 pytestmark = pytest.mark.subprocess
 

@@ -28,7 +28,7 @@ from vo_service.config_tables import RecorderConfig
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.recorder.client import FlightRecorder
 from vo_service.signals import StopSignal
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
 

@@ -1,7 +1,7 @@
 """The trigger fires one second after a loss, and not again for a while."""
 
 from vo_service.outputs.recorder.loss_trigger import DELAY_S, MIN_INTERVAL_S, LossTrigger
-from vo_service.types import TrackingState
+from vo_service.types.odometry_update import TrackingState
 
 TRACKING, LOST = TrackingState.TRACKING, TrackingState.LOST
 

@@ -24,7 +24,7 @@ from vo_service import app
 from vo_service.config import Config
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.client import open_recorder
-from vo_service.types import TrackingState
+from vo_service.types.odometry_update import TrackingState
 from vo_service.types.outputs import NullRecorder
 
 pytestmark = pytest.mark.subprocess

@@ -14,8 +14,8 @@ from vo_service.outputs.rerun.rotating_recording import RotatingRecording
 from vo_service.outputs.rerun.sinks import Sink
 from vo_service.outputs.rerun.update_encoder import UpdateEncoder
 from vo_service.outputs.rerun.web_viewer_server import rerun_binary
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 IMAGE_PERIOD_S = 0.1
 

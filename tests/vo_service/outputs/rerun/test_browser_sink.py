@@ -17,7 +17,7 @@ from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import PortTakenError
 from vo_service.outputs.rerun.targets import BrowserSink
 from vo_service.outputs.rerun.web_viewer_server import pick_free_port as any_port
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
 

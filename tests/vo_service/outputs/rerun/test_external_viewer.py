@@ -18,7 +18,7 @@ from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import RunningViewerSink
 from vo_service.outputs.rerun.web_viewer_server import rerun_binary
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 MakeUpdate = Callable[..., OdometryUpdate]
 ABSENT, BLOCKED = "no viewer answers at", "does not read its data"

@@ -37,7 +37,7 @@ from vo_service.outputs.rerun.blueprint import make_blueprint
 from vo_service.outputs.rerun.output import RerunOutput
 from vo_service.outputs.rerun.rotating_recording import RotatingRecording
 from vo_service.outputs.rerun.sinks import BrokenFileError, RrdFileSink
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
 

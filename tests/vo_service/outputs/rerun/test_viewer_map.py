@@ -13,7 +13,8 @@ from tests.vo_service.outputs.rerun.rerun_recording import count_rows, draw, rea
 from tests.vo_service.sample_map import make_map
 from vo_service.outputs.rerun.sinks import RrdFileSink
 from vo_service.outputs.rerun.update_encoder import MapEncoder
-from vo_service.types import MapSnapshot, OdometryUpdate
+from vo_service.types.map_snapshot import MapSnapshot
+from vo_service.types.odometry_update import OdometryUpdate
 
 MakeUpdate = Callable[..., OdometryUpdate]
 # An arbitrary pose of the odometry's world in `odom`.

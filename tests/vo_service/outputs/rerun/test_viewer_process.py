@@ -21,8 +21,8 @@ from tests.waiting import wait_until
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
 from vo_service.outputs.rerun.sinks import RrdFileSink, Sink
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
 

@@ -18,8 +18,9 @@ from tests.vo_service.outputs.rerun.rerun_recording import (
 from vo_service.outputs.rerun.messages import TextLog
 from vo_service.outputs.rerun.scene import back_project
 from vo_service.outputs.rerun.sinks import RrdFileSink
-from vo_service.types import OdometryUpdate, OnlineTiming
+from vo_service.types.estimate import OnlineTiming
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.rerun
 

@@ -16,8 +16,8 @@ from tests.full_disk import limit_file_size
 from tests.vo_service.cli.cli_runner import count_lines
 from tests.waiting import wait_until
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 MakeUpdate = Callable[..., OdometryUpdate]
 

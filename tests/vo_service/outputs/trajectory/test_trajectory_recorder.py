@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vo_service.outputs.trajectory.trajectory_file import TrajectoryRecorder
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 MakeUpdate = Callable[..., OdometryUpdate]
 

@@ -11,7 +11,8 @@ import zenoh
 from drivers.core.geometry import rigid_transform
 from tests.vo_service.outputs.zenoh.ros_node import ROS, TF_KEY, receive_published
 from tests.vo_service.sample_map import make_map
-from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
+from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

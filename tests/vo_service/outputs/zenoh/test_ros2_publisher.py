@@ -26,7 +26,7 @@ from tests.vo_service.outputs.zenoh.ros_node import (
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.outputs.zenoh.ros2 import ODOMETRY, TF_MESSAGE
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

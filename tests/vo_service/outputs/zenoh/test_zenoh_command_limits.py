@@ -21,8 +21,8 @@ from vo_service.outputs.zenoh.endpoints import (
     CommandServer,
     make_command_endpoint,
 )
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import CommandError, PausedReply
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -28,7 +28,6 @@ from vo_service.outputs.zenoh.endpoints import (
     make_command_endpoint,
 )
 from vo_service.outputs.zenoh.output import ZenohOutput
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import (
     COMMANDS,
     CommandError,
@@ -42,6 +41,7 @@ from vo_service.types.commands import (
     ResetCommand,
     TiltReply,
 )
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

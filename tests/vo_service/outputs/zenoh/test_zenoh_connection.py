@@ -20,8 +20,8 @@ from vo_service.outputs.zenoh import free_port as free_port_module
 from vo_service.outputs.zenoh import output as output_module
 from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectOnce, ConnectWithRetry, ZenohOutput
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

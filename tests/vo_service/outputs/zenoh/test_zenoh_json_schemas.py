@@ -15,7 +15,6 @@ from scripts.write_reference import SCHEMA_FOLDER, make_files
 from tests.json_schema import schema_errors
 from tests.vo_service.sample_map import make_map
 from vo_service.outputs.zenoh.json_schemas import JSON_SCHEMA_DIALECT, all_schemas, schema_of
-from vo_service.types import OdometryUpdate
 from vo_service.types.commands import COMMANDS, CommandError, ErrorCode, parse_command
 from vo_service.types.messages import (
     ErrorReply,
@@ -27,6 +26,7 @@ from vo_service.types.messages import (
     pose_attachment,
     versions,
 )
+from vo_service.types.odometry_update import OdometryUpdate
 
 SCHEMAS = all_schemas()
 REFERENCE = Path(__file__).parents[4] / "docs" / "reference"

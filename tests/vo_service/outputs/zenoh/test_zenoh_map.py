@@ -20,8 +20,8 @@ from tests.vo_service.sample_map import make_map
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.ros_messages.decoding import decode_transform
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -20,8 +20,8 @@ from rosbags.typesys import Stores, get_typestore
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ZenohOutput
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

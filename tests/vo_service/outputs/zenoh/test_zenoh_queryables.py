@@ -18,8 +18,8 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.ros_messages.decoding import decode_odometry
-from vo_service.types import OdometryUpdate
 from vo_service.types.messages import Status
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -16,7 +16,7 @@ from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import connected_session
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectWithRetry, ZenohOutput
-from vo_service.types import OdometryUpdate
+from vo_service.types.odometry_update import OdometryUpdate
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 

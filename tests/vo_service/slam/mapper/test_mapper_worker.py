@@ -31,7 +31,7 @@ from vo_service.slam.mapper.messages import (
 )
 from vo_service.slam.mapper.worker import MapperWorker
 from vo_service.slam.relocalization import AsynchronousLoopClosure, RelocalizationResult
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 WITH_LOOP_CLOSURE = replace(COARSE, loop_closure=True)
 CONSTRAINT = OdometryConstraint(np.zeros(6), np.eye(6) * 1e-5, 0.15)

@@ -16,7 +16,7 @@ from tests.vo_service.outputs.recorder import recorder_inputs
 from tests.waiting import wait_until
 from vo_service.config_tables import MapConfig
 from vo_service.slam.mapper.client import LiveMapper
-from vo_service.types import OdometryUpdate, TrackingState
+from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 WALL_M = 2.0

@@ -12,9 +12,10 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.core import UserFacingError
-from drivers.recording import Recording
+from drivers.recording.recording import Recording
 from vo_service.tools.benchmark.methods import MethodFactory
-from vo_service.types import Estimate, StageTimer
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import StageTimer
 
 
 def _identity(number: int) -> int:

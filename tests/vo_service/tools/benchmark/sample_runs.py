@@ -7,8 +7,10 @@ import numpy as np
 
 from drivers.calibration import TUM_CALIBRATIONS
 from drivers.core.geometry import Array, Trajectory, rigid_transform
-from drivers.recording import FramePair, RecordedFrames, Recording
-from drivers.tum import ListedImage, read_accelerometer
+from drivers.recording.recorded_frames import FramePair, RecordedFrames
+from drivers.recording.recording import Recording
+from drivers.tum.accelerometer import read_accelerometer
+from drivers.tum.index_files import ListedImage
 from vo_service.tools.benchmark import (
     CompletedRun,
     FrameLog,

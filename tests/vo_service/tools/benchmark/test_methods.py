@@ -11,7 +11,7 @@ from drivers.core.geometry import Trajectory
 from tests.vo_service.tools.benchmark.sample_runs import make_recording
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
 from vo_service.config import OdometryConfig
-from vo_service.odometry import METHODS, MethodConfig
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.tools.benchmark.baselines import (
@@ -32,7 +32,7 @@ from vo_service.tools.benchmark.methods import (
     find_unavailable_methods,
     make_method_factories,
 )
-from vo_service.types import NullStageTimer
+from vo_service.types.odometry import NullStageTimer
 
 MISSING_PACKAGE = BaselinePackage("nobodys_odometry", ("nobodys-odometry", "nobodys"))
 WALK = Trajectory(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving_along_x([1.0, 1.1, 1.3, 9.0]))

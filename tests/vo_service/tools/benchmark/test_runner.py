@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.recording import Recording
+from drivers.recording.recording import Recording
 from tests.conftest import FRAMES
 from vo_service.tools.benchmark import CompletedRun
 from vo_service.tools.benchmark.batch import RunPreparing, RunRequest
 from vo_service.tools.benchmark.recordings import FrameSelection
 from vo_service.tools.benchmark.runner import WARM_UP_FRAMES, KernelsCompiledFirst, run_method
-from vo_service.types import Estimate, StageTimer
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import StageTimer
 
 BUSY_S = 0.02
 KERNEL = "import numba\nnumba.njit('i8(i8)', cache=True)(lambda number: number)\n"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core import UserFacingError
-from drivers.kinect_usb import SensorModel, UsbRole
+from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
 from tests.vo_service.tools.doctor.doctor_fakes import (
     make_capture,
     make_context,

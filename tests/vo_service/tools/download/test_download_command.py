@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.tum import open_tum_folder
+from drivers.tum.folder import open_tum_folder
 from tests.conftest import FRAMES
 from tests.forked_process import KINECT_VO, ForkedProcess
 from tests.full_disk import limit_file_size

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core import UserFacingError
-from drivers.kinect_usb import SUPPORTED_IDS, UsbId
+from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
 from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.simulators.requirements import require_program
 from vo_service.tools.install import udev

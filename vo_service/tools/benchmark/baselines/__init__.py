@@ -8,9 +8,11 @@ from importlib.util import find_spec
 from platform import machine
 from types import ModuleType
 
-from drivers.recording import Recording
-from vo_service.odometry import MethodConfig, StageReporter, run_warm_up_frames
-from vo_service.types import Odometry, StageTimer
+from drivers.recording.recording import Recording
+from vo_service.odometry.registry import MethodConfig
+from vo_service.odometry.stage_timers import StageReporter
+from vo_service.odometry.warm_up import run_warm_up_frames
+from vo_service.types.odometry import Odometry, StageTimer
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from drivers.core.geometry import Array
 from vo_service.odometry.features import SurfParameters
 from vo_service.odometry.surf import Features
 from vo_service.odometry.surf.odometry import SurfOdometry
-from vo_service.types import Estimate, StageTimer
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import StageTimer
 
 # After this many failed frames, tracking is reset, as in `SurfOdometry`.
 MAX_FAILURES = 30

@@ -16,7 +16,8 @@ from drivers.calibration import CameraCalibration
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.core.geometry import Array, inverse
-from drivers.recording import Recording, UnreadableFrameError
+from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.recording import Recording
 from drivers.recording_camera import FrameReader
 from vo_service.tools.benchmark.baselines import ORB_SLAM3, PYORBSLAM3
 from vo_service.tools.benchmark.baselines.orb_vocabulary import (
@@ -26,7 +27,8 @@ from vo_service.tools.benchmark.baselines.orb_vocabulary import (
     VocabularyFile,
     train_vocabulary,
 )
-from vo_service.types import Estimate, Odometry, StageTimer
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import Odometry, StageTimer
 
 # Virtual stereo baseline, and the depth in baselines up to which a point is taken from one frame:
 # the values of ORB-SLAM3's own settings for a Kinect. So are those of the ORB features.

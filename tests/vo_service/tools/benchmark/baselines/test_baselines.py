@@ -9,9 +9,9 @@ import pytest
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry import MethodConfig
+from vo_service.odometry.registry import MethodConfig
 from vo_service.tools.benchmark.baselines import BASELINES, BaselineFactory
-from vo_service.types import NullStageTimer
+from vo_service.types.odometry import NullStageTimer
 
 DEPTH_ONLY = ("cv2-depth", "open3d-icp", "small-gicp")
 MAX_ERROR_M = 0.02

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from drivers.core.geometry import pose_distance
-from drivers.tum import open_tum_folder
+from drivers.tum.folder import open_tum_folder
 from drivers.tum.writer import TumWriter
 from tests.vo_service.corner_sequence import corner_frames, corner_pose
 from vo_service.tools.benchmark.baselines import PYORBSLAM3
 from vo_service.tools.benchmark.baselines.orb_slam import OrbSlamFactory, format_settings
 from vo_service.tools.benchmark.baselines.orb_vocabulary import VocabularyFile
-from vo_service.types import NullStageTimer
+from vo_service.types.odometry import NullStageTimer
 
 FRAMES = 6
 

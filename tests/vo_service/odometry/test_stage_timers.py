@@ -2,8 +2,8 @@
 
 import pytest
 
-from vo_service import odometry
-from vo_service.odometry import CpuStageTimer
+from vo_service.odometry import stage_timers
+from vo_service.odometry.stage_timers import CpuStageTimer
 
 
 class TickingClock:
@@ -19,7 +19,7 @@ class TickingClock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> CpuStageTimer:
-    monkeypatch.setattr(odometry, "time", TickingClock())
+    monkeypatch.setattr(stage_timers, "time", TickingClock())
     return CpuStageTimer()
 
 

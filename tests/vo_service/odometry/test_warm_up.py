@@ -4,9 +4,11 @@ import numpy as np
 
 from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry import METHODS, MethodConfig, features, ransac, warm_up
+from vo_service.odometry import features, ransac
+from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.surf import descriptor, detector, recovery
-from vo_service.types import NullStageTimer
+from vo_service.odometry.warm_up import warm_up
+from vo_service.types.odometry import NullStageTimer
 
 
 def test_every_stage_of_the_method_is_run_and_reported() -> None:

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from drivers.recording import DepthImage, Recording
+from drivers.recording.image_decoding import DepthImage
+from drivers.recording.recording import Recording
 
 
 def check_first_frame(recording: Recording) -> Recording:

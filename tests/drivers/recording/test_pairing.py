@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.recording import StampsUs, pair_nearest
+from drivers.recording.pairing import StampsUs, pair_nearest
 
 WITHIN = 20_000
 

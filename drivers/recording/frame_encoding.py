@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.calibration import NO_DISTORTION, CameraCalibration
 from drivers.camera import RgbdFrame, TimingSource
 from drivers.core.geometry import Vector
-from drivers.recording import EXACT_CONTEXT
+from drivers.recording.recorded_frames import EXACT_CONTEXT
 
 MICROSECOND = Decimal("1e-6")
 

@@ -1,0 +1,78 @@
+"""The update that the service publishes of a frame."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array
+from vo_service.types.estimate import Estimate
+from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
+
+
+class TrackingState(StrEnum):
+    """Tracking state: how reliable a pose is."""
+
+    TRACKING = "tracking"
+    DEGRADED = "degraded"
+    LOST = "lost"
+    NO_CAMERA = "no_camera"
+
+
+class LevelSource(StrEnum):
+    """Source of the up direction of `odom`."""
+
+    GRAVITY = "gravity"  # measured by an accelerometer at the first frame
+    ASSUMED = "assumed"  # the base's first pose counts as level
+
+
+@dataclass(frozen=True)
+class OdometryUpdate:
+    """The result of one frame, as it goes to the outputs.
+
+    Attributes:
+        seq: Number of the update, from 0.
+        stamp_s: The frame's stamp on the published clock, s (Unix time if live).
+        state: Tracking state: how reliable the pose is.
+        reason: Reason of the state; "" if tracking.
+        epoch: Changes whenever the pose is not continuous with the previous one.
+        T_world_camera: 4x4, optical axes; the world is the first camera. For trajectory files and
+            viewers.
+        T_odom_base: 4x4 pose of the base in `odom`, REP 103 axes. For robots.
+        T_odom_camera: 4x4 pose of the optical camera in `odom`. For the mapper.
+        pose_covariance: 6x6, accumulated since the start of the epoch, in axes of `odom`, ROS order
+            (x y z rx ry rz).
+        twist: (6,) velocity in the child frame, m/s and rad/s, ROS order.
+        twist_covariance: 6x6 of this step, in the child frame, ROS order.
+        frame: The frame.
+        estimate: The odometry's estimate of it.
+        stage_ms: CPU time by stage, ms.
+        latency_s: Time from the frame's arrival to this result, s.
+        map: The pose graph, with the transform of `odom` in the map.
+    """
+
+    seq: int
+    stamp_s: float
+    state: TrackingState
+    reason: str
+    epoch: int
+    T_world_camera: Array
+    T_odom_base: Array
+    T_odom_camera: Array
+    pose_covariance: Array
+    twist: Array
+    twist_covariance: Array
+    frame: RgbdFrame
+    estimate: Estimate
+    stage_ms: Mapping[str, float]
+    latency_s: float
+    map: MapSnapshot = NO_MAP
+
+    @property
+    def is_localized(self) -> bool:
+        """Whether the transform of this pose's `odom` in the map is known; True without a map.
+
+        A map from before the present epoch does not have it.
+        """
+        the_map = self.map
+        return the_map is NO_MAP or (the_map.is_localized and the_map.epoch == self.epoch)

@@ -30,8 +30,8 @@ from drivers.core.geometry import Array
 from tests.ports import free_port
 from tests.vo_service.service_process import KINECT_VO
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
 from vo_service.ros_messages.decoding import decode_odometry
 from vo_service.tools.certificates import CertificateAuthority
 

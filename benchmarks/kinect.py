@@ -63,7 +63,7 @@ from tests.simulators.kinect_simulator import (
 )
 from tests.simulators.oni_writer import frames_to_oni_images, write_oni
 from tests.vo_service.service_process import KINECT_VO
-from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.evaluation import evaluate
 
 WARM_UP_S = 2.0
 COLOR_BYTES, DEPTH_BYTES = 640 * 480 * 3, 640 * 480 * 2

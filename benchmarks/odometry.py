@@ -58,12 +58,12 @@ from vo_service.odometry.surf.descriptor import (
 from vo_service.odometry.surf.detector import find_maxima
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.warm_up import warm_up
-from vo_service.tools.benchmark.baselines.frame_to_frame import (
+from vo_service.tools.compare.baselines.frame_to_frame import (
     MATCH_RATIO,
     orb_odometry,
     sift_odometry,
 )
-from vo_service.tools.evaluation import Evaluation
+from vo_service.tools.evaluation.evaluation import Evaluation
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import Odometry, StageTimer
 

@@ -48,10 +48,11 @@ from drivers.recording_camera import RecordingCamera, open_recording
 from tests.ports import free_port
 from tests.resource_leaks import child_pids_of, resident_memory_kb
 from vo_service.config_tables import FramesConfig, RecorderConfig, ZenohConfig
-from vo_service.outputs.frames import FrameOutput, FrameOutputConfig, depth_in_mm
+from vo_service.outputs.frames.frame_messages import depth_in_mm
+from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.recorder.client import FlightRecorder
-from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
 from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.commands import CommandError
 from vo_service.types.odometry_update import OdometryUpdate
 

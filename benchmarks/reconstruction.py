@@ -44,7 +44,7 @@ from vo_service.config import read_config
 from vo_service.reconstruction.reconstructor import FramePoses
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
-from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import associate, first_pose_alignment
 
 GOOD_DISTANCE_M = 0.015

@@ -49,7 +49,7 @@ from vo_service.slam.synchronous_loop_closure import (
     create_synchronous_loop_closure,
 )
 from vo_service.terminal import Terminal
-from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import (
     GROSS_ERROR_DEG,
     GROSS_ERROR_M,

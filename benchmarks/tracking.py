@@ -17,7 +17,7 @@ from drivers.recording_camera import RecordingCamera
 from vo_service.odom_frame import OdomFrame, StampedFrame
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.stage_timers import CpuStageTimer
-from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry_update import TrackingState
 

@@ -1,7 +1,7 @@
 """Fixtures of all tests: a small recording, rendered once a session, and the real recordings."""
 
 # Imported before numpy, as in the program: tests run in parallel, and idle threads would spin.
-import vo_service.tools.benchmark.single_thread  # noqa: F401
+import vo_service.tools.compare.single_thread  # noqa: F401
 
 # isort: split
 

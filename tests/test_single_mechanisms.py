@@ -35,7 +35,7 @@ SINGLE = {
     },
     "setitimer": {"drivers/core/process/service_connection.py"},
     "TokenBucket": {  # users of the one rate limiter
-        "vo_service/outputs/zenoh/endpoints.py",
+        "vo_service/outputs/zenoh/session_endpoints.py",
     },
 }
 

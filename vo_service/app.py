@@ -20,7 +20,6 @@ from vo_service.control import CommandQueue, Control, LoadShedder
 from vo_service.frame_source import FrameSource, LiveSource, make_publish_clock
 from vo_service.odom_frame import OdomFrame
 from vo_service.odometry.stage_timers import CpuStageTimer
-from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
 from vo_service.outputs.zenoh.output import (
     LIVE_QOS,
     LOCKSTEP_QOS,
@@ -28,6 +27,7 @@ from vo_service.outputs.zenoh.output import (
     ConnectPolicy,
     ZenohOutput,
 )
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.service import Estimator, Service, ServiceInput, ServiceStatistics
 from vo_service.signals import StopSignal
 from vo_service.terminal import set_log_level
@@ -52,7 +52,7 @@ from vo_service.types.outputs import (
 logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
-    from vo_service.outputs.frames import FrameOutput
+    from vo_service.outputs.frames.output import FrameOutput
     from vo_service.outputs.rerun.output import RerunOutput
 
 # By each key of `config.RELOADABLE_KEYS`: the function that applies a changed value.
@@ -171,7 +171,7 @@ def open_frames(config: Config) -> "list[FrameOutput]":
     """
     if config.frames.enabled is False:
         return []
-    from vo_service.outputs.frames import FrameOutputConfig, open_frame_outputs
+    from vo_service.outputs.frames.output import FrameOutputConfig, open_frame_outputs
 
     settings = FrameOutputConfig(
         prefix=config.zenoh.prefix,

@@ -7,8 +7,8 @@ import zenoh
 
 from vo_service.config_tables import CommandConfig, Ros2Config, ZenohConfig
 from vo_service.control import CommandQueue
-from vo_service.outputs.zenoh import open_session
-from vo_service.outputs.zenoh.endpoints import (
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.session_endpoints import (
     EndpointConfig,
     ExtraEndpoints,
     LatestMessages,

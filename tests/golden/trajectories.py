@@ -8,7 +8,7 @@ tests.golden.trajectories``.
 """
 
 # As the program has it, and before numpy.
-import vo_service.tools.benchmark.single_thread  # noqa: F401
+import vo_service.tools.compare.single_thread  # noqa: F401
 
 # isort: split
 

@@ -13,7 +13,7 @@ from tests.shared_fixture import make_once
 from tests.vo_service.service_process import START_TIMEOUT_S
 from tests.waiting import DEFAULT_TIMEOUT_S
 from vo_service.cli import run
-from vo_service.tools.benchmark.batch import RUN_WORKER
+from vo_service.tools.compare.batch import RUN_WORKER
 
 
 @pytest.fixture(scope="session", autouse=True)

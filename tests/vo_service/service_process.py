@@ -16,7 +16,7 @@ from tests.resource_leaks import find_child_running, resources_in_use_by
 from tests.vo_service.subscriber import RecordingSubscriber, StatusContent
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.session import open_session
 
 KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
 # The same, but that a service that takes long to end is not ended by force: the machine may be a

@@ -20,7 +20,7 @@ from tests.vo_service.service_process import KINECT_VO_WITH_LONG_TIMEOUT, Servic
 from tests.vo_service.subscriber import RecordingSubscriber
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.session import open_session
 
 CAMERA = """
 [camera]

@@ -26,8 +26,8 @@ from vo_service import app as session
 from vo_service.config import Config
 from vo_service.config_tables import ZenohConfig
 from vo_service.frame_source import FrameSource, LiveClock
-from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
 from vo_service.signals import StopSignal
 from vo_service.types.odometry_update import OdometryUpdate
 

@@ -16,7 +16,8 @@ from vo_service.config import Config, read_config
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration import Board, print_board
+from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration.board_printing import print_board
 from vo_service.tools.calibration.chessboards import USAGE, BoardOptions, make_board
 from vo_service.tools.calibration.collect_folder import CollectedViews, collect_from_folder
 from vo_service.tools.calibration.collect_live import (

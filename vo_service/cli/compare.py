@@ -21,11 +21,10 @@ from vo_service.cli.options import (
 from vo_service.odometry.registry import METHODS
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.benchmark import RunState
-from vo_service.tools.benchmark.baselines import ORB_SLAM3
-from vo_service.tools.benchmark.baselines.orb_vocabulary import read_vocabulary_file
-from vo_service.tools.benchmark.batch import BatchPlan, run_batch
-from vo_service.tools.benchmark.methods import (
+from vo_service.tools.compare.baselines.orb_vocabulary import read_vocabulary_file
+from vo_service.tools.compare.baselines.registry import ORB_SLAM3
+from vo_service.tools.compare.batch import BatchPlan, run_batch
+from vo_service.tools.compare.methods import (
     METHOD_NAMES,
     MethodFactory,
     SfmScale,
@@ -33,16 +32,17 @@ from vo_service.tools.benchmark.methods import (
     find_unavailable_methods,
     make_method_factories,
 )
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
-from vo_service.tools.benchmark.recordings import (
+from vo_service.tools.compare.observers import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.tools.compare.recordings import (
     BenchmarkRecording,
     FrameSelection,
     open_recordings,
 )
-from vo_service.tools.benchmark.report import PAGE_FILE, report_content, write_report
-from vo_service.tools.benchmark.report.metadata import ReportMetadata
-from vo_service.tools.benchmark.report.tables import cost_table, error_table
-from vo_service.tools.benchmark.results import SequenceResults, collect_results
+from vo_service.tools.compare.report.metadata import ReportMetadata
+from vo_service.tools.compare.report.report_folder import PAGE_FILE, report_content, write_report
+from vo_service.tools.compare.report.tables import cost_table, error_table
+from vo_service.tools.compare.results import SequenceResults, collect_results
+from vo_service.tools.compare.run_outcome import RunState
 
 ALL_METHODS = "all"
 

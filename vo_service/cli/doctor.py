@@ -18,14 +18,9 @@ from vo_service.cli.options import (
 )
 from vo_service.config import read_config
 from vo_service.terminal import Terminal
-from vo_service.tools.doctor import (
-    CheckContext,
-    CheckVerdict,
-    SystemPaths,
-    diagnosis_as_json,
-    run_checks,
-)
 from vo_service.tools.doctor.camera_checks import checks_for, requested_sensor_for
+from vo_service.tools.doctor.check import CheckContext, SystemPaths, diagnosis_as_json, run_checks
+from vo_service.tools.doctor.finding import CheckVerdict
 from vo_service.tools.doctor.printer import FindingPrinter, NullFindingPrinter
 from vo_service.tools.doctor.report import add_report_contents, open_bug_report, quiet_console
 from vo_service.tools.doctor.stream_probe import probe_stream

@@ -10,7 +10,7 @@ from drivers.core import InputError
 from vo_service.cli.options import print_message
 from vo_service.signals import InterruptedBySignal, raise_on_signals
 from vo_service.terminal import Terminal
-from vo_service.tools.download import (
+from vo_service.tools.download.catalog import (
     BENCHMARK_URL,
     SEQUENCES,
     BenchmarkSequence,

@@ -16,7 +16,7 @@ from drivers.tum.ground_truth import TRUTH_FILES, find_ground_truth, read_ground
 from vo_service.cli.options import add_topics_option, parse_finite, parse_seconds
 from vo_service.cli.recordings import open_and_announce
 from vo_service.terminal import announce
-from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
 from vo_service.tools.evaluation.plot import write_plot
 
 EPILOG = """\

@@ -15,9 +15,9 @@ import zenoh
 from vo_service.cli.options import add_connection_options
 from vo_service.client.connection import BackgroundConnection
 from vo_service.config_tables import ZenohConfig, check_prefix
-from vo_service.outputs.zenoh import check_endpoint
-from vo_service.ros_messages import OdometryMessage, TransformMessage
+from vo_service.outputs.zenoh.zenoh_config import check_endpoint
 from vo_service.ros_messages.decoding import decode_odometry, decode_transform
+from vo_service.ros_messages.navigation import OdometryMessage, TransformMessage
 
 EPILOG = """\
 examples:

@@ -8,12 +8,9 @@ import zenoh
 from drivers.core import InputError
 from vo_service.cli.options import print_message
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import (
-    build_zenoh_config,
-    configured_endpoints,
-    log_connections,
-    open_session,
-)
+from vo_service.outputs.zenoh.addresses import configured_endpoints
+from vo_service.outputs.zenoh.session import log_connections, open_session
+from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config
 from vo_service.signals import stop_on_signals
 
 EPILOG = """\

@@ -42,12 +42,12 @@ from vo_service.control import CommandQueue
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.state_log import StateLogOutput
 from vo_service.outputs.systemd import SystemdOutput
-from vo_service.outputs.zenoh.endpoints import (
+from vo_service.outputs.zenoh.output import ConnectWithRetry
+from vo_service.outputs.zenoh.session_endpoints import (
     CommandEndpoint,
     ExtraEndpoints,
     make_command_endpoint,
 )
-from vo_service.outputs.zenoh.output import ConnectWithRetry
 from vo_service.signals import (
     ReloadSignal,
     StopSignal,

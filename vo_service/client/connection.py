@@ -13,11 +13,8 @@ import zenoh
 from drivers.core import InputError, UserFacingError
 from vo_service.client.pose import Pose
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import (
-    MAX_MESSAGE_BYTES,
-    ZenohUnavailableError,
-    open_session,
-)
+from vo_service.outputs.zenoh.session import ZenohUnavailableError, open_session
+from vo_service.outputs.zenoh.zenoh_config import MAX_MESSAGE_BYTES
 from vo_service.types.messages import ErrorReply, decode_message, parse_json_message
 
 logger = logging.getLogger(__name__)

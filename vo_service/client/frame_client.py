@@ -17,8 +17,7 @@ from vo_service.client.connection import FrameUnavailable, check_timeout
 from vo_service.client.pose import Pose, PoseReader, ReceivedPose, parse_pose_sample
 from vo_service.client.subscription import ServiceClient
 from vo_service.config_tables import DEFAULT_ENDPOINT
-from vo_service.outputs.zenoh import MAX_FRAME_MESSAGE_BYTES
-from vo_service.ros_messages import CompressedImageMessage, PointCloudMessage, RawImageMessage
+from vo_service.outputs.zenoh.zenoh_config import MAX_FRAME_MESSAGE_BYTES
 from vo_service.ros_messages.decoding import (
     decode_camera_info,
     decode_color_jpeg,
@@ -26,6 +25,11 @@ from vo_service.ros_messages.decoding import (
     decode_depth_png,
     decode_image,
     decode_point_cloud,
+)
+from vo_service.ros_messages.sensors import (
+    CompressedImageMessage,
+    PointCloudMessage,
+    RawImageMessage,
 )
 from vo_service.types.messages import FrameAttachment, decode_message, parse_json_message
 

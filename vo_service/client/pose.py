@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.core.geometry import Array, quaternion_from_rotation
-from vo_service.ros_messages import OdometryMessage
 from vo_service.ros_messages.decoding import decode_odometry, decode_transform
+from vo_service.ros_messages.navigation import OdometryMessage
 from vo_service.types.messages import (
     MapOdomAttachment,
     OdomAttachment,

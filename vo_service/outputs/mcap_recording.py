@@ -23,16 +23,17 @@ from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQue
 from drivers.core.geometry import Array, Trajectory, inverse
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
 from vo_service.config_tables import MIN_FREE_BYTES
-from vo_service.ros_messages import (
+from vo_service.ros_messages.cdr import STRING_SCHEMA, encode_string
+from vo_service.ros_messages.navigation import (
     ODOMETRY_SCHEMA,
-    POINT_CLOUD_SCHEMA,
-    STRING_SCHEMA,
     TRANSFORMS_SCHEMA,
-    PointCloudMessage,
     TransformMessage,
-    encode_point_cloud,
-    encode_string,
     encode_transforms,
+)
+from vo_service.ros_messages.sensors import (
+    POINT_CLOUD_SCHEMA,
+    PointCloudMessage,
+    encode_point_cloud,
 )
 from vo_service.types.messages import (
     FrameIds,

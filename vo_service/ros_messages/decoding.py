@@ -12,25 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, transform_from_pose
-from vo_service.ros_messages import (
+from vo_service.ros_messages.cdr import CDR_HEADER, BytesLike
+from vo_service.ros_messages.navigation import (
+    ODOMETRY_SCHEMA,
+    TRANSFORM_SCHEMA,
+    OdometryMessage,
+    TransformMessage,
+)
+from vo_service.ros_messages.sensors import (
     CAMERA_INFO_SCHEMA,
-    CDR_HEADER,
     COMPRESSED_IMAGE_SCHEMA,
     DEPTH_PNG_HEADER,
     ENCODINGS,
     IMAGE_SCHEMA,
-    ODOMETRY_SCHEMA,
     POINT,
     POINT_CLOUD_SCHEMA,
     POINT_FIELDS,
-    TRANSFORM_SCHEMA,
-    BytesLike,
     CameraInfoMessage,
     CompressedImageMessage,
-    OdometryMessage,
     PointCloudMessage,
     RawImageMessage,
-    TransformMessage,
 )
 
 

@@ -28,7 +28,7 @@ PRINTED_BY = {
     "drivers/core/files.py": ("compare", "demo", "reconstruct"),
     "vo_service/outputs/zenoh/": ("run", "replay"),
     "vo_service/cli/devices.py": ("run", "record", "calibrate", "doctor"),  # a list for these
-    "vo_service/tools/benchmark/": ("compare",),
+    "vo_service/tools/compare/": ("compare",),
     "vo_service/tools/calibration/": ("calibrate",),
     "vo_service/tools/doctor/": ("doctor",),
     "vo_service/tools/download/": ("download",),

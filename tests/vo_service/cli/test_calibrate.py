@@ -20,7 +20,8 @@ from tests.vo_service.tools.calibration.board_snapshots import (
     record_snapshots,
 )
 from tests.vo_service.tools.calibration.rendered_boards import COLOR_LENS, DEPTH_LENS
-from vo_service.tools.calibration import Snapshot, color_camera, depth_camera
+from vo_service.tools.calibration import color_camera, depth_camera
+from vo_service.tools.calibration.snapshot import Snapshot
 
 Capture = pytest.CaptureFixture[str]
 OPTIONS = ("calibrate", "--board", "chessboard:9x6", "--square", "0.035")

@@ -19,20 +19,21 @@ from tests.conftest import FRAMES
 from tests.forked_process import ForkedProcess
 from tests.resource_leaks import child_pids_of, command_line_of, find_child_running, is_alive
 from tests.vo_service.cli.cli_runner import run_in_process
-from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factories
+from tests.vo_service.tools.compare.faulty_methods import make_faulty_factories
 from tests.waiting import wait_until
 from vo_service.cli import compare
 from vo_service.config import Config
 from vo_service.odometry.registry import METHODS
-from vo_service.tools.benchmark import batch, report
-from vo_service.tools.benchmark.baselines import BASELINES, Baseline, BaselinePackage
-from vo_service.tools.benchmark.methods import METHOD_NAMES
+from vo_service.tools.compare import batch
+from vo_service.tools.compare.baselines.registry import BASELINES, Baseline, BaselinePackage
+from vo_service.tools.compare.methods import METHOD_NAMES
+from vo_service.tools.compare.report import report_folder
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("forked_runs")]
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
-CHILD = "vo_service.tools.benchmark.worker_main:run_benchmark"
+CHILD = "vo_service.tools.compare.worker_main:run_comparison"
 
 
 def test_a_comparison_gives_a_report_and_the_poses_of_a_replay(
@@ -78,7 +79,7 @@ def test_a_method_without_a_pose_fails_and_names_the_reason(
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """They take most of the time of a report, and have tests of their own."""
-    monkeypatch.setattr(report, "make_figures", lambda result: iter(()))
+    monkeypatch.setattr(report_folder, "make_figures", lambda result: iter(()))
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -244,10 +245,10 @@ def test_ctrl_c_leaves_a_report_of_finished_runs(
 # The source may be edited while the tests run, and what is kept is kept for one source.
 SCRIPT = """
 import sys
-from tests.vo_service.tools.benchmark.faulty_methods import make_faulty_factories
+from tests.vo_service.tools.compare.faulty_methods import make_faulty_factories
 from vo_service.cli import command_line
 from vo_service.cli import compare
-from vo_service.tools.benchmark import batch
+from vo_service.tools.compare import batch
 compare.make_method_factories = make_faulty_factories(surf="go on", icp=sys.argv[1])
 batch.collect_versions = dict
 command_line.main(["compare", *sys.argv[2:]])

@@ -20,8 +20,8 @@ from tests.vo_service.client.fake_service import BLOCK
 from tests.waiting import wait_until
 from vo_service.cli import listen
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
-from vo_service.ros_messages import (
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,

@@ -14,7 +14,7 @@ from tests.waiting import wait_until
 from vo_service import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
 from vo_service.client import connection
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.session import open_session
 from vo_service.types.commands import PauseCommand
 from vo_service.types.odometry_update import OdometryUpdate
 

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.core.geometry import rigid_transform, so3_exp
-from vo_service.ros_messages import (
+from vo_service.ros_messages.cdr import split_stamp
+from vo_service.ros_messages.decoding import decode_odometry, decode_transform
+from vo_service.ros_messages.navigation import (
     OdometryMessage,
     TransformMessage,
     encode_odometry,
     encode_transform,
     encode_transforms,
-    split_stamp,
 )
-from vo_service.ros_messages.decoding import decode_odometry, decode_transform
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 meters = st.floats(-1e6, 1e6)

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.session import open_session
 
 file, seconds = Path(sys.argv[1]), float(sys.argv[2])
 sent = 0

@@ -20,7 +20,7 @@ from tests.vo_service.security.tls_network import (
 )
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.session import open_session
 
 pytestmark = pytest.mark.zenoh
 

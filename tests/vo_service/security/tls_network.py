@@ -15,9 +15,9 @@ from tests.ports import free_port
 from tests.vo_service.sample_map import make_map
 from vo_service.config_tables import CommandConfig, ZenohConfig
 from vo_service.control import CommandQueue
-from vo_service.outputs.zenoh import open_session
-from vo_service.outputs.zenoh.endpoints import ExtraEndpoints, make_command_endpoint
 from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints, make_command_endpoint
 from vo_service.tools.certificates import CertificateAuthority
 from vo_service.types.commands import Command, PausedReply
 from vo_service.types.odometry_update import OdometryUpdate

@@ -17,7 +17,7 @@ from vo_service.outputs.zenoh.ros2 import (
     publisher_gid,
     ros_type,
 )
-from vo_service.ros_messages import TransformMessage
+from vo_service.ros_messages.navigation import TransformMessage
 
 # Numbers of the publishers in the ROS node; those of the poses and of /tf come before.
 FIRST_NUMBER = 10

@@ -7,8 +7,8 @@ from dataclasses import replace
 import zenoh
 
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
-from vo_service.outputs.zenoh import ZenohPortInUseError, open_session
 from vo_service.outputs.zenoh.output import describe
+from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
 
 # Another program may take a free port before Zenoh opens it.
 MAX_PORT_ATTEMPTS = 5

@@ -12,15 +12,13 @@ import zenoh
 from drivers.core import UserFacingError
 from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import (
-    ZenohUnavailableError,
+from vo_service.outputs.zenoh.addresses import (
     connect_endpoints,
     is_connected_to_any,
-    log_connections,
-    open_session,
     session_endpoints,
 )
-from vo_service.outputs.zenoh.endpoints import (
+from vo_service.outputs.zenoh.session import ZenohUnavailableError, log_connections, open_session
+from vo_service.outputs.zenoh.session_endpoints import (
     EndpointConfig,
     ExtraEndpoints,
     LatestMessages,

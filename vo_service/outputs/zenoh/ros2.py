@@ -16,16 +16,18 @@ import zenoh.ext
 
 from drivers.core import InputError
 from vo_service.config_tables import Ros2Config
-from vo_service.ros_messages import (
+from vo_service.ros_messages.navigation import (
+    ODOMETRY_SCHEMA,
+    TRANSFORMS_SCHEMA,
+    TransformMessage,
+    encode_transforms,
+)
+from vo_service.ros_messages.sensors import (
     CAMERA_INFO_SCHEMA,
     COMPRESSED_IMAGE_SCHEMA,
     IMAGE_SCHEMA,
     IMU_SCHEMA,
-    ODOMETRY_SCHEMA,
     POINT_CLOUD_SCHEMA,
-    TRANSFORMS_SCHEMA,
-    TransformMessage,
-    encode_transforms,
 )
 from vo_service.types.messages import FrameIds, pose_transforms
 from vo_service.types.odometry_update import OdometryUpdate

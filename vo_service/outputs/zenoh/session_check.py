@@ -10,15 +10,15 @@ import zenoh
 from drivers.core import InputError
 from drivers.core.config import FieldError
 from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig
-from vo_service.outputs.zenoh import (
+from vo_service.outputs.zenoh.addresses import (
     ENCRYPTED_PROTOCOLS,
-    build_zenoh_config,
     configured_endpoints,
     exposed_endpoints,
-    open_with_shared_memory,
     parse_endpoint,
     requires_client_certificates,
 )
+from vo_service.outputs.zenoh.session import open_with_shared_memory
+from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config
 
 _UNENCRYPTED = ("tcp", "udp", "ws")
 # The one protocol without a port that the Python package of Zenoh has.

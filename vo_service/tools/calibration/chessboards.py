@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.core import InputError
 from drivers.core.geometry import Array
-from vo_service.tools.calibration import (
+from vo_service.tools.calibration.board import (
     NO_CORNERS,
     Board,
     BoardCorners,

@@ -13,7 +13,8 @@ from drivers.recording.recorded_frames import RecordedImage
 from drivers.tum.folder import read_frame_pairs
 from drivers.tum.index_files import ListedImage, read_image_list
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration import NO_DEPTH, Board, BoardView, Snapshot
+from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Snapshot
 from vo_service.tools.calibration.view_selection import (
     CoverageGap,
     ViewSelector,

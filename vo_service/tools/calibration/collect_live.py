@@ -31,13 +31,14 @@ from drivers.core import CameraError, InputError, UserFacingError
 from drivers.registry import open_camera
 from drivers.tum.writer import TumWriter
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration import NO_DEPTH, Board, BoardCorners, BoardView, Snapshot
+from vo_service.tools.calibration.board import Board, BoardCorners
 from vo_service.tools.calibration.collect_folder import (
     BOARD_NOT_FOUND_HINT,
     MILLIMETER_DEPTH_FACTOR,
     CollectedViews,
     DepthUnits,
 )
+from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Snapshot
 from vo_service.tools.calibration.view_selection import CoverageGuide, ViewDecision, ViewSelector
 
 POLL_PERIOD_S = 0.25

@@ -12,7 +12,9 @@ import numpy as np
 from drivers.calibration import NO_DISTORTION
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from vo_service.tools.calibration import BoardCorners, BoardView, Lens
+from vo_service.tools.calibration.board import BoardCorners
+from vo_service.tools.calibration.lens import Lens
+from vo_service.tools.calibration.snapshot import BoardView
 
 MIN_VIEWS = 6
 # Groups of views for the jackknife: each fit leaves out one group.

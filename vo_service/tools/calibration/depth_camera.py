@@ -15,7 +15,7 @@ from drivers.calibration import DepthCameraCalibration, RigidTransform
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array, quaternion_from_rotation
 from vo_service.odometry.uncertainty import depth_sigma_m
-from vo_service.tools.calibration import BoardLayout
+from vo_service.tools.calibration.board import BoardLayout
 from vo_service.tools.calibration.color_camera import (
     JACKKNIFE_GROUPS,
     MIN_SIGNIFICANT_SIGMAS,

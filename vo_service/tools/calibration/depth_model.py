@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
-from vo_service.tools.calibration import BoardLayout, BoardView, Lens
+from vo_service.tools.calibration.board import BoardLayout
+from vo_service.tools.calibration.lens import Lens
+from vo_service.tools.calibration.snapshot import BoardView
 
 PARAMETER_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "rx", "ry", "rz", "tx", "ty", "tz", "scale")
 DISTORTION = slice(4, 6)

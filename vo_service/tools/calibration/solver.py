@@ -10,11 +10,12 @@ from drivers.calibration import CameraCalibration, DepthCameraCalibration, Rigid
 from drivers.core import UserFacingError
 from drivers.core.geometry import Array, so3_log
 from vo_service.terminal import Terminal
-from vo_service.tools.calibration import Board, Lens
+from vo_service.tools.calibration.board import Board
 from vo_service.tools.calibration.collect_folder import CollectedViews, DepthUnits
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult, calibrate_depth
 from vo_service.tools.calibration.depth_model import ROTATION, SCALE_INDEX, TRANSLATION
+from vo_service.tools.calibration.lens import Lens
 from vo_service.tools.calibration.view_selection import CoverageGap
 
 ROW_FORMAT = "{:<26}{:>24}{:>24}"

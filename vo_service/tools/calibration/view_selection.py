@@ -11,16 +11,9 @@ from numpy.typing import NDArray
 
 from drivers.calibration import NO_DISTORTION
 from drivers.core.geometry import Array
-from vo_service.tools.calibration import (
-    NO_CORNERS,
-    Board,
-    BoardCorners,
-    BoardView,
-    Lens,
-    Snapshot,
-    make_view,
-    solve_board_pose,
-)
+from vo_service.tools.calibration.board import NO_CORNERS, Board, BoardCorners
+from vo_service.tools.calibration.lens import Lens, solve_board_pose
+from vo_service.tools.calibration.snapshot import BoardView, Snapshot, make_view
 
 # Half a pixel from frame to frame causes no blur; corners are accurate to a tenth.
 MAX_STILL_SPEED_PX_S = 15.0

@@ -12,16 +12,8 @@ from drivers.kinect_usb.audio_motor import MIN_INTERFACES_WITH_FIRMWARE
 from drivers.kinect_usb.usb_ids import SensorModel
 from drivers.openni2.device import DetectedDevice, list_devices
 from drivers.registry import ONI_SUFFIX
-from vo_service.tools.doctor import (
-    Check,
-    CheckContext,
-    Finding,
-    RequestedSensor,
-    failed,
-    passed,
-    unknown,
-    warned,
-)
+from vo_service.tools.doctor.check import Check, CheckContext, RequestedSensor
+from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.stream_checks import (
     ClockRateCheck,
     FirstFramesCheck,

@@ -6,7 +6,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import TextIO
 
-from vo_service.tools.doctor import CheckResult, CheckVerdict
+from vo_service.tools.doctor.check import CheckResult
+from vo_service.tools.doctor.finding import CheckVerdict
 
 SYMBOLS = {
     CheckVerdict.PASS: "✓",

@@ -15,7 +15,8 @@ from vo_service.tools.calibration.timing import (
     make_timing,
     remembered_as_timing,
 )
-from vo_service.tools.doctor import CheckContext, Finding, failed, passed, unknown, warned
+from vo_service.tools.doctor.check import CheckContext
+from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
 
 REPLUG_FIX = "check its cable and power supply: unplug both, wait ten seconds, plug them in again"

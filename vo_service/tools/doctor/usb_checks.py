@@ -8,7 +8,8 @@ from pathlib import Path
 
 from drivers.camera import is_serial
 from drivers.core import UserFacingError
-from vo_service.tools.doctor import CheckContext, Finding, failed, passed, unknown, warned
+from vo_service.tools.doctor.check import CheckContext
+from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, OpenError, UsbPart, UsbSensor
 from vo_service.tools.install.udev import GROUP, KERNEL_DRIVER, RULES_FILE, format_sudo_command
 

@@ -15,7 +15,7 @@ from drivers.core import InputError, UserFacingError
 from drivers.core.write_errors import create_output_folder
 from drivers.tum.folder import open_tum_folder
 from vo_service.terminal import Terminal
-from vo_service.tools.download import BENCHMARK_URL, BenchmarkSequence
+from vo_service.tools.download.catalog import BENCHMARK_URL, BenchmarkSequence
 from vo_service.tools.download.transfer import PartialFile, disk_error, fetch_with_retries
 
 CHUNK_BYTES = 1 << 16

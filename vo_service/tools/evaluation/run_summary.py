@@ -9,7 +9,7 @@ from drivers.core import InputError
 from drivers.core.geometry import Array, Trajectory
 from vo_service.service import ServiceStatistics
 from vo_service.terminal import format_columns, format_mm
-from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
 from vo_service.types.estimate import OnlineFocalLength, OnlineTiming
 
 logger = logging.getLogger(__name__)

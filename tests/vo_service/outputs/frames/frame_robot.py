@@ -9,9 +9,9 @@ from drivers.camera import AccelerometerReading
 from drivers.core.geometry import T_BODY_CAMERA
 from tests.vo_service.outputs.zenoh.query_helpers import config
 from vo_service.config_tables import FramesConfig, Ros2Config
-from vo_service.outputs.frames import FrameOutput, FrameOutputConfig
-from vo_service.outputs.zenoh.endpoints import ExtraEndpoints
+from vo_service.outputs.frames.output import FrameOutput, FrameOutputConfig
 from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.outputs.zenoh.session_endpoints import ExtraEndpoints
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 

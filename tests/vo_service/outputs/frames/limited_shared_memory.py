@@ -18,8 +18,8 @@ import zenoh
 from tests.ports import free_port
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.frames import MIN_SHARED_BYTES, SharedPayloads
-from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.frames.shared_payloads import MIN_SHARED_BYTES, SharedPayloads
+from vo_service.outputs.zenoh.session import open_session
 
 
 def fill(file: Path) -> None:

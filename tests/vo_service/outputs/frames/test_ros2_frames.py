@@ -21,7 +21,8 @@ from tests.vo_service.outputs.zenoh.ros_node import ROS, RosReader, receive_toke
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config
 from vo_service.outputs.zenoh.ros2 import TF_MESSAGE, ros_type
-from vo_service.ros_messages import TRANSFORMS_SCHEMA, split_stamp
+from vo_service.ros_messages.cdr import split_stamp
+from vo_service.ros_messages.navigation import TRANSFORMS_SCHEMA
 
 __all__ = ["make_update"]
 

@@ -10,7 +10,7 @@ import pytest
 from tests.forked_process import run_module
 from tests.mount_namespace import AS_MAPPED_ROOT, need_mounts
 from tests.waiting import DEFAULT_TIMEOUT_S
-from vo_service.outputs.frames import MIN_SHARED_BYTES, SharedPayloads
+from vo_service.outputs.frames.shared_payloads import MIN_SHARED_BYTES, SharedPayloads
 
 LOCKABLE_BYTES, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
 pytestmark = [

@@ -11,9 +11,9 @@ import zenoh
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 from vo_service.config_tables import ZenohConfig
 from vo_service.control import CommandFuture, CommandQueue
-from vo_service.outputs.zenoh import open_session
-from vo_service.outputs.zenoh.endpoints import CommandServer, ExtraEndpoints
 from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.session_endpoints import CommandServer, ExtraEndpoints
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:

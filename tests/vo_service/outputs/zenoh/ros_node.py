@@ -13,8 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.waiting import wait_until
 from vo_service.config_tables import Ros2Config, ZenohConfig
-from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.ros2 import ODOMETRY, TF_MESSAGE, Ros2Publisher
+from vo_service.outputs.zenoh.session import open_session
 from vo_service.types.messages import FrameIds, pose_payload
 from vo_service.types.odometry_update import OdometryUpdate
 

@@ -16,7 +16,7 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 from tests.waiting import wait_until
 from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandQueue
-from vo_service.outputs.zenoh.endpoints import (
+from vo_service.outputs.zenoh.session_endpoints import (
     CommandRateLimit,
     CommandServer,
     make_command_endpoint,

@@ -21,13 +21,14 @@ from tests.vo_service.outputs.zenoh.query_helpers import (
 )
 from vo_service.config_tables import CommandConfig
 from vo_service.control import CommandQueue
-from vo_service.outputs.zenoh import endpoints, open_session
-from vo_service.outputs.zenoh.endpoints import (
+from vo_service.outputs.zenoh import session_endpoints
+from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.session_endpoints import (
     CommandServer,
     NullCommandEndpoint,
     make_command_endpoint,
 )
-from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.types.commands import (
     COMMANDS,
     CommandError,
@@ -144,7 +145,7 @@ def test_a_wildcard_query_executes_nothing(queue_and_session: QueueAndSession, k
 def test_a_blocked_loop_gives_a_timeout_error(
     queue_and_session: QueueAndSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(endpoints, "RESULT_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(session_endpoints, "RESULT_TIMEOUT_S", 0.05)
     command_queue, session = queue_and_session
     (reply_content,) = query_json(session, "kinect/command/pause")
     assert reply_content["error"] == "timed-out"
@@ -182,7 +183,7 @@ def test_closing_does_not_wait_for_a_command_in_the_loop(free_port: int) -> None
         future = next_command(command_queue)
         before_s = time.monotonic()
         output.close()
-        assert time.monotonic() - before_s < endpoints.RESULT_TIMEOUT_S
+        assert time.monotonic() - before_s < session_endpoints.RESULT_TIMEOUT_S
         future.set_result(PausedReply(True))
     assert isinstance(future.command, PauseCommand)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.core import InputError
-from vo_service.outputs.zenoh import read_zenoh_config
+from vo_service.outputs.zenoh.zenoh_config import read_zenoh_config
 
 KEY = "transport/link/tls/listen_private_key"
 

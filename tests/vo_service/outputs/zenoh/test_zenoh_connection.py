@@ -15,11 +15,11 @@ from tests import ports
 from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session, query_json
 from tests.waiting import wait_until
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import ZenohPortInUseError, open_session
 from vo_service.outputs.zenoh import free_port as free_port_module
 from vo_service.outputs.zenoh import output as output_module
 from vo_service.outputs.zenoh.free_port import ConnectOnFreePort
 from vo_service.outputs.zenoh.output import LIVE_QOS, ConnectOnce, ConnectWithRetry, ZenohOutput
+from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from vo_service.outputs.zenoh import Endpoint, parse_endpoint
+from vo_service.outputs.zenoh.addresses import Endpoint, parse_endpoint
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import build_zenoh_config
+from vo_service.outputs.zenoh.zenoh_config import build_zenoh_config
 
 LOCAL = Path(__file__).parents[4] / "config" / "zenoh" / "local.json5"
 

@@ -18,8 +18,8 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import open_session
 from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate
 

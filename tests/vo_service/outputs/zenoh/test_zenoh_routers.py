@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from vo_service.config_tables import ZenohConfig
-from vo_service.outputs.zenoh import connect_endpoints
+from vo_service.outputs.zenoh.addresses import connect_endpoints
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.core import InputError, UserFacingError
 from vo_service.config_tables import ZenohConfig, check_prefix
-from vo_service.outputs.zenoh import open_session
+from vo_service.outputs.zenoh.session import open_session
 
 
 @pytest.mark.zenoh

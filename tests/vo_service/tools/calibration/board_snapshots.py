@@ -12,8 +12,9 @@ import pytest
 
 from tests.shared_fixture import make_once
 from tests.vo_service.tools.calibration.rendered_boards import random_board_poses, take_snapshots
-from vo_service.tools.calibration import BoardCorners, BoardLayout, GrayImage, Snapshot
+from vo_service.tools.calibration.board import BoardCorners, BoardLayout, GrayImage
 from vo_service.tools.calibration.chessboards import Chessboard
+from vo_service.tools.calibration.snapshot import Snapshot
 
 # On A3.
 BOARD = Chessboard(BoardLayout(10, 7, 0.035))

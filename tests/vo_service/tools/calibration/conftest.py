@@ -12,10 +12,10 @@ from tests.vo_service.tools.calibration.board_snapshots import (
     each_image_is_searched_once,
     load_snapshots,
 )
-from vo_service.tools.calibration import Snapshot
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult, calibrate_depth
+from vo_service.tools.calibration.snapshot import Snapshot
 from vo_service.tools.calibration.view_selection import ViewSelector
 
 CalibratedKinect = tuple[ViewSelector, ColorCalibrationResult, DepthCalibrationResult]

@@ -9,14 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
-from vo_service.tools.calibration import (
-    NO_DEPTH,
-    Board,
-    BoardCorners,
-    BoardView,
-    Lens,
-    Snapshot,
-)
+from vo_service.tools.calibration.board import Board, BoardCorners
+from vo_service.tools.calibration.lens import Lens
+from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Snapshot
 
 SIZE = (640, 480)
 TEXELS_PER_SQUARE = 48

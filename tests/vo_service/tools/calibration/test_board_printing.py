@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from drivers.core import InputError
-from vo_service.tools.calibration import (
-    DOTS_PER_INCH,
-    Board,
-    BoardLayout,
-    choose_paper,
-    print_board,
-)
+from vo_service.tools.calibration.board import Board, BoardLayout
+from vo_service.tools.calibration.board_printing import DOTS_PER_INCH, choose_paper, print_board
 from vo_service.tools.calibration.chessboards import Charuco, Chessboard
 
 CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.025))

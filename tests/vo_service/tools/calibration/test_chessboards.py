@@ -13,7 +13,7 @@ from tests.vo_service.tools.calibration.rendered_boards import (
     RenderedKinect,
     random_board_poses,
 )
-from vo_service.tools.calibration import Board, BoardCorners, BoardLayout
+from vo_service.tools.calibration.board import Board, BoardCorners, BoardLayout
 from vo_service.tools.calibration.chessboards import BoardOptions, Charuco, Chessboard, make_board
 
 CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.035))

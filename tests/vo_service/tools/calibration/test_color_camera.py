@@ -12,13 +12,15 @@ from tests.vo_service.tools.calibration.rendered_boards import (
     RenderedKinect,
     random_board_poses,
 )
-from vo_service.tools.calibration import BoardCorners, BoardView, Lens
+from vo_service.tools.calibration.board import BoardCorners
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import (
     ColorCalibrationResult,
     calibrate_color,
     jackknife_sigma,
 )
+from vo_service.tools.calibration.lens import Lens
+from vo_service.tools.calibration.snapshot import BoardView
 from vo_service.tools.calibration.view_selection import ViewSelector
 
 NO_DISTORTION = replace(COLOR_LENS, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))

@@ -7,14 +7,9 @@ import pytest
 
 from drivers.core.geometry import rigid_transform, so3_exp
 from tests.vo_service.tools.calibration.rendered_boards import RenderedKinect
-from vo_service.tools.calibration import (
-    NO_DEPTH,
-    BoardCorners,
-    BoardView,
-    Snapshot,
-    make_view,
-)
+from vo_service.tools.calibration.board import BoardCorners
 from vo_service.tools.calibration.chessboards import Chessboard
+from vo_service.tools.calibration.snapshot import NO_DEPTH, BoardView, Snapshot, make_view
 from vo_service.tools.calibration.view_selection import (
     BoardPose,
     CoverageGuide,

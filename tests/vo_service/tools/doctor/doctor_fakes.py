@@ -7,8 +7,8 @@ from typing import Any
 from drivers.calibration import KINECT_READOUT_S, KINECT_TIMING_PRIOR
 from drivers.camera import CameraCounters
 from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
-from vo_service.tools.doctor import CheckContext, SystemPaths
 from vo_service.tools.doctor.camera_checks import requested_sensor_for
+from vo_service.tools.doctor.check import CheckContext, SystemPaths
 from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
 from vo_service.tools.doctor.usb_probe import UsbPart, UsbSensor
 

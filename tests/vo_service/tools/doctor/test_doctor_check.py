@@ -10,19 +10,15 @@ from dataclasses import dataclass
 import pytest
 
 from tests.vo_service.tools.doctor.doctor_fakes import make_capture, make_context, make_sensor
-from vo_service.tools.doctor import (
+from vo_service.tools.doctor.camera_checks import checks_for
+from vo_service.tools.doctor.check import (
     CheckContext,
     CheckResult,
-    CheckVerdict,
-    Finding,
     diagnosis_as_json,
-    failed,
     overall_verdict,
-    passed,
     run_checks,
-    warned,
 )
-from vo_service.tools.doctor.camera_checks import checks_for
+from vo_service.tools.doctor.finding import CheckVerdict, Finding, failed, passed, warned
 from vo_service.tools.doctor.printer import FindingPrinter
 from vo_service.tools.doctor.usb_probe import OpenError
 

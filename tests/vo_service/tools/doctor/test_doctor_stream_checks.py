@@ -15,7 +15,8 @@ from tests.vo_service.tools.doctor.doctor_fakes import (
     make_samples,
 )
 from vo_service.sensor_memory import RememberedFocalLength
-from vo_service.tools.doctor import Check, CheckVerdict, Finding
+from vo_service.tools.doctor.check import Check
+from vo_service.tools.doctor.finding import CheckVerdict, Finding
 from vo_service.tools.doctor.stream_checks import (
     ClockRateCheck,
     FirstFramesCheck,

@@ -14,8 +14,9 @@ from tests.vo_service.tools.doctor.doctor_fakes import (
     make_usb_device,
     make_usb_interface,
 )
-from vo_service.tools.doctor import CheckContext, CheckVerdict, SystemPaths
 from vo_service.tools.doctor.camera_checks import FirmwareCheck, requested_sensor_for
+from vo_service.tools.doctor.check import CheckContext, SystemPaths
+from vo_service.tools.doctor.finding import CheckVerdict
 from vo_service.tools.doctor.usb_checks import (
     ControllerCheck,
     ExclusiveAccessCheck,

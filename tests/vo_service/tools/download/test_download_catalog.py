@@ -4,7 +4,7 @@ import pytest
 
 from drivers.calibration import TUM_CALIBRATIONS, find_calibration
 from drivers.core import InputError
-from vo_service.tools.download import BENCHMARK_URL, SEQUENCES, find_sequence
+from vo_service.tools.download.catalog import BENCHMARK_URL, SEQUENCES, find_sequence
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from evo.core.trajectory import PoseTrajectory3D
 
 from drivers.core.geometry import Array, Trajectory, read_trajectory, rigid_transform, so3_exp
 from tests.vo_service.tools.evaluation.sample_trajectories import noisy_copy, random_walk
-from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.evaluation import evaluate
 
 OTHER_WORLD = rigid_transform(so3_exp([-0.7, 0.4, 2.5]), [1.0, -2.0, 0.5])
 T0_S = 1305031449.1  # as large as real stamps, to include their rounding

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.core.geometry import Trajectory, rigid_transform, so3_exp
 from tests.vo_service.tools.evaluation.sample_trajectories import moving_along_x
-from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
 
 OTHER_WORLD = rigid_transform(so3_exp([0.1, 0.2, 0.3]), [1.0, 1.0, 1.0])
 

@@ -10,7 +10,7 @@ from tests.vo_service.tools.evaluation.sample_trajectories import (
     noisy_copy,
     random_walk,
 )
-from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.evaluation import evaluate
 from vo_service.tools.evaluation.metrics import (
     associate,
     best_alignment,

@@ -1,0 +1,189 @@
+"""Batches of runs and their cache."""
+
+import os
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from drivers.core import InputError
+from tests.conftest import FRAMES
+from tests.vo_service.captured_terminal import CapturedTerminal
+from tests.vo_service.tools.compare.faulty_methods import FaultyMethodFactory
+from vo_service.config import OdometryConfig
+from vo_service.config_tables import MapConfig
+from vo_service.terminal import Terminal
+from vo_service.tools.compare.batch import BatchPlan, BatchResult, run_batch
+from vo_service.tools.compare.methods import ConfiguredMethodFactory, MethodFactory
+from vo_service.tools.compare.observers import (
+    NULL_OBSERVER,
+    LoopClosureObserverFactory,
+    ObserverFactory,
+)
+from vo_service.tools.compare.recordings import open_recordings
+from vo_service.tools.compare.run_cache import make_cache_key
+from vo_service.tools.compare.run_outcome import RunState
+
+CopyRecording = Callable[..., Path]
+VERSIONS = {"numpy": "2"}
+LIMIT_S = 100.0
+
+
+def run_all(
+    folder: Path,
+    output: Path,
+    factories: Mapping[str, MethodFactory],
+    stopped: bool = False,
+    force: bool = False,
+    observer: ObserverFactory = NULL_OBSERVER,
+) -> tuple[list[BatchResult], str]:
+    """Run a batch and return the results and the terminal's output."""
+    screen = CapturedTerminal()
+    stop = threading.Event()
+    if stopped:
+        stop.set()
+    plan = BatchPlan(open_recordings([folder], None), factories, output, LIMIT_S, force, observer)
+    return list(run_batch(plan, Terminal(screen), stop)), screen.getvalue()
+
+
+def run_states(results: list[BatchResult]) -> list[RunState]:
+    return [result.outcome.state for result in results]
+
+
+@pytest.mark.subprocess
+@pytest.mark.usefixtures("forked_runs")
+def test_after_a_failure_the_others_run_and_it_is_run_again(
+    recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    results, _ = run_all(
+        recording, tmp_path, {"bad": FaultyMethodFactory("segfault"), "good": FaultyMethodFactory()}
+    )
+    assert run_states(results) == [RunState.CRASHED, RunState.DONE]
+    assert "corner, bad (run 1 of 2): crashed (signal 11" in caplog.text
+    cached, _ = run_all(recording, tmp_path, {"bad": FaultyMethodFactory("segfault")}, stopped=True)
+    assert run_states(cached) == [RunState.CRASHED]  # from the cache, not run
+    results, output_text = run_all(
+        recording, tmp_path, {"bad": FaultyMethodFactory("segfault"), "good": FaultyMethodFactory()}
+    )
+    assert run_states(results) == [RunState.CRASHED, RunState.DONE]
+    assert "bad (run 1 of 2): starting" in output_text
+    assert "good (run 2 of 2): cached" in output_text
+
+
+@pytest.mark.subprocess
+@pytest.mark.usefixtures("forked_runs")
+def test_a_cached_run_is_run_again_by_force_or_with_other_settings(
+    recording: Path, tmp_path: Path
+) -> None:
+    first, _ = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    cached, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    assert "cached" in output_text
+    assert cached[0].outcome.run.wall_s == first[0].outcome.run.wall_s
+    _, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()}, force=True)
+    assert "starting" in output_text
+    changed, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory("lose it")})
+    assert "starting" in output_text
+    assert changed[0].outcome.run.failed == 9
+
+
+def test_after_a_stop_no_run_is_started(recording: Path, tmp_path: Path) -> None:
+    factories = {"one": FaultyMethodFactory(), "two": FaultyMethodFactory()}
+    results, output_text = run_all(recording, tmp_path, factories, stopped=True)
+    assert run_states(results) == [RunState.NOT_RUN, RunState.NOT_RUN]
+    assert "starting" not in output_text
+    assert list(tmp_path.iterdir()) == []
+
+
+def key(
+    folder: Path,
+    factory: MethodFactory,
+    versions: Mapping[str, str] = VERSIONS,
+    observer: ObserverFactory = NULL_OBSERVER,
+) -> str:
+    return make_cache_key(open_recordings([folder], None)[0], factory, versions, observer)
+
+
+def test_the_key_changes_with_everything_that_changes_the_result(
+    copy_recording: CopyRecording,
+) -> None:
+    folder, factory = copy_recording(), ConfiguredMethodFactory(OdometryConfig())
+    keys = [key(folder, factory)]
+    keys.append(key(folder, ConfiguredMethodFactory(OdometryConfig(feature_count=500))))
+    keys.append(key(folder, factory, {"numpy": "3"}))
+    os.utime(folder / "depth" / "0.200000.png", (1, 1))
+    keys.append(key(folder, factory))
+    camera = folder / "camera.toml"
+    camera.write_text(camera.read_text().replace("fx = 2", "fx = 3"))
+    keys.append(key(folder, factory))
+    assert len(set(keys)) == 5
+    assert key(folder, factory) == keys[-1]
+
+
+def test_runs_with_and_without_loop_closure_have_different_keys(recording: Path) -> None:
+    observers = (
+        NULL_OBSERVER,
+        LoopClosureObserverFactory(MapConfig()),
+        LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20)),
+    )
+    keys = [key(recording, FaultyMethodFactory(), observer=observer) for observer in observers]
+    assert len(set(keys)) == 3
+    assert (
+        key(
+            recording,
+            FaultyMethodFactory(),
+            observer=LoopClosureObserverFactory(MapConfig(enabled=False)),
+        )
+        == keys[1]
+    )
+
+
+@pytest.mark.subprocess
+@pytest.mark.usefixtures("forked_runs")
+def test_a_run_with_loop_closure_is_cached_with_it(recording: Path, tmp_path: Path) -> None:
+    loop_closure = LoopClosureObserverFactory(MapConfig())
+    first, _ = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()}, observer=loop_closure)
+    cached, output_text = run_all(
+        recording, tmp_path, {"trial": FaultyMethodFactory()}, observer=loop_closure
+    )
+    assert "cached" in output_text
+    cached_result, first_result = (
+        cached[0].outcome.run.loop_closure,
+        first[0].outcome.run.loop_closure,
+    )
+    assert cached_result is not None
+    assert first_result is not None
+    assert (
+        cached_result.map_keyframes,
+        cached_result.loop_closures,
+        cached_result.cpu_ms_per_frame,
+    ) == (
+        1,
+        0,
+        first_result.cpu_ms_per_frame,
+    )
+    assert len(cached_result.trajectory) == FRAMES
+    without, output_text = run_all(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    assert "starting" in output_text
+    assert without[0].outcome.run.loop_closure is None
+    assert [result.has_loop_closure for result in (*cached, *without)] == [True, False]
+
+
+def test_the_truth_is_in_the_key_only_if_it_is_used(copy_recording: CopyRecording) -> None:
+    folder = copy_recording()
+    without_truth, with_truth = FaultyMethodFactory(), FaultyMethodFactory(uses_truth=True)
+    keys = key(folder, without_truth), key(folder, with_truth)
+    truth = folder / "groundtruth.txt"
+    truth.write_text("\n".join(truth.read_text().splitlines()[:-1]) + "\n")
+    assert key(folder, without_truth) == keys[0]
+    assert key(folder, with_truth) != keys[1]
+
+
+def test_two_folders_with_the_same_name_are_rejected(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    folders = [copy_recording(name="a/desk"), copy_recording(name="b/desk")]
+    with pytest.raises(
+        InputError, match=r"a/desk and .*b/desk: results are stored by the folder's"
+    ):
+        open_recordings(folders, None)

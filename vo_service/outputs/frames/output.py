@@ -1,0 +1,151 @@
+"""The output of frames: encodes and publishes, on its own thread, what somebody subscribes to."""
+
+import logging
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import zenoh
+import zenoh.shm
+
+from drivers.core.flow_control import DropOldestQueue, Throttle, WorkerThread
+from drivers.core.geometry import Array
+from vo_service.config_tables import FramesConfig, Ros2Config, ZenohConfig
+from vo_service.outputs.zenoh.addresses import endpoints_without_roles
+from vo_service.types.messages import frame_attachment
+from vo_service.types.odometry_update import OdometryUpdate
+from vo_service.types.outputs import OutputBase
+
+if TYPE_CHECKING:  # loaded only if it is enabled
+    from vo_service.outputs.frames.ros2 import RosFrames
+from vo_service.outputs.frames.publishers import FrameKeyPublisher, FrameTopicPublisher
+from vo_service.outputs.frames.shared_payloads import SharedPayloads
+from vo_service.outputs.frames.topics import FrameTopic, make_topics
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class FrameOutputConfig:
+    """Configuration of the output.
+
+    Attributes:
+        prefix: Prefix of the keys.
+        frames: Rate, coding and frame of the camera.
+        T_base_camera: 4x4 pose of the optical camera in the base.
+        base_frame_id: Frame of the base, for ROS 2.
+        ros2: Topics for ROS 2.
+    """
+
+    prefix: str
+    frames: FramesConfig
+    T_base_camera: Array
+    base_frame_id: str = "base_link"
+    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
+
+
+CLOSE_TIMEOUT_S = 2.0
+# A pose reaches its readers first: copying images would compete with them for a processor.
+POSE_LEAD_S = 0.002
+
+
+class FrameOutput(OutputBase):
+    """Publishes frames on the session of the poses; `docs/reference/messages.md` has the keys.
+
+    `ZenohOutput` calls `declare` and `queue`. Without a subscriber, an update costs a microsecond.
+    A slow thread or link loses frames.
+    """
+
+    def __init__(self, config: FrameOutputConfig) -> None:
+        self._config = config
+        self._topics = make_topics(config.frames)
+        self._publishers: list[FrameTopicPublisher] = []
+        self._ros2: RosFrames | None = None
+        self._shared_payloads = SharedPayloads()
+        self._throttle = Throttle(1.0 / config.frames.max_hz)
+        self.warning = ""
+        # One frame is being sent while the next one waits.
+        self._worker: WorkerThread[OdometryUpdate] = WorkerThread(
+            "frames", DropOldestQueue(1), self._publish, lambda: None
+        )
+
+    def declare(self, session: zenoh.Session) -> None:
+        """Publish on this session from now on."""
+        config = self._config
+        self._ros2 = self._open_ros2(session)
+        self._publishers = [
+            FrameTopicPublisher(topic, self._declare_keys(session, topic)) for topic in self._topics
+        ]
+        if self._ros2 is not None:
+            self._ros2.declare_transform(
+                config.base_frame_id, config.frames.frame_id, config.T_base_camera
+            )
+
+    def _declare_keys(self, session: zenoh.Session, topic: FrameTopic) -> list[FrameKeyPublisher]:
+        """Declare the topic's own key, and its keys for ROS 2."""
+        cdr = zenoh.Encoding.APPLICATION_CDR
+        encoding = (
+            cdr.with_schema(topic.schema) if topic.schema else zenoh.Encoding.APPLICATION_JSON
+        )
+        key = f"{self._config.prefix}/{topic.name}"
+        keys = [FrameKeyPublisher(session, encoding, key, lambda own: own)]
+        if self._ros2 is not None:
+            declare_key = partial(FrameKeyPublisher, session, cdr)
+            keys += self._ros2.declare_topic(topic.ros_name, topic.schema, declare_key)
+        return keys
+
+    def _open_ros2(self, session: zenoh.Session) -> "RosFrames | None":
+        if not self._config.ros2.enabled:
+            return None
+        from vo_service.outputs.frames.ros2 import RosFrames
+
+        return RosFrames(session, self._config.prefix, self._config.ros2)
+
+    @property
+    def dropped(self) -> int:
+        """Number of frames that newer ones replaced before they were encoded."""
+        return self._worker.dropped
+
+    def queue(self, update: OdometryUpdate) -> None:
+        """Queue the frame if somebody subscribes.
+
+        Called once the pose is sent: copying images holds Python's lock, which would delay it.
+        """
+        is_wanted = any(publisher.is_wanted for publisher in self._publishers)
+        if is_wanted and self._throttle.allow(update.stamp_s):
+            self._worker.put(update)
+
+    def close(self) -> None:
+        """Send the frame that waits."""
+        self._worker.close(CLOSE_TIMEOUT_S)
+
+    def _publish(self, update: OdometryUpdate) -> None:
+        time.sleep(POSE_LEAD_S)
+        attachment = frame_attachment(update, self._config.T_base_camera)
+        try:
+            for publisher in self._publishers:
+                publisher.publish(update, attachment, self._shared_payloads)
+        except (ValueError, zenoh.ZError) as error:
+            self.warning = f"frames: a frame could not be published: {error}"
+            raise
+        self.warning = ""
+
+
+def open_frame_outputs(config: FrameOutputConfig, zenoh_config: ZenohConfig) -> list[FrameOutput]:
+    """Open the output; return nothing if frames are not to be published.
+
+    Raises:
+        InputError: The configuration of Zenoh is not valid.
+    """
+    is_enabled = config.frames.enabled
+    if is_enabled is None:
+        exposed = endpoints_without_roles(zenoh_config)
+        is_enabled = not exposed
+        if exposed:
+            logger.warning(
+                "frames: not published: anyone in the network could see them at %s; set "
+                "frames.enabled, or see docs/guide/remote-access.md",
+                ", ".join(exposed),
+            )
+    return [FrameOutput(config)] if is_enabled else []

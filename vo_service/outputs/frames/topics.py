@@ -1,0 +1,105 @@
+"""The topics of frames, and the encoding of their payloads."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from drivers.camera import NewReadings
+from vo_service.config_tables import FramesConfig
+from vo_service.ros_messages.sensors import (
+    CAMERA_INFO_SCHEMA,
+    COMPRESSED_IMAGE_SCHEMA,
+    IMAGE_SCHEMA,
+    IMU_SCHEMA,
+    POINT_CLOUD_SCHEMA,
+    encode_camera_info,
+    encode_compressed_image,
+    encode_image,
+    encode_imu,
+    encode_point_cloud,
+)
+from vo_service.types.messages import timing_payload
+from vo_service.types.odometry_update import OdometryUpdate
+
+if TYPE_CHECKING:  # loaded only if it is enabled
+    pass
+from vo_service.outputs.frames.frame_messages import FrameMessages
+
+# Makes the payloads of an update, usually one.
+Encoder = Callable[[OdometryUpdate], Sequence[bytes]]
+
+
+@dataclass(frozen=True)
+class FrameTopic:
+    """One topic.
+
+    Attributes:
+        name: Key below the prefix.
+        ros_name: Topic below the ROS namespace; "" if it is not published for ROS.
+        schema: Type of the message; "" for JSON.
+        encode: Makes the payloads.
+    """
+
+    name: str
+    ros_name: str
+    schema: str
+    encode: Encoder
+
+
+def make_topics(settings: FramesConfig) -> list[FrameTopic]:
+    """Make the topics, in the order in which a frame is sent: small messages first."""
+
+    def messages(update: OdometryUpdate) -> FrameMessages:
+        return FrameMessages(update.frame, update.stamp_s, settings.frame_id)
+
+    def camera_info(update: OdometryUpdate) -> list[bytes]:
+        return [encode_camera_info(messages(update).camera_info())]
+
+    def color(update: OdometryUpdate) -> list[bytes]:
+        return [encode_image(messages(update).color())]
+
+    def depth(update: OdometryUpdate) -> list[bytes]:
+        return [encode_image(messages(update).depth())]
+
+    def color_jpeg(update: OdometryUpdate) -> list[bytes]:
+        return [encode_compressed_image(messages(update).color_jpeg(settings.jpeg_quality))]
+
+    def depth_png(update: OdometryUpdate) -> list[bytes]:
+        return [encode_compressed_image(messages(update).depth_png())]
+
+    def points(update: OdometryUpdate) -> list[bytes]:
+        return [encode_point_cloud(messages(update).points(settings.point_stride))]
+
+    rgb, depth_registered = "rgb/image_raw", "depth_registered/image_raw"
+    return [
+        FrameTopic("timing", "", "", lambda update: [timing_payload(update)]),
+        FrameTopic("imu", "imu", IMU_SCHEMA, ImuEncoder(settings.frame_id)),
+        FrameTopic("color/camera_info", "rgb/camera_info", CAMERA_INFO_SCHEMA, camera_info),
+        FrameTopic(
+            "depth/camera_info", "depth_registered/camera_info", CAMERA_INFO_SCHEMA, camera_info
+        ),
+        FrameTopic("color/image", rgb, IMAGE_SCHEMA, color),
+        FrameTopic("depth/image", depth_registered, IMAGE_SCHEMA, depth),
+        FrameTopic("color/compressed", f"{rgb}/compressed", COMPRESSED_IMAGE_SCHEMA, color_jpeg),
+        FrameTopic(
+            "depth/compressed",
+            f"{depth_registered}/compressedDepth",
+            COMPRESSED_IMAGE_SCHEMA,
+            depth_png,
+        ),
+        FrameTopic("points", "depth_registered/points", POINT_CLOUD_SCHEMA, points),
+    ]
+
+
+class ImuEncoder:
+    """Encodes each reading of the accelerometer once."""
+
+    def __init__(self, frame_id: str) -> None:
+        self._frame_id = frame_id
+        self._new_readings = NewReadings()
+
+    def __call__(self, update: OdometryUpdate) -> list[bytes]:
+        """Encode the readings since the last call, in their order."""
+        messages = FrameMessages(update.frame, update.stamp_s, self._frame_id)
+        readings = self._new_readings.take(update.frame.accelerometer)
+        return [encode_imu(messages.imu(reading)) for reading in readings]

@@ -1,0 +1,127 @@
+"""Odometry and transforms as ROS 2 messages."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.core.geometry import Array, quaternion_from_rotation
+from vo_service.ros_messages.cdr import CdrWriter
+
+ODOMETRY_SCHEMA = "nav_msgs/msg/Odometry"
+TRANSFORM_SCHEMA = "geometry_msgs/msg/TransformStamped"
+TRANSFORMS_SCHEMA = "tf2_msgs/msg/TFMessage"
+
+
+@dataclass(frozen=True)
+class OdometryMessage:
+    """One odometry message.
+
+    Attributes:
+        stamp_s: Stamp of the pose, Unix seconds.
+        frame_id: Parent frame of the pose.
+        child_frame_id: Frame that moves; the twist is in its axes.
+        T_frame_child: 4x4 pose, meters.
+        pose_covariance: 6x6, order x y z rx ry rz, axes of `frame_id`.
+        twist: (6,) m/s and rad/s.
+        twist_covariance: 6x6.
+    """
+
+    stamp_s: float
+    frame_id: str
+    child_frame_id: str
+    T_frame_child: Array
+    pose_covariance: Array
+    twist: Array
+    twist_covariance: Array
+
+    @property
+    def position_m(self) -> Array:
+        """(3,) position of the child frame, meters."""
+        position: Array = self.T_frame_child[:3, 3]
+        return position
+
+    @property
+    def quaternion_xyzw(self) -> Array:
+        """(4,) orientation of the child frame."""
+        return quaternion_from_rotation(self.T_frame_child[:3, :3])
+
+
+def encode_odometry(message: OdometryMessage) -> bytes:
+    """Encode a message as CDR.
+
+    Raises:
+        ValueError: A number is not finite, or the stamp does not fit.
+    """
+    numbers = np.concatenate(
+        [
+            message.position_m,
+            message.quaternion_xyzw,
+            message.pose_covariance.ravel(),
+            message.twist,
+            message.twist_covariance.ravel(),
+        ]
+    )
+    if not np.all(np.isfinite(numbers)):
+        raise ValueError(f"odometry at {message.stamp_s} s has a number that is not finite")
+    writer = CdrWriter()
+    writer.header(message.stamp_s, message.frame_id)
+    writer.string(message.child_frame_id)
+    writer.float64s(numbers)
+    return writer.to_bytes()
+
+
+@dataclass(frozen=True)
+class TransformMessage:
+    """Transform between two frames.
+
+    Attributes:
+        stamp_s: Stamp of the transform, Unix seconds.
+        frame_id: Parent frame.
+        child_frame_id: Child frame.
+        T_frame_child: 4x4, meters.
+    """
+
+    stamp_s: float
+    frame_id: str
+    child_frame_id: str
+    T_frame_child: Array
+
+    @property
+    def translation_m(self) -> Array:
+        """(3,) position of the child frame, meters."""
+        translation: Array = self.T_frame_child[:3, 3]
+        return translation
+
+    @property
+    def quaternion_xyzw(self) -> Array:
+        """(4,) orientation of the child frame."""
+        return quaternion_from_rotation(self.T_frame_child[:3, :3])
+
+
+def encode_transform(message: TransformMessage) -> bytes:
+    """Encode a ``TransformStamped`` as CDR.
+
+    Raises:
+        ValueError: A number is not finite, or the stamp does not fit.
+    """
+    writer = CdrWriter()
+    _write_transform(writer, message)
+    return writer.to_bytes()
+
+
+def encode_transforms(messages: Sequence[TransformMessage]) -> bytes:
+    """Encode transforms as one ``TFMessage``. Raises as `encode_transform`."""
+    writer = CdrWriter()
+    writer.uint32(len(messages))
+    for message in messages:
+        _write_transform(writer, message)
+    return writer.to_bytes()
+
+
+def _write_transform(writer: CdrWriter, message: TransformMessage) -> None:
+    if not np.all(np.isfinite(message.T_frame_child)):
+        raise ValueError(f"transform at {message.stamp_s} s has a number that is not finite")
+    writer.header(message.stamp_s, message.frame_id)
+    writer.string(message.child_frame_id)
+    writer.float64s(np.concatenate([message.translation_m, message.quaternion_xyzw]))

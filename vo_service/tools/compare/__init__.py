@@ -1,0 +1,1 @@
+"""Comparison of odometry methods on recordings, of ``kinect-vo compare``."""

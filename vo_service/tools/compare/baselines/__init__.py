@@ -1,0 +1,1 @@
+"""Odometry of other libraries, to compare with."""

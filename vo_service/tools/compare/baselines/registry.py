@@ -1,0 +1,163 @@
+"""Baselines by name. New baselines are listed here only."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from platform import machine
+from types import ModuleType
+
+from drivers.recording.recording import Recording
+from vo_service.odometry.registry import MethodConfig
+from vo_service.odometry.stage_timers import StageReporter
+from vo_service.odometry.warm_up import run_warm_up_frames
+from vo_service.types.odometry import Odometry, StageTimer
+
+
+@dataclass(frozen=True)
+class BaselinePackage:
+    """Library of a baseline: the name of its module, and its names for pip."""
+
+    module: str
+    pip_names: tuple[str, ...]
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether it is installed, without importing it, which may take seconds."""
+        return find_spec(self.module) is not None
+
+    @property
+    def install_command(self) -> str:
+        """Command that installs it."""
+        return f"pip install {self.pip_names[0]}"
+
+    @property
+    def version(self) -> str:
+        """Installed version; "" if it has no metadata."""
+        for name in self.pip_names:
+            try:
+                return version(name)
+            except PackageNotFoundError:
+                continue
+        return ""
+
+    def load(self) -> ModuleType:
+        """Import and return the module."""
+        return importlib.import_module(self.module)
+
+
+OPENCV = BaselinePackage("cv2", ("opencv-python-headless",))
+# The package without CUDA's libraries exists for x86_64 only.
+OPEN3D = BaselinePackage(
+    "open3d", ("open3d-cpu", "open3d") if machine() == "x86_64" else ("open3d",)
+)
+SMALL_GICP = BaselinePackage("small_gicp", ("small-gicp",))
+PYORBSLAM3 = BaselinePackage("pyorbslam3", ("pyorbslam3",))
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Odometry of another library."""
+
+    package: BaselinePackage
+    make: Callable[[MethodConfig, StageTimer], Odometry]
+
+
+def _opencv(kind: str) -> Baseline:
+    def make(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
+        import cv2
+
+        from vo_service.tools.compare.baselines.frame_to_frame import (
+            FrameToFrameOdometry,
+            OpenCvOdometry,
+        )
+
+        return FrameToFrameOdometry(OpenCvOdometry(getattr(cv2, f"OdometryType_{kind}")))
+
+    return Baseline(OPENCV, make)
+
+
+def _open3d_icp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.compare.baselines.frame_to_frame import FrameToFrameOdometry, Open3dIcp
+
+    return FrameToFrameOdometry(Open3dIcp(OPEN3D.load()))
+
+
+def _open3d_hybrid(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.compare.baselines.frame_to_frame import FrameToFrameOdometry, Open3dHybrid
+
+    return FrameToFrameOdometry(Open3dHybrid(OPEN3D.load()))
+
+
+def _small_gicp(_features: MethodConfig, _stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.compare.baselines.frame_to_frame import FrameToFrameOdometry, SmallGicp
+
+    return FrameToFrameOdometry(SmallGicp(SMALL_GICP.load()))
+
+
+def _sift(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.compare.baselines.frame_to_frame import sift_odometry
+
+    return sift_odometry(features.count, stopwatch)
+
+
+def _orb(features: MethodConfig, stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.compare.baselines.frame_to_frame import orb_odometry
+
+    return orb_odometry(features.count, stopwatch)
+
+
+BASELINES: Mapping[str, Baseline] = {
+    "cv2-rgb": _opencv("RGB"),
+    "cv2-rgb-depth": _opencv("RGB_DEPTH"),
+    "cv2-depth": _opencv("DEPTH"),
+    "open3d-icp": Baseline(OPEN3D, _open3d_icp),
+    "open3d-hybrid": Baseline(OPEN3D, _open3d_hybrid),
+    "small-gicp": Baseline(SMALL_GICP, _small_gicp),
+    "sift": Baseline(OPENCV, _sift),
+    "orb": Baseline(OPENCV, _orb),
+}
+# It has a factory of its own, because it needs the recording.
+ORB_SLAM3 = "orb-slam3"
+BASELINE_NAMES = (*BASELINES, ORB_SLAM3)
+
+
+def find_package(name: str) -> BaselinePackage:
+    """Return the package of one of `BASELINE_NAMES`."""
+    return PYORBSLAM3 if name == ORB_SLAM3 else BASELINES[name].package
+
+
+@dataclass(frozen=True)
+class BaselineFactory:
+    """`MethodFactory` of a baseline; `features` is for those that use features."""
+
+    name: str
+    features: MethodConfig
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """Name, package version and number of features."""
+        package = BASELINES[self.name].package
+        return {
+            "peer": self.name,
+            "package": f"{package.pip_names[0]} {package.version}".strip(),
+            "feature_count": self.features.count,
+        }
+
+    @property
+    def uses_truth(self) -> bool:
+        """False: only the frames are used."""
+        return False
+
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        """Load its library and process warm-up frames."""
+        on_progress(BASELINES[self.name].package.module)
+        run_warm_up_frames(lambda: self._make(StageReporter(on_progress)))
+
+    def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
+        """Make a new odometry."""
+        return self._make(stopwatch)
+
+    def _make(self, stopwatch: StageTimer) -> Odometry:
+        return BASELINES[self.name].make(self.features, stopwatch)

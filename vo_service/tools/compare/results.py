@@ -1,0 +1,217 @@
+"""Evaluation of the runs: all metrics that each recording allows."""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from drivers.core import InputError
+from vo_service.tools.compare.batch import BatchResult
+from vo_service.tools.compare.recordings import BenchmarkRecording
+from vo_service.tools.compare.run_cache import run_as_json
+from vo_service.tools.compare.run_outcome import CompletedRun, RunOutcome, RunState
+from vo_service.tools.evaluation.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.gaps import GapOutcome, classify_gap, gap_error, spans_gap
+from vo_service.tools.evaluation.metrics import (
+    MatchedPoses,
+    RelativeErrors,
+    associate,
+    consecutive_pairs,
+    count_gross_errors,
+    relative_errors,
+    rms,
+    tracked_steps,
+)
+from vo_service.tools.evaluation.run_summary import evaluate_if_possible
+
+EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
+# A method with a lower coverage may have poses of the easy frames only.
+MIN_RANKED_COVERAGE = 0.9
+
+
+@dataclass(frozen=True)
+class RunEvaluation:
+    """A run and its metrics; None means that a metric is not known.
+
+    Attributes:
+        batch_result: The run.
+        evaluation: Metrics of the trajectory.
+        matched: Poses with their ground truth.
+        no_evaluation_reason: Why `evaluation` is None; "" otherwise.
+        coverage: Fraction of the recording's frames with a pose; with ground truth, only frames
+            that have it count.
+        gap_outcomes: One per gap of the recording; empty without a result.
+        gap_errors: Error of the motion across each gap, (1,) each.
+        rpe_frame_without_gaps_m: RPE of one frame without the steps across gaps.
+        steps: Number of steps between successive poses of an epoch, both with ground truth.
+        gross_errors: Number of these steps with an error of more than 5 cm or 3 degrees.
+        optimized_evaluation: Metrics of the trajectory after loop closure, if it was enabled.
+    """
+
+    batch_result: BatchResult
+    evaluation: Evaluation | None = None
+    matched: MatchedPoses | None = None
+    no_evaluation_reason: str = ""
+    coverage: float | None = None
+    gap_outcomes: tuple[GapOutcome, ...] = ()
+    gap_errors: tuple[RelativeErrors | None, ...] = ()
+    rpe_frame_without_gaps_m: float | None = None
+    steps: int | None = None
+    gross_errors: int | None = None
+    optimized_evaluation: Evaluation | None = None
+
+    @property
+    def outcome(self) -> RunOutcome:
+        """State and result of the run."""
+        return self.batch_result.outcome
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the run is complete."""
+        return self.outcome.state is RunState.DONE
+
+    @property
+    def lost_reasons(self) -> list[tuple[str, int]]:
+        """Reasons for lost frames and their counts; numbers in the reasons are replaced by #."""
+        frames = self.outcome.run.frames
+        reasons = (frames.reasons[k] for k in np.flatnonzero(~frames.has_pose))
+        return Counter(re.sub(r"\d+(\.\d+)?", "#", reason) for reason in reasons).most_common()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return state, run and evaluation as one flat object; null for unknown metrics."""
+        run = run_as_json(self.outcome.run)
+        metrics = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
+        return {
+            "state": self.outcome.state,
+            "error": self.outcome.error,
+            "no_evaluation": self.no_evaluation_reason,
+            **(run if self.is_done else dict.fromkeys(run)),
+            **metrics,
+            "rpe_frame_without_gaps_m": self.rpe_frame_without_gaps_m,
+            "gaps": [
+                {"across": str(outcome), **_gap_error_as_json(error)}
+                for outcome, error in zip(self.gap_outcomes, self.gap_errors, strict=True)
+            ],
+            "why_lost": dict(self.lost_reasons),
+        }
+
+
+def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
+    """Evaluate a run with all metrics that are possible."""
+    run, recording = batch_result.outcome.run, batch_result.recording
+    if batch_result.outcome.state is not RunState.DONE:
+        return RunEvaluation(batch_result, no_evaluation_reason="the run has no result")
+    frames = run.frames
+    gap_outcomes = tuple(
+        classify_gap(gap, frames.stamps_s, frames.has_pose, frames.epochs) for gap in recording.gaps
+    )
+    without_truth = RunEvaluation(
+        batch_result,
+        coverage=len(run.trajectory) / len(recording.frame_stamps_s),
+        gap_outcomes=gap_outcomes,
+        gap_errors=(None,) * len(gap_outcomes),
+    )
+    return _with_ground_truth(without_truth, run, recording)
+
+
+def _with_ground_truth(
+    run_evaluation: RunEvaluation, run: CompletedRun, recording: BenchmarkRecording
+) -> RunEvaluation:
+    """Add the metrics that need the truth, or the reason why there are none."""
+    if recording.truth is None:
+        return replace(run_evaluation, no_evaluation_reason="there is no groundtruth.txt")
+    if not len(run.trajectory):
+        return replace(run_evaluation, no_evaluation_reason="no frame has a pose")
+    try:
+        evaluation = evaluate(run.trajectory, recording.truth, recording.frame_stamps_s)
+    except InputError as error:
+        return replace(run_evaluation, no_evaluation_reason=str(error))
+    matched = associate(run.trajectory, recording.truth)
+    pairs = consecutive_pairs(matched)
+    steps_m = relative_errors(matched, pairs).translation_m
+    has_pose = run.frames.has_pose
+    steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[has_pose])
+    return replace(
+        run_evaluation,
+        evaluation=evaluation,
+        matched=matched,
+        coverage=evaluation.coverage,
+        gap_errors=tuple(gap_error(matched, gap) for gap in recording.gaps),
+        steps=len(steps),
+        gross_errors=count_gross_errors(matched, steps),
+        optimized_evaluation=_evaluate_optimized(run, recording),
+        rpe_frame_without_gaps_m=rms(steps_m[~spans_gap(matched, pairs, recording.gaps)]),
+    )
+
+
+def _evaluate_optimized(run: CompletedRun, recording: BenchmarkRecording) -> Evaluation | None:
+    if run.loop_closure is None:
+        return None
+    return evaluate_if_possible(
+        run.loop_closure.trajectory, recording.truth, recording.frame_stamps_s
+    )
+
+
+def _gap_error_as_json(error: RelativeErrors | None) -> dict[str, float | None]:
+    if error is None:
+        return {"error_m": None, "error_deg": None}
+    return {"error_m": float(error.translation_m[0]), "error_deg": float(error.rotation_deg[0])}
+
+
+@dataclass(frozen=True)
+class SequenceResults:
+    """One recording and the evaluations of all methods on it.
+
+    Attributes:
+        recording: The recording, or a selection of its frames.
+        evaluations: Evaluation of each method.
+        reference_method: Baseline for relative figures; None without.
+    """
+
+    recording: BenchmarkRecording
+    evaluations: Mapping[str, RunEvaluation]
+    reference_method: str | None = None
+
+    @property
+    def reference(self) -> RunEvaluation | None:
+        """Evaluation of the baseline for relative figures."""
+        return None if self.reference_method is None else self.evaluations[self.reference_method]
+
+    @property
+    def has_loop_closure(self) -> bool:
+        """Whether loop closure was enabled."""
+        return any(
+            evaluation.batch_result.has_loop_closure for evaluation in self.evaluations.values()
+        )
+
+    def best_method(self, value: Callable[[RunEvaluation], float | None]) -> str | None:
+        """Return the method with the smallest value, or None if fewer than two have one.
+
+        Methods with low coverage do not count.
+        """
+        values = {
+            method: value(evaluation)
+            for method, evaluation in self.evaluations.items()
+            if evaluation.coverage is not None and evaluation.coverage >= MIN_RANKED_COVERAGE
+        }
+        known = {method: number for method, number in values.items() if number is not None}
+        return min(known, key=lambda method: known[method]) if len(known) > 1 else None
+
+
+def collect_results(
+    batch_results: Iterator[BatchResult], method_count: int, reference_method: str | None = None
+) -> Iterator[SequenceResults]:
+    """Yield the evaluated runs of each recording as soon as its last run has ended.
+
+    Args:
+        batch_results: Results of a batch.
+        method_count: Number of runs of each recording.
+        reference_method: Baseline for relative figures; None without.
+    """
+    while results := list(islice(batch_results, method_count)):
+        evaluations = {result.method: evaluate_run(result) for result in results}
+        yield SequenceResults(results[0].recording, evaluations, reference_method)

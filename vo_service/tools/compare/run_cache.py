@@ -1,0 +1,248 @@
+"""Cache folder of one run, and its key: a digest of everything that changes the result."""
+
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.core import InputError, UserFacingError
+from drivers.core.files import atomic_write
+from drivers.core.geometry import Trajectory, format_pose_line, read_trajectory
+from drivers.core.write_errors import create_output_folder
+from vo_service.tools.compare.methods import MethodFactory
+from vo_service.tools.compare.observers import NULL_OBSERVER, ObserverFactory
+from vo_service.tools.compare.recordings import BenchmarkRecording
+from vo_service.tools.compare.run_outcome import (
+    EMPTY_RUN,
+    CompletedRun,
+    FrameLog,
+    LoopClosureRun,
+    RunOutcome,
+    RunState,
+)
+
+SCHEMA = 1
+RESULT_FILE, TRAJECTORY_FILE, FRAMES_FILE, DETAILS_FILE = (
+    "result.json",
+    "trajectory.txt",
+    "frames.csv",
+    "error.txt",
+)
+OPTIMIZED_TRAJECTORY_FILE = "trajectory_optimized.txt"
+FRAME_COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
+
+
+def make_cache_key(
+    recording: BenchmarkRecording,
+    factory: MethodFactory,
+    versions: Mapping[str, str],
+    observer_factory: ObserverFactory = NULL_OBSERVER,
+) -> str:
+    """Return a digest of the versions, the settings, the camera and the recording's files.
+
+    Images count by name, size and modification time. The ground truth counts if it is used.
+
+    Args:
+        recording: The recording.
+        factory: Makes the method.
+        versions: Versions of the software.
+        observer_factory: Makes the observer.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+    content = {
+        "versions": dict(versions),
+        "settings": {**factory.settings, **observer_factory.settings},
+        "camera": repr(recording.contents.calibration),
+        "topics": recording.topics,
+        "frames": list(_frame_fingerprints(recording)),
+        "truth": _ground_truth_digest(recording) if factory.uses_truth else None,
+    }
+    text = json.dumps(content, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _frame_fingerprints(recording: BenchmarkRecording) -> Iterator[tuple[str, str, int, int]]:
+    for pair in recording.contents.frames.pairs:
+        for image in (pair.color, pair.depth):
+            try:
+                state = image.file.stat()
+            except FileNotFoundError:  # the run will skip this frame
+                yield str(image.stamp), image.file.name, 0, 0
+                continue
+            except OSError as error:
+                raise InputError(f"{image.file}: cannot be read: {error.strerror}") from error
+            yield str(image.stamp), image.file.name, state.st_size, state.st_mtime_ns
+
+
+def _ground_truth_digest(recording: BenchmarkRecording) -> str:
+    truth = recording.truth
+    if truth is None:
+        return ""
+    data = truth.stamps_s.tobytes() + truth.T_world_camera.tobytes()
+    return hashlib.sha256(data).hexdigest()
+
+
+class RunCache:
+    """Cache of an outcome in files that are written atomically, result.json last."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def load(self, key: str) -> RunOutcome | None:
+        """Return the outcome stored with this key, or None if it is missing or damaged."""
+        try:
+            result = json.loads((self.path / RESULT_FILE).read_text())
+            if result["schema"] != SCHEMA or result["key"] != key:
+                return None
+            state = RunState(result["state"])
+            if state is not RunState.DONE:
+                return RunOutcome(state, EMPTY_RUN, result["error"], self._load_details())
+            return RunOutcome(state, self._load_run(result))
+        except (OSError, UserFacingError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+
+    def save(self, key: str, outcome: RunOutcome, description: Mapping[str, object]) -> None:
+        """Store an outcome; the description goes into result.json, too. Raises UserFacingError.
+
+        Args:
+            key: Key of the run.
+            outcome: Its outcome.
+            description: Further content of result.json.
+        """
+        run = outcome.run
+        create_output_folder(self.path)
+        for name in (
+            RESULT_FILE,
+            TRAJECTORY_FILE,
+            OPTIMIZED_TRAJECTORY_FILE,
+            FRAMES_FILE,
+            DETAILS_FILE,
+        ):
+            (self.path / name).unlink(missing_ok=True)
+        if outcome.state is RunState.DONE:
+            atomic_write(self.path / TRAJECTORY_FILE, _format_trajectory(run.trajectory))
+            if run.loop_closure is not None:
+                atomic_write(
+                    self.path / OPTIMIZED_TRAJECTORY_FILE,
+                    _format_trajectory(run.loop_closure.trajectory),
+                )
+            atomic_write(self.path / FRAMES_FILE, _format_frames(run.frames).encode())
+        elif outcome.details:
+            atomic_write(self.path / DETAILS_FILE, outcome.details.encode())
+        result = {
+            "schema": SCHEMA,
+            "key": key,
+            **description,
+            "state": outcome.state,
+            "error": outcome.error,
+            **run_as_json(run),
+            **loop_closure_as_json(run.loop_closure),
+        }
+        atomic_write(self.path / RESULT_FILE, (json.dumps(result, indent=2) + "\n").encode())
+
+    def _load_run(self, result: Mapping[str, Any]) -> CompletedRun:
+        frames = _read_frames((self.path / FRAMES_FILE).read_text())
+        has_poses = bool(frames.has_pose.any())
+        trajectory = (
+            read_trajectory(self.path / TRAJECTORY_FILE) if has_poses else EMPTY_RUN.trajectory
+        )
+        _check_consistent(frames, trajectory, result["frames"])
+        return CompletedRun(
+            frames=frames,
+            trajectory=trajectory,
+            skipped=int(result["skipped"]),
+            stage_ms={str(stage): float(ms) for stage, ms in result["stage_ms"].items()},
+            memory_mb=float(result["memory_mb"]),
+            loop_closure=self._load_loop_closure(result) if "loop_closures" in result else None,
+        )
+
+    def _load_loop_closure(self, result: Mapping[str, Any]) -> LoopClosureRun:
+        count = int(result["optimized_poses"])
+        optimized = (
+            read_trajectory(self.path / OPTIMIZED_TRAJECTORY_FILE)
+            if count
+            else EMPTY_RUN.trajectory
+        )
+        if len(optimized) != count:
+            raise ValueError("the files belong to different runs")
+        cpu_ms = float(result["loop_closure_ms_per_frame"])
+        return LoopClosureRun(
+            optimized, int(result["map_keyframes"]), int(result["loop_closures"]), cpu_ms
+        )
+
+    def _load_details(self) -> str:
+        file = self.path / DETAILS_FILE
+        return file.read_text() if file.exists() else ""
+
+
+def run_as_json(run: CompletedRun) -> dict[str, object]:
+    """Return the metrics of a run that need no ground truth."""
+    return {
+        "frames": len(run.frames),
+        "failed": run.failed,
+        "skipped": run.skipped,
+        "new_epochs": run.new_epochs,
+        "cpu_s": round(run.cpu_s, 6),
+        "wall_s": round(run.wall_s, 6),
+        "stage_ms": {stage: round(ms, 3) for stage, ms in run.stage_ms.items()},
+        "memory_mb": round(run.memory_mb, 1),
+    }
+
+
+def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, object]:
+    """Return the metrics of loop closure that need no ground truth; empty without it."""
+    if loop_closure is None:
+        return {}
+    return {
+        "map_keyframes": loop_closure.map_keyframes,
+        "loop_closures": loop_closure.loop_closures,
+        "loop_closure_ms_per_frame": round(loop_closure.cpu_ms_per_frame, 3),
+        "optimized_poses": len(loop_closure.trajectory),
+    }
+
+
+def _format_trajectory(poses: Trajectory) -> bytes:
+    return "".join(map(format_pose_line, poses.stamps_s, poses.T_world_camera)).encode()
+
+
+def _format_frames(frames: FrameLog) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(FRAME_COLUMNS)
+    for k in range(len(frames)):
+        state = int(frames.has_pose[k]), int(frames.epochs[k]), int(frames.inliers[k])
+        times = f"{frames.cpu_ms[k]:.4f}", f"{frames.wall_ms[k]:.4f}"
+        writer.writerow((f"{frames.stamps_s[k]:.6f}", *state, *times, frames.reasons[k]))
+    return text.getvalue()
+
+
+def _read_frames(text: str) -> FrameLog:
+    rows = list(csv.DictReader(io.StringIO(text)))
+    return FrameLog.from_rows(
+        [
+            (
+                float(row["stamp_s"]),
+                row["has_pose"] == "1",
+                int(row["epoch"]),
+                int(row["inliers"]),
+                float(row["cpu_ms"]),
+                float(row["wall_ms"]),
+                row["reason"],
+            )
+            for row in rows
+        ]
+    )
+
+
+def _check_consistent(frames: FrameLog, trajectory: Trajectory, count: int) -> None:
+    """Raise ValueError unless the files belong to the same run."""
+    is_complete = len(frames) == count
+    if not is_complete or not np.array_equal(frames.stamps_s[frames.has_pose], trajectory.stamps_s):
+        raise ValueError("the files belong to different runs")

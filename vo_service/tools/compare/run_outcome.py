@@ -1,0 +1,153 @@
+"""Result of one method on one recording."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array, Trajectory
+from vo_service.types.failure_reasons import FailureReasons
+
+
+class RunState(StrEnum):
+    """State of a run, as text for people and scripts."""
+
+    DONE = "done"
+    CRASHED = "crashed"  # its process ended without a result
+    ERROR = "error"  # a program error
+    FAILED = "failed"  # a user-facing error
+    TIMED_OUT = "timed out"
+    NOT_RUN = "not run"  # the program was stopped earlier
+
+
+@dataclass(frozen=True)
+class FrameLog:
+    """Results of F frames, in order of time.
+
+    Attributes:
+        stamps_s: (F,) recorded stamps.
+        has_pose: (F,) whether the frame has a pose.
+        epochs: (F,) number of discontinuities of the pose so far.
+        inliers: (F,) inliers of the estimate.
+        cpu_ms: (F,) processor time of the estimate, without reading and decoding.
+        wall_ms: (F,) elapsed time of the same.
+        reasons: (F,) why there is no pose, or why the pose is degraded; else "".
+    """
+
+    stamps_s: Array
+    has_pose: NDArray[np.bool_]
+    epochs: NDArray[np.int64]
+    inliers: NDArray[np.int64]
+    cpu_ms: Array
+    wall_ms: Array
+    reasons: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+    @classmethod
+    def from_rows(cls, rows: list[tuple[float, bool, int, int, float, float, str]]) -> "FrameLog":
+        """Make it from one row per frame, with the fields in order."""
+        columns = list(zip(*rows, strict=True)) if rows else [()] * 7
+        return cls(
+            np.array(columns[0], np.float64),
+            np.array(columns[1], np.bool_),
+            np.array(columns[2], np.int64),
+            np.array(columns[3], np.int64),
+            np.array(columns[4], np.float64),
+            np.array(columns[5], np.float64),
+            tuple(str(reason) for reason in columns[6]),
+        )
+
+
+@dataclass(frozen=True)
+class LoopClosureRun:
+    """Result of loop closure in a run.
+
+    Attributes:
+        trajectory: Final optimized poses of the frames that are connected to a map keyframe.
+        map_keyframes: Number of map keyframes at the end.
+        loop_closures: Number of loop closures at the end.
+        cpu_ms_per_frame: Mean processor time per frame, in addition to the method's.
+    """
+
+    trajectory: Trajectory
+    map_keyframes: int
+    loop_closures: int
+    cpu_ms_per_frame: float
+
+
+@dataclass(frozen=True)
+class CompletedRun:
+    """Result of a complete run.
+
+    Attributes:
+        frames: Result of each frame.
+        trajectory: Poses in optical axes; the first camera is the world frame.
+        skipped: Number of unreadable frames.
+        stage_ms: Median processor time by stage, ms.
+        memory_mb: Peak memory of the process, 10^6 bytes.
+        loop_closure: None if loop closure was not enabled.
+    """
+
+    frames: FrameLog
+    trajectory: Trajectory
+    skipped: int = 0
+    stage_ms: Mapping[str, float] = field(default_factory=dict)
+    memory_mb: float = 0.0
+    loop_closure: LoopClosureRun | None = None
+
+    @property
+    def cpu_s(self) -> float:
+        """Total processor time of all frames, s."""
+        return float(self.frames.cpu_ms.sum()) / 1e3
+
+    @property
+    def wall_s(self) -> float:
+        """Total elapsed time of all frames, s."""
+        return float(self.frames.wall_ms.sum()) / 1e3
+
+    @property
+    def failed(self) -> int:
+        """Number of frames without a pose."""
+        return int(np.count_nonzero(~self.frames.has_pose))
+
+    @property
+    def no_motion_reason(self) -> str:
+        """See `FailureReasons`."""
+        reasons = FailureReasons()
+        for has_pose, reason in zip(self.frames.has_pose, self.frames.reasons, strict=True):
+            reasons.add(bool(has_pose), reason)
+        return reasons.no_motion_reason
+
+    @property
+    def new_epochs(self) -> int:
+        """Number of discontinuities of the pose."""
+        return int(self.frames.epochs[-1]) if len(self.frames) else 0
+
+
+EMPTY_RUN = CompletedRun(FrameLog.from_rows([]), Trajectory(np.empty(0), np.empty((0, 4, 4))))
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """Outcome of a run: a result or an error.
+
+    Attributes:
+        state: How the run ended.
+        run: The result; empty unless the run is done.
+        error: One line for people; "" if the run is done.
+        details: Traceback of a program error.
+    """
+
+    state: RunState
+    run: CompletedRun = EMPTY_RUN
+    error: str = ""
+    details: str = ""
+
+    def __str__(self) -> str:
+        """Return state and error, without repeating the state."""
+        has_state = not self.error or self.error.startswith(self.state)
+        return (self.error or self.state) if has_state else f"{self.state}: {self.error}"

@@ -1,0 +1,179 @@
+"""Run of one method on one recording, with times of each frame.
+
+Frames are read one at a time between two estimates. So nothing is decoded while a method works:
+all processor time belongs to the method and its threads, and only the newest frame takes memory.
+"""
+
+import logging
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from numba.core.event import install_recorder
+
+from drivers.camera import RgbdFrame
+from drivers.core import UserFacingError
+from drivers.core.geometry import Trajectory
+from drivers.recording.image_decoding import UnreadableFrameError
+from drivers.recording.recording import Recording
+from drivers.recording_camera import FrameReader, open_recording
+from vo_service.odometry.stage_timers import CpuStageTimer
+from vo_service.tools.compare.batch import RunPreparing, RunProgress, RunRequest
+from vo_service.tools.compare.methods import MethodFactory
+from vo_service.tools.compare.run_outcome import CompletedRun, FrameLog, LoopClosureRun
+from vo_service.types.estimate import Estimate
+from vo_service.types.odometry import Odometry
+
+logger = logging.getLogger(__name__)
+
+
+PROGRESS_PERIOD_S = 0.1
+# A method first processes this many frames and is then made again, so that loading, compilation
+# and setup do not count.
+WARM_UP_FRAMES = 3
+
+
+class RunRecorder:
+    """Recorder with one row per frame."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, bool, int, int, float, float, str]] = []
+        self._stamps_s: list[float] = []
+        self._poses: list[np.ndarray] = []
+        self._epoch = 0
+        self._stages_ms: defaultdict[str, list[float]] = defaultdict(list)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add_frame(self, frame: RgbdFrame, estimate: Estimate, cpu_s: float, wall_s: float) -> None:
+        """Add the result of a frame and its processor and elapsed time, s.
+
+        Args:
+            frame: The frame.
+            estimate: Its estimate.
+            cpu_s: Processor time of the estimate, s.
+            wall_s: Elapsed time of the estimate, s.
+        """
+        self._epoch += estimate.is_reset
+        times_ms = 1e3 * cpu_s, 1e3 * wall_s
+        state = frame.stamp_s, estimate.ok, self._epoch, estimate.inliers
+        self._rows.append((*state, *times_ms, estimate.reason))
+        if estimate.ok:
+            self._stamps_s.append(frame.stamp_s)
+            self._poses.append(estimate.T_world_camera)
+
+    def add_stages(self, stages_ms: Mapping[str, float]) -> None:
+        """Add the times of one frame by stage, ms."""
+        for stage, time_ms in stages_ms.items():
+            self._stages_ms[stage].append(time_ms)
+
+    def finish(self, skipped: int, loop_closure: LoopClosureRun | None = None) -> CompletedRun:
+        """Return the complete run.
+
+        Raises:
+            UserFacingError: If a pose is not finite.
+        """
+        poses = np.array(self._poses, np.float64).reshape(-1, 4, 4)
+        if not np.isfinite(poses).all():
+            raise UserFacingError("a pose is not finite; this is an error of the method, report it")
+        return CompletedRun(
+            frames=FrameLog.from_rows(self._rows),
+            trajectory=Trajectory(np.array(self._stamps_s), poses),
+            skipped=skipped,
+            stage_ms={stage: median(times_ms) for stage, times_ms in self._stages_ms.items()},
+            memory_mb=peak_memory_mb(),
+            loop_closure=loop_closure,
+        )
+
+
+def peak_memory_mb() -> float:
+    """Return the peak memory of this process, 10^6 bytes.
+
+    The peak of `getrusage` would include the parent process before the fork.
+    """
+    lines = Path("/proc/self/status").read_text().splitlines()
+    peak = next(line for line in lines if line.startswith("VmHWM:"))
+    return int(peak.split()[1]) * 1024 / 1e6
+
+
+class KernelsCompiledFirst(Exception):  # noqa: N818 (not an error: only the memory would be wrong)
+    """Kernels had to be compiled in this process; no frame has been counted yet."""
+
+
+def run_method(
+    request: RunRequest, send: Callable[[RunPreparing | RunProgress], None]
+) -> CompletedRun:
+    """Run a method on the selected frames.
+
+    Raises:
+        UserFacingError: The folder is not usable, or a pose is not finite.
+        KernelsCompiledFirst: Kernels had to be compiled, and the request allows to stop then.
+    """
+    whole = open_recording(request.folder, request.camera_file, request.topics)
+    pairs = request.frame_selection.select(whole.frames.pairs)
+    recording = replace(whole, frames=replace(whole.frames, pairs=pairs))
+    with install_recorder("numba:compile") as compiled:
+        warm_up_method(request.factory, recording, lambda stage: send(RunPreparing(stage)))
+        request.observer_factory.prepare(lambda stage: send(RunPreparing(stage)))
+    if request.stop_after_compiling and compiled.buffer:
+        raise KernelsCompiledFirst
+    stages, recorder = CpuStageTimer(), RunRecorder()
+    odometry = request.factory.make(stages, recording)
+    observer = request.observer_factory.make()
+    progress_sent_s = 0.0
+    for frame in _read_frames(recording):
+        observer.observe(frame, _process_frame(recorder, odometry, frame, stages))
+        if time.monotonic() - progress_sent_s > PROGRESS_PERIOD_S:
+            progress_sent_s = time.monotonic()
+            send(RunProgress(frame.seq + 1, len(pairs)))
+    return recorder.finish(skipped=len(pairs) - len(recorder), loop_closure=observer.result)
+
+
+def warm_up_method(
+    factory: MethodFactory, recording: Recording, on_progress: Callable[[str], None]
+) -> None:
+    """Compile or load the kernels, and process the first frames once.
+
+    Args:
+        factory: Makes the method.
+        recording: The recording.
+        on_progress: Is called with each stage.
+    """
+    factory.prepare(on_progress)
+    on_progress("first frames")
+    odometry = factory.make(CpuStageTimer(), recording)
+    reader = FrameReader(recording)
+    for seq, pair in enumerate(recording.frames.pairs[:WARM_UP_FRAMES]):
+        try:
+            odometry.estimate(reader.read(pair, seq))
+        except UnreadableFrameError:  # will be reported in the run
+            continue
+
+
+def _process_frame(
+    recorder: RunRecorder, odometry: Odometry, frame: RgbdFrame, stages: CpuStageTimer
+) -> Estimate:
+    """Estimate a frame, and record the result and the times."""
+    begin_s, begin_cpu_s = time.monotonic(), time.process_time()
+    estimate = odometry.estimate(frame)
+    cpu_s, wall_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
+    recorder.add_frame(frame, estimate, cpu_s, wall_s)
+    recorder.add_stages(stages.take_stage_ms())
+    return estimate
+
+
+def _read_frames(recording: Recording) -> Iterator[RgbdFrame]:
+    """Yield the readable frames, and log the others."""
+    reader = FrameReader(recording)
+    for seq, pair in enumerate(recording.frames.pairs):
+        try:
+            frame = reader.read(pair, seq)
+        except UnreadableFrameError as error:
+            logger.warning("frame %d is skipped: %s", seq, error)
+            continue
+        yield frame

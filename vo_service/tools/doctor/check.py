@@ -1,0 +1,200 @@
+"""A check of the computer or of the camera, and running several in order."""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+from drivers.kinect_usb.usb_ids import SensorModel
+from vo_service.tools.doctor.finding import CheckVerdict, Finding, skipped, unknown
+from vo_service.tools.doctor.stream_probe import StreamSample
+from vo_service.tools.doctor.usb_probe import KernelUsbDevice, UsbPart, UsbSensor, list_usb_devices
+
+_log = logging.getLogger(__name__)
+ShowBusy = Callable[[str], AbstractContextManager[object]]
+
+
+class Check(Protocol):
+    """One question about the machine or the camera."""
+
+    @property
+    def name(self) -> str:
+        """Stable name for --json: lower case, words joined by "-"."""
+        ...
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of checks that must not fail; each runs before this one."""
+        ...
+
+    def run(self, context: "CheckContext") -> Finding:
+        """Run the check.
+
+        Raises:
+            InputError: For invalid user input.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class SystemPaths:
+    """Paths of the kernel's virtual files; tests use another root than /."""
+
+    root: Path = Path("/")
+
+    @property
+    def sys(self) -> Path:
+        """Folder with the kernel's devices."""
+        return self.root / "sys"
+
+    @property
+    def proc(self) -> Path:
+        """Folder with the processes."""
+        return self.root / "proc"
+
+
+class CheckContext:
+    """One computer and one requested camera."""
+
+    def __init__(
+        self,
+        paths: SystemPaths,
+        requested: "RequestedSensor",
+        probe_usb: Callable[[], Sequence[UsbSensor]],
+        probe_stream: Callable[[], StreamSample],
+    ) -> None:
+        """Store the sources of the data; nothing is read yet.
+
+        Args:
+            paths: Paths of the computer's virtual files.
+            requested: The sensor to check.
+            probe_usb: Finds the sensors on the USB.
+            probe_stream: Opens the camera and reads its frames.
+        """
+        self.paths = paths
+        self.requested = requested
+        self._probe_usb = probe_usb
+        self._probe_stream = probe_stream
+
+    @cached_property
+    def sensors(self) -> Sequence[UsbSensor]:
+        """All sensors on the USB.
+
+        Raises:
+            UserFacingError: If they cannot be listed.
+        """
+        return self._probe_usb()
+
+    @property
+    def sensor(self) -> UsbSensor:
+        """The requested sensor. Only for checks that need the check `sensor`, which finds it."""
+        return next(sensor for sensor in self.sensors if self.requested.matches(sensor))
+
+    @cached_property
+    def stream(self) -> StreamSample:
+        """Frames and errors of the camera.
+
+        Raises:
+            InputError: For invalid user input.
+        """
+        return self._probe_stream()
+
+    @cached_property
+    def kernel_devices(self) -> list[KernelUsbDevice]:
+        """All USB devices that the kernel lists."""
+        return list_usb_devices(self.paths.sys)
+
+    def kernel_device(self, part: UsbPart) -> KernelUsbDevice | None:
+        """Return the kernel's entry for a part of a sensor, or None if it has none."""
+        bus_and_address = (str(part.bus), str(part.address))
+        return next(
+            (device for device in self.kernel_devices if device.bus_and_address == bus_and_address),
+            None,
+        )
+
+
+@dataclass(frozen=True)
+class RequestedSensor:
+    """Requested sensor: one of these models, with this serial number unless it is ""."""
+
+    models: frozenset[SensorModel]
+    connect_fix: str
+    serial: str = ""
+
+    def matches(self, sensor: UsbSensor) -> bool:
+        """Return True if a sensor may be the requested one. An unreadable serial number matches."""
+        return sensor.model in self.models and (
+            not self.serial or sensor.serial in ("", self.serial)
+        )
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """Name and finding of one check."""
+
+    name: str
+    finding: Finding
+
+    def as_json(self) -> dict[str, object]:
+        """Return the result for --json; the keys are stable."""
+        finding = self.finding
+        return {
+            "name": self.name,
+            "verdict": finding.verdict,
+            "text": finding.text,
+            "fix": finding.fix,
+            "facts": dict(finding.facts),
+        }
+
+
+def run_checks(
+    checks: Sequence[Check], context: CheckContext, show_busy: ShowBusy
+) -> Iterator[CheckResult]:
+    """Yield the result of each check as soon as it is known.
+
+    Args:
+        checks: Checks to run; each comes after those it needs.
+        context: Data for the checks.
+        show_busy: Shows the name of a check while it runs.
+
+    Raises:
+        InputError: The user's input is invalid.
+    """
+    blocked_by: dict[str, str] = {}
+    for check in checks:
+        failed_check = next((blocked_by[name] for name in check.needs if name in blocked_by), "")
+        if failed_check:
+            finding = skipped(failed_check)
+        else:
+            with show_busy(check.name):
+                finding = _run_check(check, context)
+        if finding.verdict in (CheckVerdict.FAIL, CheckVerdict.SKIPPED):
+            blocked_by[check.name] = failed_check or check.name
+        _log.debug("%s: %s: %s", check.name, finding.verdict, finding.text)
+        yield CheckResult(check.name, finding)
+
+
+def _run_check(check: Check, context: CheckContext) -> Finding:
+    try:
+        return check.run(context)
+    except OSError as error:  # a system file is not readable or has disappeared
+        return unknown(f"not known: {error}")
+
+
+def overall_verdict(results: Sequence[CheckResult]) -> CheckVerdict:
+    """Return FAIL if any check failed, else PASS."""
+    has_failed = any(result.finding.verdict is CheckVerdict.FAIL for result in results)
+    return CheckVerdict.FAIL if has_failed else CheckVerdict.PASS
+
+
+def diagnosis_as_json(source: str, results: Sequence[CheckResult]) -> dict[str, object]:
+    """Return all results for --json; the keys are stable."""
+    return {
+        "schema": 1,
+        "camera": source,
+        "verdict": overall_verdict(results),
+        "checks": [result.as_json() for result in results],
+    }

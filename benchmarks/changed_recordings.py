@@ -32,7 +32,8 @@ from benchmarks.harness import (
 from benchmarks.tracking import FrameChange, evaluate_trajectory, open_frames, track_changed
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, Trajectory, so3_exp
-from vo_service.odometry.features import FeatureView, SurfParameters
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.registry import DEFAULT_METHOD, METHODS
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery

@@ -32,7 +32,7 @@ from drivers.core.geometry import Array
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.folder import read_frame_pairs
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
 
 SYNTHETIC = SyntheticConfig(duration_s=18.0, rate_hz=1 / 3)  # six views, far apart
 TIMING_ROUNDS = 5

@@ -45,17 +45,17 @@ from benchmarks.tracking import evaluate_trajectory, open_frames
 from drivers.camera import RgbdFrame
 from drivers.core import InputError
 from drivers.tum.folder import read_frame_pairs
-from vo_service.odometry.features import SurfParameters
-from vo_service.odometry.registry import METHODS, MethodConfig
-from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS, CpuStageTimer
-from vo_service.odometry.surf import LAYERS, NEXT_THRESHOLD_RATIO, SurfExtractor
-from vo_service.odometry.surf.descriptor import (
+from vo_service.odometry.features.descriptor import (
     DESCRIPTOR_SIZE,
     build_pyramid,
     describe,
     make_templates,
 )
-from vo_service.odometry.surf.detector import find_maxima
+from vo_service.odometry.features.detector import find_maxima
+from vo_service.odometry.features.extractor import LAYERS, NEXT_THRESHOLD_RATIO, SurfExtractor
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.registry import METHODS, MethodConfig
+from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS, CpuStageTimer
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.warm_up import warm_up
 from vo_service.tools.compare.baselines.frame_to_frame import (

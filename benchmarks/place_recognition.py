@@ -27,7 +27,7 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.renderer import Renderer, RoomModel
 from vo_service import slam
 from vo_service.odometry.direct.motion import se3_exp, se3_log
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.slam.keyframe_database import (
     LOST_VELOCITY_SIGMA,
     TRACKED_VELOCITY_SIGMA,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, fit_rigid_motion, transform_points
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.features import PointPairs
+from vo_service.odometry.features.points import PointPairs
 
 # A pair agrees if its distance, in standard deviations of the two points, is below this.
 GATE_SIGMAS = 3.0

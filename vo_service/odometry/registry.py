@@ -82,7 +82,7 @@ def make_odometry(
 
 def make_surf(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Frame to frame by SURF features."""
-    from vo_service.odometry.surf import SurfExtractor
+    from vo_service.odometry.features.extractor import SurfExtractor
     from vo_service.odometry.surf.odometry import SurfOdometry
 
     return SurfOdometry(SurfExtractor(features.count, features.upright), timer=timer)
@@ -92,7 +92,7 @@ def make_direct(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; SURF features for recovery."""
     from vo_service.odometry.direct import DirectOdometry
     from vo_service.odometry.direct.self_calibration import SelfCalibratingOdometry
-    from vo_service.odometry.surf import SurfExtractor
+    from vo_service.odometry.features.extractor import SurfExtractor
 
     tracker = DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
     if features.timing == FIXED_TIMING_MODE:
@@ -109,7 +109,7 @@ def make_icp(_features: MethodConfig, timer: StageTimer) -> Odometry:
 
 def make_sfm(features: MethodConfig, timer: StageTimer) -> Odometry:
     """Color only; the initial scale is from the first depth image."""
+    from vo_service.odometry.features.extractor import SurfExtractor
     from vo_service.odometry.sfm.odometry import SfmOdometry
-    from vo_service.odometry.surf import SurfExtractor
 
     return SfmOdometry(SurfExtractor(features.count, features.upright), timer=timer)

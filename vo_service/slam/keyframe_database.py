@@ -24,8 +24,8 @@ from vo_service.odometry.direct.motion import (
     row_time,
 )
 from vo_service.odometry.direct.points import POINT_BRIGHTNESS
-from vo_service.odometry.features import FeaturePoints, backproject_features
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.points import FeaturePoints, backproject_features
 from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
 
 

@@ -18,7 +18,7 @@ from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, is_rigid
 from vo_service.odometry.direct.image_pyramid import NUM_LEVELS
 from vo_service.odometry.direct.points import NUM_POINT_COLUMNS, POINT_BRIGHTNESS
-from vo_service.odometry.surf.descriptor import DESCRIPTOR_SIZE
+from vo_service.odometry.features.descriptor import DESCRIPTOR_SIZE
 from vo_service.slam.graph_edges import Edge
 from vo_service.slam.keyframe_database import (
     DepthFeatures,

@@ -23,9 +23,11 @@ from vo_service.odometry.direct.recovery import FEATURE_MATCH_VERIFIER
 from vo_service.odometry.direct.residuals import (
     IN_IMAGE,
 )
-from vo_service.odometry.features import SurfParameters, match_features, pair_points
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.matching import match_features
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.points import pair_points
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
-from vo_service.odometry.surf import SurfExtractor
 from vo_service.slam.keyframe_database import (
     TRACKED_VELOCITY_SIGMA,
     MapKeyframe,

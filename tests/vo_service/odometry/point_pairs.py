@@ -3,7 +3,7 @@
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
-from vo_service.odometry.features import PointPairs
+from vo_service.odometry.features.points import PointPairs
 from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m
 
 FOCAL_PX = 520.0

@@ -20,7 +20,7 @@ from tests.vo_service.odometry.point_pairs import (
     sample_points,
 )
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES
-from vo_service.odometry.features import PointPairs
+from vo_service.odometry.features.points import PointPairs
 from vo_service.odometry.ransac import (
     find_best_hypothesis,
     find_consensus,

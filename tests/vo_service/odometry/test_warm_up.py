@@ -4,9 +4,10 @@ import numpy as np
 
 from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry import features, ransac
+from vo_service.odometry import ransac
+from vo_service.odometry.features import descriptor, detector, matching
 from vo_service.odometry.registry import METHODS, MethodConfig
-from vo_service.odometry.surf import descriptor, detector, recovery
+from vo_service.odometry.surf import recovery
 from vo_service.odometry.warm_up import warm_up
 from vo_service.types.odometry import NullStageTimer
 
@@ -21,7 +22,7 @@ def test_a_warm_sfm_compiles_nothing_for_a_real_frame() -> None:
     warm_up("surf", lambda _: None)
     kernels = [
         each
-        for module in (recovery, features, ransac, detector, descriptor)
+        for module in (recovery, matching, ransac, detector, descriptor)
         for each in vars(module).values()
         if hasattr(each, "signatures") and hasattr(each, "py_func")
     ]

@@ -52,7 +52,7 @@ from vo_service.odometry.direct.recovery import (
     KeyframeMatch,
     rejection_reason_after,
 )
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.types.estimate import Estimate, TrackingDebug
 from vo_service.types.odometry import NullStageTimer, StageTimer
 

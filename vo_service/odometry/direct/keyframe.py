@@ -25,7 +25,7 @@ from vo_service.odometry.direct.parameters import (
     NUM_FINE_LEVELS,
 )
 from vo_service.odometry.direct.points import select_points
-from vo_service.odometry.features import GrayFrame
+from vo_service.odometry.features.gray_frame import GrayFrame
 
 BLOCK_CENTER_PX = DYNAMIC_BLOCK_PX // 2
 # State of a block by the views of other keyframes.

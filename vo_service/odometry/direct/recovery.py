@@ -35,19 +35,15 @@ from vo_service.odometry.direct.quality import (
     is_suspect,
     rejection_reason,
 )
-from vo_service.odometry.features import (
-    FeatureView,
-    GrayFrame,
-    MatchVerifier,
-    SurfParameters,
-    backproject_features,
-    match_features,
-    pair_points,
-    select_pairs_with_depth,
-)
+from vo_service.odometry.features import verification
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.gray_frame import GrayFrame
+from vo_service.odometry.features.match_verifier import LAST_VIEW_VERIFIER, MatchVerifier
+from vo_service.odometry.features.matching import match_features
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.points import backproject_features, pair_points
+from vo_service.odometry.features.views import FeatureView, select_pairs_with_depth
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
-from vo_service.odometry.surf import SurfExtractor, verification
-from vo_service.odometry.surf.recovery import LAST_VIEW_VERIFIER
 
 # A match is only the initial guess of an alignment, which verifies it. A rolling shutter distorts
 # the view, so that few of the feature matches agree with any one motion.

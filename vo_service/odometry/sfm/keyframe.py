@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, orthonormalize, transform_points
-from vo_service.odometry.features import match_features
+from vo_service.odometry.features.matching import match_features
 from vo_service.odometry.sfm.essential import UnscaledMotion
 from vo_service.odometry.sfm.mono_frame import PAIR_SIGMA_PX, MonoFrame, RayPairs
 from vo_service.odometry.sfm.two_view_refinement import TwoViewEstimate

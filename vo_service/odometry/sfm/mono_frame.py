@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, so3_log
-from vo_service.odometry.surf import Features
+from vo_service.odometry.features.extractor import Features
 
 
 @dataclass(frozen=True)

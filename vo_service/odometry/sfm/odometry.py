@@ -9,7 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.odometry.features import MatchVerifier, match_features
+from vo_service.odometry.features.extractor import FeatureExtractor, SurfExtractor
+from vo_service.odometry.features.match_verifier import MatchVerifier
+from vo_service.odometry.features.matching import match_features
 from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import find_unscaled_motion
 from vo_service.odometry.sfm.keyframe import (
@@ -27,8 +29,6 @@ from vo_service.odometry.sfm.scale import (
 )
 from vo_service.odometry.sfm.trajectory_state import TrajectoryState, TrajectoryStep
 from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refine_two_view
-from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.surf.odometry import FeatureExtractor
 from vo_service.types.estimate import Estimate, TrackingDebug
 from vo_service.types.odometry import NullStageTimer, StageTimer
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform
-from vo_service.odometry.features import backproject_features
+from vo_service.odometry.features.extractor import Features
+from vo_service.odometry.features.points import backproject_features
 from vo_service.odometry.sfm import SfmParameters
 from vo_service.odometry.sfm.essential import UnscaledMotion, triangulate
 from vo_service.odometry.sfm.keyframe import (
@@ -26,7 +27,6 @@ from vo_service.odometry.sfm.keyframe import (
 )
 from vo_service.odometry.sfm.mono_frame import RayPairs, ShutterMotion
 from vo_service.odometry.sfm.two_view_refinement import TwoViewEstimate, refine_two_view
-from vo_service.odometry.surf import Features
 
 # Fewest points with depth, and shortest baseline, for a scale.
 MIN_POINTS = 15

@@ -4,7 +4,6 @@ Fontes and Maia, "Visual odometry for moving RGB-D cameras", Section III.
 """
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,35 +11,21 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from vo_service.odometry.depth_grid import DepthGrid
-from vo_service.odometry.features import (
+from vo_service.odometry.features.extractor import FeatureExtractor, SurfExtractor
+from vo_service.odometry.features.match_verifier import LAST_VIEW_VERIFIER
+from vo_service.odometry.features.matching import match_features
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.points import backproject_features, pair_points
+from vo_service.odometry.features.verification import cover_doubt, doubt_reason, rejection_reason
+from vo_service.odometry.features.views import (
     FeatureView,
-    SurfParameters,
-    backproject_features,
     make_tracking_debug,
-    match_features,
-    pair_points,
     select_pairs_with_depth,
 )
 from vo_service.odometry.ransac import find_consensus, refine_rigid_motion
-from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.recovery import LAST_VIEW_VERIFIER, RecoveredPose, SurfRecovery
-from vo_service.odometry.surf.verification import cover_doubt, doubt_reason, rejection_reason
+from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 from vo_service.types.estimate import Estimate, TrackingDebug
 from vo_service.types.odometry import NullStageTimer, StageTimer
-
-
-class FeatureExtractor(Protocol):
-    """Extractor of features: SURF, or another one in a benchmark.
-
-    Attributes:
-        count: Largest number of features; may be changed between images.
-    """
-
-    count: int
-
-    def extract(self, gray: NDArray[np.uint8]) -> Features:
-        """Extract the features of a (H, W) image."""
-        ...
 
 
 class SurfOdometry:

@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array, inverse, transform_points, transport_covariance
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.features import (
+from vo_service.odometry.features.extractor import Features
+from vo_service.odometry.features.match_verifier import LAST_VIEW_VERIFIER, MatchVerifier
+from vo_service.odometry.features.matching import match_features
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.points import pair_points
+from vo_service.odometry.features.verification import cover_doubt, rejection_reason
+from vo_service.odometry.features.views import (
     FeatureView,
-    MatchVerifier,
-    SurfParameters,
     make_tracking_debug,
-    match_features,
-    pair_points,
     select_pairs_with_depth,
 )
 from vo_service.odometry.motion_model import ConstantVelocityModel, MotionPrediction
 from vo_service.odometry.ransac import RigidMotionEstimate, find_consensus, refine_rigid_motion
-from vo_service.odometry.surf import Features
-from vo_service.odometry.surf.verification import cover_doubt, rejection_reason
 from vo_service.types.estimate import TrackingDebug
 
 # The second nearest descriptor in the search radius is further by 1/RATIO.
@@ -168,11 +168,6 @@ def _squared_distance(a: Descriptors, b: Descriptors) -> int:
 
 # Features of an older view are matched in the whole image: the values of Brown and Lowe.
 OLDER_VIEW_VERIFIER = MatchVerifier(inlier_share_if_right=0.6, inlier_share_by_chance=0.1)
-# The last view is matched near the predicted positions: the weaker ratio test gives more wrong
-# matches, but in a circle of 24 pixels or more, few of them are within the 2 pixels of an inlier.
-# Or it is matched in the whole image: in 2,500 pairs of views of different rooms at most 3 matches
-# agreed, and with a right motion down to a ninth (an Xtion with 0.67 s between frames).
-LAST_VIEW_VERIFIER = MatchVerifier(inlier_share_if_right=0.15, inlier_share_by_chance=0.01)
 # Largest number of views.
 MAX_VIEWS = 6
 # No two views are nearer to each other than both of these.

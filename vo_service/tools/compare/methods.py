@@ -117,9 +117,9 @@ class TrueScaleSfmFactory(ConfiguredMethodFactory):
 
     def make(self, stopwatch: StageTimer, recording: Recording) -> Odometry:
         """Make the odometry, with scale from the truth. Raises InputError without a truth."""
+        from vo_service.odometry.features.extractor import SurfExtractor
         from vo_service.odometry.sfm.odometry import SfmOdometry
         from vo_service.odometry.sfm.scale import GivenBaselineScale
-        from vo_service.odometry.surf import SurfExtractor
 
         truth = recording.ground_truth
         if truth is None:

@@ -36,7 +36,7 @@ from vo_service.odometry.direct.residuals import (
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
 )
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
 
 
 def turned(angle_rad: float) -> Array:

@@ -30,7 +30,7 @@ from vo_service.odometry.direct.recovery import (
     KeyframeMatch,
     rejection_reason_after,
 )
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
 
 INTERVAL_S = 0.6
 STEP_RAD = 0.12

@@ -19,9 +19,9 @@ from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.ray_pairs import small_vectors
 from tests.vo_service.odometry.sfm.sideways_sequence import render_view
 from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.odometry.sfm.mono_frame import MonoFrame, ShutterMotion
 from vo_service.odometry.sfm.odometry import SfmOdometry
-from vo_service.odometry.surf import SurfExtractor
 from vo_service.types.estimate import Estimate
 
 DEPTH_M = 2.0

@@ -7,6 +7,7 @@ import numpy as np
 from drivers.core.geometry import inverse
 from tests.vo_service.odometry.sfm.ray_pairs import MOTION, make_pairs
 from tests.vo_service.odometry.sfm.sideways_sequence import render_view
+from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.odometry.sfm.keyframe import (
     COVARIANCE_INFLATION,
     MIN_SIGMA_PX,
@@ -16,7 +17,6 @@ from vo_service.odometry.sfm.keyframe import (
 )
 from vo_service.odometry.sfm.mono_frame import MonoFrame
 from vo_service.odometry.sfm.two_view_refinement import refine_two_view
-from vo_service.odometry.surf import SurfExtractor
 
 
 def placed(count: int = 150) -> RegisteredView:

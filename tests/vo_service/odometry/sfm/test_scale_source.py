@@ -5,14 +5,14 @@ import pytest
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.sfm.sideways_sequence import remove_depth, render_view
-from vo_service.odometry.features import backproject_features
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.points import backproject_features
 from vo_service.odometry.sfm.scale import (
     FirstDepthScale,
     GivenBaselineScale,
     InitialPair,
     median_sigma,
 )
-from vo_service.odometry.surf import SurfExtractor
 
 
 def first_pair(with_depth: bool = True) -> InitialPair:

@@ -2,7 +2,8 @@
 
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
-from vo_service.odometry import depth, features
+from vo_service.odometry import depth
+from vo_service.odometry.features import matching
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.sfm import bundle_adjustment
 from vo_service.odometry.warm_up import warm_up
@@ -10,7 +11,7 @@ from vo_service.types.odometry import NullStageTimer
 
 KERNELS = [
     each
-    for module in (bundle_adjustment, features, depth)
+    for module in (bundle_adjustment, matching, depth)
     for each in vars(module).values()
     if hasattr(each, "signatures") and hasattr(each, "py_func")
 ]

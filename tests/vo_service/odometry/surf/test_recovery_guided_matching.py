@@ -6,14 +6,11 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
 from tests.vo_service.odometry.hand_held_sequence import hand_held_poses
 from tests.vo_service.odometry.synthetic_views import CAMERA, render_corner
-from vo_service.odometry.features import (
-    FeatureView,
-    backproject_features,
-    match_features,
-    select_pairs_with_depth,
-)
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.matching import match_features
+from vo_service.odometry.features.points import backproject_features
+from vo_service.odometry.features.views import FeatureView, select_pairs_with_depth
 from vo_service.odometry.motion_model import MotionPrediction
-from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf.recovery import match_by_prediction, match_within_radius
 
 SPREAD_RAD = 0.04

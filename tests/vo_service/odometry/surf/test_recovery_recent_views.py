@@ -4,8 +4,9 @@ from hypothesis import strategies as st
 
 from drivers.core.geometry import Array, adjoint, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.synthetic_views import CAMERA, make_textured_image
-from vo_service.odometry.features import FeaturePoints, FeatureView
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.points import FeaturePoints
+from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.surf.recovery import MAX_VIEWS, RecentViews
 
 STEP_COVARIANCE = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])

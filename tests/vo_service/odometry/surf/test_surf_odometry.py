@@ -19,7 +19,7 @@ from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_
 from tests.vo_service.odometry.recording_stage_timer import RecordingStageTimer
 from tests.vo_service.odometry.surf.trajectory_digest import trajectory_digest
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.features.extractor import SurfExtractor
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.types.estimate import Estimate
 

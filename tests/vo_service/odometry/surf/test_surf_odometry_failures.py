@@ -22,7 +22,7 @@ from tests.vo_service.odometry.synthetic_views import (
     make_frame,
     render_corner,
 )
-from vo_service.odometry.features import SurfParameters
+from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.surf.odometry import SurfOdometry
 
 

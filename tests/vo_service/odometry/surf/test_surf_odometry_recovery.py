@@ -9,7 +9,8 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
 from tests.vo_service.odometry.hand_held_sequence import BLACK, SHAPE, assert_close, estimate_all
 from tests.vo_service.odometry.synthetic_views import render_corner
-from vo_service.odometry.features import FeatureView, SurfParameters
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
 

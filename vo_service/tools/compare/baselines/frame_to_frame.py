@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.features import SurfParameters
-from vo_service.odometry.surf import Features
+from vo_service.odometry.features.extractor import Features
+from vo_service.odometry.features.parameters import SurfParameters
 from vo_service.odometry.surf.odometry import SurfOdometry
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import StageTimer

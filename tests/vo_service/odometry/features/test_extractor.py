@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.vo_service.odometry.synthetic_views import make_blob_image, make_textured_image
-from vo_service.odometry.surf import Features, SurfExtractor
+from vo_service.odometry.features.extractor import Features, SurfExtractor
 
 SHAPE = (240, 320)
 FIELDS = ("position_px", "scale_px", "direction", "response", "sign", "descriptor")

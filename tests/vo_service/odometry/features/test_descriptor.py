@@ -5,8 +5,8 @@ from scipy.ndimage import map_coordinates
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import make_blob_image, make_textured_image
-from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.descriptor import DESCRIPTOR_NORM, DESCRIPTOR_SIZE, build_pyramid
+from vo_service.odometry.features.descriptor import DESCRIPTOR_NORM, DESCRIPTOR_SIZE, build_pyramid
+from vo_service.odometry.features.extractor import Features, SurfExtractor
 
 
 def gray_patch(image: NDArray[np.uint8], features: Features, n: int) -> Array:

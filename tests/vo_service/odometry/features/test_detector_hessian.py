@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.vo_service.odometry.surf.box_filters import hessian_products
-from tests.vo_service.odometry.surf.response_layers import response_layer
+from tests.vo_service.odometry.features.box_filters import hessian_products
+from tests.vo_service.odometry.features.response_layers import response_layer
 from tests.vo_service.odometry.synthetic_views import make_blob_image
-from vo_service.odometry.surf.detector import (
+from vo_service.odometry.features.detector import (
     SCALE_PER_LOBE,
     box_rows,
     is_laplacian_positive,

@@ -11,16 +11,13 @@ from tests.vo_service.odometry.point_pairs import (
 )
 from tests.vo_service.odometry.synthetic_views import CAMERA, make_frame
 from vo_service.odometry.depth_grid import DepthGrid
-from vo_service.odometry.features import (
-    FeatureView,
-    PointPairs,
-    SurfParameters,
-    backproject_features,
-)
+from vo_service.odometry.features.extractor import SurfExtractor
+from vo_service.odometry.features.match_verifier import LAST_VIEW_VERIFIER
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.points import PointPairs, backproject_features
+from vo_service.odometry.features.verification import cover_doubt, doubt_reason, rejection_reason
+from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.ransac import RigidMotionEstimate, find_consensus, refine_rigid_motion
-from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.surf.recovery import LAST_VIEW_VERIFIER
-from vo_service.odometry.surf.verification import cover_doubt, doubt_reason, rejection_reason
 
 PARAMETERS = SurfParameters()
 

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.vo_service.odometry.surf.box_filters import cross_filter, vertical_filter
+from tests.vo_service.odometry.features.box_filters import cross_filter, vertical_filter
 from tests.vo_service.odometry.synthetic_views import make_blob_image
-from vo_service.odometry.surf import detect_keypoints
-from vo_service.odometry.surf.detector import RESPONSE, SCALE, SIGN
+from vo_service.odometry.features.detector import RESPONSE, SCALE, SIGN
+from vo_service.odometry.features.extractor import detect_keypoints
 
 SIZE = 201
 CENTRES_PX = [(100.0, 100.0), (100.3, 99.6), (99.55, 100.45), (98.8, 101.1)]

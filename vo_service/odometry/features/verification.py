@@ -11,7 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.core.geometry import Array, inverse, so3_log, transform_points
-from vo_service.odometry.features import FeatureView, MatchVerifier, PointPairs, SurfParameters
+from vo_service.odometry.features.match_verifier import MatchVerifier
+from vo_service.odometry.features.parameters import SurfParameters
+from vo_service.odometry.features.points import PointPairs
+from vo_service.odometry.features.views import FeatureView
 from vo_service.odometry.ransac import RigidMotionEstimate, find_consensus, refine_rigid_motion
 
 # Of a covariance: an error beyond so many standard deviations is not expected.

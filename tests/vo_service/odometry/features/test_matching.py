@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
-from vo_service.odometry.features import find_best_two, match_descriptors, match_features
-from vo_service.odometry.surf import Features, SurfExtractor
+from vo_service.odometry.features.extractor import Features, SurfExtractor
+from vo_service.odometry.features.matching import find_best_two, match_descriptors, match_features
 
 Table = NDArray[np.float32]
 

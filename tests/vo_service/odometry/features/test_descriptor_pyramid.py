@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
-from vo_service.odometry.surf.descriptor import (
+from vo_service.odometry.features.descriptor import (
     NUM_LEVELS,
     PackedLevel,
     build_pyramid,

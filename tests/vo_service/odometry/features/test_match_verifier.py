@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vo_service.odometry.features import MatchVerifier
+from vo_service.odometry.features.match_verifier import MatchVerifier
 
 PANORAMA = MatchVerifier(inlier_share_if_right=0.6, inlier_share_by_chance=0.1)
 

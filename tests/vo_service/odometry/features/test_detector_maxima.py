@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
-from tests.vo_service.odometry.surf.response_layers import response_layer
+from tests.vo_service.odometry.features.response_layers import response_layer
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_blob_image
-from vo_service.odometry.surf.detector import (
+from vo_service.odometry.features.detector import (
     NUM_COLUMNS,
     RESPONSE,
     SCALE,

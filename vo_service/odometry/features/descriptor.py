@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.surf.detector import SCALE, X, Y
+from vo_service.odometry.features.detector import SCALE, X, Y
 
 NUM_LEVELS = 4  # the largest keypoints (scale 14) are sampled at an eighth of the size
 

@@ -7,8 +7,8 @@ from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import CAMERA, FIRST_CALL_COMPILES, make_frame
 from vo_service.odometry.depth import fit_inverse_depth
-from vo_service.odometry.features import FeaturePoints, backproject_features, pair_points
-from vo_service.odometry.surf import Features
+from vo_service.odometry.features.extractor import Features
+from vo_service.odometry.features.points import FeaturePoints, backproject_features, pair_points
 
 HEIGHT, WIDTH = 60, 80
 INSIDE = (st.floats(4.0, WIDTH - 5.51), st.floats(4.0, HEIGHT - 5.51))

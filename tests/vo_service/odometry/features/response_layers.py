@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_service.odometry.surf.detector import box_rows, fill_row, lobe_margin, make_row_sums
+from vo_service.odometry.features.detector import box_rows, fill_row, lobe_margin, make_row_sums
 
 
 def response_layer(image: NDArray[np.uint8], lobe: int, step: int = 1) -> NDArray[np.float32]:

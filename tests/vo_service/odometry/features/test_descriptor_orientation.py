@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
-from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.descriptor import (
+from vo_service.odometry.features.descriptor import (
     GRID_SIDE,
     SUMS_SIZE,
     disc_weights,
     dominant_direction,
 )
+from vo_service.odometry.features.extractor import Features, SurfExtractor
 
 ANGLE_DEG = st.floats(0.0, 360.0)
 HEIGHT, WIDTH = 400, 480

@@ -6,7 +6,7 @@ source, as the program's and the tests' are.
 
 import os
 
-from drivers.core.files import kernel_folder
+from drivers.core.folders import kernel_folder
 
 # The libraries read these when they are loaded.
 os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"

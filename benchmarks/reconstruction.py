@@ -25,7 +25,7 @@ from benchmarks.harness import Table, Variants, measure_cpu_ms, median
 from benchmarks.tracking import read_all_frames, track
 from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.core import InputError
-from drivers.core.files import cache_folder
+from drivers.core.folders import cache_folder
 from drivers.core.geometry import (
     Array,
     Trajectory,

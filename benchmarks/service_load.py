@@ -13,10 +13,10 @@ import numpy as np
 import zenoh
 
 from drivers.camera import RgbdFrame
-from drivers.core.files import cache_folder
+from drivers.core.folders import cache_folder
 from drivers.core.geometry import Array
+from drivers.synthetic.background_frame_provider import render_all
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.frame_provider import render_all
 from tests.resource_leaks import child_pids_of
 from vo_service.ros_messages.decoding import decode_odometry
 from vo_service.terminal import Terminal

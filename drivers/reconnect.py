@@ -15,8 +15,8 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError
-from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.geometry import Trajectory
+from drivers.core.rate_limits import ExponentialBackoff
 
 INITIAL_RETRY_S, MAX_RETRY_S = 0.2, 1.5
 

@@ -156,7 +156,7 @@ def make_recording(request: CameraRequest) -> RgbdCamera:
 
 
 def make_synthetic(request: CameraRequest) -> RgbdCamera:
-    from drivers.core.files import cache_folder
+    from drivers.core.folders import cache_folder
     from drivers.synthetic.camera import RenderOptions, SyntheticCamera
     from drivers.synthetic.config import SyntheticConfig
 

@@ -18,7 +18,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from drivers.core.files import kernel_folder
+from drivers.core.folders import kernel_folder
 
 # Set before any import that compiles; processes that tests start use the same kernels.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))

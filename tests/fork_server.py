@@ -38,7 +38,7 @@ def load() -> None:
     from vo_service.cli.options import prepare_kernels
     from vo_service.config import Config
     from vo_service.frame_record import compile_kernels
-    from vo_service.reconstruction import warm_up_reconstruction
+    from vo_service.reconstruction.warm_up import warm_up_reconstruction
     from vo_service.signals import StopSignal
     from vo_service.slam import synchronous_loop_closure
     from vo_service.terminal import Terminal

@@ -23,7 +23,7 @@ SINGLE = {
     "memfd_create": {"drivers/core/process/record_ring.py"},
     "SharedMemory": set(),
     "Condition": {
-        "drivers/core/flow_control.py",
+        "drivers/core/queues.py",
         "drivers/recording_camera.py",  # frames with a due time
         "vo_service/client/frame_client.py",  # the newest frame, made of several messages
         "vo_service/client/subscription.py",  # the newest pose, which is not taken
@@ -82,5 +82,6 @@ def test_only_the_file_helpers_make_temporary_names() -> None:
     }
     assert makers == {
         "drivers/core/files.py",
+        "drivers/core/folders.py",  # a folder of kernels that is copied
         "vo_service/tools/download/sequence_download.py",  # kept after an error, to be resumed
     }

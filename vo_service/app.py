@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.core import CameraError, UserFacingError
-from drivers.core.jit import release_memory
+from drivers.core.memory import release_memory
 from drivers.registry import make_reconnecting
 from vo_service.config import Config, ConfigChanges
 from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig

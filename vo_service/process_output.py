@@ -12,9 +12,10 @@ from contextlib import contextmanager
 from typing import Any, Generic, TypeVar
 
 from drivers.core import UserFacingError
-from drivers.core.flow_control import BoundedQueue, ExponentialBackoff, WorkerThread
-from drivers.core.process.client import WorkerClient
+from drivers.core.process.worker_client import WorkerClient
 from drivers.core.process.worker_spec import WorkerConfig, WorkerSpec
+from drivers.core.queues import BoundedQueue, WorkerThread
+from drivers.core.rate_limits import ExponentialBackoff
 from vo_service.types.commands import NotPossibleError
 
 logger = logging.getLogger(__name__)

@@ -12,8 +12,9 @@ from urllib.parse import quote
 from drivers.camera import FocalPrior, RgbdFrame, TimingPrior, TimingSource
 from drivers.core import InputError, UserFacingError
 from drivers.core.config import SCHEMA_VERSION, Field, read_toml
-from drivers.core.files import atomic_write, state_folder
-from drivers.core.flow_control import DropOldestQueue, WorkerThread
+from drivers.core.files import atomic_write
+from drivers.core.folders import state_folder
+from drivers.core.queues import DropOldestQueue, WorkerThread
 from drivers.core.write_errors import WriteError, writing
 from vo_service.odometry.registry import FIXED_TIMING_MODE
 from vo_service.types.estimate import LEARNED_TIMING

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.flow_control import Throttle
 from drivers.core.geometry import Array
+from drivers.core.rate_limits import Throttle
 
 # A point closer than this to the last one is not visibly different.
 MIN_POINT_DISTANCE_M = 0.005

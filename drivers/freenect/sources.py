@@ -15,8 +15,8 @@ import numpy as np
 
 from drivers.camera import Clock, EndOfStream, PlaybackMode, SensorConfig
 from drivers.core import InputError, UserFacingError
-from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.input_files import open_input, read_input, read_input_text
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.freenect.bindings import PACKAGE, SONAME, DepthFormat, Flag, load_library
 from drivers.freenect.context import FreenectContext, FreenectDevice, ImagePair
 from drivers.freenect.errors import (

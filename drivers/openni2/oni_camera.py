@@ -21,7 +21,8 @@ from drivers.camera import (
 from drivers.core import CameraError
 from drivers.openni2.bindings import OpenNI2, SensorType
 from drivers.openni2.oni_index import OniIndex, read_oni_index
-from drivers.openni2.oni_player import OniPlayer, make_playback_scheduler
+from drivers.openni2.oni_player import OniPlayer
+from drivers.openni2.playback_scheduler import make_playback_scheduler
 from drivers.openni2.rectify import CalibrationFile, make_rectifier
 from drivers.openni2.stream import IncompleteFrameError, decode_color, decode_depth
 

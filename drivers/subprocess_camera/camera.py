@@ -18,11 +18,11 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core import CameraError, CameraLostError
-from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.geometry import Trajectory
-from drivers.core.process.client import WorkerClient
 from drivers.core.process.messages import WorkerFailed
+from drivers.core.process.worker_client import WorkerClient
 from drivers.core.process.worker_spec import WorkerSpec
+from drivers.core.rate_limits import ExponentialBackoff
 from drivers.reconnect import ConnectionPhase
 from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingReader
 from drivers.subprocess_camera.messages import (

@@ -8,8 +8,8 @@ from queue import SimpleQueue
 
 from drivers.camera import EndOfStream, FrameTimeout, RgbdCamera
 from drivers.core import CameraError
-from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.process.service_connection import ServiceConnection
+from drivers.core.rate_limits import ExponentialBackoff
 from drivers.reconnect import ConnectionPhase, ReconnectingCamera
 from drivers.subprocess_camera.frame_ring import FrameRingWriter
 from drivers.subprocess_camera.messages import (

@@ -20,19 +20,19 @@ from drivers.camera import (
 )
 from drivers.core import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.core.geometry import STANDARD_GRAVITY_M_S2, Trajectory, Vector
+from drivers.synthetic.background_frame_provider import BackgroundFrameProvider
 from drivers.synthetic.config import Fault, FaultKind, SyntheticConfig
-from drivers.synthetic.frame_provider import (
-    BackgroundFrameProvider,
-    FrameProvider,
-    OnDemandFrameProvider,
-)
 from drivers.synthetic.motions import make_motion
+from drivers.synthetic.on_demand_frame_provider import OnDemandFrameProvider
 from drivers.synthetic.pacing import HostClock, make_pacer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 from drivers.synthetic.sensors import ImageSource, RenderedImages
 
 DARK_GAIN = 0.02
 DARK_NOISE_SIGMA = 3.0
+
+# Provides the frames of a configuration in a loop.
+FrameProvider = OnDemandFrameProvider | BackgroundFrameProvider
 
 
 @dataclass(frozen=True)

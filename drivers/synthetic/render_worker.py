@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 from drivers.core import CameraError
-from drivers.core.jit import release_memory
+from drivers.core.memory import release_memory
 from drivers.core.process.service_connection import ServiceConnection
 from drivers.synthetic.rendered_sequence import (
     ReaderPosition,

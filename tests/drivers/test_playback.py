@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.camera import FrameTimeout, PlaybackMode
-from drivers.openni2.oni_player import RealtimeScheduler, make_playback_scheduler
+from drivers.openni2.playback_scheduler import RealtimeScheduler, make_playback_scheduler
 
 
 class PlayedTime:

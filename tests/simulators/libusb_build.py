@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.files import cache_folder
+from drivers.core.folders import cache_folder
 
 SONAME = "libusb-1.0.so.0"
 SOURCES = Path(__file__).parent / "libusb"

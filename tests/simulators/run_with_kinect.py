@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from drivers.core import InputError, UserFacingError
-from drivers.core.files import cache_folder
+from drivers.core.folders import cache_folder
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from tests.simulators.fault_script import FAULT_NAMES, parse_fault, run_command, schedule_faults

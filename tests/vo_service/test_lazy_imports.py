@@ -18,7 +18,7 @@ EXAMPLE = Path(__file__).parents[2] / "config" / "kinect.toml"
 HEAVY = ("numba", "matplotlib", "rerun", "scipy")
 PROGRAM = f"""
 import os, sys
-from vo_service import main
+from vo_service.__main__ import main
 try:
     main()
 except SystemExit as end:
@@ -66,7 +66,7 @@ def test_outputs_that_may_be_left_out_are_imported_where_they_are_opened() -> No
 INTERRUPTED_EARLY = """
 import sys
 known = set(sys.modules)
-from vo_service import main
+from vo_service.__main__ import main
 print(sorted(set(sys.modules) - known))
 
 class CtrlC:
@@ -89,7 +89,7 @@ def test_ctrl_c_while_loading_ends_quietly() -> None:
 # The service on a recording, with all outputs that are on by default.
 RUN_UNTIL_THE_END = """
 import logging, os, signal, sys
-from vo_service import main
+from vo_service.__main__ import main
 
 class StopAtTheEnd(logging.Handler):
     def emit(self, record):

@@ -18,6 +18,7 @@ from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board
 from vo_service.tools.calibration.board_printing import print_board
+from vo_service.tools.calibration.calibration_result import CalibrationResult
 from vo_service.tools.calibration.chessboards import USAGE, BoardOptions, make_board
 from vo_service.tools.calibration.collect_folder import CollectedViews, collect_from_folder
 from vo_service.tools.calibration.collect_live import (
@@ -27,7 +28,7 @@ from vo_service.tools.calibration.collect_live import (
 )
 from vo_service.tools.calibration.output_files import check_camera_output, save_camera_file
 from vo_service.tools.calibration.plot import FORMATS, write_plot
-from vo_service.tools.calibration.solver import CalibrationResult, solve_calibration
+from vo_service.tools.calibration.solver import solve_calibration
 
 EPILOG = """\
 examples:

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any, NoReturn, TextIO, cast
 
 from drivers.core import UserFacingError
-from drivers.core.files import kernel_folder
+from drivers.core.folders import kernel_folder
 from vo_service.signals import EXIT_CODE_SIGINT, InterruptedBySignal
 from vo_service.terminal import clear_line, log_to_stderr, one_line
 

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
-from drivers.core.files import cache_folder, kernel_folder
+from drivers.core.folders import cache_folder, kernel_folder
 from drivers.core.jit import interruptible
 from drivers.registry import CAMERA_USAGES, describe_cameras
 from vo_service.config import Config, read_config

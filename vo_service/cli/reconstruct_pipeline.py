@@ -29,7 +29,6 @@ from vo_service.config import Config
 from vo_service.frame_source import FrameSource
 from vo_service.outputs.progress import ProgressOutput
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
-from vo_service.reconstruction import warm_up_reconstruction
 from vo_service.reconstruction.reconstructor import (
     FramePoses,
     PreviewFrame,
@@ -40,6 +39,7 @@ from vo_service.reconstruction.reconstructor import (
 from vo_service.reconstruction.report import ReconstructionReport
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.reconstruction.voxel_block_grid import TsdfConfig
+from vo_service.reconstruction.warm_up import warm_up_reconstruction
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.types.outputs import NullLoopClosure, Output

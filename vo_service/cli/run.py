@@ -12,7 +12,7 @@ import zenoh
 
 from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.core.files import rotate_file
-from drivers.core.jit import limit_freed_memory, release_memory
+from drivers.core.memory import limit_freed_memory, release_memory
 from drivers.core.write_errors import creating
 from drivers.registry import open_camera
 from vo_service.app import (

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drivers.core import UserFacingError
 from vo_service.tools.install.installer import Installer
+from vo_service.tools.install.system_files import format_sudo_command
 from vo_service.tools.install.systemd import (
     DROP_IN,
     UNITS,
@@ -14,7 +15,6 @@ from vo_service.tools.install.systemd import (
     Systemd,
     read_service_file,
 )
-from vo_service.tools.install.udev import format_sudo_command
 
 EPILOG = """\
 examples:

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         UserFacingError: If the configuration is not valid, or if the kernels cannot be written.
     """
     # Imported here because `kinect-vo warm-up --help` does not need it.
-    from vo_service.reconstruction import warm_up_reconstruction
+    from vo_service.reconstruction.warm_up import warm_up_reconstruction
 
     config = load_config(args)
     terminal = Terminal()

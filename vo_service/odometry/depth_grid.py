@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.core.geometry import Array, inverse
 from drivers.core.jit import kernel
-from vo_service.odometry.depth import MAX_STEP_PER_M
+from vo_service.odometry.depth_planes import MAX_STEP_PER_M
 
 # Distance of the readings, pixels.
 GRID_STEP_PX = 16

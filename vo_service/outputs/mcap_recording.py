@@ -19,8 +19,8 @@ from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
 from drivers.core.bounded_trajectory import SampledPath
 from drivers.core.files import check_suffix, rotate_file
-from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, inverse
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.write_errors import WriteError, check_disk_space, creating, is_disk_full
 from vo_service.config_tables import MIN_FREE_BYTES
 from vo_service.ros_messages.cdr import STRING_SCHEMA, encode_string

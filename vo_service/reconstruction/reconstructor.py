@@ -9,7 +9,8 @@ import numpy as np
 
 from drivers.camera import EndOfStream, FrameTimeout, PinholeCamera, RgbdCamera, RgbdFrame
 from drivers.core.geometry import MAX_STAMP_DIFFERENCE_S, Array, Trajectory, nearest_indices
-from vo_service.reconstruction.mesh import Mesh, UpDirectionEstimator
+from vo_service.reconstruction.gravity_alignment import UpDirectionEstimator
+from vo_service.reconstruction.mesh import Mesh
 from vo_service.reconstruction.tsdf_volume import TsdfVolume
 from vo_service.types.odometry_update import OdometryUpdate, TrackingState
 from vo_service.types.outputs import OutputBase

@@ -12,7 +12,8 @@ import numpy as np
 from drivers.camera import PinholeCamera
 from drivers.core.files import atomic_write
 from drivers.core.geometry import Array
-from vo_service.reconstruction.mesh import Mesh, estimate_up, level_transform, write_ply
+from vo_service.reconstruction.gravity_alignment import estimate_up, level_transform
+from vo_service.reconstruction.mesh import Mesh, write_ply
 from vo_service.reconstruction.reconstructor import ReconstructionResult
 from vo_service.reconstruction.render import render_camera_view, render_overview, render_top_view
 from vo_service.reconstruction.tsdf_volume import TsdfVolume

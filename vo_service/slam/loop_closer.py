@@ -21,8 +21,10 @@ from vo_service.slam.keyframe_database import (
     QueryFrame,
 )
 from vo_service.slam.keyframe_selection import OdometryConstraint
-from vo_service.slam.loop_selection import LoopCandidates, MapMerger, OptimizationSchedule
+from vo_service.slam.loop_candidates import LoopCandidates
 from vo_service.slam.map_file import MapContents
+from vo_service.slam.map_merger import MapMerger
+from vo_service.slam.optimization_schedule import OptimizationSchedule
 from vo_service.slam.place_recognizer import PlaceMatch, PlaceRecognizer
 from vo_service.slam.pose_graph import AnchoredPose, NodeRemoval, PoseGraph
 from vo_service.slam.relocalization import RelocalizationResult

@@ -9,7 +9,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from drivers.core.files import KERNEL_SOURCES, SOURCE_PACKAGES
+from drivers.core.folders import KERNEL_SOURCES, SOURCE_PACKAGES
 from drivers.core.jit import interruptible
 from tests.test_import_circles import MODULES, imported
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from drivers.core.jit import limit_freed_memory, release_memory
+from drivers.core.memory import limit_freed_memory, release_memory
 
 
 def resident_bytes() -> int:

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 
 
 class Gate:

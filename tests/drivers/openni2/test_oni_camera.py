@@ -16,7 +16,7 @@ from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame, SensorConfig
 from drivers.core import CameraError, InputError
 from drivers.openni2 import oni_camera
 from drivers.openni2.oni_camera import OniCamera
-from drivers.openni2.oni_player import RealtimeScheduler
+from drivers.openni2.playback_scheduler import RealtimeScheduler
 from drivers.recording_camera import RecordingCamera
 from tests.drivers.openni2.conftest import SIZE, make_image, make_images, read_all_frames
 from tests.resource_leaks import resources_in_use

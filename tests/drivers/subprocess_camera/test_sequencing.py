@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import Clock, PlaybackMode
-from drivers.core.flow_control import ExponentialBackoff
+from drivers.core.rate_limits import ExponentialBackoff
 from drivers.subprocess_camera.messages import Timeouts
 from drivers.subprocess_camera.sequencing import make_sequencer
 from tests.drivers.subprocess_camera.scripted_cameras import make_pattern_frame

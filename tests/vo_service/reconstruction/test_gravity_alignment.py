@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.core.geometry import Array, rigid_transform, so3_exp, transform_points
-from vo_service.reconstruction.mesh import (
-    Mesh,
+from vo_service.reconstruction.gravity_alignment import (
     UpDirectionEstimator,
     estimate_up,
     level_transform,
 )
+from vo_service.reconstruction.mesh import Mesh
 
 UP = np.array([0.2, -0.9, 0.38])
 UP = UP / np.linalg.norm(UP)

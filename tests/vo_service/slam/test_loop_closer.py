@@ -14,8 +14,8 @@ from tests.vo_service.slam.corner_trajectory import (
     true_pose,
 )
 from vo_service.config_tables import MapConfig
+from vo_service.slam.loop_candidates import MAX_RECENT_KEYFRAMES
 from vo_service.slam.loop_closer import LoopCloser
-from vo_service.slam.loop_selection import MAX_RECENT_KEYFRAMES
 from vo_service.slam.synchronous_loop_closure import create_loop_closer, create_loop_closer_from_map
 
 ELSEWHERE = rigid_transform(so3_exp([0.0, 0.0, 2.0]), [7.0, -3.0, 1.0])

@@ -15,7 +15,7 @@ from tests.vo_service.slam.scripted_recognizer import (
     make_observation,
     pose_ahead,
 )
-from vo_service.slam import loop_selection
+from vo_service.slam import optimization_schedule
 from vo_service.slam.keyframe_database import (
     LOST_VELOCITY_SIGMA,
     TRACKED_VELOCITY_SIGMA,
@@ -70,7 +70,7 @@ def test_an_inconsistent_loop_closure_optimizes_the_map_once(
 
 def test_a_large_map_is_optimized_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
     made, scripted = closer_after_walk(error_m=0.02)
-    monkeypatch.setattr(loop_selection, "MIN_INTERVAL_RATIO", 0.2)
+    monkeypatch.setattr(optimization_schedule, "MIN_INTERVAL_RATIO", 0.2)
     off_m = []
     for step in range(1, 5):
         scripted.matches = {0: pose_ahead(LAST_M + STEP_M * step + 0.05)}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.core.jit import kernel
-from vo_service.odometry.depth import fit_plane
+from vo_service.odometry.depth_planes import fit_plane
 from vo_service.odometry.direct.image_pyramid import ImagePyramid
 from vo_service.odometry.direct.parameters import (
     DEPTH_NOISE_DECAY,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
-from vo_service.odometry.depth import fit_plane
+from vo_service.odometry.depth_planes import fit_plane
 from vo_service.odometry.direct.image_pyramid import (
     ImagePyramid,
     LevelImages,

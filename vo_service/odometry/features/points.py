@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
-from vo_service.odometry.depth import fit_inverse_depth
+from vo_service.odometry.depth_planes import fit_inverse_depth
 from vo_service.odometry.features.extractor import Features
 from vo_service.odometry.features.gray_frame import GrayFrame
 from vo_service.odometry.uncertainty import depth_sigma_m, lateral_sigma_m

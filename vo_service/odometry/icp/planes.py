@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 from drivers.core.jit import kernel
-from vo_service.odometry.depth import fit_plane
+from vo_service.odometry.depth_planes import fit_plane
 from vo_service.odometry.icp.depth_pyramid import DepthLevel
 
 # A plane is fitted over a square of (2 RADIUS + 1)^2 pixels.

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import zenoh
 import zenoh.shm
 
-from drivers.core.flow_control import DropOldestQueue, Throttle, WorkerThread
 from drivers.core.geometry import Array
+from drivers.core.queues import DropOldestQueue, WorkerThread
+from drivers.core.rate_limits import Throttle
 from vo_service.config_tables import FramesConfig, Ros2Config, ZenohConfig
 from vo_service.outputs.zenoh.addresses import endpoints_without_roles
 from vo_service.types.messages import frame_attachment

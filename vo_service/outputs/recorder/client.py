@@ -8,9 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.files import MEGABYTE, state_folder
-from drivers.core.flow_control import DropOldestQueue
+from drivers.core.files import MEGABYTE
+from drivers.core.folders import state_folder
 from drivers.core.process.worker_spec import WorkerSpec
+from drivers.core.queues import DropOldestQueue
 from vo_service.config_tables import RecorderConfig
 from vo_service.outputs.recorder.frame_history import FrameHistory, StampedStatus
 from vo_service.outputs.recorder.loss_trigger import LossTrigger

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
-from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.process.messages import Shutdown, WorkerFailed
 from drivers.core.process.worker_spec import WorkerSpec
+from drivers.core.rate_limits import ExponentialBackoff
 from vo_service.config_tables import RerunConfig
 from vo_service.outputs.rerun.messages import (
     RerunHealth,

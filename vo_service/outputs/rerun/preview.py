@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from drivers.camera import PlaybackMode
-from drivers.core.flow_control import WorkerThread
+from drivers.core.queues import WorkerThread
 from vo_service.outputs.rerun.targets import check_targets, make_sink, prepare_rerun
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from drivers.camera import PlaybackMode
 from drivers.core import InputError, UserFacingError
 from drivers.core.files import MEGABYTE, rotate_file
-from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
 from drivers.core.write_errors import check_disk_space, creating, is_disk_full, writing
 
 if TYPE_CHECKING:

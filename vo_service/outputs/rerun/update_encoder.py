@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.core.flow_control import Throttle
 from drivers.core.geometry import Trajectory, inverse, transform_points
+from drivers.core.rate_limits import Throttle
 from vo_service.outputs.rerun.messages import (
     CorrectedPosition,
     FrameImages,

@@ -12,8 +12,8 @@ import numpy as np
 from drivers.camera import PlaybackMode
 from drivers.core import UserFacingError
 from drivers.core.files import atomic_write
-from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.geometry import Array, Trajectory, format_pose_line
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from drivers.core.write_errors import WriteError, check_in_place, creating, writing
 from vo_service.types.messages import Status
 from vo_service.types.odometry_update import OdometryUpdate

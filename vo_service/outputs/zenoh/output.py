@@ -10,7 +10,7 @@ from typing import Protocol
 import zenoh
 
 from drivers.core import UserFacingError
-from drivers.core.flow_control import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 from vo_service.config_tables import ZenohConfig
 from vo_service.outputs.zenoh.addresses import (
     connect_endpoints,

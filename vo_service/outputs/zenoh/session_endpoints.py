@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from drivers.core.flow_control import BlockingQueue, TokenBucket, WorkerThread
+from drivers.core.queues import BlockingQueue, WorkerThread
+from drivers.core.rate_limits import TokenBucket
 from vo_service.config_tables import CommandConfig, Ros2Config
 from vo_service.control import CommandFuture, CommandQueue
 from vo_service.ros_messages.navigation import ODOMETRY_SCHEMA, TRANSFORM_SCHEMA

@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.core import UserFacingError
-from drivers.core.files import state_folder
-from drivers.core.flow_control import DropOldestQueue
+from drivers.core.folders import state_folder
 from drivers.core.process.record_ring import RecordRingWriter
 from drivers.core.process.worker_spec import WorkerSpec
+from drivers.core.queues import DropOldestQueue
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import compile_kernels, pack_depth, write_frame
 from vo_service.process_output import FaultReporter, ProcessOutput, warn_disabled

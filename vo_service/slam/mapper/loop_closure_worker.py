@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers.core.geometry import Array
-from drivers.core.jit import release_memory
+from drivers.core.memory import release_memory
 from drivers.core.process.record_ring import RingRecord
 from vo_service.config_tables import MapConfig
 from vo_service.frame_record import decode_frame, decode_metadata

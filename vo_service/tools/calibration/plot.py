@@ -11,9 +11,9 @@ import numpy as np
 
 from drivers.core.files import atomic_write, check_suffix
 from drivers.core.geometry import Array
+from vo_service.tools.calibration.calibration_result import CalibrationResult
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
-from vo_service.tools.calibration.solver import CalibrationResult
 from vo_service.tools.calibration.view_selection import (
     MIN_ZONE_CORNERS,
     ZONE_EDGES,

@@ -11,7 +11,8 @@ from drivers.core import UserFacingError
 from vo_service.tools.doctor.check import CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.usb_probe import KernelUsbDevice, OpenError, UsbPart, UsbSensor
-from vo_service.tools.install.udev import GROUP, KERNEL_DRIVER, RULES_FILE, format_sudo_command
+from vo_service.tools.install.system_files import format_sudo_command
+from vo_service.tools.install.udev import GROUP, KERNEL_DRIVER, RULES_FILE
 
 MIN_SPEED_MBIT_S = 480.0
 HIGH_BANDWIDTH_CLASSES = {"01": "audio", "0e": "video"}

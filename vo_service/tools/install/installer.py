@@ -8,6 +8,7 @@ from drivers.core import UserFacingError
 from vo_service.config import read_config
 from vo_service.tools.install import udev
 from vo_service.tools.install.program import PROGRAM_FOLDER, install_program, remove_program
+from vo_service.tools.install.system_files import remove_file, write_file
 from vo_service.tools.install.systemd import (
     COMMAND_LINK,
     CONFIG_FOLDER,
@@ -21,7 +22,6 @@ from vo_service.tools.install.systemd import (
     read_service_file,
     unlink_command,
 )
-from vo_service.tools.install.udev import remove_file, write_file
 
 PrintLine = Callable[[str], None]
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import drivers
 from drivers.core import UserFacingError
-from drivers.core.files import SOURCE_PACKAGES
+from drivers.core.folders import SOURCE_PACKAGES
 
 DISTRIBUTION_NAME = "kinect-vo"
 # These files of a checkout point back to it.
@@ -31,7 +31,7 @@ CHECK_TIMEOUT_S = 120.0
 
 _SCRIPT_TEMPLATE = """\
 #!/{python}
-from vo_service import main
+from vo_service.__main__ import main
 
 main()
 """

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivers.core import InputError, UserFacingError
 from vo_service.tools.install.program import SCRIPT_PATH
-from vo_service.tools.install.udev import SystemFile, run_command
+from vo_service.tools.install.system_files import SystemFile, run_command
 
 SERVICE_FILES = Path(__file__).parents[2] / "service_files"
 UNIT_FOLDER = Path("etc/systemd/system")

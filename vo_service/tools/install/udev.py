@@ -1,93 +1,15 @@
 """System files that let users open a sensor without root, from the table of USB ids."""
 
-import os
-import shutil
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core import UserFacingError
-from drivers.core.files import atomic_file
 from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
-
-COMMAND_TIMEOUT_S = 20.0
-
-
-@dataclass(frozen=True)
-class SystemFile:
-    """File to install; `path` is relative to the root of the file system."""
-
-    path: Path
-    text: str
-
-
-def write_file(path: Path, text: str) -> bool:
-    """Write a world-readable file; returns False if it already has this text.
-
-    Raises:
-        OSError: If that fails.
-    """
-    if path.is_file() and not path.is_symlink() and path.read_text() == text:
-        return False
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as part:  # system programs ignore its name
-        part.write_text(text)
-        part.chmod(0o644)
-    return True
-
-
-def remove_file(path: Path) -> bool:
-    """Remove a file; returns False if it does not exist.
-
-    Raises:
-        OSError: If that fails.
-    """
-    try:
-        path.unlink()
-    except FileNotFoundError:
-        return False
-    return True
-
-
-def write_error(path: Path, error: OSError, root: Path, *command: str) -> UserFacingError:
-    """Return a user-facing error for a file that a kinect-vo command could not change.
-
-    Args:
-        path: The file.
-        error: The error.
-        root: Root of the file system.
-        *command: Arguments of the kinect-vo command.
-    """
-    if isinstance(error, PermissionError) and os.geteuid() != 0:
-        tree = [] if root == Path("/") else ["--root", str(root)]
-        return UserFacingError(
-            f"{path}: only root may change this; run: {format_sudo_command(*command, *tree)}"
-        )
-    return UserFacingError(f"{path}: {error.strerror}; fix this and re-run")
-
-
-def format_sudo_command(*arguments: str) -> str:
-    """Return the command line to run kinect-vo as root, whose PATH may differ."""
-    script = Path(sys.executable).with_name("kinect-vo")
-    return " ".join(["sudo", str(script) if script.exists() else "kinect-vo", *arguments])
-
-
-def run_command(*command: str, timeout_s: float = COMMAND_TIMEOUT_S) -> str:
-    """Run a system command; returns its error, or "" on success."""
-    command_line = " ".join(command)
-    if shutil.which(command[0]) is None:
-        return f"{command[0]} is not installed here"
-    try:
-        process = subprocess.run(
-            command, capture_output=True, text=True, timeout=timeout_s, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return f"`{command_line}`: {error}"
-    if process.returncode == 0:
-        return ""
-    return f"`{command_line}` failed: {' '.join(process.stderr.split())}"
-
+from vo_service.tools.install.system_files import (
+    SystemFile,
+    remove_file,
+    run_command,
+    write_error,
+    write_file,
+)
 
 GROUP = "plugdev"
 KERNEL_DRIVER = "gspca_kinect"  # webcam driver, which would hold the Kinect's camera

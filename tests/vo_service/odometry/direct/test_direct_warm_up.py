@@ -16,14 +16,14 @@ from tests.vo_service.odometry.direct.rolling_shutter_views import (
     render_sequence,
     render_view,
 )
-from vo_service.odometry import depth, direct, ransac
+from vo_service.odometry import depth_planes, direct, ransac
 from vo_service.odometry.features import descriptor, detector, matching
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.stage_timers import STAGE_BUDGETS_MS, StageReporter
 from vo_service.odometry.warm_up import warm_up
 
 OWN = [f"{direct.__name__}.{each.name}" for each in pkgutil.iter_modules(direct.__path__)]
-SHARED = [depth, matching, ransac, descriptor, detector]
+SHARED = [depth_planes, matching, ransac, descriptor, detector]
 MODULES = [*map(import_module, OWN), *SHARED]
 KERNELS = [
     each

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from drivers.camera import RgbdFrame
 from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import CAMERA, FIRST_CALL_COMPILES, make_frame
-from vo_service.odometry.depth import fit_inverse_depth
+from vo_service.odometry.depth_planes import fit_inverse_depth
 from vo_service.odometry.features.extractor import Features
 from vo_service.odometry.features.points import FeaturePoints, backproject_features, pair_points
 

@@ -2,7 +2,7 @@
 
 from tests.vo_service.odometry.hand_held_sequence import estimate_all
 from tests.vo_service.odometry.sfm.sideways_sequence import render_views
-from vo_service.odometry import depth
+from vo_service.odometry import depth_planes
 from vo_service.odometry.features import matching
 from vo_service.odometry.registry import METHODS, MethodConfig
 from vo_service.odometry.sfm import bundle_adjustment
@@ -11,7 +11,7 @@ from vo_service.types.odometry import NullStageTimer
 
 KERNELS = [
     each
-    for module in (bundle_adjustment, matching, depth)
+    for module in (bundle_adjustment, matching, depth_planes)
     for each in vars(module).values()
     if hasattr(each, "signatures") and hasattr(each, "py_func")
 ]

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.core.flow_control import Throttle
 from drivers.core.geometry import Trajectory, rigid_transform, transform_points
+from drivers.core.rate_limits import Throttle
 from tests.vo_service.outputs.rerun.rerun_recording import (
     count_rows,
     draw,

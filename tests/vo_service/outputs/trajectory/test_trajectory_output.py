@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.core import InputError, UserFacingError
-from drivers.core.flow_control import BlockingQueue, DropOldestQueue
 from drivers.core.geometry import read_trajectory
+from drivers.core.queues import BlockingQueue, DropOldestQueue
 from tests.full_disk import limit_file_size
 from tests.vo_service.cli.cli_runner import count_lines
 from tests.waiting import wait_until

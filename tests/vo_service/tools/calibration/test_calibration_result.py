@@ -10,13 +10,13 @@ import pytest
 from drivers.calibration import read_calibration
 from drivers.core import InputError
 from drivers.core.write_errors import check_output_file
+from vo_service.tools.calibration.calibration_result import CalibrationResult
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.collect_folder import DepthUnits
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
 from vo_service.tools.calibration.output_files import save_camera_file
 from vo_service.tools.calibration.plot import draw_plot, write_plot
-from vo_service.tools.calibration.solver import CalibrationResult
 
 pytestmark = pytest.mark.slow
 

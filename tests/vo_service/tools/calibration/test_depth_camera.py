@@ -20,7 +20,7 @@ from tests.vo_service.tools.calibration.rendered_boards import (
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult, calibrate_depth
-from vo_service.tools.calibration.solver import validate_depth
+from vo_service.tools.calibration.validation import validate_depth
 
 TRUE_SCALE = RenderedKinect().depth_scale
 

@@ -19,14 +19,13 @@ from drivers.core.geometry import Array, inverse
 from drivers.recording.image_decoding import UnreadableFrameError
 from drivers.recording.recording import Recording
 from drivers.recording_camera import FrameReader
-from vo_service.tools.compare.baselines.orb_vocabulary import (
+from vo_service.tools.compare.baselines.orb_vocabulary import Descriptors, VocabularyFile
+from vo_service.tools.compare.baselines.registry import ORB_SLAM3, PYORBSLAM3
+from vo_service.tools.compare.baselines.vocabulary_training import (
     BRANCHES,
     LEVELS,
-    Descriptors,
-    VocabularyFile,
     train_vocabulary,
 )
-from vo_service.tools.compare.baselines.registry import ORB_SLAM3, PYORBSLAM3
 from vo_service.types.estimate import Estimate
 from vo_service.types.odometry import Odometry, StageTimer
 

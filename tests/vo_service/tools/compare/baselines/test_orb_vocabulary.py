@@ -10,8 +10,8 @@ from vo_service.tools.compare.baselines.orb_vocabulary import (
     NODE_FIELDS,
     Descriptors,
     read_vocabulary_file,
-    train_vocabulary,
 )
+from vo_service.tools.compare.baselines.vocabulary_training import train_vocabulary
 
 CLUSTERS = np.array([[0] * 32, [255] * 32, [15] * 32], np.uint8)
 

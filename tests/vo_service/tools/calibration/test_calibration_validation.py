@@ -11,7 +11,7 @@ from tests.vo_service.tools.calibration.rendered_boards import RenderedKinect
 from vo_service.tools.calibration.chessboards import Chessboard
 from vo_service.tools.calibration.color_camera import ColorCalibrationResult, calibrate_color
 from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
-from vo_service.tools.calibration.solver import validate_color, validate_depth
+from vo_service.tools.calibration.validation import validate_color, validate_depth
 from vo_service.tools.calibration.view_selection import (
     CoverageGap,
     estimate_board_pose,

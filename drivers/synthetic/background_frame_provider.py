@@ -1,4 +1,4 @@
-"""Sources of the virtual Kinect's frames: rendered when read, or rendered ahead."""
+"""Frames of the virtual Kinect that a process renders ahead of the reader."""
 
 import os
 import time
@@ -25,7 +25,8 @@ from drivers.synthetic.rendered_sequence import (
 from drivers.synthetic.sensors import RenderedImages
 
 if TYPE_CHECKING:  # its kernels are slow to load; the renderer's process loads them
-    from drivers.synthetic.renderer import Renderer
+    pass
+
 
 # Live readers of the frames have priority.
 RENDERER = WorkerSpec("drivers.synthetic.render_worker:run_renderer", "renderer", nice=10)
@@ -33,52 +34,6 @@ RENDERER = WorkerSpec("drivers.synthetic.render_worker:run_renderer", "renderer"
 MAX_FRAME_S = 120.0
 
 RenderProgress = Callable[[int, int], None]  # frames rendered, total frames
-
-
-class OnDemandFrameProvider:
-    """Renders each frame when it is read, and stores none. Frame 0 follows the last."""
-
-    def __init__(self, config: SyntheticConfig, threads: int) -> None:
-        self._config = config
-        self._threads = threads or os.cpu_count() or 1
-        self._renderers: list[Renderer] = []
-
-    def prepare(self) -> None:
-        """Start work that can be done in the background. Raises as `start`."""
-
-    def start(self) -> None:
-        """Start providing frames. Raises InputError or CameraError if that fails."""
-        from drivers.synthetic.renderer import make_renderer
-
-        if not self._renderers:
-            self._renderers.append(make_renderer(self._config, self._threads))
-
-    def wait_until_started(self, timeout_s: float) -> bool:
-        """Wait until the first frame is rendered. Raises as `wait_for_newest`."""
-        return True
-
-    def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
-        """Wait for the newest rendered frame from `first` to `last`.
-
-        Args:
-            first: Number of the first frame that is wanted.
-            last: Number of the last one.
-            timeout_s: Longest wait, s.
-
-        Returns:
-            Its number; None if none of them is rendered after `timeout_s`.
-
-        Raises:
-            InputError, CameraError: Rendering failed.
-        """
-        return last
-
-    def read(self, seq: int) -> RenderedImages:
-        """Read a frame; wait if it is not rendered yet. Raises as `wait_for_newest`."""
-        return self._renderers[0].render(seq % self._config.frame_count)
-
-    def close(self) -> None:
-        """Stop. Safe to call twice."""
 
 
 class BackgroundFrameProvider:
@@ -219,7 +174,3 @@ def render_all(
     finally:
         provider.close()
     return create_sequence(files_for_config(config, folder))
-
-
-# Provides the frames of a configuration in a loop.
-FrameProvider = OnDemandFrameProvider | BackgroundFrameProvider

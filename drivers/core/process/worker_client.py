@@ -9,10 +9,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from drivers.core.flow_control import ExponentialBackoff
 from drivers.core.process.messages import Heartbeat, Shutdown
 from drivers.core.process.worker_process import WorkerProcess
 from drivers.core.process.worker_spec import WorkerConfig, WorkerSpec
+from drivers.core.rate_limits import ExponentialBackoff
 
 # A process without a heartbeat for this long is reported; it may recover.
 UNRESPONSIVE_S = 10.0

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.core import UserFacingError, files
-from drivers.core.files import cache_folder, kernel_folder, state_folder
+from drivers.core import UserFacingError, folders
+from drivers.core.folders import cache_folder, kernel_folder, state_folder
 
 
 @pytest.fixture
@@ -94,7 +94,9 @@ def test_other_source_code_has_another_kernel_folder(
 ) -> None:
     source = tmp_path / "checkout" / "drivers" / "core" / "jit.py"
     source.parent.mkdir(parents=True)
-    monkeypatch.setattr(files, "__file__", str(tmp_path / "checkout" / "drivers" / "core" / "f.py"))
+    monkeypatch.setattr(
+        folders, "__file__", str(tmp_path / "checkout" / "drivers" / "core" / "f.py")
+    )
     source.write_text("a = 1\n")
     before = kernel_folder()
     source.parents[1].joinpath("registry.py").touch()  # no kernel imports it

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.core.flow_control import Throttle, TokenBucket
+from drivers.core.rate_limits import Throttle, TokenBucket
 
 
 def test_a_burst_passes_and_then_the_rate_limit_applies() -> None:

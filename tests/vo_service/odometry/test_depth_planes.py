@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.core.jit import kernel
-from vo_service.odometry.depth import fit_plane
+from vo_service.odometry.depth_planes import fit_plane
 
 WIDTH, HEIGHT = 40, 30
 

@@ -14,7 +14,7 @@ import pytest
 from drivers.camera import CameraState, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.core import CameraLostError
 from drivers.core.process.worker_spec import WorkerSpec
-from drivers.synthetic import frame_provider
+from drivers.synthetic import background_frame_provider
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
@@ -89,7 +89,9 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
     dropped: int,
 ) -> None:
     """Frames 0, 1 and 3 are rendered; no others ever are."""
-    monkeypatch.setattr(frame_provider, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle"))
+    monkeypatch.setattr(
+        background_frame_provider, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle")
+    )
     host, black = (
         FakeHost(),
         RenderedImages(np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint16)),

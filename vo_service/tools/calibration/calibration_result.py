@@ -1,0 +1,160 @@
+"""Result of a calibration: the camera file's values, a table, and JSON."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
+from drivers.core.geometry import Array, so3_log
+from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration.collect_folder import DepthUnits
+from vo_service.tools.calibration.color_camera import ColorCalibrationResult
+from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
+from vo_service.tools.calibration.depth_model import ROTATION, SCALE_INDEX, TRANSLATION
+from vo_service.tools.calibration.lens import Lens
+
+ROW_FORMAT = "{:<26}{:>24}{:>24}"
+COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
+# Far below any standard deviation, and readable.
+PIXEL_DIGITS, COEFFICIENT_DIGITS, METER_DIGITS, QUATERNION_DIGITS = 4, 7, 6, 9
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """Calibrated cameras; `depth` is empty without a depth camera."""
+
+    board: Board
+    units: DepthUnits
+    color: ColorCalibrationResult
+    depth: Sequence[DepthCalibrationResult]
+    warnings: list[str]
+
+    @property
+    def camera_calibration(self) -> CameraCalibration:
+        """Calibration with readable, rounded values."""
+        lens, (width, height) = self.color.lens, self.color.size
+        fx, fy, cx, cy = (round(v, PIXEL_DIGITS) for v in (lens.fx, lens.fy, lens.cx, lens.cy))
+        k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in lens.distortion)
+        tables = [_round_depth_calibration(depth.calibration) for depth in self.depth]
+        return CameraCalibration(
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+            (k1, k2, p1, p2, k3),
+            self.units.depth_factor,
+            self.units.readout_s,
+            self.units.depth_offset_s,
+            depth=tables[0] if tables else None,
+            readout_sigma_s=self.units.readout_sigma_s,
+            depth_offset_sigma_s=self.units.depth_offset_sigma_s,
+        )
+
+    def as_table(self) -> str:
+        """Return a table for people."""
+        color = self.color
+        width, height = color.size
+        count = f"{len(color.views)} views of a {self.board.name}"
+        rows = [f"{count}, {width}x{height}", ""]
+        rows.append(ROW_FORMAT.format("", "color camera", "depth camera" if self.depth else ""))
+        columns = [_format_column(color.lens, color.sigma)]
+        columns += [_format_column(d.model.lens, d.sigma[:6]) for d in self.depth]
+        for number, name in enumerate(("fx", "fy", "cx", "cy", *COEFFICIENTS)):
+            unit = " (px)" if number < 4 else ""
+            cells = [column[number] for column in columns]
+            rows.append(ROW_FORMAT.format(name + unit, *cells, *[""] * (2 - len(cells))))
+        errors = [f"{color.rms_px:.3f} px", *(f"{1e3 * d.rms_m:.2f} mm" for d in self.depth)]
+        rows.append(ROW_FORMAT.format("error (rms)", *errors, *[""] * (2 - len(errors))))
+        rows += [line for depth in self.depth for line in _format_pose(depth)]
+        return "\n".join(row.rstrip() for row in rows)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the result for programs; the keys are stable."""
+        color = self.color
+        return {
+            "board": self.board.name,
+            "image": list(color.size),
+            "views": len(color.views),
+            "rejected": color.rejected,
+            "warnings": self.warnings,
+            "color": _lens_as_json(color.lens, color.sigma) | {"rms_px": float(color.rms_px)},
+            "depth": _depth_as_json(self.depth[0]) if self.depth else None,
+        }
+
+
+def _round_depth_calibration(calibration: DepthCameraCalibration) -> DepthCameraCalibration:
+    x, y, z = (round(v, METER_DIGITS) for v in calibration.T_color_depth.translation_m)
+    qx, qy, qz, qw = (
+        round(q, QUATERNION_DIGITS) for q in calibration.T_color_depth.quaternion_xyzw
+    )
+    k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in calibration.distortion)
+    fx, fy, cx, cy = (
+        round(v, PIXEL_DIGITS)
+        for v in (calibration.fx, calibration.fy, calibration.cx, calibration.cy)
+    )
+    return DepthCameraCalibration(
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        T_color_depth=RigidTransform((x, y, z), (qx, qy, qz, qw)),
+        distortion=(k1, k2, p1, p2, k3),
+        width=calibration.width,
+        height=calibration.height,
+        scale=round(calibration.scale, METER_DIGITS),
+    )
+
+
+def _format_column(lens: Lens, sigma: Array) -> list[str]:
+    """Return nine cells; "-" for a coefficient that was not fitted."""
+    sigmas = np.append(sigma, np.zeros(9 - len(sigma)))
+    cells = zip(lens.vector, sigmas, [2] * 4 + [4] * 5, strict=True)
+    return [f"{v:.{d}f} ± {s:.{d}f}" if s else "-" for v, s, d in cells]
+
+
+def _format_pose(depth: DepthCalibrationResult) -> list[str]:
+    vector, sigma = depth.model.vector, depth.sigma
+    translation = _format_axes(1e3 * vector[TRANSLATION], 1e3 * sigma[TRANSLATION])
+    rotation = _format_axes(np.degrees(vector[ROTATION]), np.degrees(sigma[ROTATION]))
+    scale = f"{depth.model.scale:.4f} ± {sigma[SCALE_INDEX]:.4f}"
+    return [
+        "",
+        "from the depth camera to the color camera (T_color_depth)",
+        f"  translation (mm)  {translation}",
+        f"  rotation (deg)    {rotation}",
+        f"true distance per measured distance (scale)  {scale}",
+    ]
+
+
+def _format_axes(values: Array, sigma: Array) -> str:
+    cells = zip("xyz", values, sigma, strict=True)
+    return "   ".join(f"{axis} {value:7.2f} ± {s:.2f}" for axis, value, s in cells)
+
+
+def _lens_as_json(lens: Lens, sigma: Array) -> dict[str, Any]:
+    return {
+        "fx": lens.fx,
+        "fy": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        "distortion": list(lens.distortion),
+        "sigma": dict(zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), sigma.tolist(), strict=False)),
+    }
+
+
+def _depth_as_json(depth: DepthCalibrationResult) -> dict[str, Any]:
+    model, sigma = depth.model, depth.sigma
+    return _lens_as_json(model.lens, sigma[:6]) | {
+        "views": depth.view_count,
+        "rms_mm": 1e3 * depth.rms_m,
+        "scale": model.scale,
+        "scale_sigma": float(sigma[SCALE_INDEX]),
+        "translation_m": model.vector[TRANSLATION].tolist(),
+        "translation_sigma_m": sigma[TRANSLATION].tolist(),
+        "rotation_vector_rad": so3_log(model.T_color_depth[:3, :3]).tolist(),
+        "rotation_sigma_rad": sigma[ROTATION].tolist(),
+    }

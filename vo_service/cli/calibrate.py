@@ -10,7 +10,7 @@ from drivers.core import InputError
 from drivers.core.files import check_suffix
 from drivers.core.write_errors import check_output_file
 from drivers.registry import CAMERA_USAGES
-from vo_service.cli.calibrate_timing import calibrate_timing, save_learnt
+from vo_service.cli.calibrate_timing import calibrate_timing, save_learned
 from vo_service.cli.options import add_topics_option
 from vo_service.config import Config, read_config
 from vo_service.outputs.rerun.preview import PreviewScene, open_previews
@@ -38,7 +38,7 @@ examples:
   kinect-vo calibrate --board chessboard:9x6 --square 0.035 views --depth --picture coverage.png
   kinect-vo calibrate --timing --camera freenect --camera-file camera.toml
   kinect-vo calibrate --timing recordings/shaken
-  kinect-vo calibrate --save-learnt --camera-file camera.toml
+  kinect-vo calibrate --save-learned --camera-file camera.toml
 
 Print the board, glue it to a flat plate and measure a square. Show the board to the camera: near
 and far, in every corner of the image, tilted each way. Hold it still for a moment each time. With a
@@ -46,7 +46,7 @@ camera the command ends once it has enough views; Ctrl-C uses the views so far.
 
 --timing needs no board: shake the camera quickly for 15 s, close to textured objects. It writes
 readout_s and depth_offset_s with their standard deviations into the camera file, and changes
-nothing else. --save-learnt writes the same values as a live service has learned them, and
+nothing else. --save-learned writes the same values as a live service has learned them, and
 multiplies fx and fy by the factor that it has learned; no camera is needed.
 
 The camera file is written to --output, else to camera.file of the configuration, else to
@@ -80,13 +80,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "stamps) from 15 s of fast motion, without a board",
     )  # fmt: skip
     parser.add_argument(
-        "--save-learnt", action="store_true",
+        "--save-learned", action="store_true",
         help="write the timing and the focal length that kinect-vo run has learned of a sensor "
         "into the camera file",
     )  # fmt: skip
     parser.add_argument(
         "--serial", metavar="SERIAL",
-        help="with --save-learnt: serial number of the sensor (default: the only one)",
+        help="with --save-learned: serial number of the sensor (default: the only one)",
     )  # fmt: skip
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
@@ -165,10 +165,10 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         UserFacingError: If an option or a view is not valid, or if a file cannot be written.
     """
-    if args.save_learnt:
-        return save_learnt(args)
+    if args.save_learned:
+        return save_learned(args)
     if args.serial is not None:
-        raise InputError("--serial chooses what --save-learnt writes; add --save-learnt")
+        raise InputError("--serial chooses what --save-learned writes; add --save-learned")
     if args.timing:
         return calibrate_timing(args)
     board = make_board(BoardOptions(args.board, args.square, args.marker, args.dictionary))

@@ -1,4 +1,4 @@
-"""``kinect-vo calibrate --timing`` and ``--save-learnt``: a sensor's timing in its camera file."""
+"""``kinect-vo calibrate --timing`` and ``--save-learned``: a sensor's timing in its camera file."""
 
 import argparse
 import json
@@ -207,7 +207,7 @@ def _measure(args: argparse.Namespace, config: Config, terminal: Terminal) -> "M
     return measured
 
 
-def save_learnt(args: argparse.Namespace) -> int:
+def save_learned(args: argparse.Namespace) -> int:
     """Write the learned timing and focal length of a sensor into a camera file.
 
     Raises:
@@ -217,19 +217,19 @@ def save_learnt(args: argparse.Namespace) -> int:
     """
     if args.timing or args.folder is not None or args.camera is not None:
         raise InputError(
-            "--save-learnt takes what a service has learned, without a camera; leave out FOLDER, "
+            "--save-learned takes what a service has learned, without a camera; leave out FOLDER, "
             "--camera and --timing"
         )
-    check_no_board_options(args, "--save-learnt")
+    check_no_board_options(args, "--save-learned")
     config = read_config(args.config)
-    output = choose_camera_file(args, config, "--save-learnt")
+    output = choose_camera_file(args, config, "--save-learned")
     check_camera_output(output)
     file: Path = args.camera_file or config.camera.file or output
     fallback = read_calibration(file)
     learned = _choose_sensor(args.serial)
     camera = read_camera(output, fallback)
     told, now = told_timing(camera), remembered_as_timing(learned)
-    heading = f"kinect-vo calibrate --save-learnt, {date.today()}: sensor {learned.serial}"
+    heading = f"kinect-vo calibrate --save-learned, {date.today()}: sensor {learned.serial}"
     focal = learned.focal_length
     prior = None if focal is None else focal.prior_for(camera.fx)
     scale = 1.0 if prior is None else prior.scale

@@ -196,8 +196,8 @@ class LearnedTimingCheck:
             file = context.stream.intrinsics_source.removeprefix(CAMERA_FILE_PREFIX)
             return warned(
                 f"the camera file contradicts what was learned: {both}",
-                f"kinect-vo calibrate --save-learnt --serial {sample.serial} --camera-file {file}; "
-                "or measure it with kinect-vo calibrate --timing",
+                f"kinect-vo calibrate --save-learned --serial {sample.serial} --camera-file {file}"
+                "; or measure it with kinect-vo calibrate --timing",
                 source=source.value,
             )
         return passed(both, source=source.value)
@@ -260,7 +260,7 @@ class LearnedFocalLengthCheck:
         return warned(
             f"the camera file contradicts what was learned: {text}",
             "calibrate it with a printed board (kinect-vo calibrate), or run kinect-vo calibrate "
-            f"--save-learnt --serial {sample.serial} --camera-file {file}",
+            f"--save-learned --serial {sample.serial} --camera-file {file}",
             **facts,
         )
 

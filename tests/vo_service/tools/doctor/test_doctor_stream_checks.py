@@ -135,7 +135,7 @@ def test_a_camera_file_that_contradicts_what_was_learned_is_a_warning(
     assert f"depth offset {1e3 * offset_s:.1f} ± 0.5 ms ({source})" in finding.text
     assert "learned: readout 30.5 ± 1.2 ms, depth offset -2.7 ± 0.6 ms" in finding.text
     if verdict is CheckVerdict.WARNING:
-        assert f"--save-learnt --serial {SERIAL} --camera-file" in finding.fix
+        assert f"--save-learned --serial {SERIAL} --camera-file" in finding.fix
 
 
 def test_another_sensor_has_nothing_learned() -> None:
@@ -161,7 +161,7 @@ def test_a_camera_file_that_contradicts_the_learned_focal_length_is_a_warning(
     assert finding.verdict is verdict
     assert f"learned: {525 * scale:.1f} ± 5.2 px; by depth -8.0% against" in finding.text
     if verdict is CheckVerdict.WARNING:
-        assert f"--save-learnt --serial {SERIAL} --camera-file c.toml" in finding.fix
+        assert f"--save-learned --serial {SERIAL} --camera-file c.toml" in finding.fix
 
 
 def test_a_focal_length_is_not_learned_until_it_is_certain() -> None:

@@ -1,4 +1,4 @@
-"""``calibrate --save-learnt``: from what a service has learned to a camera file."""
+"""``calibrate --save-learned``: from what a service has learned to a camera file."""
 
 import json
 from dataclasses import replace
@@ -32,7 +32,7 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_learned_timing_is_written_with_its_sigmas(memory: Path, capfd: Capture) -> None:
     write_remembered_sensor(memory, LEARNED)
-    outcome = run_in_process(capfd, "calibrate", "--save-learnt", "--camera-file", "camera.toml")
+    outcome = run_in_process(capfd, "calibrate", "--save-learned", "--camera-file", "camera.toml")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"serial: {SERIAL}\n" in outcome.out
     assert "20.0 ± 1.0 ms     30.5 ± 1.2 ms\n" in outcome.out
@@ -52,7 +52,7 @@ def test_a_sensor_is_chosen_by_its_serial_and_a_new_file_is_a_copy(
     write_remembered_sensor(memory, LEARNED)
     write_remembered_sensor(sensor_folder(tmp_path / "var/kinect-vo-front"), OTHER)
     arguments = ("--serial", "B2", "--camera-file", "camera.toml", "--output", "new.toml")
-    outcome = run_in_process(capfd, "calibrate", "--save-learnt", *arguments, "--json")
+    outcome = run_in_process(capfd, "calibrate", "--save-learned", *arguments, "--json")
     result = json.loads(outcome.out)
     assert (result["serial"], result["camera_file"], result["kept"]) == ("B2", "new.toml", None)
     assert result["readout_s"]["now"] == {"value_s": 0.0305, "sigma_s": 0.0012}
@@ -63,7 +63,7 @@ def test_a_sensor_is_chosen_by_its_serial_and_a_new_file_is_a_copy(
 def test_fx_and_fy_are_multiplied_by_the_learned_factor(memory: Path, capfd: Capture) -> None:
     focal_length = RememberedFocalLength(CAMERA.fx, 1.02, 0.006, -0.01)
     write_remembered_sensor(memory, replace(LEARNED, focal_length=focal_length))
-    outcome = run_in_process(capfd, "calibrate", "--save-learnt", *FILE)
+    outcome = run_in_process(capfd, "calibrate", "--save-learned", *FILE)
     assert (outcome.code, outcome.err) == (0, "")
     assert f"serial: {SERIAL}, factor on fx and fy: 1.02\n" in outcome.out
     saved = read_calibration(Path("camera.toml"))
@@ -76,7 +76,7 @@ def test_a_focal_length_learned_with_other_intrinsics_is_not_written(
 ) -> None:
     focal_length = RememberedFocalLength(525.0, 1.02, 0.006, -0.01)
     write_remembered_sensor(memory, replace(LEARNED, focal_length=focal_length))
-    outcome = run_in_process(capfd, "calibrate", "--save-learnt", *FILE)
+    outcome = run_in_process(capfd, "calibrate", "--save-learned", *FILE)
     assert outcome.code == 0
     assert "fx and fy are unchanged: the focal length was learned with fx = 525.00" in outcome.err
     assert read_calibration(Path("camera.toml")).fx == CAMERA.fx
@@ -91,10 +91,10 @@ MISTAKES = {
         f"several sensors are known; choose one with --serial: {SERIAL}, B2",
     ),
     "another": ([LEARNED], [*FILE, "--serial", "C3"], f"nothing is learned of it; known: {SERIAL}"),
-    "no file": ([LEARNED], [], "--save-learnt puts its result into a camera file: name it with"),
+    "no file": ([LEARNED], [], "--save-learned puts its result into a camera file: name it with"),
     "gone": ([LEARNED], ["--camera-file", "gone.toml"], "gone.toml: cannot be read"),
     "a camera": ([LEARNED], [*FILE, "--camera", "freenect"], "leave out FOLDER, --camera and"),
-    "a board": ([LEARNED], [*FILE, "--square", "0.02"], "a board, which --save-learnt does"),
+    "a board": ([LEARNED], [*FILE, "--square", "0.02"], "a board, which --save-learned does"),
 }
 
 
@@ -103,7 +103,7 @@ def test_a_mistake_is_one_line(mistake: str, memory: Path, capfd: Capture) -> No
     learned, arguments, message = MISTAKES[mistake]
     for timing in learned:
         write_remembered_sensor(memory, timing)
-    outcome = run_in_process(capfd, "calibrate", "--save-learnt", *arguments)
+    outcome = run_in_process(capfd, "calibrate", "--save-learned", *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert message in outcome.err
     assert outcome.err.count("\n") == 1
@@ -113,11 +113,11 @@ def test_a_mistake_is_one_line(mistake: str, memory: Path, capfd: Capture) -> No
 def test_a_damaged_file_is_a_warning(memory: Path, capfd: Capture) -> None:
     write_remembered_sensor(memory, LEARNED)
     (memory / "B2.toml").write_text("nonsense")
-    outcome = run_in_process(capfd, "calibrate", "--save-learnt", *FILE)
+    outcome = run_in_process(capfd, "calibrate", "--save-learned", *FILE)
     assert outcome.code == 0
     assert "B2.toml:1: not TOML" in outcome.err
 
 
 def test_a_serial_alone_chooses_nothing(memory: Path, capfd: Capture) -> None:
     outcome = run_in_process(capfd, "calibrate", "--serial", SERIAL)
-    assert "add --save-learnt" in outcome.err
+    assert "add --save-learned" in outcome.err
